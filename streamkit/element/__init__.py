@@ -1,0 +1,1 @@
+"""What an author writes against: bases, pads, properties, and the registry that finds elements."""

@@ -1,0 +1,207 @@
+"""Element: the base of everything in a graph."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
+from streamkit.element.property import PropertyDeclaration, declared_properties
+from streamkit.errors import ElementFailure, PropertyError, StateError
+from streamkit.flow.caps import ANY, Caps
+from streamkit.flow.clock import Clock, SystemClock
+from streamkit.flow.messages import Message, MessageKind
+
+if TYPE_CHECKING:
+    from streamkit.flow.events import Event
+    from streamkit.flow.frame import Frame
+
+log = logging.getLogger("streamkit")
+
+
+class Element:
+    """One element of a graph.
+
+    Authors subclass `Source`, `Transform`, `Sink`, `Combine` or `Split`, declare `sink` and `src` as caps
+    texts (always pads) or `PadTemplate`s in `templates`, properties with `Property(...)`, and override
+    `start` and `stop` where they hold something.
+
+    Attributes:
+        name: unique in its bin.
+        factory: name of its type.
+        stopping: set while the pipeline stops; every wait of an element watches it.
+        clock: the pipeline's clock.
+        drops: frames not delivered, by reason.
+    """
+
+    sink: ClassVar[str | Caps] = ""
+    src: ClassVar[str | Caps] = ""
+    templates: ClassVar[tuple[PadTemplate, ...]] = ()
+    pad_templates: ClassVar[dict[str, PadTemplate]] = {}
+    properties: ClassVar[dict[str, PropertyDeclaration]] = {}
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        cls.properties = declared_properties(cls)
+        cls.pad_templates = _collect_templates(cls)
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self.factory = type(self).__name__.lower()
+        self.name = name or self.factory
+        self.parent = ""
+        self.pads: dict[str, Pad] = {}
+        self.stopping = threading.Event()
+        self.clock: Clock = SystemClock()
+        self.drops: Counter[str] = Counter()
+        self.poster: Callable[[Message], None] | None = None
+        self.pipeline_error: Callable[[], Exception | None] = lambda: None
+        self.is_playing = False
+        self.set_in_text: dict[str, Any] = {}
+        for template in self.pad_templates.values():
+            if template.presence is Presence.ALWAYS:
+                self.pads[template.name] = Pad(self, template, template.name)
+        for key, value in properties.items():
+            self.set_property(key, value)
+
+    def __repr__(self) -> str:
+        return f"<{self.factory} {self.name!r}>"
+
+    # What an author overrides.
+
+    def start(self) -> None:
+        """Opens what the element needs; raises `ResourceError` where that cannot be had."""
+
+    def stop(self) -> None:
+        """Lets go of everything; always runs once `start` began, also after its failure."""
+
+    def interrupt(self) -> None:
+        """Wakes a blocking call of the streaming thread; called from another thread when stopping."""
+
+    def property_changed(self, name: str) -> None:
+        """A property was set."""
+
+    # What an author calls.
+
+    def post_warning(self, text: str) -> None:
+        """Tells the application that something is not as it should be."""
+        self.post(Message(MessageKind.WARNING, self.name, text))
+
+    def post_message(self, name: str, **fields: object) -> None:
+        """Posts an element message: `name` says what it is about, `fields` carry its content."""
+        self.post(Message(MessageKind.ELEMENT, self.name, name, {"name": name, **fields}))
+
+    def count_drop(self, reason: str, n: int = 1) -> None:
+        """Counts frames that were not delivered."""
+        self.drops[reason] += n
+
+    def clock_ns(self) -> int:
+        """The pipeline's monotonic clock, ns."""
+        return self.clock.monotonic_ns()
+
+    @property
+    def sink_caps(self) -> Caps:
+        """Caps in force on the pad `sink`; ANY before negotiation."""
+        return self._caps_of("sink")
+
+    @property
+    def src_caps(self) -> Caps:
+        """Caps in force on the pad `src`; ANY before negotiation."""
+        return self._caps_of("src")
+
+    def _caps_of(self, pad_name: str) -> Caps:
+        pad = self.pads.get(pad_name)
+        return ANY if pad is None or pad.caps is None else pad.caps
+
+    # What the engine calls.
+
+    def post(self, message: Message) -> None:
+        """Hands a message to the bus, or to the log while there is none."""
+        if self.poster is not None:
+            self.poster(message)
+        else:
+            log.warning("%s: %s", message.source, message.text)
+
+    def failure(self, cause: BaseException, frame: Frame | None = None) -> ElementFailure:
+        """The error that names this element."""
+        where = frame.describe() if frame is not None else ""
+        return ElementFailure(self.name, self.factory, cause, where)
+
+    def set_property(self, name: str, value: Any) -> None:
+        """Sets a property by name; dashes and underscores are the same.
+
+        Raises:
+            PropertyError: there is no such property, the value is refused, or it cannot change while playing.
+        """
+        declaration = self.find_property(name)
+        if self.is_playing and not declaration.live:
+            raise PropertyError(
+                f"{self.name}: property {name} cannot change while playing; stop the pipeline to set it"
+            )
+        setattr(self, declaration.name, value)
+
+    @classmethod
+    def find_property(cls, name: str) -> PropertyDeclaration:
+        """The declaration of a property; raises `PropertyError` with a suggestion where there is none."""
+        declaration = cls.properties.get(name.replace("-", "_"))
+        if declaration is None:
+            from streamkit.element.suggest import did_you_mean
+
+            hint = did_you_mean(name, [known.replace("_", "-") for known in cls.properties])
+            raise PropertyError(f"{cls.__name__.lower()} has no property {name!r}{hint and '; ' + hint}")
+        return declaration
+
+    def sink_pads(self) -> Iterator[Pad]:
+        """Pads that frames come in through."""
+        return (pad for pad in self.pads.values() if not pad.is_src)
+
+    def src_pads(self) -> Iterator[Pad]:
+        """Pads that frames leave through."""
+        return (pad for pad in self.pads.values() if pad.is_src)
+
+    def query_caps(self, pad: Pad) -> Caps:
+        """What `pad` can carry, given what the element's other side can; the pad's template bounds it."""
+        return ANY
+
+    def receive_event(self, pad: Pad, event: Event) -> None:
+        """Takes an event that arrived at a sink pad."""
+        raise StateError(f"{pad.path}: {type(self).__name__} takes no events")
+
+    def receiver(self, pad: Pad) -> Callable[[Frame], None]:
+        """The function that takes the frames of a sink pad."""
+        raise StateError(f"{pad.path}: {type(self).__name__} takes no frames")
+
+    def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
+        """Makes a pad from a request or sometimes template, with the name given or the next free number."""
+        if not name or "%u" in name:
+            number = 0
+            while (name := template.name.replace("%u", str(number))) in self.pads:
+                number += 1
+        if name in self.pads:
+            raise StateError(f"{self.name}: a pad {name!r} is there already")
+        pad = self.pads[name] = Pad(self, template, name)
+        return pad
+
+    def release_pad(self, pad: Pad) -> None:
+        """Takes a request pad away."""
+        pad.unlink()
+        self.pads.pop(pad.name, None)
+
+    def settings(self) -> dict[str, Any]:
+        """The properties set in the text, as JSON values."""
+        return {
+            name: self.properties[name.replace("-", "_")].to_json(getattr(self, name.replace("-", "_")))
+            for name in self.set_in_text
+        }
+
+
+def _collect_templates(cls: type[Element]) -> dict[str, PadTemplate]:
+    found: dict[str, PadTemplate] = {}
+    for direction in Direction:
+        text = getattr(cls, str(direction))
+        if text:
+            found[str(direction)] = PadTemplate(str(direction), direction, Caps(text))
+    found.update({template.name: template for template in cls.templates})
+    return found

@@ -1,0 +1,135 @@
+"""Pads: where elements meet. A template is declared on the class, a pad stands on an element."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from streamkit.flow.caps import ANY, Caps
+from streamkit.flow.events import CapsEvent, Event
+from streamkit.flow.signals import NotLinked
+
+if TYPE_CHECKING:
+    from streamkit.element.base import Element
+    from streamkit.flow.frame import Frame
+
+
+class Direction(enum.StrEnum):
+    """Which way frames go through a pad, seen from its element."""
+
+    SINK = "sink"
+    SRC = "src"
+
+
+class Presence(enum.StrEnum):
+    """When a pad exists: always, when a link asks for it, or when the stream turns out to have it."""
+
+    ALWAYS = "always"
+    REQUEST = "request"
+    SOMETIMES = "sometimes"
+
+
+@dataclass(frozen=True)
+class PadTemplate:
+    """A kind of pad that an element class has.
+
+    Attributes:
+        name: its name, with `%u` where a number goes ("src_%u").
+        direction: sink or src.
+        caps: what it can carry.
+        presence: always, request or sometimes.
+    """
+
+    name: str
+    direction: Direction
+    caps: Caps = field(default=ANY)
+    presence: Presence = Presence.ALWAYS
+
+    def matches(self, pad_name: str) -> bool:
+        """Whether a pad of this name can be made from the template."""
+        head, mark, tail = self.name.partition("%u")
+        if not mark:
+            return pad_name == self.name
+        number = pad_name[len(head) : len(pad_name) - len(tail)]
+        return pad_name.startswith(head) and pad_name.endswith(tail) and number.isdecimal()
+
+
+class Pad:
+    """A pad of one element.
+
+    Attributes:
+        element: its element.
+        template: what it was made from.
+        name: unique in its element.
+        peer: the pad it is linked to, or None.
+        caps: the caps in force, or None before negotiation.
+        push: hands a frame to the peer (src pads, while the graph plays).
+        is_eos: whether EOS has passed.
+    """
+
+    __slots__ = ("caps", "element", "is_eos", "name", "peer", "push", "template")
+
+    def __init__(self, element: Element, template: PadTemplate, name: str) -> None:
+        self.element = element
+        self.template = template
+        self.name = name
+        self.peer: Pad | None = None
+        self.caps: Caps | None = None
+        self.push: Callable[[Frame], None] = self.not_linked
+        self.is_eos = False
+
+    def __repr__(self) -> str:
+        return f"<pad {self.path}>"
+
+    @property
+    def path(self) -> str:
+        """Element and pad name, "queue0.src"."""
+        return f"{self.element.name}.{self.name}"
+
+    @property
+    def is_src(self) -> bool:
+        """Whether frames leave through it."""
+        return self.template.direction is Direction.SRC
+
+    def link(self, sink: Pad) -> None:
+        """Links this src pad to a sink pad."""
+        self.peer, sink.peer = sink, self
+
+    def unlink(self) -> None:
+        """Undoes the link, if there is one."""
+        if self.peer is not None:
+            self.peer.peer = None
+            self.peer = None
+        self.push = self.not_linked
+
+    def query_caps(self) -> Caps:
+        """What the pad can carry, given what stands behind its element."""
+        return self.template.caps & self.element.query_caps(self)
+
+    def peer_caps(self) -> Caps:
+        """What the peer can carry; ANY where there is none."""
+        return ANY if self.peer is None else self.peer.query_caps()
+
+    def not_linked(self, frame: Frame) -> None:
+        """Refuses a frame: there is no peer."""
+        raise NotLinked(self.path)
+
+    def send_event(self, event: Event) -> None:
+        """Sends an event downstream, in order with the frames."""
+        if isinstance(event, CapsEvent):
+            self.caps = event.caps
+        if self.peer is not None:
+            self.peer.receive_event(event)
+
+    def receive_event(self, event: Event) -> None:
+        """Takes an event from upstream."""
+        if isinstance(event, CapsEvent):
+            self.caps = event.caps
+        self.element.receive_event(self, event)
+
+    def reset(self) -> None:
+        """Forgets what a run left behind."""
+        self.caps = None
+        self.is_eos = False

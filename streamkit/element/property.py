@@ -1,0 +1,180 @@
+"""Properties: declared once on the class, read by the signature, `inspect`, the README and error texts."""
+
+from __future__ import annotations
+
+import enum
+import math
+import sys
+import types
+import typing
+from fractions import Fraction
+from typing import Any, TypeVar, cast
+
+from streamkit.element.property_text import value_from_text
+from streamkit.errors import PropertyError
+from streamkit.flow.caps import Caps
+
+T = TypeVar("T")
+
+
+class PropertyDeclaration:
+    """One declared property; made by `Property(...)` in a class body.
+
+    Attributes:
+        name: in Python, with underscores.
+        default: value of a new element.
+        minimum: smallest value allowed, or None.
+        maximum: largest value allowed, or None.
+        unit: of the number, or "".
+        doc: one sentence.
+        live: whether it may change while the pipeline plays.
+        secret: whether its value is never shown.
+    """
+
+    def __init__(
+        self, default: Any, minimum: Any, maximum: Any, unit: str, doc: str, live: bool, secret: bool
+    ) -> None:
+        self.default = default
+        self.minimum = minimum
+        self.maximum = maximum
+        self.unit = unit
+        self.doc = doc
+        self.live = live
+        self.secret = secret
+        self.name = ""
+        self.owner: type = object
+        self._kind: tuple[type, bool] | None = None
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name, self.owner = name, owner
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        if instance is None:
+            return self
+        return instance.__dict__.get(self.name, self.default)
+
+    def __set__(self, instance: Any, value: Any) -> None:
+        checked = self.check(value, getattr(instance, "name", ""))
+        instance.__dict__[self.name] = checked
+        changed = getattr(instance, "property_changed", None)
+        if changed is not None:
+            changed(self.name)
+
+    @property
+    def kind(self) -> type:
+        """The type of the value: int, float, bool, str, Fraction, Caps or an enum."""
+        return self._resolved()[0]
+
+    @property
+    def optional(self) -> bool:
+        """Whether None is a value."""
+        return self._resolved()[1]
+
+    def _resolved(self) -> tuple[type, bool]:
+        if self._kind is None:
+            annotation = self.owner.__annotations__.get(self.name, type(self.default))
+            if isinstance(annotation, str):
+                names = vars(sys.modules[self.owner.__module__])
+                annotation = eval(annotation, dict(names))  # the author's own annotation
+            members = [annotation]
+            if isinstance(annotation, types.UnionType) or typing.get_origin(annotation) is typing.Union:
+                members = list(typing.get_args(annotation))
+            plain = [member for member in members if member is not type(None)]
+            if len(plain) != 1 or not isinstance(plain[0], type):
+                raise TypeError(
+                    f"property {self.owner.__name__}.{self.name}: annotate it with one type (or `type | None`)"
+                )
+            self._kind = (plain[0], len(plain) != len(members))
+        return self._kind
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The words an enum property takes, or nothing."""
+        kind = self.kind
+        return tuple(str(member.value) for member in kind) if issubclass(kind, enum.Enum) else ()
+
+    def describe(self) -> str:
+        """Type, range and unit in a few words."""
+        kind = self.kind
+        words = " | ".join(self.choices) or kind.__name__
+        if self.minimum is not None or self.maximum is not None:
+            low = "" if self.minimum is None else self.minimum
+            high = "" if self.maximum is None else self.maximum
+            words += f" {low}..{high}"
+        return f"{words} {self.unit}".strip()
+
+    def check(self, value: Any, element: str = "") -> Any:
+        """The value in the property's type.
+
+        Raises:
+            PropertyError: it is of another type or out of range.
+        """
+        kind = self.kind
+        if value is None and self.optional:
+            return None
+        try:
+            if isinstance(value, str) and kind is not str:
+                value = value_from_text(kind, value)
+            elif kind is float and isinstance(value, int | float) and not isinstance(value, bool):
+                value = float(value)
+            elif kind is Fraction and isinstance(value, int | float | Fraction):
+                value = Fraction(value).limit_denominator(1001)
+            elif issubclass(kind, enum.Enum):
+                value = kind(value)
+        except ValueError as error:
+            raise self.refusal(value, str(error), element) from None
+        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+            raise self.refusal(value, f"it takes {self.describe()}", element)
+        too_low = self.minimum is not None and value < self.minimum
+        too_high = self.maximum is not None and value > self.maximum
+        if too_low or too_high or (isinstance(value, float) and math.isnan(value)):
+            raise self.refusal(value, f"it takes {self.describe()}", element)
+        return value
+
+    def refusal(self, value: Any, rule: str, element: str) -> PropertyError:
+        """The error for a value that the property does not take."""
+        where = f"{element}: " if element else ""
+        shown = "the value given" if self.secret else repr(value)
+        return PropertyError(f"{where}property {self.name.replace('_', '-')} cannot be {shown}: {rule}")
+
+    def to_json(self, value: Any) -> Any:
+        """The value as JSON has it; secrets are masked."""
+        if self.secret and value is not None:
+            return "***"
+        if isinstance(value, enum.Enum):
+            return value.value
+        return str(value) if isinstance(value, Fraction | Caps) else value
+
+
+def Property(  # noqa: N802  reads as a declaration, like dataclasses.field
+    default: T,
+    *,
+    min: float | Fraction | None = None,
+    max: float | Fraction | None = None,
+    unit: str = "",
+    doc: str = "",
+    live: bool = False,
+    secret: bool = False,
+) -> T:
+    """Declares a property in the body of an element class; its type is the annotation.
+
+    Args:
+        default: value of a new element.
+        min: smallest value allowed.
+        max: largest value allowed.
+        unit: unit of a number, for example "px".
+        doc: one sentence for `inspect` and the README.
+        live: whether it may be changed while the pipeline plays.
+        secret: whether its value must never be shown.
+    """
+    return cast("T", PropertyDeclaration(default, min, max, unit, doc, live, secret))
+
+
+def declared_properties(owner: type) -> dict[str, PropertyDeclaration]:
+    """All properties of an element class by name, its bases' first."""
+    found: dict[str, PropertyDeclaration] = {}
+    for base in reversed(owner.__mro__):
+        for name, item in vars(base).items():
+            if isinstance(item, PropertyDeclaration):
+                found[name] = item
+    return found

@@ -1,0 +1,166 @@
+"""Source: an element that makes frames, in a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+from streamkit.element.base import Element
+from streamkit.element.negotiation import allowed_caps, demand_accepted
+from streamkit.element.pad import Pad
+from streamkit.errors import ElementFailure, NotNegotiated
+from streamkit.flow.caps import ANY, Caps
+from streamkit.flow.events import EOS, CapsEvent, DiscontinuityEvent, Event
+from streamkit.flow.frame import Frame
+from streamkit.flow.signals import EndOfStream, FlowStop, Flushing
+
+
+class _Exhausted(Exception):
+    """The source has no more frames."""
+
+
+class Source(Element):
+    """Base of sources: override `frames`, and `negotiate` where the format is yours to choose.
+
+    Attributes:
+        is_live: whether frames come at their own pace and are lost when nobody takes them.
+        src_pad: the pad that plain frames leave through.
+    """
+
+    is_live: ClassVar[bool] = False
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self._held = threading.Event()
+        self._held.set()
+        self._finishing = False
+        self._check = False
+        self._epochs: dict[str, int] = {}
+        self._numbers: dict[str, int] = {}
+        super().__init__(name, **properties)
+
+    # What an author overrides.
+
+    def negotiate(self, allowed: Caps) -> Caps | None:
+        """Chooses the fixed caps to produce out of `allowed`; None when only the data can tell."""
+        return None if allowed.is_any else allowed.fixate()
+
+    def frames(self) -> Iterator[Frame | tuple[str, Frame]]:
+        """Yields frames, or (pad name, frame) where there are several pads; returning means EOS."""
+        raise NotImplementedError
+
+    # What the engine calls.
+
+    @property
+    def src_pad(self) -> Pad:
+        """The first src pad."""
+        return next(self.src_pads())
+
+    def hold(self, held: bool) -> None:
+        """Pauses or resumes the source between two frames."""
+        if held:
+            self._held.clear()
+        else:
+            self._held.set()
+        self._check = held or self._finishing
+
+    def finish(self) -> None:
+        """Makes the source end its stream with EOS after the frame it is at."""
+        self._finishing = self._check = True
+        self._held.set()
+        self.interrupt()
+
+    def prepare_run(self) -> None:
+        """Forgets an earlier run's end."""
+        self._finishing = self._check = False
+        self._held.set()
+
+    def stream(self) -> None:
+        """The body of the source's thread: negotiates, pushes every frame, then EOS."""
+        try:
+            self._settle_before_data()
+            self._push_all()
+        except EndOfStream:
+            pass
+        except FlowStop:
+            raise
+        except (ElementFailure, NotNegotiated):
+            raise
+        except Exception as cause:
+            raise self.failure(cause) from cause
+        if self.stopping.is_set():
+            raise Flushing(self.name)
+        for pad in list(self.src_pads()):
+            pad.is_eos = True
+            pad.send_event(EOS)
+
+    def _settle_before_data(self) -> None:
+        pad = self.src_pad
+        caps = self.negotiate(allowed_caps(pad, ANY))
+        if caps is not None and not caps.is_any:
+            demand_accepted(pad, caps)
+            pad.send_event(CapsEvent(caps))
+        elif caps is not None:
+            pad.caps = caps
+
+    def _push_all(self) -> None:
+        frames = self.frames()
+        pad, advance = self.src_pad, self._advance
+        self._epochs, self._numbers = {}, {}
+        try:
+            while True:
+                # No name here holds the frame: downstream may then be its sole owner.
+                pad.push(advance(frames))
+        except _Exhausted:
+            return
+        finally:
+            close = getattr(frames, "close", None)
+            if close is not None:
+                close()
+
+    def _advance(self, frames: Iterator[Frame | tuple[str, Frame]]) -> Frame:
+        """The next frame for the first src pad; frames for other pads are pushed on the way."""
+        main = self.src_pad
+        for item in frames:
+            if self._check and self._must_end():
+                break
+            if not isinstance(item, tuple):
+                return self._prepared(main, item)
+            pad = self.pads[item[0]]
+            if pad is main:
+                return self._prepared(pad, item[1])
+            if pad.peer is not None:
+                pad.push(self._prepared(pad, item[1]))
+        raise _Exhausted
+
+    def _prepared(self, pad: Pad, frame: Frame) -> Frame:
+        """The frame with caps, number and arrival, after the events that must come before it."""
+        if frame.caps is not pad.caps:
+            frame = self._settle(pad, frame)
+        if not frame.arrival_ns:
+            number = self._numbers.get(pad.name, -1) + 1
+            self._numbers[pad.name] = number
+            frame = frame.replace(seq=frame.seq or number, arrival_ns=self.clock_ns())
+        if frame.epoch != self._epochs.get(pad.name, 0):
+            self._epochs[pad.name] = frame.epoch
+            pad.send_event(DiscontinuityEvent(frame.epoch))
+        return frame
+
+    def _must_end(self) -> bool:
+        while not self._held.wait(0.1):
+            if self.stopping.is_set():
+                raise Flushing(self.name)
+        self._check = self._finishing
+        return self._finishing
+
+    def _settle(self, pad: Pad, frame: Frame) -> Frame:
+        """The frame with the pad's caps, after telling downstream when they are new."""
+        caps = frame.caps
+        if pad.caps is not None and caps == pad.caps:
+            return frame.replace(caps=pad.caps)
+        demand_accepted(pad, caps)
+        pad.send_event(CapsEvent(caps))
+        return frame
+
+    def receive_event(self, pad: Pad, event: Event) -> None:
+        """A source has no sink pads: nothing arrives."""

@@ -1,0 +1,125 @@
+"""Transform: an element that turns each frame into another, one sink pad and one src pad."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from streamkit.element.base import Element
+from streamkit.element.negotiation import allowed_caps, demand_accepted, refusal
+from streamkit.element.pad import Direction, Pad
+from streamkit.errors import ElementFailure, NotNegotiated
+from streamkit.flow.caps import Caps
+from streamkit.flow.events import CapsEvent, EosEvent, Event
+from streamkit.flow.frame import Frame
+from streamkit.flow.signals import FlowStop
+
+Result = Frame | Iterable[Frame] | None
+
+
+class Transform(Element):
+    """Base of one-in, one-out elements: override `transform`, and `drain` if frames are held back."""
+
+    # What an author overrides.
+
+    def transform(self, frame: Frame) -> Result:
+        """The frame to pass on, several, or None for none."""
+        raise NotImplementedError
+
+    def drain(self) -> Iterable[Frame]:
+        """What is still held, at EOS."""
+        return ()
+
+    def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
+        """New caps are agreed; frames that follow have them."""
+
+    def event(self, event: Event) -> None:
+        """An event passes, in order with the frames."""
+
+    def transform_caps(self, caps: Caps, direction: str) -> Caps:
+        """What the other pad can carry while the `direction` ("sink" or "src") pad carries `caps`."""
+        if self.keeps_caps:
+            return caps
+        other = Direction.SRC if direction == Direction.SINK else Direction.SINK
+        return self.pads[str(other)].template.caps
+
+    def fixate(self, sink_caps: Caps, allowed: Caps) -> Caps | None:
+        """Picks the caps to send out of `allowed`; None when only the first frame can tell."""
+        return sink_caps if self.keeps_caps else allowed.fixate(near=sink_caps)
+
+    def is_passthrough(self) -> bool:
+        """Whether frames pass unseen as the properties stand: the element then costs nothing."""
+        return False
+
+    # What the engine calls.
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        super().__init__(name, **properties)
+        cls = type(self)
+        self.keeps_caps = str(cls.sink) == str(cls.src) and cls.transform_caps is Transform.transform_caps
+        self._sink_caps: Caps | None = None
+
+    @property
+    def src_pad(self) -> Pad:
+        """The src pad."""
+        return self.pads["src"]
+
+    def query_caps(self, pad: Pad) -> Caps:
+        """What the pad can carry, given what its other side can."""
+        other = self.pads["sink" if pad.is_src else "src"]
+        beyond = other.peer_caps() & other.template.caps
+        return self.transform_caps(beyond, str(other.template.direction))
+
+    def receive_event(self, pad: Pad, event: Event) -> None:
+        """Negotiates on new caps, drains on EOS, passes everything on in order."""
+        try:
+            if isinstance(event, CapsEvent):
+                self._negotiate(event.caps)
+                return
+            if isinstance(event, EosEvent):
+                for frame in self.drain():
+                    self.src_pad.push(self.settled(frame))
+                self.src_pad.is_eos = True
+            else:
+                self.event(event)
+        except (FlowStop, ElementFailure, NotNegotiated):
+            raise
+        except Exception as cause:
+            raise self.failure(cause) from cause
+        self.src_pad.send_event(event)
+
+    def _negotiate(self, sink_caps: Caps) -> None:
+        sink, src = self.pads["sink"], self.src_pad
+        if (sink_caps & sink.template.caps).is_empty and sink.peer is not None:
+            raise refusal(sink.peer, sink_caps, sink.template.caps)
+        allowed = allowed_caps(src, self.transform_caps(sink_caps, "sink"))
+        src_caps = self.fixate(sink_caps, allowed)
+        self._sink_caps = sink_caps
+        if src_caps is None:
+            src.caps = None
+            return
+        if src_caps == sink_caps:
+            src_caps = sink_caps
+        self._configure(sink_caps, src_caps)
+
+    def _configure(self, sink_caps: Caps, src_caps: Caps) -> None:
+        self.src_pad.caps = src_caps
+        try:
+            self.configure(sink_caps, src_caps)
+        except (FlowStop, ElementFailure, NotNegotiated):
+            raise
+        except Exception as cause:
+            raise self.failure(cause) from cause
+        self.src_pad.send_event(CapsEvent(src_caps))
+
+    def settled(self, frame: Frame) -> Frame:
+        """The frame with the src pad's caps, after telling downstream when the data changed them."""
+        pad = self.src_pad
+        caps = frame.caps
+        if caps is pad.caps:
+            return frame
+        if pad.caps is not None and (caps is self.pads["sink"].caps or caps == pad.caps):
+            return frame.replace(caps=pad.caps)
+        demand_accepted(pad, caps)
+        self._configure(self._sink_caps or caps, caps)
+        return frame

@@ -1,0 +1,116 @@
+"""Every error streamkit raises on purpose.
+
+    StreamkitError
+    ├── CapsSyntax             a caps text that cannot be read
+    ├── DescriptionError       a pipeline description that cannot become a graph; points into the text
+    ├── PropertyError          a property that does not exist or a value it does not take
+    ├── PluginBroken           an entry point that cannot be loaded
+    ├── NotNegotiated          two pads without common caps
+    ├── ElementFailure         an element raised: names element, frame and cause
+    ├── StateError             a call that the pipeline's state does not allow
+    └── ResourceError          a file, address or device that cannot be used
+        └── StreamError        media that cannot be read
+
+Each message says where, the rule, what it got, and the remedy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+class StreamkitError(Exception):
+    """Base of all errors streamkit raises on purpose."""
+
+
+class CapsSyntax(StreamkitError, ValueError):
+    """A caps text that cannot be read; `position` is the offset of the fault in the text."""
+
+    def __init__(self, message: str, position: int = 0) -> None:
+        super().__init__(message)
+        self.position = position
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where in a description something stands: 1-based line and column, length in characters."""
+
+    line: int = 1
+    column: int = 1
+    length: int = 1
+
+
+class DescriptionError(StreamkitError, ValueError):
+    """A description that cannot become a graph.
+
+    Attributes:
+        code: one of `syntax`, `no-such-element`, `no-such-property`, `link`, `could-not-set-property`,
+            `empty-bin`, `empty`, `no-such-pad`, `plugin-broken`, `not-negotiated`.
+        message: what is wrong, without the place.
+        place: where in the text.
+        hint: a remedy, or "".
+    """
+
+    def __init__(self, code: str, message: str, place: Place | None = None, hint: str = "") -> None:
+        super().__init__(message + (f"; {hint}" if hint else ""))
+        self.code = code
+        self.message = message
+        self.place = place or Place()
+        self.hint = hint
+
+    def pointed(self, text: str, name: str = "description") -> str:
+        """The error with the line of the text it points into and carets below the fault."""
+        lines = text.splitlines() or [""]
+        line = lines[min(self.place.line, len(lines)) - 1]
+        start = min(self.place.column - 1, len(line))
+        carets = "^" * max(1, min(self.place.length, len(line) - start or 1))
+        window = max(0, start - 60)
+        shown = line[window : window + 120].replace("\t", " ")
+        place = f"{name}:{self.place.line}:{self.place.column}"
+        return f"{place}: {self}\n    {shown}\n    {' ' * (start - window)}{carets}"
+
+
+class PropertyError(StreamkitError, ValueError):
+    """A property that does not exist, or a value it does not take."""
+
+
+class PluginBroken(StreamkitError, ImportError):
+    """An entry point that cannot be loaded: names element, package, version, cause and remedy."""
+
+
+class NotNegotiated(StreamkitError):
+    """Two linked pads that have no caps in common, or caps that an element refuses."""
+
+
+class StateError(StreamkitError, RuntimeError):
+    """A call that the state of the pipeline does not allow."""
+
+
+class ResourceError(StreamkitError, OSError):
+    """A file, address or device that cannot be used."""
+
+
+class StreamError(ResourceError):
+    """Media that cannot be read."""
+
+
+class ElementFailure(StreamkitError, RuntimeError):
+    """An element raised an exception.
+
+    Attributes:
+        element: its name in the graph.
+        factory: its element type.
+        frame: what it was working on, for example "frame seq=12 pts=0.480 s", or "".
+        cause: the exception.
+    """
+
+    def __init__(self, element: str, factory: str, cause: BaseException, frame: str = "") -> None:
+        what = str(cause) or type(cause).__name__
+        if not isinstance(cause, StreamkitError):
+            what = f"{type(cause).__name__}: {what}"
+        kind = f" ({factory})" if factory and factory != element.rstrip("0123456789") else ""
+        super().__init__(f"{element}{kind}: {what}" + (f" [at {frame}]" if frame else ""))
+        self.element = element
+        self.factory = factory
+        self.frame = frame
+        self.cause = cause

@@ -1,0 +1,39 @@
+"""Clocks: monotonic time for pacing and ages, UTC for capture times."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """What an element needs of a clock; `streamkit.testing.ManualClock` is one that tests move by hand."""
+
+    def monotonic_ns(self) -> int:
+        """Nanoseconds of a clock that never goes back."""
+
+    def utc_ns(self) -> int:
+        """Nanoseconds since 1970-01-01 UTC."""
+
+    def wait_until(self, deadline_ns: int, cancelled: threading.Event) -> bool:
+        """Waits until `monotonic_ns()` reaches the deadline; False if cancelled before."""
+
+
+class SystemClock:
+    """The machine's clock."""
+
+    def monotonic_ns(self) -> int:
+        """Nanoseconds of the machine's monotonic clock."""
+        return time.monotonic_ns()
+
+    def utc_ns(self) -> int:
+        """Nanoseconds since 1970-01-01 UTC."""
+        return time.time_ns()
+
+    def wait_until(self, deadline_ns: int, cancelled: threading.Event) -> bool:
+        """Waits until the deadline; False if cancelled before."""
+        while (left := deadline_ns - time.monotonic_ns()) > 0:
+            if cancelled.wait(min(left / 1e9, 1.0)):
+                return False
+        return not cancelled.is_set()

@@ -1,0 +1,37 @@
+"""Messages: what elements and the pipeline tell the application through the bus."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+class MessageKind(enum.StrEnum):
+    """What a message is about."""
+
+    ERROR = "error"
+    WARNING = "warning"
+    EOS = "eos"
+    STATE = "state"
+    ELEMENT = "element"
+    STATISTICS = "statistics"
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One message on the bus.
+
+    Attributes:
+        kind: error, warning, eos, state, element or statistics.
+        source: name of the element, or "" for the pipeline.
+        text: for people.
+        fields: for programs; element messages carry their own name as `name`.
+        error: the exception of an error message.
+    """
+
+    kind: MessageKind
+    source: str = ""
+    text: str = ""
+    fields: Mapping[str, object] = field(default_factory=dict)
+    error: Exception | None = None

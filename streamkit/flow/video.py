@@ -1,0 +1,50 @@
+"""Raw video on frames: caps and array layouts."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from streamkit.flow.caps import Caps, Structure
+from streamkit.flow.caps_values import Value
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from streamkit.flow.frame import Frame
+
+LUMA_FORMATS = ("GRAY8", "I420", "NV12")
+LUMA_CAPS = "video/x-raw, format={ GRAY8, I420, NV12 }"
+
+
+def raw_video_caps(pixel_format: str, width: int, height: int, framerate: Fraction | None = None) -> Caps:
+    """Fixed caps of raw video.
+
+    Args:
+        pixel_format: GRAY8, I420, NV12, BGR, RGB, BGRA or RGBA.
+        width: px.
+        height: px.
+        framerate: frames per second; None leaves the field out.
+    """
+    fields: dict[str, Value] = {"format": pixel_format, "width": width, "height": height}
+    if framerate is not None:
+        fields["framerate"] = framerate
+    return Caps((Structure("video/x-raw", fields),))
+
+
+def luma(frame: Frame) -> NDArray[np.uint8]:
+    """The brightness of a raw video frame: uint8[height, width], a view without copy.
+
+    Raises:
+        TypeError: the frame's format has no plane of brightness.
+    """
+    pixel_format = frame.caps.get("format")
+    if pixel_format == "GRAY8":
+        return frame.data  # type: ignore[no-any-return]
+    if pixel_format in LUMA_FORMATS:
+        return frame.data[: frame.caps["height"]]  # type: ignore[no-any-return]
+    raise TypeError(
+        f"luma needs a frame of format {', '.join(LUMA_FORMATS)}, got {pixel_format!r}: "
+        "put videoconvert before this element, or ask for one of these formats on its sink pad"
+    )

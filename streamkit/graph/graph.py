@@ -1,0 +1,98 @@
+"""Graph: elements and the links between them, checked and with converters where raw video needs one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from streamkit.element.base import Element
+from streamkit.element.pad import Pad
+from streamkit.errors import StreamkitError
+
+
+@dataclass(frozen=True, slots=True)
+class Bin:
+    """A named group of elements in the description.
+
+    Attributes:
+        name: unique.
+        factory: `bin` or the type it was given.
+        parent: name of the bin it stands in, or "".
+    """
+
+    name: str
+    factory: str = "bin"
+    parent: str = ""
+
+
+@dataclass(slots=True)
+class Graph:
+    """Elements and links.
+
+    Attributes:
+        elements: in textual order.
+        bins: groups of elements.
+        inserted: converters that negotiation put in; they are in `elements` too.
+        warnings: (code, text) of what was done unasked.
+    """
+
+    elements: list[Element] = field(default_factory=list)
+    bins: list[Bin] = field(default_factory=list)
+    inserted: list[Element] = field(default_factory=list)
+    warnings: list[tuple[str, str]] = field(default_factory=list)
+
+    def element(self, name: str) -> Element:
+        """The element of a name.
+
+        Raises:
+            KeyError: there is none; lists those that there are.
+        """
+        for element in self.elements:
+            if element.name == name:
+                return element
+        raise KeyError(
+            f"no element {name!r} in the pipeline; it has {', '.join(e.name for e in self.elements)}"
+        )
+
+    def links(self) -> Iterator[tuple[Pad, Pad]]:
+        """All links as (src pad, sink pad), in the order of the elements."""
+        for element in self.elements:
+            for pad in element.src_pads():
+                if pad.peer is not None:
+                    yield pad, pad.peer
+
+    def from_sinks(self) -> list[Element]:
+        """The elements so that each stands behind everything downstream of it.
+
+        A loop of links is cut where it is first met.
+        """
+        ordered: list[Element] = []
+        visited: set[int] = set()
+        for start in reversed(self.elements):
+            stack = [(start, iter(_downstream(start)))]
+            if id(start) in visited:
+                continue
+            visited.add(id(start))
+            while stack:
+                element, rest = stack[-1]
+                following = next((nearer for nearer in rest if id(nearer) not in visited), None)
+                if following is None:
+                    ordered.append(element)
+                    stack.pop()
+                else:
+                    visited.add(id(following))
+                    stack.append((following, iter(_downstream(following))))
+        return ordered
+
+    def has_loop(self) -> bool:
+        """Whether frames could come back to an element that has sent them."""
+        position = {id(element): index for index, element in enumerate(self.from_sinks())}
+        return any(position[id(src.element)] < position[id(sink.element)] for src, sink in self.links())
+
+
+def _downstream(element: Element) -> list[Element]:
+    return [pad.peer.element for pad in element.src_pads() if pad.peer is not None]
+
+
+class LinkImpossible(StreamkitError):
+    """Two pads that cannot be linked: says why."""

@@ -1,0 +1,75 @@
+"""Checks that all links can agree on caps, and puts converters where raw video disagrees on its format."""
+
+from __future__ import annotations
+
+from streamkit.element.pad import Pad
+from streamkit.element.registry import installed_elements, make_element
+from streamkit.errors import DescriptionError, Place
+from streamkit.flow.caps import Caps
+from streamkit.graph.graph import Graph
+
+CONVERTER = "videoconvert"
+RAW_VIDEO = "video/x-raw"
+
+
+def negotiate(graph: Graph, places: dict[str, Place]) -> None:
+    """Goes through the links from the last in the text to the first.
+
+    Args:
+        graph: links are checked; converters join it where they are needed.
+        places: where in the text the link of a src pad stands, by the pad's path.
+
+    Raises:
+        DescriptionError: code `link`, where two pads can never agree.
+    """
+    if graph.has_loop():
+        raise DescriptionError("link", "the links form a loop; frames would run in it for ever")
+    position = {id(element): index for index, element in enumerate(graph.from_sinks())}
+    links = sorted(graph.links(), key=lambda link: position[id(link[0].element)])
+    for src, sink in links:
+        offered, accepted = src.query_caps(), sink.query_caps()
+        if not (accepted & offered).is_empty:
+            continue
+        if not _convert(graph, src, sink, offered, accepted):
+            raise DescriptionError(
+                "link",
+                f"could not link {src.path} to {sink.path}: they disagree on {offered.conflict(accepted)}: "
+                f"{src.path} offers {offered}; {sink.path} takes {accepted}",
+                places.get(src.path),
+            )
+
+
+def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps) -> bool:
+    """Tries a converter between two raw-video pads that differ in nothing but the format."""
+    if CONVERTER not in installed_elements() or offered.is_empty or accepted.is_empty:
+        return False
+    if (accepted.without_fields("format") & offered.without_fields("format") & Caps(RAW_VIDEO)).is_empty:
+        return False
+    converter = make_element(CONVERTER, _free_name(graph))
+    entry, leave = converter.pads["sink"], converter.pads["src"]
+    src.unlink()
+    src.link(entry)
+    leave.link(sink)
+    if (entry.query_caps() & offered).is_empty or (accepted & leave.query_caps()).is_empty:
+        src.unlink()
+        leave.unlink()
+        src.link(sink)
+        return False
+    converter.parent = src.element.parent
+    graph.elements.insert(graph.elements.index(src.element) + 1, converter)
+    graph.inserted.append(converter)
+    graph.warnings.append(
+        (
+            "converter-inserted",
+            f"{converter.name} was put between {src.path} and {sink.path}: {offered} is no {accepted}",
+        )
+    )
+    return True
+
+
+def _free_name(graph: Graph) -> str:
+    taken = {element.name for element in graph.elements}
+    number = 0
+    while f"{CONVERTER}{number}" in taken:
+        number += 1
+    return f"{CONVERTER}{number}"

@@ -1,0 +1,65 @@
+"""Streaming threads: one per source and per queue, started, watched and joined."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Protocol, runtime_checkable
+
+from streamkit.element.base import Element
+from streamkit.errors import ElementFailure, NotNegotiated
+from streamkit.flow.signals import EndOfStream, FlowStop, Flushing, NotLinked
+
+
+@runtime_checkable
+class Streaming(Protocol):
+    """An element with a thread of its own."""
+
+    name: str
+
+    def stream(self) -> None:
+        """The body of the thread; returns after EOS, raises where streaming ends otherwise."""
+
+    def prepare_run(self) -> None:
+        """Forgets an earlier run's end."""
+
+
+class StreamingThread:
+    """The thread of one element."""
+
+    def __init__(self, element: Streaming, failed: Callable[[Exception], None]) -> None:
+        self.element = element
+        self._failed = failed
+        self._thread = threading.Thread(target=self._run, name=f"streamkit:{element.name}")
+
+    def start(self) -> None:
+        """Begins streaming."""
+        self._thread.start()
+
+    def join(self, deadline: float) -> bool:
+        """Waits until `time.monotonic()` reaches the deadline; whether the thread has ended."""
+        self._thread.join(max(0.0, deadline - time.monotonic()))
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        element = self.element
+        assert isinstance(element, Element)
+        try:
+            element.stream()
+        except (Flushing, EndOfStream):
+            return
+        except NotLinked as stop:
+            self._failed(
+                ElementFailure(
+                    element.name,
+                    element.factory,
+                    NotNegotiated(f"pad {stop} is not linked; link it to a sink"),
+                )
+            )
+        except FlowStop:
+            return
+        except (ElementFailure, NotNegotiated) as error:
+            self._failed(error)
+        except Exception as cause:
+            self._failed(element.failure(cause))
