@@ -77,8 +77,8 @@ _HOMES = {
     "streamkit.flow.frame": ("Capture", "Frame", "FrameFlags"),
     "streamkit.flow.messages": ("Message", "MessageKind"),
     "streamkit.flow.metadata": (
-        "Detections", "Features", "FeatureSpace", "Pose", "Registration", "RegistrationStatus", "Track", "Tracks",
-        "TrackState",
+        "Detections", "Features", "FeatureSpace", "Pose", "Registration", "RegistrationStatus", "Track",
+        "TrackState", "Tracks",
     ),
     "streamkit.flow.record": ("TrackRecord", "decode_record", "encode_record", "track_record"),
     "streamkit.flow.signals": ("EndOfStream", "Flushing"),

@@ -82,7 +82,7 @@ class PropertyDeclaration:
             plain = [member for member in members if member is not type(None)]
             if len(plain) != 1 or not isinstance(plain[0], type):
                 raise TypeError(
-                    f"property {self.owner.__name__}.{self.name}: annotate it with one type (or `type | None`)"
+                    f"property {self.owner.__name__}.{self.name}: annotate it with one type, or `type | None`"
                 )
             self._kind = (plain[0], len(plain) != len(members))
         return self._kind

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import Any
 
 from streamkit.element.base import Element
 from streamkit.element.negotiation import allowed_caps, demand_accepted
@@ -28,7 +28,7 @@ class Source(Element):
         src_pad: the pad that plain frames leave through.
     """
 
-    is_live: ClassVar[bool] = False
+    is_live: bool = False
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self._held = threading.Event()

@@ -22,7 +22,7 @@ class FakeSrc(Source):
 
     num_buffers: int = Property(-1, min=-1, doc="Frames before EOS; -1 is endless.")
     sizemax: int = Property(0, min=0, max=2**31 - 1, unit="bytes", doc="Bytes in each frame.")
-    is_live_source: bool = Property(False, doc="Pace the frames at 30 a second, as a camera would.")
+    is_live: bool = Property(False, doc="Pace the frames at 30 a second, as a camera would.")
 
     def negotiate(self, allowed: Caps) -> Caps:
         """Anything; where a filter follows it must say everything about the format."""
@@ -38,7 +38,7 @@ class FakeSrc(Source):
         data, caps = bytes(self.sizemax), self.src_pad.caps or ANY
         count = 0
         while self.num_buffers < 0 or count < self.num_buffers:
-            if self.is_live_source and self.stopping.wait(1 / 30):
+            if self.is_live and self.stopping.wait(1 / 30):
                 return
             yield Frame(data, caps, seq=count, arrival_ns=self.clock_ns())
             count += 1

@@ -206,7 +206,7 @@ class Caps:
         return f"Caps({str(self)!r})"
 
     def fixate(self, near: Caps | None = None) -> Caps:
-        """One format: of the first structure, each field nearest to `near`, else its first or lowest value."""
+        """One format: in the first structure each field nearest to `near`, or its first or lowest value."""
         if not self.structures:
             return self
         first = self.structures[0]

@@ -35,7 +35,8 @@ FLOAT = re.compile(r"[+-]?(?:[0-9]+\.[0-9]*|\.[0-9]+|[0-9]+)(?:[eE][+-]?[0-9]+)?
 FRACTION = re.compile(r"([+-]?[0-9]+)/([0-9]+)")
 PLAIN = re.compile(r"[A-Za-z0-9_+/:.*-]+")
 TYPES = {
-    "i": "int", "int": "int", "uint": "int", "int64": "int", "uint64": "int", "gint64": "int", "guint64": "int",
+    "i": "int", "int": "int", "uint": "int", "int64": "int", "uint64": "int", "gint64": "int",
+    "guint64": "int",
     "f": "double", "float": "double", "d": "double", "double": "double", "b": "boolean", "bool": "boolean",
     "boolean": "boolean", "s": "string", "str": "string", "string": "string", "fraction": "fraction",
     "buffer": "buffer", "bitmask": "int",

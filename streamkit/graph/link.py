@@ -58,7 +58,9 @@ def find_pad(element: Element, direction: Direction, name: str, place: Place) ->
             return element.request_pad(template)
     if linked:
         raise DescriptionError(
-            "link", f"{element.name} has no free {direction} pad: {', '.join(linked)} is linked already", place,
+            "link",
+            f"{element.name} has no free {direction} pad: {', '.join(linked)} is linked already",
+            place,
             "put a tee before it to feed several elements" if direction is Direction.SRC else "",
         )  # fmt: skip
     kind = "sink" if direction is Direction.SINK else "source"

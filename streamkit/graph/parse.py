@@ -159,7 +159,7 @@ class TreeBuilder(Transformer[Token, Any]):
 
 
 def unquote_value(text: str) -> str:
-    """The launch level of unquoting: one pair of double quotes off, backslashes resolved outside inner quotes.
+    """Launch level unquoting: one pair of double quotes off, backslashes resolved outside inner quotes.
 
     Source: GStreamer's description of gst-launch quoting; inner quotes protect what stands between them.
     """

@@ -119,13 +119,14 @@ class Pipeline:
         """
         with self._lock:
             self.ready()
-            if self.state is State.READY:
-                self._begin_streaming()
+            begins = self.state is State.READY
             for element in self.graph.elements:
                 element.is_playing = True
-                if isinstance(element, Source):
+                if isinstance(element, Source) and not begins:
                     element.hold(False)
             self._change_state(State.PLAYING)
+            if begins:
+                self._begin_streaming()
 
     def pause(self) -> None:
         """Holds every source between two frames."""

@@ -44,9 +44,10 @@ class ExpandedText:
 
 
 def expand(text: str, variables: Mapping[str, str]) -> ExpandedText:
-    """Blanks comments (`#` at the start of a word, outside quotes) and replaces `${NAME}` and `${NAME:-default}`.
+    """Blanks comments and replaces `${NAME}` and `${NAME:-default}`.
 
-    A variable inside a property's value may hold blanks: they are escaped.
+    A comment begins with `#` at the start of a word, outside quotes, and ends with its line. A variable
+    inside a property's value may hold blanks: they are escaped.
 
     Raises:
         DescriptionError: a variable has no value and no default, or the text is too long.

@@ -1,0 +1,96 @@
+"""The description that `launch` and `graph` are given: from arguments or a file, with variables."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import typer
+
+from streamkit.errors import DescriptionError
+
+USAGE_EXIT = 2
+SIZE_LIMIT = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """A text, what to call it in errors, and its variables."""
+
+    text: str
+    name: str
+    variables: Mapping[str, str]
+
+
+def join_arguments(arguments: Sequence[str]) -> str:
+    """The text of a description given as arguments: one is the text, several are joined as gst-launch does.
+
+    Blanks inside an argument are escaped where they stand outside double quotes.
+    """
+    if len(arguments) == 1:
+        return arguments[0]
+    return " ".join(_escape_blanks(argument) for argument in arguments)
+
+
+def _escape_blanks(argument: str) -> str:
+    kept: list[str] = []
+    quoted = False
+    for mark in argument:
+        if mark == '"':
+            quoted = not quoted
+        kept.append("\\ " if mark == " " and not quoted else mark)
+    return "".join(kept)
+
+
+def read_description(
+    arguments: Sequence[str] | None, file: Path | None, settings: Sequence[str]
+) -> Description:
+    """The description the command line asks for; leaves with exit code 2 where it cannot be had."""
+    variables: dict[str, str] = {}
+    for setting in settings:
+        name, mark, value = setting.partition("=")
+        if not mark or not name:
+            fail_usage(f"--set takes NAME=VALUE, got {setting!r}")
+        variables[name] = value
+    if file is None:
+        if not arguments:
+            fail_usage("give a DESCRIPTION, or a file with -f FILE")
+        return Description(join_arguments(arguments), "description", variables)
+    if arguments:
+        fail_usage("give a DESCRIPTION or a file with -f, not both")
+    try:
+        if file.stat().st_size > SIZE_LIMIT:
+            fail_usage(f"{file}: a description has at most {SIZE_LIMIT} bytes")
+        return Description(file.read_text(encoding="utf-8"), str(file), variables)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is no UTF-8 text"
+        fail_usage(f"cannot read the description {file}: {reason}")
+
+
+def fail_usage(message: str) -> NoReturn:
+    """Ends the command with a usage error."""
+    typer.echo(f"error: {message}", err=True)
+    raise typer.Exit(USAGE_EXIT)
+
+
+def fail_description(error: DescriptionError, description: Description, *, as_json: bool) -> NoReturn:
+    """Ends the command because a description cannot become a graph; points into the text."""
+    if as_json:
+        place = error.place
+        content = {
+            "code": error.code,
+            "message": error.message,
+            "line": place.line,
+            "column": place.column,
+            "length": place.length,
+            "hint": error.hint,
+        }
+        typer.echo(json.dumps({"error": content}), err=True)
+    else:
+        typer.echo(error.pointed(description.text, description.name), err=True)
+    sys.stderr.flush()
+    raise typer.Exit(USAGE_EXIT)

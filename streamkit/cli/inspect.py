@@ -1,0 +1,115 @@
+"""`streamkit inspect`: what elements there are, and what one of them takes and does."""
+
+from __future__ import annotations
+
+import inspect as python_inspect
+import json
+import re
+from typing import Annotated, Any
+
+import typer
+
+from streamkit.cli.description import fail_usage
+from streamkit.errors import DescriptionError, PluginBroken
+
+
+def inspect(
+    element: Annotated[
+        str | None, typer.Argument(help="Name of an element; without it all are listed.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Lists the elements, or one element's pads, caps, properties and example."""
+    if element is None:
+        _list_all(as_json=as_json)
+        return
+    try:
+        facts = describe_element(element)
+    except DescriptionError as error:
+        fail_usage(str(error))
+    except PluginBroken as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(1) from error
+    typer.echo(json.dumps(facts, indent=2) if as_json else as_text(facts))
+
+
+def _list_all(*, as_json: bool) -> None:
+    from streamkit.element.registry import installed_elements
+
+    entries = installed_elements().values()
+    if as_json:
+        rows = [
+            {"name": entry.name, "package": entry.package, "version": entry.version, "class": entry.target}
+            for entry in entries
+        ]
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    width = max((len(entry.name) for entry in entries), default=0)
+    for entry in entries:
+        typer.echo(f"{entry.name:<{width}}  {entry.package} {entry.version}  {entry.target}")
+
+
+def describe_element(name: str) -> dict[str, Any]:
+    """All facts about an element: package, doc, pads, properties, example.
+
+    Raises:
+        DescriptionError: there is no such element.
+        PluginBroken: it cannot be loaded.
+    """
+    from streamkit.element.registry import element_class, installed_elements
+
+    found = element_class(name)
+    entry = installed_elements()[name]
+    doc = python_inspect.getdoc(found) or ""
+    prose, _, example = doc.partition("Example:")
+    return {
+        "name": name,
+        "package": entry.package,
+        "version": entry.version,
+        "class": entry.target,
+        "doc": prose.strip(),
+        "example": re.split(r"\n\s*\n", python_inspect.cleandoc(example))[0].strip(),
+        "kind": next(
+            base.__name__ for base in found.__mro__ if base.__module__.startswith("streamkit.element.")
+        ),
+        "pads": [
+            {
+                "name": template.name,
+                "direction": str(template.direction),
+                "presence": str(template.presence),
+                "caps": str(template.caps),
+            }
+            for template in found.pad_templates.values()
+        ],
+        "properties": [
+            {
+                "name": declared.name.replace("_", "-"),
+                "type": declared.kind.__name__,
+                "values": declared.describe(),
+                "default": declared.to_json(declared.default),
+                "live": declared.live,
+                "doc": declared.doc,
+            }
+            for declared in found.properties.values()
+        ],
+    }
+
+
+def as_text(facts: dict[str, Any]) -> str:
+    """The facts about an element, for people."""
+    lines = [f"{facts['name']} - {facts['doc']}", ""]
+    lines.append(f"  {facts['kind']} of {facts['package']} {facts['version']} ({facts['class']})")
+    lines += ["", "Pads"]
+    for pad in facts["pads"]:
+        lines.append(f"  {pad['name']}  {pad['direction']}, {pad['presence']}")
+        lines += [f"      {structure.strip()}" for structure in pad["caps"].split(";")]
+    if facts["properties"]:
+        lines += ["", "Properties"]
+        for item in facts["properties"]:
+            live = ", may change while playing" if item["live"] else ""
+            default = "none" if item["default"] is None else json.dumps(item["default"])
+            lines.append(f"  {item['name']}  ({item['values']}; default {default}{live})")
+            lines.append(f"      {item['doc']}")
+    if facts["example"]:
+        lines += ["", "Example", f'  streamkit launch "{" ".join(facts["example"].split())}"']
+    return "\n".join(lines)

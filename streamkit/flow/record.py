@@ -1,0 +1,202 @@
+"""The track record: one JSON object per frame, on zenoh and as a line of a .jsonl file."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import msgspec
+
+from streamkit.errors import StreamError
+from streamkit.flow.metadata import Registration, RegistrationStatus, Track, Tracks, TrackState
+
+if TYPE_CHECKING:
+    from streamkit.flow.frame import Frame
+
+SCHEMA: Literal["streamkit.tracks/1"] = "streamkit.tracks/1"
+
+Natural = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
+Nanoseconds = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
+Row2 = tuple[float, float]
+Row3 = tuple[float, float, float]
+
+
+class RegistrationRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Where the frame lies on the reference plane.
+
+    Attributes:
+        reference: number of the plane.
+        to_reference: 3x3 rows, maps pixels of the frame to the plane; None where it is not known.
+        status: ok, weak, lost, cut or still.
+    """
+
+    reference: int
+    to_reference: tuple[Row3, Row3, Row3] | None = None
+    status: RegistrationStatus
+
+
+class GeoRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Where a target is on the ground: WGS84 degrees, and the radius of error in m."""
+
+    lat: float
+    lon: float
+    error_m: float | None = None
+
+
+class TargetRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One target: pixels of the frame, radians from +x towards +y, px/s on the reference plane.
+
+    Attributes:
+        bbox: x0 y0 x1 y1, the upright box around the target's rotated rectangle; may reach out of the frame.
+        vx: None where the velocity is not known, as `vy`, `position_covariance` and `geo`.
+    """
+
+    id: int
+    state: TrackState
+    x: float
+    y: float
+    length: float
+    width: float
+    angle: float
+    bbox: tuple[float, float, float, float]
+    vx: float | None = None
+    vy: float | None = None
+    position_covariance: tuple[Row2, Row2] | None = None
+    score: float
+    age_ns: Nanoseconds
+    geo: GeoRecord | None = None
+
+
+class TrackRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What was tracked in one frame; None stands for what is not known and is left out of the JSON.
+
+    Attributes:
+        schema: name and version of this form.
+        source: who says so, for example the key `uav/1`.
+        seq: number of the frame at its source; a gap is a frame without a record.
+        epoch: goes up when `pts_ns` starts anew.
+        pts_ns: time of the frame in its stream.
+        capture_ns: UTC of capture.
+        capture_origin: where that time is from: rtcp, misb, file or arrival.
+        published_ns: UTC when the record was made.
+        age_ms: from capture to publishing.
+        width: of the frame, px.
+        height: of the frame, px.
+        registration: the frame's place on the reference plane.
+        tracks: the targets in order of their ids.
+        dropped: records the publisher has not been able to deliver so far.
+    """
+
+    schema: Literal["streamkit.tracks/1"]
+    source: str
+    seq: Natural
+    epoch: Natural
+    pts_ns: Nanoseconds | None = None
+    capture_ns: Nanoseconds | None = None
+    capture_origin: Literal["rtcp", "misb", "file", "arrival"] | None = None
+    published_ns: Nanoseconds
+    age_ms: float | None = None
+    width: Natural | None = None
+    height: Natural | None = None
+    registration: RegistrationRecord | None = None
+    tracks: tuple[TargetRecord, ...]
+    dropped: Natural
+
+
+_ENCODER = msgspec.json.Encoder()
+_DECODER = msgspec.json.Decoder(TrackRecord)
+
+
+def track_record(frame: Frame, *, source: str, published_ns: int, dropped: int = 0) -> TrackRecord:
+    """The record of a frame, from its `Tracks` and `Registration`.
+
+    Args:
+        frame: any frame; without `Tracks` the record has no targets.
+        source: who publishes.
+        published_ns: UTC now, ns.
+        dropped: records lost so far.
+
+    Raises:
+        ValueError: a track's place, size, angle or score is not a finite number.
+    """
+    capture, tracks, registration = frame.capture, frame.get(Tracks), frame.get(Registration)
+    return TrackRecord(
+        schema=SCHEMA,
+        source=source,
+        seq=frame.seq,
+        epoch=frame.epoch,
+        pts_ns=frame.pts,
+        capture_ns=capture.utc_ns if capture else None,
+        capture_origin=capture.origin if capture else None,
+        published_ns=published_ns,
+        age_ms=round((published_ns - capture.utc_ns) / 1e6, 3) if capture else None,
+        width=_pixels(frame, "width"),
+        height=_pixels(frame, "height"),
+        registration=_registration_record(registration) if registration else None,
+        tracks=tuple(_target_record(track) for track in tracks.tracks) if tracks else (),
+        dropped=dropped,
+    )
+
+
+def encode_record(record: TrackRecord) -> bytes:
+    """One line of JSON, UTF-8, without the line break."""
+    return _ENCODER.encode(record)
+
+
+def decode_record(data: bytes | bytearray | memoryview | str) -> TrackRecord:
+    """Reads a record; fields it does not know are skipped.
+
+    Raises:
+        StreamError: the data is no record of this schema; names the field.
+    """
+    try:
+        return _DECODER.decode(data)
+    except (ValueError, RecursionError) as error:
+        size = len(data) if isinstance(data, str) else memoryview(data).nbytes
+        raise StreamError(f"not a track record ({SCHEMA}): {error} [{size} bytes]") from None
+
+
+def _pixels(frame: Frame, field: str) -> int | None:
+    value = frame.caps.get(field)
+    return value if isinstance(value, int) else None
+
+
+def _registration_record(registration: Registration) -> RegistrationRecord:
+    rows = tuple((float(a), float(b), float(c)) for a, b, c in registration.to_reference)
+    known = len(rows) == 3 and all(math.isfinite(value) for row in rows for value in row)
+    return RegistrationRecord(
+        reference=int(registration.reference),
+        to_reference=(rows[0], rows[1], rows[2]) if known else None,
+        status=registration.status,
+    )
+
+
+def _target_record(track: Track) -> TargetRecord:
+    place = (track.x, track.y, track.length, track.width, track.angle, track.score)
+    if not all(math.isfinite(value) for value in place):
+        raise ValueError(
+            f"track {track.id}: x, y, length, width, angle and score must be finite, got "
+            f"{', '.join(f'{value:g}' for value in place)}; end a track whose place is not known"
+        )
+    x, y, length, width, angle, score = (float(value) for value in place)
+    vx, vy = (float(value) for value in track.velocity)
+    moving = math.isfinite(vx) and math.isfinite(vy)
+    (xx, xy), (yx, yy) = ((float(a), float(b)) for a, b in track.covariance)
+    spread = all(math.isfinite(value) for value in (xx, xy, yx, yy))
+    half_x = (abs(length * math.cos(angle)) + abs(width * math.sin(angle))) / 2
+    half_y = (abs(length * math.sin(angle)) + abs(width * math.cos(angle))) / 2
+    return TargetRecord(
+        id=int(track.id),
+        state=track.state,
+        x=x,
+        y=y,
+        length=length,
+        width=width,
+        angle=angle,
+        bbox=(x - half_x, y - half_y, x + half_x, y + half_y),
+        vx=vx if moving else None,
+        vy=vy if moving else None,
+        position_covariance=((xx, xy), (yx, yy)) if spread else None,
+        score=score,
+        age_ns=int(track.age_ns),
+    )

@@ -1,0 +1,87 @@
+"""Every command and every listing in the README runs."""
+
+import re
+import shlex
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", README, re.DOTALL)
+COMMANDS = [
+    command.strip()
+    for language, block in BLOCKS
+    if language == "sh"
+    for command in block.replace("\\\n", " ").splitlines()
+    if command.strip() and not command.strip().startswith("#")
+]
+LAUNCHES = [command for command in COMMANDS if command.startswith("streamkit launch")]
+BINARY = Path(sys.executable).with_name("streamkit")
+NEEDS_PEER = ("rtsp://",)
+
+
+def run(command: str, folder: Path, limit_s: float = 100) -> subprocess.CompletedProcess[str]:
+    """Runs one streamkit command in a folder that holds the pipelines."""
+    arguments = [str(BINARY), *shlex.split(command)[1:]]
+    return subprocess.run(arguments, cwd=folder, timeout=limit_s, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the ready pipelines, as the README's reader has it."""
+    place = tmp_path_factory.mktemp("readme")
+    (place / "pipelines").symlink_to(ROOT / "pipelines")
+    return place
+
+
+def test_readme_names_the_two_commands() -> None:
+    """The first thing a reader is told is `make demo` and `make test`."""
+    assert {"make demo", "make test"} <= {command.split("  ")[0].strip() for command in COMMANDS}
+
+
+def test_launch_lines_run_in_order(folder: Path) -> None:
+    """Each launch line ends with exit code 0; one that needs a camera is built instead."""
+    assert len(LAUNCHES) >= 5
+    for command in LAUNCHES:
+        if any(mark in command for mark in NEEDS_PEER):
+            command = command.replace("streamkit launch", "streamkit graph", 1)
+        done = run(command, folder)
+        assert done.returncode == 0, f"{command}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if re.match(r"streamkit (inspect|graph)", c)])
+def test_looking_commands_run(command: str, folder: Path) -> None:
+    """`inspect` and `graph` lines end with exit code 0 and print something."""
+    done = run(command, folder)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+
+
+def test_element_listing_runs(tmp_path: Path) -> None:
+    """The element of the README works when it is pasted into a file."""
+    listing = next(block for language, block in BLOCKS if language == "python" and "(Transform)" in block)
+    script = tmp_path / "listing.py"
+    script.write_text(
+        textwrap.dedent(listing)
+        + textwrap.dedent(
+            """
+            import numpy as np
+            from streamkit import Frame, raw_video_caps
+            from streamkit.testing import Harness
+
+            name = next(n for n, c in list(globals().items()) if isinstance(c, type) and c.__module__ == "__main__")
+            caps = raw_video_caps("GRAY8", 4, 2)
+            with Harness(globals()[name]()) as harness:
+                first = harness.push(Frame(np.full((2, 4), 10, np.uint8), caps))
+                second = harness.push(Frame(np.full((2, 4), 14, np.uint8), caps))
+            assert first == [] and (second[0].data == 4).all(), (first, second)
+            """
+        ),
+        encoding="utf-8",
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
