@@ -174,11 +174,13 @@ class Element:
         raise StateError(f"{pad.path}: {type(self).__name__} takes no frames")
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
-        """Makes a pad from a request or sometimes template, with the name given or the next free number."""
+        """Makes a pad from a request or sometimes template, with the name given or the number after the highest."""
         if not name or "%u" in name:
-            number = 0
-            while (name := template.name.replace("%u", str(number))) in self.pads:
-                number += 1
+            name = template.name
+            if "%u" in name:
+                head, _, tail = name.partition("%u")
+                numbers = [int(p[len(head) : len(p) - len(tail)]) for p in self.pads if template.matches(p)]
+                name = name.replace("%u", str(max(numbers, default=-1) + 1))
         if name in self.pads:
             raise StateError(f"{self.name}: a pad {name!r} is there already")
         pad = self.pads[name] = Pad(self, template, name)

@@ -9,7 +9,7 @@ from typing import Any
 from streamkit.element.base import Element
 from streamkit.element.negotiation import demand_accepted
 from streamkit.element.pad import Pad
-from streamkit.errors import StreamkitError
+from streamkit.errors import ElementFailure, NotNegotiated, StreamkitError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import EOS, CapsEvent, EosEvent, Event
 from streamkit.flow.frame import Frame
@@ -70,11 +70,19 @@ class Combine(Element):
             if isinstance(event, EosEvent):
                 pad.is_eos = True
                 if all(sink.is_eos for sink in self.sink_pads()):
-                    for frame in self.drain():
-                        self._push(frame)
+                    self._drain()
                     self.src_pad.send_event(EOS)
             elif not isinstance(event, CapsEvent):
                 self.src_pad.send_event(event)
+
+    def _drain(self) -> None:
+        try:
+            for frame in self.drain():
+                self._push(frame)
+        except (FlowStop, ElementFailure, NotNegotiated):
+            raise
+        except Exception as cause:
+            raise self.failure(cause) from cause
 
 
 class Split(Element):
@@ -110,7 +118,9 @@ class Split(Element):
         for src in list(self.src_pads()):
             try:
                 src.send_event(event)
-            except (FlowStop, StreamkitError) as error:
+            except StreamkitError as error:
                 stop = error
+            except FlowStop as end:
+                stop = stop or end
         if stop is not None and not isinstance(stop, NotLinked):
             raise stop

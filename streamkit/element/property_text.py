@@ -11,10 +11,10 @@ from fractions import Fraction
 from typing import Any
 
 from streamkit.flow.caps import Caps
-from streamkit.flow.caps_text import FLOAT, read_boolean, read_fraction, read_integer
+from streamkit.flow.caps_text import read_boolean, read_float, read_fraction, read_integer
 
 INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
-OCTAL_ESCAPE = re.compile(r"\\([0-3][0-7]{2})")
+ESCAPE = re.compile(r"\\([0-3][0-7]{2}|.)", re.DOTALL)
 
 
 def value_from_text(kind: type, text: str) -> Any:
@@ -36,7 +36,7 @@ def value_from_text(kind: type, text: str) -> Any:
     if kind is float:
         if text.lower() in ("min", "max"):
             return float("inf") if text.lower() == "max" else float("-inf")
-        return float(_demand(text if FLOAT.fullmatch(text) else None, "it takes a number such as 0.5 or 1e3"))
+        return _demand(read_float(text), "it takes a number such as 0.5 or 1e3")
     if kind is Fraction:
         return _demand(read_fraction(text), "it takes a fraction such as 30/1")
     if kind is Caps:
@@ -52,10 +52,14 @@ def unquote_string(text: str) -> str:
         if text == '"':
             raise ValueError("its quotes must be closed")
         return text
-    inner = OCTAL_ESCAPE.sub(lambda match: chr(int(match[1], 8)), text[1:-1])
-    if re.search(r"\\[0-9]", inner):
+    return ESCAPE.sub(_resolved, text[1:-1])
+
+
+def _resolved(escape: re.Match[str]) -> str:
+    mark = escape[1]
+    if mark in "0123456789":
         raise ValueError(r"an octal escape has three digits, \000 to \377")
-    return re.sub(r"\\(.)", r"\1", inner, flags=re.DOTALL)
+    return chr(int(mark, 8)) if len(mark) == 3 else mark
 
 
 def _demand(value: Any, rule: str) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 from streamkit.element.base import Element
 from streamkit.element.suggest import did_you_mean
-from streamkit.errors import DescriptionError, PluginBroken
+from streamkit.errors import DescriptionError, PluginBroken, StreamkitError
 
 GROUP = "streamkit.elements"
 
@@ -80,9 +80,19 @@ def make_element(factory: str, name: str = "", **properties: Any) -> Element:
 
     Raises:
         DescriptionError: there is no such element.
-        PluginBroken: it cannot be loaded.
+        PluginBroken: it cannot be loaded or made.
         PropertyError: a property is unknown or its value refused.
     """
-    element = element_class(factory)(name or factory, **properties)
+    found = element_class(factory)
+    try:
+        element = found(name or factory, **properties)
+    except StreamkitError:
+        raise
+    except Exception as cause:
+        entry = installed_elements()[factory]
+        raise PluginBroken(
+            f"{entry.where} cannot be made: {type(cause).__name__}: {cause}; "
+            f"reinstall or update {entry.package}, or tell its author"
+        ) from cause
     element.factory = factory
     return element

@@ -16,6 +16,9 @@ from streamkit.flow.frame import Frame
 from streamkit.flow.signals import EndOfStream, FlowStop, Flushing
 
 
+HELD_LOOK_S = 1.0  # a held source is woken by `hold`, `finish` or `halt`; this bounds a missed wake-up
+
+
 class _Exhausted(Exception):
     """The source has no more frames."""
 
@@ -69,6 +72,11 @@ class Source(Element):
         self._finishing = self._check = True
         self._held.set()
         self.interrupt()
+
+    def halt(self) -> None:
+        """Makes the source leave its loop at the next frame: the pipeline is stopping."""
+        self._check = True
+        self._held.set()
 
     def prepare_run(self) -> None:
         """Forgets an earlier run's end."""
@@ -147,9 +155,10 @@ class Source(Element):
         return frame
 
     def _must_end(self) -> bool:
-        while not self._held.wait(0.1):
-            if self.stopping.is_set():
-                raise Flushing(self.name)
+        while not self._held.wait(HELD_LOOK_S) and not self.stopping.is_set():
+            continue
+        if self.stopping.is_set():
+            raise Flushing(self.name)
         self._check = self._finishing
         return self._finishing
 

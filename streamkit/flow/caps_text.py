@@ -5,6 +5,7 @@ Source: the caps syntax of GStreamer's documentation ("Appendices: caps syntax")
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from fractions import Fraction
@@ -30,9 +31,10 @@ BARE = re.compile(r"[A-Za-z0-9_+/:.*-]+")
 QUOTED = re.compile(r'"((?:[^"\\]|\\.)*)"', re.DOTALL)
 FEATURE = re.compile(r"[A-Za-z]+(?::[A-Za-z0-9_-]+)?")
 BLANKS = re.compile(r"(?:\s|\\ )*")
-INTEGER = re.compile(r"[+-]?(?:0[xX][0-9A-Fa-f]+|0[0-7]*|[1-9][0-9]*)")
+INTEGER = re.compile(r"[+-]?(?:0[xX][0-9A-Fa-f]{1,40}|0[0-7]{0,40}|[1-9][0-9]{0,40})")
 FLOAT = re.compile(r"[+-]?(?:[0-9]+\.[0-9]*|\.[0-9]+|[0-9]+)(?:[eE][+-]?[0-9]+)?")
-FRACTION = re.compile(r"([+-]?[0-9]+)/([0-9]+)")
+FRACTION = re.compile(r"([+-]?[0-9]{1,40})/([0-9]{1,40})")
+WHOLE = re.compile(r"[+-]?[0-9]{1,40}")
 PLAIN = re.compile(r"[A-Za-z0-9_+/:.*-]+")
 TYPES = {
     "i": "int", "int": "int", "uint": "int", "int64": "int", "uint64": "int", "gint64": "int",
@@ -166,7 +168,7 @@ class CapsReader:
         """A simple value of a given type, or of the first type that fits."""
         value = read_simple(kind, text)
         if value is None:
-            raise self.fail(f"{text!r} is no value of type {kind}")
+            raise self.fail(f"{text!r} is no value of type {kind or 'double'}")
         return value
 
 
@@ -212,7 +214,13 @@ def read_fraction(text: str) -> Fraction | None:
         return Fraction(int(match[1]), int(match[2])) if int(match[2]) else None
     if text.lower() == "max":
         return FRACTION_MAX
-    return Fraction(int(text)) if re.fullmatch(r"[+-]?[0-9]+", text) else None
+    return Fraction(int(text)) if WHOLE.fullmatch(text) else None
+
+
+def read_float(text: str) -> float | None:
+    """A finite number, or None."""
+    value = float(text) if FLOAT.fullmatch(text) else math.inf
+    return value if math.isfinite(value) else None
 
 
 def read_boolean(text: str) -> bool | None:
@@ -233,9 +241,8 @@ def read_simple(kind: str | None, text: str) -> Value | None:
             word = text.lower()
             return word if word in ("min", "max") else number
     if kind == "double" or (kind is None and FLOAT.fullmatch(text)):
-        return (
-            float(text) if FLOAT.fullmatch(text) else text.lower() if text.lower() in ("min", "max") else None
-        )
+        word = text.lower()
+        return word if word in ("min", "max") else read_float(text)
     if kind == "fraction" or (kind is None and "/" in text):
         fraction = read_fraction(text)
         if fraction is not None or kind == "fraction":
@@ -250,10 +257,10 @@ def write_value(value: Value, *, typed: bool = True) -> str:
     """The text of a value, with its type in front where `typed`."""
     if isinstance(value, ValueList | ValueArray):
         opening, closing = ("{", "}") if isinstance(value, ValueList) else ("<", ">")
-        inner = ", ".join(write_value(item, typed=False) for item in value.items)
-        kind = type_name(value.items[0]) if value.items else ""
+        kinds = {type_name(item) for item in value.items}
+        inner = ", ".join(write_value(item, typed=len(kinds) > 1) for item in value.items)
         text = f"{opening} {inner} {closing}" if inner else f"{opening} {closing}"
-        return f"({kind}){text}" if typed and kind else text
+        return f"({kinds.pop()}){text}" if typed and len(kinds) == 1 else text
     text = _write_plain(value)
     return f"({type_name(value)}){text}" if typed else text
 
@@ -267,7 +274,7 @@ def _write_plain(value: Value) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, bytes):
-        return value.hex()
+        return value.hex() or '""'
     if isinstance(value, Fraction):
         return f"{value.numerator}/{value.denominator}"
     if isinstance(value, str) and not PLAIN.fullmatch(value):

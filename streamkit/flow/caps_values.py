@@ -179,12 +179,14 @@ def is_subset_value(inner: Value, outer: Value) -> bool:
 def fixate_value(value: Value, near: Value | None = None) -> Value:
     """One value out of a choice: the one nearest to `near`, else the first entry or the low end."""
     if isinstance(value, ValueList):
-        if near is not None:
+        if not value.items:
+            return value
+        if near is not None and is_fixed(near):
             for item in value.items:
                 if is_subset_value(near, item):
                     return near
             closest = [fixate_value(item, near) for item in value.items]
-            if closest and all(is_int(item) for item in [*closest, near]):
+            if all(is_int(item) for item in [*closest, near]):
                 return min(closest, key=lambda item: abs(item - near))  # type: ignore[operator]
             return closest[0]
         return fixate_value(value.items[0])

@@ -109,7 +109,9 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
         ):
             data.flags.writeable = True
             return self
-        return msgspec.structs.replace(self, data=data.copy())
+        frame = msgspec.structs.replace(self, data=data.copy())
+        frame.data.flags.writeable = True
+        return frame
 
     def describe(self) -> str:
         """A few words that name the frame in a message."""

@@ -94,7 +94,7 @@ class TrackRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     pts_ns: Nanoseconds | None = None
     capture_ns: Nanoseconds | None = None
     capture_origin: Literal["rtcp", "misb", "file", "arrival"] | None = None
-    published_ns: Nanoseconds
+    published_ns: Nanoseconds | None = None
     age_ms: float | None = None
     width: Natural | None = None
     height: Natural | None = None
@@ -107,13 +107,13 @@ _ENCODER = msgspec.json.Encoder()
 _DECODER = msgspec.json.Decoder(TrackRecord)
 
 
-def track_record(frame: Frame, *, source: str, published_ns: int, dropped: int = 0) -> TrackRecord:
+def track_record(frame: Frame, *, source: str, published_ns: int | None, dropped: int = 0) -> TrackRecord:
     """The record of a frame, from its `Tracks` and `Registration`.
 
     Args:
         frame: any frame; without `Tracks` the record has no targets.
         source: who publishes.
-        published_ns: UTC now, ns.
+        published_ns: UTC now, ns; None leaves it and the age out.
         dropped: records lost so far.
 
     Raises:
@@ -129,7 +129,9 @@ def track_record(frame: Frame, *, source: str, published_ns: int, dropped: int =
         capture_ns=capture.utc_ns if capture else None,
         capture_origin=capture.origin if capture else None,
         published_ns=published_ns,
-        age_ms=round((published_ns - capture.utc_ns) / 1e6, 3) if capture else None,
+        age_ms=round((published_ns - capture.utc_ns) / 1e6, 3)
+        if capture and published_ns is not None
+        else None,
         width=_pixels(frame, "width"),
         height=_pixels(frame, "height"),
         registration=_registration_record(registration) if registration else None,

@@ -111,6 +111,11 @@ class Chain:
         if result is not None:
             push = self.transforms[position].src_pad.push
             for frame in result:
+                if not isinstance(frame, Frame):
+                    raise TypeError(
+                        f"transform returns a Frame, several, or None, got {type(result).__name__} "
+                        f"of {type(frame).__name__}: put data into a frame with frame.replace(data=...)"
+                    )
                 push(frame)
 
     def _failed(self, stage: Callable[[Frame], Any], frame: Any, cause: Exception) -> ElementFailure:

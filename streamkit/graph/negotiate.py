@@ -13,7 +13,7 @@ RAW_VIDEO = "video/x-raw"
 
 
 def negotiate(graph: Graph, places: dict[str, Place]) -> None:
-    """Goes through the links from the last in the text to the first.
+    """Goes through the links from the sinks up, so that a converter stands as far downstream as it can.
 
     Args:
         graph: links are checked; converters join it where they are needed.
@@ -28,20 +28,29 @@ def negotiate(graph: Graph, places: dict[str, Place]) -> None:
     links = sorted(graph.links(), key=lambda link: position[id(link[0].element)])
     for src, sink in links:
         offered, accepted = src.query_caps(), sink.query_caps()
-        if not (accepted & offered).is_empty:
+        # A pad that can carry nothing at all stands beside a conflict at another link; that one is dealt with.
+        if offered.is_empty or accepted.is_empty or not (accepted & offered).is_empty:
             continue
         if not _convert(graph, src, sink, offered, accepted):
-            raise DescriptionError(
-                "link",
-                f"could not link {src.path} to {sink.path}: they disagree on {offered.conflict(accepted)}: "
-                f"{src.path} offers {offered}; {sink.path} takes {accepted}",
-                places.get(src.path),
-            )
+            raise _conflict(src, sink, places)
+    for src, sink in graph.links():
+        if (sink.query_caps() & src.query_caps()).is_empty:
+            raise _conflict(src, sink, places)
+
+
+def _conflict(src: Pad, sink: Pad, places: dict[str, Place]) -> DescriptionError:
+    offered, accepted = src.query_caps(), sink.query_caps()
+    return DescriptionError(
+        "link",
+        f"could not link {src.path} to {sink.path}: they disagree on {offered.conflict(accepted)}: "
+        f"{src.path} offers {offered}; {sink.path} takes {accepted}",
+        places.get(src.path),
+    )
 
 
 def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps) -> bool:
     """Tries a converter between two raw-video pads that differ in nothing but the format."""
-    if CONVERTER not in installed_elements() or offered.is_empty or accepted.is_empty:
+    if CONVERTER not in installed_elements():
         return False
     if (accepted.without_fields("format") & offered.without_fields("format") & Caps(RAW_VIDEO)).is_empty:
         return False

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from streamkit.element.base import Element
+from streamkit.element.pad import Presence
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.errors import ElementFailure, ResourceError, StateError, StreamkitError
@@ -52,6 +53,7 @@ class Pipeline:
         self.error: Exception | None = None
         self.ended = threading.Event()
         self._lock = threading.RLock()
+        self._ending = threading.Lock()
         self._started: list[Element] = []
         self._threads: list[StreamingThread] = []
         self._chains: list[Chain] = []
@@ -95,6 +97,7 @@ class Pipeline:
         with self._lock:
             if self.state is not State.NULL:
                 return
+            self._demand_links()
             self.error = None
             self.ended.clear()
             for element in self.graph.from_sinks():
@@ -198,6 +201,15 @@ class Pipeline:
 
     # Inside.
 
+    def _demand_links(self) -> None:
+        """Refuses a graph with a sink pad that nothing is linked to: it would wait for ever."""
+        for element in self.graph.elements:
+            for pad in element.sink_pads():
+                if pad.peer is None and pad.template.presence is Presence.ALWAYS:
+                    raise element.failure(
+                        StateError(f"nothing is linked to its pad {pad.name}, so no frame would ever come")
+                    )
+
     def _begin_streaming(self) -> None:
         for element in self.graph.elements:
             for pad in element.pads.values():
@@ -209,7 +221,7 @@ class Pipeline:
         for element in self.graph.from_sinks():
             if isinstance(element, Streaming):
                 element.prepare_run()
-                self._threads.append(StreamingThread(element, self._failed))
+                self._threads.append(StreamingThread(element, self._failed, self._thread_ended))
         for thread in self._threads:
             thread.start()
 
@@ -225,7 +237,7 @@ class Pipeline:
 
     def _interrupt(self, element: Element) -> None:
         if isinstance(element, Source):
-            element.hold(False)
+            element.halt()
         try:
             element.interrupt()
         except Exception as cause:
@@ -253,9 +265,21 @@ class Pipeline:
             self.bus.post(message)
             return
         self._open_sinks.discard(message.source)
-        if not self._open_sinks and not self.ended.is_set() and self.error is None:
+        if not self._open_sinks:
+            self._post_eos()
+
+    def _post_eos(self) -> None:
+        with self._ending:
+            if self.ended.is_set() or self.error is not None:
+                return
             self.ended.set()
-            self.bus.post(Message(MessageKind.EOS, "", "end of stream"))
+        self.bus.post(Message(MessageKind.EOS, "", "end of stream"))
+
+    def _thread_ended(self) -> None:
+        """Nothing more can come once every thread has ended: that is the end even where a sink saw no EOS."""
+        stopping = any(element.stopping.is_set() for element in self.graph.elements)
+        if not stopping and all(thread.has_ended for thread in self._threads):
+            self._post_eos()
 
     def _failed(self, error: Exception) -> None:
         """An element's thread ended with an error: the first one is the pipeline's."""

@@ -28,9 +28,20 @@ class Streaming(Protocol):
 class StreamingThread:
     """The thread of one element."""
 
-    def __init__(self, element: Streaming, failed: Callable[[Exception], None]) -> None:
+    def __init__(
+        self, element: Streaming, failed: Callable[[Exception], None], ended: Callable[[], None]
+    ) -> None:
+        """A thread to be started.
+
+        Args:
+            element: streams in it.
+            failed: takes the error that ended streaming.
+            ended: called last, however streaming ended.
+        """
         self.element = element
+        self.has_ended = False
         self._failed = failed
+        self._ended = ended
         self._thread = threading.Thread(target=self._run, name=f"streamkit:{element.name}")
 
     def start(self) -> None:
@@ -43,6 +54,13 @@ class StreamingThread:
         return not self._thread.is_alive()
 
     def _run(self) -> None:
+        try:
+            self._stream()
+        finally:
+            self.has_ended = True
+            self._ended()
+
+    def _stream(self) -> None:
         element = self.element
         assert isinstance(element, Element)
         try:

@@ -1,0 +1,192 @@
+"""Cars that drive smooth curves below the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+LENGTHS = (20.0, 30.0)
+WIDTHS = (10.0, 13.0)
+SPEEDS = (1.5, 6.0)
+TURNING_RADIUS = 45.0
+ACCELERATION = 0.08
+STEERING_LAG = 0.15
+INSET = 0.12
+"""Cars aim at places this share of the frame away from its border."""
+LOOK_AHEAD = 25
+"""Cars know where the camera is this many frames later, or else the slow ones are left behind."""
+ARRIVED = 60.0
+PATIENCE = 260
+"""A car that circles around its goal takes another one after this many frames."""
+FORESIGHT = 40.0
+"""Cars look this many frames ahead for others in their way."""
+CLEARANCE = 40.0
+TOO_NEAR = 32.0
+HEAD_ON = 8.0
+EVASION = 3.0
+START_DISTANCE = 70.0
+
+
+@dataclass(slots=True, eq=False)
+class Traffic:
+    """The cars at one moment; `step` moves them on by one frame.
+
+    Lengths are in ground px; the constants of this module are frame px at the camera's mean altitude.
+
+    Attributes:
+        positions: float64[n, 2], middles of the bodies.
+        headings: float64[n], rad from +x towards +y.
+        speeds: float64[n], ground px per frame.
+        lengths: float64[n].
+        widths: float64[n].
+        scale: ground px per frame px.
+    """
+
+    positions: FloatArray
+    headings: FloatArray
+    speeds: FloatArray
+    lengths: FloatArray
+    widths: FloatArray
+    scale: float
+    frame_size: tuple[int, int]
+    random: np.random.Generator
+    cruising: FloatArray
+    curvatures: FloatArray
+    goals: FloatArray
+    ages: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.headings)
+
+    def step(self, ground_from_frame: FloatArray) -> None:
+        """Moves every car on by one frame.
+
+        Args:
+            ground_from_frame: float64[3, 3], where the camera is `LOOK_AHEAD` frames later.
+        """
+        if not len(self):
+            return
+        self._choose_goals(ground_from_frame)
+        outside = ~_inside(self._in_frame(ground_from_frame, self.positions), self.frame_size, 0.0)
+        to_goal = self.goals - self.positions
+        turns = _wrapped(np.arctan2(to_goal[:, 1], to_goal[:, 0]) - self.headings)
+        evasion, braking = self._keep_apart()
+        tightest = 1.0 / (TURNING_RADIUS * self.scale)
+        wanted = np.clip(turns / (ARRIVED * self.scale) + evasion * tightest, -tightest, tightest)
+        self.curvatures += STEERING_LAG * (wanted - self.curvatures)
+        cruising = np.where(outside, SPEEDS[1] * self.scale, self.cruising)
+        cruising = np.where(braking, SPEEDS[0] * self.scale, cruising)
+        most = ACCELERATION * self.scale * np.where(braking, 2.0, 1.0)
+        self.speeds += np.clip(cruising - self.speeds, -most, most)
+        turned = self.curvatures * self.speeds
+        directions = self.headings + turned / 2.0
+        self.positions += self.speeds[:, None] * np.stack([np.cos(directions), np.sin(directions)], axis=1)
+        self.headings = _wrapped(self.headings + turned)
+
+    def _in_frame(self, ground_from_frame: FloatArray, points: FloatArray) -> FloatArray:
+        frame_from_ground = np.linalg.inv(ground_from_frame)
+        return np.asarray(cv2.perspectiveTransform(points[None], frame_from_ground)[0], dtype=np.float64)
+
+    def _choose_goals(self, ground_from_frame: FloatArray) -> None:
+        """Gives a new goal to cars that arrived, lost patience or whose goal left the view."""
+        self.ages += 1
+        near = np.hypot(*(self.goals - self.positions).T) < ARRIVED * self.scale
+        seen = _inside(self._in_frame(ground_from_frame, self.goals), self.frame_size, INSET)
+        due = near | ~seen | (self.ages > PATIENCE)
+        if due.any():
+            self.goals[due] = _places(self.random, int(due.sum()), self.frame_size, ground_from_frame)
+            self.ages[due] = 0
+
+    def _keep_apart(self) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Steers away from cars that would come too close (-1 left, 1 right), and says which cars brake.
+
+        Each pair is carried on along its present motion to the moment when it is closest. The car that has
+        the other on its right gives way, so that two cars never wait for each other; head-on both turn right.
+        """
+        directions = np.stack([np.cos(self.headings), np.sin(self.headings)], axis=1)
+        velocities = self.speeds[:, None] * directions
+        apart = (self.positions[None, :] - self.positions[:, None]) / self.scale
+        approach = (velocities[None, :] - velocities[:, None]) / self.scale
+        closing = -np.einsum("ijk,ijk->ij", apart, approach)
+        moments = closing / np.maximum(np.einsum("ijk,ijk->ij", approach, approach), 1e-3)
+        missed = apart + approach * moments.clip(0.0, FORESIGHT)[..., None]
+        beside = (np.hypot(apart[..., 0], apart[..., 1]) < TOO_NEAR) & ~np.eye(len(self), dtype=bool)
+        danger = beside | (closing > 0.0) & (moments < FORESIGHT) & (
+            np.hypot(missed[..., 0], missed[..., 1]) < CLEARANCE
+        )
+        side_now, side_then = (
+            directions[:, None, 0] * gap[..., 1] - directions[:, None, 1] * gap[..., 0]
+            for gap in (apart, missed)
+        )
+        ahead = np.einsum("ijk,ik->ij", apart, directions) > 0.0
+        away = np.where(np.where(beside, side_now, side_then) > np.where(beside, 0.0, HEAD_ON), -1.0, 1.0)
+        urgency = 1.0 - moments.clip(0.0, FORESIGHT) / FORESIGHT
+        evasion = (danger * away * (0.5 + urgency)).sum(axis=1)
+        braking = (danger & ahead & (beside | (side_now > -HEAD_ON))).any(axis=1)
+        return EVASION * np.clip(evasion, -1.0, 1.0), braking
+
+
+def start_traffic(
+    count: int, frame_size: tuple[int, int], ground_from_frame: FloatArray, scale: float, seed: int
+) -> Traffic:
+    """Cars spread over the first frame, heading anywhere.
+
+    Args:
+        count: number of cars.
+        frame_size: width, height, px.
+        ground_from_frame: float64[3, 3], the first frame's homography to the ground.
+        scale: ground px per frame px at mean altitude.
+        seed: of places, sizes, speeds and goals.
+    """
+    random = np.random.default_rng((seed, 2))
+    positions = np.empty((0, 2))
+    for _ in range(count):
+        tries = _places(random, 30, frame_size, ground_from_frame)
+        gaps = (
+            np.hypot(*(tries[:, None] - positions[None]).transpose(2, 0, 1))
+            if len(positions)
+            else np.full((30, 1), np.inf)
+        )
+        best = int(np.minimum(gaps.min(axis=1), START_DISTANCE * scale).argmax())
+        positions = np.vstack([positions, tries[best : best + 1]])
+    speeds = np.sort(random.uniform(*SPEEDS, count))[random.permutation(count)] * scale
+    return Traffic(
+        positions=positions,
+        headings=random.uniform(-np.pi, np.pi, count),
+        speeds=speeds.copy(),
+        lengths=random.uniform(*LENGTHS, count) * scale,
+        widths=random.uniform(*WIDTHS, count) * scale,
+        scale=scale,
+        frame_size=frame_size,
+        random=random,
+        cruising=speeds,
+        curvatures=np.zeros(count),
+        goals=_places(random, count, frame_size, ground_from_frame),
+        ages=np.zeros(count, dtype=np.int64),
+    )
+
+
+def _places(
+    random: np.random.Generator, count: int, frame_size: tuple[int, int], ground_from_frame: FloatArray
+) -> FloatArray:
+    """float64[count, 2] places on the ground, evenly over the inner part of the frame."""
+    if count == 0:
+        return np.empty((0, 2))
+    shares = random.uniform(INSET, 1.0 - INSET, (count, 2))
+    points = shares * (np.array(frame_size, dtype=np.float64) - 1.0)
+    return np.asarray(cv2.perspectiveTransform(points[None], ground_from_frame)[0], dtype=np.float64)
+
+
+def _inside(points: FloatArray, frame_size: tuple[int, int], inset: float) -> NDArray[np.bool_]:
+    size = np.array(frame_size, dtype=np.float64) - 1.0
+    return np.asarray(((points >= inset * size) & (points <= (1.0 - inset) * size)).all(axis=1))
+
+
+def _wrapped(angles: FloatArray) -> FloatArray:
+    """Angles in -pi to pi."""
+    return np.asarray((angles + np.pi) % (2.0 * np.pi) - np.pi)

@@ -1,0 +1,52 @@
+"""What a rendered frame is known to show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueRegistration:
+    """The exact homographies of a rendered frame; the ground is flat, so they hold for every ground pixel.
+
+    Attributes:
+        to_previous: float64[3, 3], maps pixels of this frame to the previous frame; identity on the first.
+        to_reference: float64[3, 3], maps pixels of this frame to the first frame.
+    """
+
+    to_previous: FloatArray
+    to_reference: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueTargets:
+    """The cars of a rendered frame, one row each, in order of their ids.
+
+    Only cars whose whole body is visible are rows: all four corners of the body's rectangle lie between the
+    centres of the frame's border pixels. Shadows do not count. A car below another car is still a row.
+
+    Attributes:
+        ids: int64[n], number of the car, the same in every frame.
+        centres: float64[n, 2], x y of the middle of the body, px of this frame.
+        lengths: float64[n], px of this frame.
+        widths: float64[n], px of this frame.
+        angles: float64[n], direction of travel, rad from +x towards +y, in -pi to pi.
+        velocities: float64[n, 2], motion over the ground in px/s along this frame's axes; the camera's own
+            motion is not in it.
+    """
+
+    ids: IntArray
+    centres: FloatArray
+    lengths: FloatArray
+    widths: FloatArray
+    angles: FloatArray
+    velocities: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.ids)

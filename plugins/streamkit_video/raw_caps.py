@@ -1,0 +1,40 @@
+"""Choosing among caps of raw video."""
+
+from __future__ import annotations
+
+from streamkit import Caps, NotNegotiated, ValueList
+from streamkit_video.pixel_formats import odd_size, size_allows
+
+
+def formats_in(caps: Caps) -> list[str]:
+    """The formats that caps name, in their order."""
+    found: list[str] = []
+    for structure in caps.structures:
+        value = structure.fields.get("format")
+        items = value.items if isinstance(value, ValueList) else (value,)
+        found.extend(item for item in items if isinstance(item, str) and item not in found)
+    return found
+
+
+def choose_format(allowed: Caps, wanted: tuple[str, ...], near: Caps, element: str) -> Caps:
+    """Fixed caps out of `allowed`, of the first format wanted that its size allows.
+
+    Args:
+        allowed: raw video caps.
+        wanted: formats in order of preference.
+        near: what the other fields should be near to.
+        element: who chooses, for the error.
+
+    Raises:
+        NotNegotiated: only I420 or NV12 of an odd size is left.
+    """
+    refused = ""
+    for name in wanted:
+        caps = (allowed & Caps(f"video/x-raw, format={name}")).fixate(near=near)
+        if caps.is_empty:
+            continue
+        size = (caps.integer("width"), caps.integer("height"))
+        if size_allows(name, *size):
+            return caps
+        refused = refused or odd_size(name, *size)
+    raise NotNegotiated(f"{element}: {refused or f'caps {allowed} name no format of raw video it knows'}")

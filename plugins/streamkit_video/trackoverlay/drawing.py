@@ -1,0 +1,138 @@
+"""Drawing on BGR pictures; every function writes into the array it is given and clips at its borders."""
+
+from __future__ import annotations
+
+import colorsys
+import enum
+import itertools
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+ByteArray = NDArray[np.uint8]
+FloatArray = NDArray[np.float64]
+Colour = tuple[int, int, int]
+
+SHIFT = 4
+"""Fractional bits of the coordinates given to OpenCV."""
+FARTHEST = 1 << 20
+"""Coordinates beyond this many px are cut, or else OpenCV's fixed-point numbers overflow."""
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+DASH = 6.0
+GAP = 6.0
+SMALLEST_SIDE = 6.0
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+LABEL_SCALE = 0.5
+EDGE = ((-1, 0), (1, 0), (0, -1), (0, 1))
+DETECTION_COLOUR: Colour = (200, 200, 200)
+BLACK: Colour = (0, 0, 0)
+WHITE: Colour = (255, 255, 255)
+
+
+class LineStyle(enum.StrEnum):
+    """How an outline is drawn."""
+
+    SOLID = "solid"
+    DASHED = "dashed"
+    THIN = "thin"
+
+
+def identity_colour(identity: int) -> Colour:
+    """A bright colour for an id, BGR: hues of ids that follow each other lie far apart."""
+    red, green, blue = colorsys.hsv_to_rgb((identity * GOLDEN) % 1.0, 0.75, 1.0)
+    return round(255 * blue), round(255 * green), round(255 * red)
+
+
+def box_corners(x: float, y: float, length: float, width: float, angle: float) -> FloatArray:
+    """float64[4, 2]: the corners of a turned box, front right first, in order round it, px.
+
+    Args:
+        x: centre.
+        y: centre.
+        length: along `angle`; boxes smaller than `SMALLEST_SIDE` are drawn that large.
+        width: across it.
+        angle: rad from +x towards +y.
+    """
+    along = np.array([math.cos(angle), math.sin(angle)]) * max(length, SMALLEST_SIDE) / 2.0
+    across = np.array([-math.sin(angle), math.cos(angle)]) * max(width, SMALLEST_SIDE) / 2.0
+    corners = np.array([along + across, along - across, -along - across, -along + across])
+    return np.asarray(corners + np.array([x, y]), np.float64)
+
+
+def draw_outline(picture: ByteArray, corners: FloatArray, colour: Colour, style: LineStyle) -> None:
+    """Draws a closed outline.
+
+    Args:
+        picture: uint8[h, w, 3], written to.
+        corners: float64[n, 2], px.
+        colour: BGR.
+        style: solid and dashed are two px wide, thin one.
+    """
+    if not np.isfinite(corners).all():
+        return
+    if style is LineStyle.DASHED:
+        dashes = [_fixed_point(dash) for dash in _dashes(np.vstack([corners, corners[:1]]))]
+        cv2.polylines(picture, dashes, False, colour, 2, cv2.LINE_AA, SHIFT)
+        return
+    thickness = 1 if style is LineStyle.THIN else 2
+    cv2.polylines(picture, [_fixed_point(corners)], True, colour, thickness, cv2.LINE_AA, SHIFT)
+
+
+def draw_trail(picture: ByteArray, points: FloatArray, colour: Colour) -> None:
+    """Draws where something was: float64[n, 2] px, oldest first; the older half is thin."""
+    points = points[np.isfinite(points).all(axis=1)]
+    middle = len(points) // 2
+    for part, thickness in ((points[: middle + 1], 1), (points[middle:], 2)):
+        if len(part) > 1:
+            cv2.polylines(picture, [_fixed_point(part)], False, colour, thickness, cv2.LINE_AA, SHIFT)
+
+
+def draw_label(picture: ByteArray, text: str, corners: FloatArray, colour: Colour) -> None:
+    """Writes a word to the upper right of an outline, in its colour on a dark edge."""
+    if not np.isfinite(corners).all():
+        return
+    limit = float(max(picture.shape[:2]))
+    right, top = np.clip([corners[:, 0].max(), corners[:, 1].min()], -limit, 2.0 * limit)
+    x, y = round(float(right)) + 2, round(float(top)) - 2
+    # A wider black text below would not do: the letters of OpenCV's font run wider as they get bolder.
+    for beside, below in EDGE:
+        cv2.putText(picture, text, (x + beside, y + below), FONT, LABEL_SCALE, BLACK, 1, cv2.LINE_AA)
+    cv2.putText(picture, text, (x, y), FONT, LABEL_SCALE, colour, 1, cv2.LINE_AA)
+
+
+def draw_status(picture: ByteArray, text: str) -> None:
+    """Writes a line on a darkened strip in the upper left corner."""
+    size = text_scale(picture.shape[0])
+    (width, height), below = cv2.getTextSize(text, FONT, size, 1)
+    margin = max(3, height // 2)
+    strip = picture[: height + below + margin, : width + 2 * margin]
+    strip //= 3
+    cv2.putText(picture, text, (margin, height + margin // 2 + 1), FONT, size, WHITE, 1, cv2.LINE_AA)
+
+
+def text_scale(height: int) -> float:
+    """The scale of OpenCV's font for the status line in a picture of this height."""
+    return min(max(height / 1300.0, 0.35), 1.2)
+
+
+def _fixed_point(points: FloatArray) -> NDArray[np.int32]:
+    scaled = np.rint(points.clip(-FARTHEST, FARTHEST) * (1 << SHIFT))
+    return np.asarray(scaled, np.int32)
+
+
+def _dashes(path: FloatArray) -> list[FloatArray]:
+    """The dashes of a path; a side shorter than one dash is drawn whole, one too long to see as one dash."""
+    pieces: list[FloatArray] = []
+    for begin, end in itertools.pairwise(path):
+        length = float(np.hypot(*(end - begin)))
+        if not DASH < length < 4096.0:
+            pieces.append(np.array([begin, end]))
+            continue
+        count = max(2, round((length + GAP) / (DASH + GAP)))
+        stride = (length + GAP) / count
+        for number in range(count):
+            shares = np.array([[number * stride], [number * stride + stride - GAP]]) / length
+            pieces.append(begin + shares * (end - begin))
+    return pieces

@@ -1,0 +1,175 @@
+"""trackoverlay: draws tracks into the video."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from streamkit import (
+    Detections,
+    DiscontinuityEvent,
+    Event,
+    Frame,
+    Property,
+    Registration,
+    RegistrationStatus,
+    ResourceError,
+    Track,
+    Tracks,
+    TrackState,
+    Transform,
+)
+from streamkit_video.trackoverlay import drawing
+from streamkit_video.trackoverlay.snapshot import check_target, write_picture
+from streamkit_video.trackoverlay.trails import Trails
+
+STYLES = {
+    TrackState.TENTATIVE: drawing.LineStyle.THIN,
+    TrackState.CONFIRMED: drawing.LineStyle.SOLID,
+    TrackState.COASTING: drawing.LineStyle.DASHED,
+}
+UNKNOWN_PLACE = (RegistrationStatus.LOST, RegistrationStatus.CUT)
+NOMINAL_FRAME_NS = 40_000_000
+
+
+class TrackOverlay(Transform):
+    """Draws the tracks of each frame: turned boxes with ids, and trails that stay on the ground.
+
+    Confirmed tracks are solid, coasting ones dashed, tentative ones thin. Each id has its colour.
+
+    Example:
+        dronetestsrc num-buffers=3 ! videoconvert ! trackoverlay ! fakesink
+    """
+
+    sink = src = "video/x-raw, format=BGR"
+
+    trails: float = Property(
+        2.0, min=0.0, max=60.0, unit="s", live=True, doc="How far back the trails go; 0 draws none."
+    )
+    labels: bool = Property(True, live=True, doc="Write the id beside each box.")
+    tentative: bool = Property(False, live=True, doc="Draw tentative tracks, too.")
+    detections: bool = Property(False, live=True, doc="Draw the boxes of detections, too.")
+    status: bool = Property(True, live=True, doc="Write frame, registration and tracks in the corner.")
+    snapshot: str | None = Property(
+        None, doc="Picture file for the last frame with a confirmed track, written at the end."
+    )
+
+    def start(self) -> None:
+        """Forgets an earlier run; checks where the snapshot goes."""
+        self._trails = Trails()
+        self._time_ns = 0
+        self._kept: NDArray[np.uint8] | None = None
+        if self.snapshot is not None:
+            try:
+                check_target(Path(self.snapshot))
+            except OSError as error:
+                raise ResourceError(f"{self.name}: snapshot: {error}") from error
+
+    def event(self, event: Event) -> None:
+        """After a discontinuity nothing is where it was."""
+        if isinstance(event, DiscontinuityEvent):
+            self._trails.clear()
+
+    def transform(self, frame: Frame) -> Frame:
+        """The frame with its tracks drawn."""
+        frame = frame.writable()
+        picture = frame.data
+        registration, tracks = frame.get(Registration), self._drawn(frame.get(Tracks))
+        self._update_trails(frame, registration, tracks)
+        if self.trails > 0.0:
+            self._draw_trails(picture, tracks)
+        if self.detections:
+            self._draw_detections(picture, frame.get(Detections))
+        for track in tracks:
+            self._draw_track(picture, track)
+        if self.status:
+            drawing.draw_status(picture, _status_text(frame, registration, frame.get(Tracks)))
+        picture.flags.writeable = False
+        if self.snapshot is not None and any(track.state is TrackState.CONFIRMED for track in tracks):
+            self._kept = picture
+        return frame
+
+    def drain(self) -> Iterable[Frame]:
+        """Writes the snapshot."""
+        try:
+            self._write_snapshot()
+        except OSError as error:
+            raise ResourceError(f"{self.name}: snapshot: {error}") from error
+        return ()
+
+    def stop(self) -> None:
+        """Writes the snapshot if the stream was stopped before its end."""
+        try:
+            if self._kept is not None:
+                self._write_snapshot()
+        except OSError as error:
+            self.post_warning(f"snapshot: {error}")
+        self._trails.clear()
+
+    def _drawn(self, tracks: Tracks | None) -> list[Track]:
+        """The tracks to draw: not the lost ones, and tentative ones only if asked for."""
+        found = () if tracks is None else tracks.tracks
+        return [
+            track
+            for track in found
+            if track.state in STYLES and (self.tentative or track.state is not TrackState.TENTATIVE)
+        ]
+
+    def _update_trails(self, frame: Frame, registration: Registration | None, tracks: list[Track]) -> None:
+        if registration is not None and registration.status in UNKNOWN_PLACE:
+            self._trails.clear()
+        elif registration is not None:
+            self._trails.follow(registration.to_previous)
+        self._time_ns = self._time_ns + NOMINAL_FRAME_NS if frame.pts is None else frame.pts
+        places = [(track.x, track.y) for track in tracks]
+        self._trails.extend([track.id for track in tracks], places, self._time_ns)
+        self._trails.forget(self._time_ns - int(self.trails * 1e9))
+
+    def _draw_trails(self, picture: NDArray[np.uint8], tracks: list[Track]) -> None:
+        """Draws each trail up to the target's box, so that the target itself stays visible."""
+        current = {track.id: track for track in tracks}
+        for identity, points in self._trails.paths():
+            track = current.get(identity)
+            outside = np.ones(len(points), dtype=bool)
+            if track is not None:
+                outside = np.hypot(points[:, 0] - track.x, points[:, 1] - track.y) > track.length / 2.0
+            drawing.draw_trail(picture, points[outside], drawing.identity_colour(identity))
+
+    def _draw_track(self, picture: NDArray[np.uint8], track: Track) -> None:
+        colour = drawing.identity_colour(track.id)
+        corners = drawing.box_corners(track.x, track.y, track.length, track.width, track.angle)
+        drawing.draw_outline(picture, corners, colour, STYLES[track.state])
+        if self.labels:
+            drawing.draw_label(picture, str(track.id), corners, colour)
+
+    def _draw_detections(self, picture: NDArray[np.uint8], detections: Detections | None) -> None:
+        for x0, y0, x1, y1 in () if detections is None else detections.boxes:
+            corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+            drawing.draw_outline(picture, corners, drawing.DETECTION_COLOUR, drawing.LineStyle.THIN)
+
+    def _write_snapshot(self) -> None:
+        if self.snapshot is None:
+            return
+        kept, self._kept = self._kept, None
+        if kept is None:
+            self.post_warning(f"snapshot {self.snapshot} is not written: no frame had a confirmed track")
+            return
+        try:
+            write_picture(Path(self.snapshot), kept)
+        except cv2.error as error:
+            raise OSError(f"{self.snapshot}: {error.err}") from error
+
+
+def _status_text(frame: Frame, registration: Registration | None, tracks: Tracks | None) -> str:
+    words = [f"frame {frame.seq}"]
+    if registration is not None:
+        words.append(f"registration {registration.status}")
+    if tracks is not None:
+        states = [track.state for track in tracks.tracks]
+        confirmed, coasting = states.count(TrackState.CONFIRMED), states.count(TrackState.COASTING)
+        words.append(f"tracks {confirmed}" + (f", {coasting} coasting" if coasting else ""))
+    return "   ".join(words)

@@ -1,0 +1,57 @@
+"""videotestsrc: test pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+
+from streamkit import Caps, Frame, Property, Source
+from streamkit_video.patterns import MOVING, Pattern, paint
+from streamkit_video.pixel_formats import FORMATS, convert
+from streamkit_video.raw_caps import choose_format, formats_in
+
+PREFERRED = Caps("video/x-raw, width=320, height=240, framerate=30/1")
+PACE_OF_VARIABLE_RATE = Fraction(30)
+
+
+class VideoTestSrc(Source):
+    """Test pictures in any raw format; the same properties and caps give the same frames.
+
+    Example:
+        videotestsrc num-buffers=5 pattern=ball ! fakesink
+    """
+
+    src = (
+        f"video/x-raw, format={{ {', '.join(FORMATS)} }}, width=[ 1, 16384 ], height=[ 1, 16384 ], "
+        "framerate=[ 0/1, 1000/1 ]"
+    )
+
+    num_buffers: int = Property(-1, min=-1, doc="Frames before EOS; -1 is endless.")
+    pattern: Pattern = Property(Pattern.SMPTE, doc="What the pictures show.")
+    seed: int = Property(0, min=0, doc="Another seed is other snow.")
+    is_live: bool = Property(False, doc="Pace the frames in real time, as a camera would.")
+
+    def negotiate(self, allowed: Caps) -> Caps:
+        """320x240 at 30 frames a second, or what is nearest to it."""
+        return choose_format(allowed, tuple(formats_in(allowed)), PREFERRED, self.name)
+
+    def frames(self) -> Iterator[Frame]:
+        """Paints frame after frame; a picture that does not change is painted once."""
+        caps = self.src_caps
+        rate = caps["framerate"]
+        pace = rate if isinstance(rate, Fraction) and rate > 0 else PACE_OF_VARIABLE_RATE
+        still = None if self.pattern in MOVING else self._picture(caps, 0)
+        began_ns, count = self.clock_ns(), 0
+        while self.num_buffers < 0 or count < self.num_buffers:
+            pts, end = (int(number * 1_000_000_000 / pace) for number in (count, count + 1))
+            if self.is_live and not self.clock.wait_until(began_ns + pts, self.stopping):
+                return
+            if still is None:
+                yield self._picture(caps, count).replace(pts=pts, duration=end - pts)
+            else:
+                yield still.replace(pts=pts, duration=end - pts)
+            count += 1
+
+    def _picture(self, caps: Caps, index: int) -> Frame:
+        picture = paint(self.pattern, caps.integer("width"), caps.integer("height"), index, self.seed)
+        return Frame(convert(picture, "BGR", str(caps["format"])), caps)

@@ -1,0 +1,82 @@
+"""Tests of videotestsrc in pipelines."""
+
+import numpy as np
+import pytest
+
+from streamkit import Frame, Pipeline, StreamkitError
+
+FORMATS = ("I420", "NV12", "BGR", "RGB", "BGRA", "RGBA", "GRAY8")
+
+
+def frames_of(description: str) -> list[Frame]:
+    """All frames of a pipeline without its sink."""
+    with Pipeline.parse(f"{description} ! appsink name=out") as pipeline:
+        pipeline.play()
+        return list(pipeline["out"])
+
+
+def test_its_default_is_gstreamers() -> None:
+    """320x240, I420, 30 frames a second, numbered and timed."""
+    frames = frames_of("videotestsrc num-buffers=3")
+    caps = frames[0].caps
+    assert (caps["format"], caps["width"], caps["height"], caps["framerate"]) == ("I420", 320, 240, 30)
+    assert [frame.pts for frame in frames] == [0, 33_333_333, 66_666_666]
+    assert [frame.duration for frame in frames] == [33_333_333, 33_333_333, 33_333_334]
+    assert frames[0].data.shape == (360, 320)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_formats(name: str) -> None:
+    """Every raw format has its layout."""
+    (frame,) = frames_of(f"videotestsrc num-buffers=1 ! video/x-raw, format={name}, width=64, height=48")
+    rows = 72 if name in ("I420", "NV12") else 48
+    channels = {"BGR": (3,), "RGB": (3,), "BGRA": (4,), "RGBA": (4,)}.get(name, ())
+    assert frame.data.shape == (rows, 64, *channels)
+    assert not frame.data.flags.writeable
+
+
+@pytest.mark.parametrize("pattern", ["smpte", "ball", "snow", "checkers", "gradient", "black", "white"])
+def test_patterns_repeat_bit_for_bit(pattern: str) -> None:
+    """Two runs agree in every frame."""
+    runs = [
+        frames_of(f"videotestsrc num-buffers=3 pattern={pattern} ! video/x-raw, width=64, height=48")
+        for _ in range(2)
+    ]
+    assert all(np.array_equal(one.data, two.data) for one, two in zip(*runs, strict=True))
+
+
+def test_a_still_pattern_is_painted_once() -> None:
+    """Frames of a picture that does not change share its memory."""
+    frames = frames_of("videotestsrc num-buffers=3 ! video/x-raw, width=64, height=48")
+    assert frames[0].data is frames[2].data
+
+
+def test_the_nearest_size_allowed_is_taken() -> None:
+    """Ranges give what is nearest to 320x240 at 30 a second."""
+    (frame,) = frames_of(
+        "videotestsrc num-buffers=1 ! video/x-raw, width=[ 400, 800 ], framerate=[ 1/1, 15/1 ]"
+    )
+    caps = frame.caps
+    assert (caps["width"], caps["height"], caps["framerate"]) == (400, 240, 15)
+
+
+def test_an_odd_size_takes_a_format_that_has_it() -> None:
+    """I420 comes first, but cannot be odd."""
+    (frame,) = frames_of("videotestsrc num-buffers=1 ! video/x-raw, width=31")
+    assert frame.caps["format"] == "BGR"
+    with pytest.raises(
+        StreamkitError, match=r"videotestsrc0: I420 needs an even width and height, got 31x240"
+    ):
+        frames_of("videotestsrc num-buffers=1 ! video/x-raw, format=I420, width=31")
+
+
+def test_an_unknown_pattern_lists_the_known() -> None:
+    """The error names the property and the choices."""
+    with pytest.raises(StreamkitError, match=r"pattern cannot be 'bars': it takes smpte, ball"):
+        Pipeline.parse("videotestsrc pattern=bars ! fakesink")
+
+
+def test_a_live_source_keeps_real_time() -> None:
+    """Four frames at 20 a second take no less than three of their intervals."""
+    frames = frames_of("videotestsrc num-buffers=4 is-live=true ! video/x-raw, framerate=20/1")
+    assert frames[-1].arrival_ns - frames[0].arrival_ns >= 100_000_000

@@ -1,0 +1,44 @@
+"""Tests of writing a picture whole or not at all."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from streamkit_video.trackoverlay.snapshot import check_target, write_picture
+
+PICTURE = np.full((6, 8, 3), 77, np.uint8)
+
+
+def test_the_picture_is_written_and_nothing_else(tmp_path: Path) -> None:
+    """The file holds the picture; no draft stays; an older file is replaced."""
+    target = tmp_path / "shot.png"
+    target.write_bytes(b"old")
+    write_picture(target, PICTURE)
+    np.testing.assert_array_equal(cv2.imread(str(target)), PICTURE)
+    assert [path.name for path in tmp_path.iterdir()] == ["shot.png"]
+
+
+def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
+    """A target that cannot be replaced is untouched and no draft stays."""
+    target = tmp_path / "shot.png"
+    target.mkdir()
+    with pytest.raises(OSError, match=r"shot\.png"):
+        write_picture(target, PICTURE)
+    assert [path.name for path in tmp_path.iterdir()] == ["shot.png"]
+
+
+@pytest.mark.parametrize(
+    ("name", "rule"),
+    [
+        ("gone/shot.png", "does not exist; make it first"),
+        ("shot.odd", "no picture format has the ending '.odd'"),
+        ("shot", "no picture format has the ending ''"),
+        ("", "is a folder"),
+    ],
+)
+def test_bad_targets_are_refused(tmp_path: Path, name: str, rule: str) -> None:
+    """The error says what is wrong and what to do."""
+    with pytest.raises(OSError, match=rule):
+        check_target(tmp_path / name)
