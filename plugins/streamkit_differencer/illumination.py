@@ -1,0 +1,78 @@
+"""Changes of brightness of the whole picture: exposure steps, automatic gain, a cloud's shadow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    ByteImage = NDArray[np.uint8]
+    FloatImage = NDArray[np.float32]
+
+SAMPLE_STEP = 8
+FEWEST_SAMPLES = 100
+ROUNDS = 4
+GAIN_LIMITS = (0.4, 2.5)
+DARKEST, BRIGHTEST = 8, 247
+# Smaller steps than this are learnt by equation 3 in time.
+SMALLEST_SHIFT = 4.0
+SMALLEST_AGREEMENT = 0.6
+NEAR = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Brightness:
+    """The linear change that makes one picture as bright as another: gain times the value plus offset.
+
+    Attributes:
+        gain: factor.
+        offset: grey levels.
+    """
+
+    gain: float
+    offset: float
+
+
+def exposure_step(model: FloatImage | ByteImage, current: ByteImage, known: ByteImage) -> Brightness | None:
+    """Estimates how the brightness of the whole picture changed, from every eighth pixel of every eighth row.
+
+    A line is fitted to the pairs of values, then again to the pairs close to it, so that movers and ghosts
+    lose their say. Pixels near black and white are left out: they may be clipped.
+
+    Args:
+        model: float32 or uint8[h, w], the picture as it is known.
+        current: uint8[h, w], the picture as it is now.
+        known: uint8[h, w], mask of the pixels where `model` holds.
+
+    Returns:
+        The change from `model` to `current`; None if it is too small to follow, if too few pixels tell, or if
+        it does not explain the picture and is therefore no change of exposure.
+    """
+    grid = np.s_[SAMPLE_STEP // 2 :: SAMPLE_STEP, SAMPLE_STEP // 2 :: SAMPLE_STEP]
+    before, after = model[grid].astype(np.float32), current[grid].astype(np.float32)
+    usable = (
+        (known[grid] > 0) & (np.minimum(before, after) > DARKEST) & (np.maximum(before, after) < BRIGHTEST)
+    )
+    before, after = before[usable], after[usable]
+    if before.size < FEWEST_SAMPLES:
+        return None
+    gain, offset = 1.0, float(np.median(after - before))
+    if abs(offset) < SMALLEST_SHIFT:
+        return None
+    for _ in range(ROUNDS):
+        residual = np.abs(after - gain * before - offset)
+        near = residual <= max(3.0 * float(np.median(residual)), 2.0)
+        spread = float(before[near].var())
+        if spread < 1.0:
+            break
+        x, y = before[near] - before[near].mean(), after[near]
+        gain = float(x @ y) / (spread * x.size)
+        offset = float(y.mean() - gain * before[near].mean())
+    if not GAIN_LIMITS[0] <= gain <= GAIN_LIMITS[1]:
+        return None
+    agreement = float((np.abs(after - gain * before - offset) <= NEAR).mean())
+    return Brightness(gain, offset) if agreement >= SMALLEST_AGREEMENT else None

@@ -1,0 +1,249 @@
+"""One frame through the differencer, on worlds with exact truth."""
+
+import numpy as np
+import pytest
+from scipy.optimize import linear_sum_assignment
+
+from streamkit_differencer.anchor import Change, Motion
+from streamkit_differencer.differencer import Differencer, reduced
+from streamkit_differencer.model import Event, ModelSettings
+
+WARM_UP = 32
+MATCH_PX = 15.0
+
+
+def motions(world, jitter=0.0):
+    """Registrations of a world: chained from neighbours, each with errors as a stitcher makes them."""
+    random = np.random.default_rng(99)
+    to_reference = np.eye(3)
+    for time in range(world.count):
+        to_previous = world.to_previous(time)
+        to_previous = to_previous + np.array([[0, 0, 1.0], [0, 0, 1.0], [0, 0, 0]]) * random.normal(
+            0, jitter, (3, 1)
+        )
+        if time == 0:
+            to_previous = np.eye(3)
+        to_reference = to_reference @ to_previous
+        yield Motion(to_reference, to_previous if time else None)
+
+
+def overlap(first, second):
+    """Intersection over union of two boxes."""
+    low, high = np.maximum(first[:2], second[:2]), np.minimum(first[2:], second[2:])
+    shared = np.prod(np.clip(high - low, 0, None))
+    return shared / (np.prod(first[2:] - first[:2]) + np.prod(second[2:] - second[:2]) - shared)
+
+
+class Score:
+    """Objects against truth: matched within 15 px, one to one."""
+
+    def __init__(self):
+        self.hits = self.false = self.missed = 0
+        self.errors, self.overlaps = [], []
+
+    def add(self, objects, world, time):
+        truth = world.truth(time)
+        partly = [outline.mean(axis=0) for outline in world.outlines(time)]
+        near = [min(np.linalg.norm(centre - p) for p in partly) for centre in objects.centroids]
+        distance = np.array([[np.linalg.norm(c - t[0]) for t in truth] for c in objects.centroids])
+        matched = set()
+        if distance.size:
+            for i, j in zip(*linear_sum_assignment(distance), strict=True):
+                if distance[i, j] <= MATCH_PX:
+                    matched.add(i)
+                    self.errors.append(distance[i, j])
+                    self.overlaps.append(overlap(objects.boxes[i], truth[j][1]))
+        self.hits += len(matched)
+        self.missed += len(truth) - len(matched)
+        self.false += sum(1 for i, d in enumerate(near) if i not in matched and d > MATCH_PX)
+
+    @property
+    def f_measure(self):
+        return 2 * self.hits / (2 * self.hits + self.false + self.missed)
+
+
+def run(world, differencer, jitter=0.0):
+    """The score of a differencer on a world, and the changes of its canvas."""
+    score, changes = Score(), []
+    for time, (frame, motion) in enumerate(zip(world.frames, motions(world, jitter), strict=True)):
+        result = differencer.update(frame, motion if world.is_moving else None)
+        changes.append(result.change)
+        if time >= WARM_UP:
+            score.add(result.objects, world, time)
+    return score, changes
+
+
+@pytest.mark.parametrize("is_moving", [False, True], ids=["fixed", "moving"])
+@pytest.mark.parametrize("seed", [11, 12])
+def test_cars_are_found_whole_and_where_they_are(world, is_moving, seed):
+    """Object F at least 0.9, centroids within 2 px and boxes that overlap the cars by 0.7 in the mean."""
+    score, _ = run(world(seed, is_moving), Differencer(), jitter=0.15)
+    assert score.hits > 60
+    assert score.f_measure >= 0.9
+    assert np.mean(score.errors) <= 2.0
+    assert np.mean(score.overlaps) >= 0.7
+
+
+@pytest.mark.parametrize("scale", [1, 4])
+def test_other_working_scales_find_the_same_cars(world, scale):
+    """Centroids and boxes stay in frame pixels at every scale; 4 is coarse for small cars."""
+    score, _ = run(world(11, True), Differencer(scale))
+    assert score.f_measure >= (0.9 if scale == 1 else 0.75)
+    assert np.mean(score.errors) <= 2.0
+
+
+def test_the_error_of_position_has_no_bias(world):
+    """Half a pixel lost in halving or warping would show as a common shift of the centroids."""
+    flight, shifts = world(11, True), []
+    differencer = Differencer()
+    for time, (frame, motion) in enumerate(zip(flight.frames, motions(flight), strict=True)):
+        objects = differencer.update(frame, motion).objects
+        for centre, box in flight.truth(time) if time >= WARM_UP else ():
+            middles = (objects.boxes[:, :2] + objects.boxes[:, 2:]) / 2
+            if len(objects) and np.abs(middles - centre).sum(axis=1).min() < 10:
+                nearest = np.abs(middles - centre).sum(axis=1).argmin()
+                shifts.append(middles[nearest] - (box[:2] + box[2:]) / 2)
+    assert len(shifts) > 60
+    assert np.abs(np.median(shifts, axis=0)).max() < 0.5
+
+
+def test_a_flight_scrolls_the_canvas(world):
+    """The moving world leaves the margin of its first canvas, so what is tested includes scrolling."""
+    _, changes = run(world(11, True), Differencer())
+    assert changes[0] is Change.NEW
+    assert Change.SCROLL in changes
+
+
+def test_without_motion_a_moving_camera_sees_motion_everywhere(world):
+    """The compensation is what finds the cars: without it the objects are not the cars."""
+    flight, score = world(11, True), Score()
+    differencer = Differencer()
+    for time, frame in enumerate(flight.frames):
+        objects = differencer.update(frame, None).objects
+        if time >= WARM_UP:
+            score.add(objects, flight, time)
+    assert score.f_measure < 0.5
+
+
+def test_nothing_is_found_where_nothing_moves(world):
+    """A standing scene under a moving, jittering camera gives no objects."""
+    flight = world(11, True)
+    empty = type(flight)(
+        21, True, count=40, cars=[flight.cars[0].__class__((-900.0, -900.0), (0.0, 1.0), 20, 0)]
+    )
+    differencer = Differencer()
+    for frame, motion in zip(empty.frames, motions(empty, 0.15), strict=True):
+        assert len(differencer.update(frame, motion).objects) == 0
+
+
+def test_one_frame_gives_no_objects(world):
+    """There is nothing to compare the first frame with."""
+    result = Differencer().update(world(11, True).frames[0], Motion(np.eye(3)))
+    assert len(result.objects) == 0
+    assert result.change is Change.NEW
+
+
+def test_another_frame_size_begins_a_new_model(world):
+    """Frames of another size are another stream; nothing is found until its background is known."""
+    flight, differencer = world(12, False), Differencer()
+    for frame in flight.frames[:30]:
+        differencer.update(frame, None)
+    for frame in flight.frames[30:40]:
+        result = differencer.update(np.ascontiguousarray(frame[:200, :300]), None)
+        assert result.foreground.shape == (100, 150)
+        assert len(result.objects) == 0
+
+
+def test_a_missed_frame_holds_the_model(world):
+    """After frames without registration the cars are found at once: nothing was forgotten."""
+    flight, differencer = world(11, True), Differencer()
+    score = Score()
+    for time, (frame, motion) in enumerate(zip(flight.frames, motions(flight), strict=True)):
+        if 30 <= time < 34:
+            differencer.miss()
+            continue
+        result = differencer.update(frame, motion)
+        if time >= 34:
+            score.add(result.objects, flight, time)
+    assert score.f_measure >= 0.85
+
+
+def test_a_useless_registration_is_no_result(world):
+    """A singular matrix does not place the frame, and the model is as it was."""
+    flight, differencer = world(11, True), Differencer()
+    assert differencer.update(flight.frames[0], Motion(np.zeros((3, 3)))) is None
+    assert differencer.update(flight.frames[0], Motion(np.eye(3))).change is Change.NEW
+    assert differencer.update(flight.frames[1], Motion(np.full((3, 3), np.nan))) is None
+    assert differencer.update(flight.frames[1], Motion(flight.to_reference(1))).change is Change.NONE
+
+
+def test_a_black_burst_gives_no_objects(world):
+    """Five black frames begin the model anew, twice; then objects come back and no false ones before."""
+    flight, differencer = world(12, False), Differencer()
+    events, false = [], 0
+    for time, frame in enumerate(flight.frames):
+        picture = np.zeros_like(frame) if 25 <= time < 30 else frame
+        result = differencer.update(picture, None)
+        events.append(result.event)
+        if 25 <= time < 38:
+            false += len(result.objects)
+    assert Event.RESET in events
+    assert false == 0
+    assert len(result.objects) >= 2
+
+
+def test_a_gain_step_keeps_the_cars(world):
+    """The exposure rises by a third in one frame: the model follows, the cars stay found."""
+    flight, differencer, score = world(12, False), Differencer(), Score()
+    for time, frame in enumerate(flight.frames):
+        picture = np.clip(frame * 1.3, 0, 255).astype(np.uint8) if time >= 30 else frame
+        result = differencer.update(picture, None)
+        assert result.event is not Event.RESET
+        if time >= 30:
+            score.add(result.objects, flight, time)
+    assert score.f_measure >= 0.8
+
+
+def test_the_same_frames_give_the_same_objects(world):
+    """No chance is involved."""
+    flight = world(11, True)
+    for first, second in zip(*(objects_of(flight) for _ in range(2)), strict=True):
+        np.testing.assert_array_equal(first.boxes, second.boxes)
+        np.testing.assert_array_equal(first.centroids, second.centroids)
+
+
+def objects_of(flight):
+    """The objects of the first thirty frames."""
+    differencer = Differencer()
+    pairs = zip(flight.frames[:30], motions(flight), strict=False)
+    return [differencer.update(frame, motion).objects for frame, motion in pairs]
+
+
+def test_frames_are_not_written_to(world):
+    """A read-only frame is no error and is as it was."""
+    frame = world(12, False).frames[0].copy()
+    frame.setflags(write=False)
+    before = frame.copy()
+    for scale in (1, 2):
+        differencer = Differencer(scale, ModelSettings(quiet_frames=2, interval=1))
+        for _ in range(6):
+            differencer.update(frame, None)
+    np.testing.assert_array_equal(frame, before)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (2, 3), (7, 40), (17, 33), (90, 161)])
+def test_any_frame_size_works(shape):
+    """Tiny and odd frames, fixed and registered, give a foreground and no error."""
+    random = np.random.default_rng(5)
+    for motion in (None, Motion(np.eye(3))):
+        differencer = Differencer(4, ModelSettings(quiet_frames=2, interval=1, three_frame=True))
+        for _ in range(6):
+            assert differencer.update(random.integers(0, 255, shape, np.uint8), motion) is not None
+
+
+def test_halving_averages():
+    """Each working pixel is the mean of its square; an odd last row is left out."""
+    image = np.arange(0, 40, 2, dtype=np.uint8).reshape(5, 4)
+    assert reduced(image, 2).tolist() == [[5, 9], [21, 25]]
+    assert reduced(image, 4).tolist() == [[15]]
+    assert reduced(image, 1) is image

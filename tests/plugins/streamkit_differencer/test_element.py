@@ -1,0 +1,180 @@
+"""framediff in a harness and in pipelines."""
+
+import numpy as np
+import pytest
+
+from streamkit import (
+    Detections,
+    Frame,
+    FrameFlags,
+    Pipeline,
+    PropertyError,
+    Registration,
+    RegistrationStatus,
+    luma,
+    raw_video_caps,
+)
+from streamkit.testing import Harness
+
+
+def frame_of(world, time, **registration):
+    """A frame of a world as it comes from a stitcher."""
+    picture = world.frames[time]
+    height, width = picture.shape
+    frame = Frame(picture, raw_video_caps("GRAY8", width, height), seq=time)
+    if not world.is_moving:
+        return frame
+    fields = {"to_previous": world.to_previous(time), "to_reference": world.to_reference(time)} | registration
+    return frame.attach(Registration(**fields))
+
+
+def found(harness, frame):
+    """What the element detects in a frame."""
+    (passed,) = harness.push(frame)
+    return passed.get(Detections)
+
+
+def test_the_same_frame_passes_with_detections(world):
+    """The picture is not copied, what was attached stays, and every frame has Detections."""
+    with Harness("framediff") as harness:
+        for time in range(3):
+            frame = frame_of(world(11, True), time)
+            (passed,) = harness.push(frame)
+            assert passed.data is frame.data
+            assert passed.seq == time
+            assert passed.get(Registration) is frame.get(Registration)
+            assert passed.get(Detections).centroids.shape == (0, 2)
+            assert passed.get(Detections).boxes.shape == (0, 4)
+
+
+@pytest.mark.parametrize("is_moving", [False, True])
+def test_detections_sit_on_the_cars(world, is_moving):
+    """With registration for a moving camera, without any for a fixed one."""
+    scene, near, count = world(12, is_moving), 0, 0
+    with Harness("framediff") as harness:
+        for time in range(40):
+            detections = found(harness, frame_of(scene, time))
+            assert len(detections.areas) == len(detections.scores) == len(detections)
+            if time >= 20:
+                middles = [outline.mean(axis=0) for outline in scene.outlines(time)]
+                count += len(detections)
+                near += sum(
+                    min(np.linalg.norm(centre - middle) for middle in middles) < 15
+                    for centre in detections.centroids
+                )
+    assert count > 40
+    assert near / count > 0.95
+
+
+def warm_up(world, harness):
+    """Sends frames until cars are detected."""
+    for time in range(30):
+        detections = found(harness, frame_of(world(11, True), time))
+    assert len(detections) > 0
+
+
+def test_a_lost_frame_gets_no_detections_and_teaches_nothing(world):
+    """The model is held: detections are there again on the first frame that is placed."""
+    scene = world(11, True)
+    with Harness("framediff") as harness:
+        warm_up(world, harness)
+        for time in range(30, 33):
+            lost = frame_of(scene, time, to_reference=np.eye(3), status=RegistrationStatus.LOST)
+            assert len(found(harness, lost)) == 0
+        assert len(found(harness, frame_of(scene, 33))) > 0
+
+
+def test_a_corrupt_frame_gets_no_detections(world):
+    """A damaged picture is not compared with anything."""
+    scene = world(11, True)
+    with Harness("framediff") as harness:
+        warm_up(world, harness)
+        corrupt = frame_of(scene, 30).replace(
+            data=np.full_like(scene.frames[30], 90), flags=FrameFlags.CORRUPT
+        )
+        assert len(found(harness, corrupt)) == 0
+        assert len(found(harness, frame_of(scene, 31))) > 0
+
+
+@pytest.mark.parametrize(
+    "change", [{"status": RegistrationStatus.CUT}, {"reference": 1}], ids=["cut", "new-plane"]
+)
+def test_a_cut_or_a_new_plane_begins_anew(world, change):
+    """Nothing of the old scene is compared with the new one."""
+    scene = world(11, True)
+    with Harness("framediff") as harness:
+        warm_up(world, harness)
+        assert len(found(harness, frame_of(scene, 30, **change))) == 0
+        reference = change.get("reference", 0)
+        assert len(found(harness, frame_of(scene, 31, reference=reference))) == 0
+        events = [m.fields.get("event") for m in harness.messages if "event" in m.fields]
+        assert events == ["new", "new"]
+
+
+def test_a_change_of_plane_keeps_the_model(world):
+    """With reference_change the detections go on without a gap."""
+    scene = world(11, True)
+    change = np.array([[0.9, -0.3, 40.0], [0.3, 0.9, -7.0], [0, 0, 1.0]])
+    with Harness("framediff") as harness:
+        warm_up(world, harness)
+        moved = {"to_reference": change @ scene.to_reference(30), "reference": 1, "reference_change": change}
+        assert len(found(harness, frame_of(scene, 30, **moved))) > 0
+        after = {"to_reference": change @ scene.to_reference(31), "reference": 1}
+        assert len(found(harness, frame_of(scene, 31, **after))) > 0
+
+
+def test_frames_dropped_upstream_do_no_harm(world):
+    """to_previous of a frame after a gap leads to a frame never seen here; to_reference places it."""
+    scene = world(11, True)
+    with Harness("framediff") as harness:
+        warm_up(world, harness)
+        detections = found(harness, frame_of(scene, 36))
+        middles = [outline.mean(axis=0) for outline in scene.outlines(36)]
+        assert len(detections) > 0
+        for centre in detections.centroids:
+            assert min(np.linalg.norm(centre - middle) for middle in middles) < 15
+
+
+def test_another_size_in_mid_stream(world):
+    """New caps begin a new model; frames still pass."""
+    scene = world(12, False)
+    with Harness("framediff") as harness:
+        for time in range(20):
+            harness.push(frame_of(scene, time))
+        small = np.ascontiguousarray(scene.frames[20][:100, :120])
+        detections = found(harness, Frame(small, raw_video_caps("GRAY8", 120, 100), seq=20))
+        assert len(detections) == 0
+
+
+def test_too_many_objects_are_reported_once(world):
+    """Beyond max-objects the largest are kept, and one warning says so."""
+    with Harness("framediff", max_objects=1) as harness:
+        for time in range(30):
+            detections = found(harness, frame_of(world(11, True), time))
+        assert len(detections) == 1
+        warnings = [m for m in harness.messages if str(m.kind) == "warning"]
+        assert len(warnings) == 1
+        assert "max-objects=1" in str(warnings[0])
+
+
+def test_a_working_scale_of_three_is_refused():
+    """Only halvings keep the cost of reducing low; the error names the property and the remedy."""
+    with pytest.raises(
+        PropertyError, match=r"framediff\w*: property working-scale must be 1, 2 or 4, got 3; use 2 .*"
+    ):
+        Harness("framediff", working_scale=3)
+
+
+@pytest.mark.parametrize("pixel_format", ["GRAY8", "I420", "NV12"])
+def test_a_pipeline_passes_every_frame(pixel_format):
+    """In a real pipeline, in each format it takes, frames come out with Detections."""
+    text = (
+        f"videotestsrc num-buffers=6 ! video/x-raw, format={pixel_format}, width=160, height=120"
+        " ! framediff working-scale=1 quiet-frames=2 ! appsink name=out"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    assert len(frames) == 6
+    assert all(frame.get(Detections) is not None for frame in frames)
+    assert luma(frames[0]).shape == (120, 160)

@@ -1,0 +1,208 @@
+"""The background model on its canvas."""
+
+import cv2
+import numpy as np
+import pytest
+
+from streamkit_differencer.anchor import translation
+from streamkit_differencer.model import BackgroundModel, Event, ModelSettings, scrolled
+
+SHAPE = (120, 160)
+WHOLE = np.s_[:120, :160]
+SEEN = np.full(SHAPE, 255, np.uint8)
+SETTINGS = ModelSettings(interval=2, quiet_frames=4, absorb_frames=10)
+FIRST_VALID = SETTINGS.interval + SETTINGS.quiet_frames
+
+
+OTHER = np.where(np.indices(SHAPE).sum(axis=0) // 16 % 2, 220, 15).astype(np.uint8)
+
+
+def ground(seed=0):
+    """A picture of smooth shades."""
+    coarse = np.random.default_rng(seed).uniform(70, 140, (12, 16)).astype(np.float32)
+    return cv2.resize(coarse, (160, 120), interpolation=cv2.INTER_LINEAR).astype(np.uint8)
+
+
+def with_thing(image, x, y=20, size=10, tone=250):
+    """The picture with a square in it."""
+    changed = image.copy()
+    changed[y : y + size, x : x + size] = tone
+    return changed
+
+
+def learnt(settings=SETTINGS, image=None):
+    """A model that knows the ground."""
+    model = BackgroundModel((160, 120), settings)
+    for _ in range(FIRST_VALID + 2):
+        model.update(ground() if image is None else image, SEEN, WHOLE)
+    return model
+
+
+def test_background_is_valid_after_lambda_quiet_frames():
+    """Tau frames to compare with and lambda frames without change, and not one less."""
+    model = BackgroundModel((160, 120), SETTINGS)
+    for time in range(FIRST_VALID):
+        assert not model.valid.any(), time
+        model.update(ground(), SEEN, WHOLE)
+    assert model.valid.all()
+    np.testing.assert_array_equal(model.background, ground())
+
+
+def test_a_thing_is_foreground_and_marked_as_changed():
+    """Foreground is 255 while it changed within lambda frames, then 128."""
+    model = learnt()
+    image = with_thing(ground(), 30)
+    marks = []
+    for _ in range(SETTINGS.quiet_frames + SETTINGS.interval + 2):
+        mask, event = model.update(image, SEEN, WHOLE)
+        assert event is Event.NONE
+        marks.append(int(mask[25, 35]))
+        assert not mask[:18].any()
+    assert marks[0] == 255
+    assert marks[-1] == 128
+
+
+def test_a_thing_that_stays_becomes_background_after_absorb_frames():
+    """Equation 3 alone would take it in after lambda frames."""
+    model = learnt()
+    image = with_thing(ground(), 30)
+    frames = 0
+    while model.update(image, SEEN, WHOLE)[0].any():
+        frames += 1
+        assert frames < 100
+    assert frames == SETTINGS.interval + SETTINGS.quiet_frames - 1 + SETTINGS.absorb_frames
+
+
+def test_background_under_a_thing_is_kept():
+    """A thing that stops for a while and goes on leaves no ghost."""
+    model = learnt()
+    for _ in range(8):
+        model.update(with_thing(ground(), 30), SEEN, WHOLE)
+    mask, _ = model.update(ground(), SEEN, WHOLE)
+    assert not mask.any()
+
+
+def test_what_the_frame_does_not_cover_is_held():
+    """Outside `seen` and outside the region nothing changes, and nothing there is foreground."""
+    model = learnt()
+    before = [np.copy(array) for array in (model.background, model.valid, model.dynamic, model.standing)]
+    seen = np.zeros((30, 40), np.uint8)
+    seen[:, 20:] = 255
+    image = ground()[10:40, 5:45]
+    image[10:20] = 250
+    mask, _ = model.update(image, seen, np.s_[10:40, 5:45])
+    assert mask[12:18, 22:].all()
+    assert not mask[:, :20].any()
+    for array, old in zip(
+        (model.background, model.valid, model.dynamic, model.standing), before, strict=True
+    ):
+        outside = np.ones(SHAPE, bool)
+        outside[10:40, 25:45] = False
+        np.testing.assert_array_equal(array[outside], old[outside])
+
+
+def test_ground_that_comes_into_view_has_no_background_yet():
+    """Pixels not seen tau frames ago are not quiet, whatever they show."""
+    model = BackgroundModel((160, 120), SETTINGS)
+    left = np.zeros(SHAPE, np.uint8)
+    left[:, :80] = 255
+    for _ in range(20):
+        model.update(ground(), left, WHOLE)
+    for time in range(FIRST_VALID):
+        assert not model.valid[:, 80:].any()
+        mask, _ = model.update(with_thing(ground(), 90 + 4 * time), SEEN, WHOLE)
+        assert not mask[:, 80:].any()
+    assert model.valid[:10, 80:].all()
+
+
+@pytest.mark.parametrize("gain", [1.35, 0.7])
+def test_a_step_of_exposure_is_followed(gain):
+    """The model takes the new brightness over: the thing stays foreground, the ground does not become it."""
+    model = learnt()
+    brighter = np.clip(gain * with_thing(ground(), 30, tone=10).astype(float), 0, 255).astype(np.uint8)
+    mask, event = model.update(brighter, SEEN, WHOLE)
+    assert event is Event.GAIN
+    assert (mask[20:30, 30:40] > 0).mean() > 0.9
+    mask[18:32, 28:42] = 0
+    assert not mask.any()
+
+
+def test_exposure_that_creeps_is_followed():
+    """Two levels per frame, faster than equation 3 learns, give no foreground."""
+    model = learnt()
+    for step in range(30):
+        mask, _ = model.update(ground() + np.uint8(2 * step), SEEN, WHOLE)
+        assert not mask.any(), step
+
+
+def test_another_scene_begins_the_model_anew():
+    """More changed pixels than frame_threshold: no foreground until the new scene is known."""
+    model = learnt()
+    events = []
+    for _ in range(FIRST_VALID):
+        mask, event = model.update(OTHER, SEEN, WHOLE)
+        assert not mask.any()
+        events.append(event)
+    assert events[0] is Event.RESET
+    mask, _ = model.update(with_thing(OTHER, 30, tone=120), SEEN, WHOLE)
+    assert mask[22:28, 32:38].mean() > 127
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(5, -3), (-7, 4), (0, 0), (100, 0), (0, -60)])
+def test_scrolling_moves_pixels_and_loses_nothing_else(dx, dy):
+    """What was at (x, y) is at (x + dx, y + dy); what comes in is filled."""
+    image = np.random.default_rng(0).integers(1, 255, SHAPE).astype(np.uint8)
+    moved = scrolled(image, dx, dy, 0)
+    for y, x in np.ndindex(SHAPE):
+        inside = 0 <= y - dy < SHAPE[0] and 0 <= x - dx < SHAPE[1]
+        assert moved[y, x] == (image[y - dy, x - dx] if inside else 0)
+
+
+def test_a_scrolled_model_goes_on_as_if_nothing_happened():
+    """The same pictures on the scrolled canvas give the same foreground."""
+    here, there = learnt(), learnt()
+    there.scroll(6, -4)
+    image = with_thing(ground(), 30)
+    expected, _ = here.update(image, SEEN, WHOLE)
+    found, _ = there.update(image[10:50, 10:60], np.full((40, 50), 255, np.uint8), np.s_[6:46, 16:66])
+    np.testing.assert_array_equal(found, expected[10:50, 10:60])
+
+
+def test_warping_by_a_shift_equals_scrolling():
+    """Resampling at whole pixels keeps values, but for the border of what is known."""
+    scrolled_model, warped_model = learnt(), learnt()
+    scrolled_model.scroll(6, -4)
+    warped_model.warp(translation(6, -4))
+    known = warped_model.valid > 0
+    assert known.mean() > 0.8
+    assert (scrolled_model.valid[known] > 0).all()
+    np.testing.assert_allclose(warped_model.background[known], scrolled_model.background[known], atol=1e-3)
+
+
+def test_three_frames_find_things_before_there_is_a_background():
+    """With three_frame a thing is seen from frame 2 tau on; without it there is nothing until lambda."""
+    for three_frame, expected in ((True, True), (False, False)):
+        model = BackgroundModel(
+            (160, 120), ModelSettings(interval=2, quiet_frames=30, three_frame=three_frame)
+        )
+        for time in range(8):
+            mask, _ = model.update(with_thing(ground(), 5 + 8 * time), SEEN, WHOLE)
+        assert mask.any() == expected
+        if three_frame:
+            ys, xs = np.nonzero(mask)
+            assert xs.min() >= 60
+            assert xs.max() <= 71
+            assert ys.min() >= 19
+            assert ys.max() <= 30
+
+
+def test_counters_do_not_wrap():
+    """Absorb and lambda at their largest: 600 frames of a standing thing are no overflow."""
+    model = learnt(ModelSettings(interval=1, quiet_frames=4, absorb_frames=255))
+    image = with_thing(ground(), 30)
+    standing = []
+    for _ in range(300):
+        model.update(image, SEEN, WHOLE)
+        standing.append(int(model.standing[25, 35]))
+    assert max(standing) == 255
+    assert standing[-1] == 0

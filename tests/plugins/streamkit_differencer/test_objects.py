@@ -1,0 +1,108 @@
+"""Objects from foreground."""
+
+import numpy as np
+import pytest
+
+from streamkit_differencer.clusters import Criterion
+from streamkit_differencer.objects import ObjectSettings, cells_of, find_objects
+
+
+def with_block(shape, x0, y0, x1, y1, value=255):
+    """A mask with one block."""
+    mask = np.zeros(shape, np.uint8)
+    mask[y0:y1, x0:x1] = value
+    return mask
+
+
+@pytest.mark.parametrize("scale", [1, 2, 4])
+def test_boxes_and_centroids_are_in_frame_pixels(scale):
+    """(0, 0) is the centre of the top-left frame pixel, also after halving: no half pixel is lost."""
+    # Frame pixels 40..79 by 16..31, whose outer edges are 39.5..79.5 and 15.5..31.5.
+    mask = with_block((120 // scale, 200 // scale), 40 // scale, 16 // scale, 80 // scale, 32 // scale)
+    objects = find_objects(mask, scale, ObjectSettings())
+    assert objects.boxes.tolist() == [[39.5, 15.5, 79.5, 31.5]]
+    assert objects.centroids.tolist() == [[59.5, 23.5]]
+    assert objects.areas.tolist() == [640.0]
+    assert objects.scores.tolist() == [1.0]
+
+
+def test_boxes_are_finer_than_cells():
+    """A box follows the foreground's own grid, not the cells that were clustered."""
+    mask = with_block((60, 60), 11, 13, 30, 22)
+    box = find_objects(mask, 1, ObjectSettings()).boxes[0]
+    assert box.tolist() == [10.5, 12.5, 29.5, 21.5]
+
+
+def test_a_lone_pixel_is_voted_down():
+    """Sub-sampling is by vote: noise of single pixels leaves no cell."""
+    mask = np.zeros((64, 64), np.uint8)
+    mask[::8, ::8] = 255
+    assert not cells_of(mask, 2).any()
+    assert len(find_objects(mask, 2, ObjectSettings(min_area=1))) == 0
+
+
+def test_fragments_of_one_thing_are_one_object():
+    """Two pieces with less than merge_gap cells between them share a box; farther apart they do not."""
+    mask = with_block((100, 100), 20, 20, 28, 30) | with_block((100, 100), 34, 20, 40, 30)
+    assert len(find_objects(mask, 2, ObjectSettings(merge_gap=4))) == 1
+    far = with_block((100, 100), 20, 20, 28, 30) | with_block((100, 100), 50, 20, 56, 30)
+    assert len(find_objects(far, 2, ObjectSettings(merge_gap=4))) == 2
+
+
+def test_scatter_keeps_large_things_apart():
+    """By scatter, merging two large things costs more than by gap."""
+    mask = with_block((120, 120), 10, 10, 50, 50) | with_block((120, 120), 56, 10, 96, 50)
+    by_gap = find_objects(mask, 2, ObjectSettings(merge_gap=4))
+    by_scatter = find_objects(mask, 2, ObjectSettings(merge_gap=4, criterion=Criterion.SCATTER))
+    assert (len(by_gap), len(by_scatter)) == (1, 2)
+
+
+def test_small_objects_are_left_out():
+    """An object needs min_area cells."""
+    mask = with_block((80, 80), 10, 10, 14, 14)
+    assert len(find_objects(mask, 2, ObjectSettings(min_area=4))) == 1
+    assert len(find_objects(mask, 2, ObjectSettings(min_area=5))) == 0
+
+
+def test_what_stands_still_is_left_out():
+    """The score is the share of the foreground that changed lately; below min_score nothing is reported."""
+    mask = with_block((80, 80), 10, 10, 30, 20, 128)
+    assert len(find_objects(mask, 2, ObjectSettings())) == 0
+    mask[10:20, 10:20] = 255
+    objects = find_objects(mask, 2, ObjectSettings(min_score=0.5))
+    assert objects.scores.tolist() == [0.5]
+
+
+def test_the_largest_are_kept():
+    """Beyond max_objects the smallest go, and they are counted."""
+    mask = np.zeros((200, 200), np.uint8)
+    for index in range(5):
+        mask[40 * index : 40 * index + 8, 20 : 30 + 10 * index] = 255
+    objects = find_objects(mask, 2, ObjectSettings(max_objects=2))
+    assert objects.areas.tolist() == [8 * 50 * 4.0, 8 * 40 * 4.0]
+    assert objects.dropped == 3
+
+
+@pytest.mark.parametrize("scale", [1, 2, 4])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 37), (41, 1), (45, 67), (90, 160)])
+def test_any_shape_and_any_foreground_gives_objects_in_the_frame(scale, shape):
+    """Odd sizes, nothing, everything and noise: no error, and every box lies within the frame."""
+    random = np.random.default_rng(3)
+    noise = np.where(random.random(shape) < 0.3, 255, 0).astype(np.uint8)
+    for mask in (np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8), noise):
+        objects = find_objects(mask, scale, ObjectSettings(min_area=1))
+        assert (objects.boxes[:, :2] >= -0.5).all()
+        assert (objects.boxes[:, 2:] <= np.array(shape[::-1]) * scale - 0.5).all()
+        assert (objects.boxes[:, :2] <= objects.centroids).all()
+        assert (objects.centroids <= objects.boxes[:, 2:]).all()
+
+
+def test_noise_everywhere_takes_bounded_work():
+    """More fragments than can be clustered are cut down to the largest."""
+    random = np.random.default_rng(4)
+    mask = np.zeros((800, 1200), np.uint8)
+    ys, xs = np.mgrid[0:800:8, 0:1200:8]
+    for y, x in zip(ys.ravel(), xs.ravel(), strict=True):
+        mask[y : y + 2, x : x + 2] = 255 if random.random() < 0.9 else 0
+    objects = find_objects(mask, 4, ObjectSettings(min_area=1, merge_gap=1))
+    assert 0 < len(objects) <= 400
