@@ -60,12 +60,12 @@ class DescriptionError(StreamkitError, ValueError):
 
     def pointed(self, text: str, name: str = "description") -> str:
         """The error with the line of the text it points into and carets below the fault."""
-        lines = text.splitlines() or [""]
+        lines = text.split("\n")
         line = lines[min(self.place.line, len(lines)) - 1]
         start = min(self.place.column - 1, len(line))
-        carets = "^" * max(1, min(self.place.length, len(line) - start or 1))
         window = max(0, start - 60)
-        shown = line[window : window + 120].replace("\t", " ")
+        shown = "".join(mark if mark.isprintable() else " " for mark in line[window : window + 120])
+        carets = "^" * max(1, min(self.place.length, len(shown) - (start - window)))
         place = f"{name}:{self.place.line}:{self.place.column}"
         return f"{place}: {self}\n    {shown}\n    {' ' * (start - window)}{carets}"
 

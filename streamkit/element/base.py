@@ -174,7 +174,7 @@ class Element:
         raise StateError(f"{pad.path}: {type(self).__name__} takes no frames")
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
-        """Makes a pad from a request or sometimes template, with the name given or the number after the highest."""
+        """Makes a pad from a request or sometimes template: of the name given, or the next number."""
         if not name or "%u" in name:
             name = template.name
             if "%u" in name:

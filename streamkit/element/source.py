@@ -15,7 +15,6 @@ from streamkit.flow.events import EOS, CapsEvent, DiscontinuityEvent, Event
 from streamkit.flow.frame import Frame
 from streamkit.flow.signals import EndOfStream, FlowStop, Flushing
 
-
 HELD_LOOK_S = 1.0  # a held source is woken by `hold`, `finish` or `halt`; this bounds a missed wake-up
 
 

@@ -32,12 +32,9 @@ class AppSrc(Source):
         self._line: queue.Queue[Frame | None] = queue.Queue()
         super().__init__(name, **properties)
 
-    def start(self) -> None:
-        """Makes room for frames; those pushed before are kept."""
-        waiting = list(self._line.queue)
-        self._line = queue.Queue(self.max_buffers + 1)
-        for frame in waiting[: self.max_buffers]:
-            self._line.put(frame)
+    def stop(self) -> None:
+        """Forgets the frames of this run that nobody took; those pushed before the next are kept."""
+        self._line = queue.Queue()
 
     def negotiate(self, allowed: Caps) -> Caps | None:
         """The caps given, or those of the first frame."""

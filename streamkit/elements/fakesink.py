@@ -28,6 +28,8 @@ class FakeSink(Sink):
 
     def render(self, frame: Frame) -> None:
         """Counts the frame."""
+        if 0 <= self.num_buffers <= self.count:
+            raise EndOfStream(self.name)
         self.count += 1
         if self.enable_last_sample:
             self.last_frame = frame

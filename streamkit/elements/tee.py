@@ -48,6 +48,6 @@ class Tee(Split):
                 if ended:
                     raise EndOfStream(self.name)
                 if not self.allow_not_linked:
-                    raise NotLinked(pad.path)
+                    raise NotLinked(f"{self.name}.src_%u")
 
         return receive

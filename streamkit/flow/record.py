@@ -164,7 +164,7 @@ def _pixels(frame: Frame, field: str) -> int | None:
 
 
 def _registration_record(registration: Registration) -> RegistrationRecord:
-    rows = tuple((float(a), float(b), float(c)) for a, b, c in registration.to_reference)
+    rows = [(float(a), float(b), float(c)) for a, b, c in registration.to_reference.tolist()]
     known = len(rows) == 3 and all(math.isfinite(value) for row in rows for value in row)
     return RegistrationRecord(
         reference=int(registration.reference),
@@ -183,10 +183,11 @@ def _target_record(track: Track) -> TargetRecord:
     x, y, length, width, angle, score = (float(value) for value in place)
     vx, vy = (float(value) for value in track.velocity)
     moving = math.isfinite(vx) and math.isfinite(vy)
-    (xx, xy), (yx, yy) = ((float(a), float(b)) for a, b in track.covariance)
+    (xx, xy), (yx, yy) = track.covariance.tolist()
     spread = all(math.isfinite(value) for value in (xx, xy, yx, yy))
-    half_x = (abs(length * math.cos(angle)) + abs(width * math.sin(angle))) / 2
-    half_y = (abs(length * math.sin(angle)) + abs(width * math.cos(angle))) / 2
+    cosine, sine = abs(math.cos(angle)), abs(math.sin(angle))
+    half_x = (length * cosine + width * sine) / 2
+    half_y = (length * sine + width * cosine) / 2
     return TargetRecord(
         id=int(track.id),
         state=track.state,

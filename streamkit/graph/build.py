@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from streamkit.element.base import Element
+from streamkit.element.property_text import unquote_string
 from streamkit.element.registry import element_class, installed_elements, make_element
 from streamkit.element.suggest import did_you_mean
-from streamkit.errors import CapsSyntax, DescriptionError, Place, PluginBroken, PropertyError
+from streamkit.errors import CapsSyntax, DescriptionError, Place, PluginBroken, StreamkitError
 from streamkit.flow.caps import Caps
 from streamkit.graph.graph import Bin, Graph
 from streamkit.graph.link import link_elements
@@ -131,7 +132,7 @@ class GraphBuilder:
                     "no-such-property", f"{node.factory} has no property {item.name!r}", item.place, hint
                 )
         automatic = self._auto_name(node.factory) if not names else ""
-        element = make_element(node.factory, unquote_value(names[0].value) if names else automatic)
+        element = _make(node.factory, unquote_value(names[0].value) if names else automatic, node.place)
         for item in settings:
             _set(element, item)
         return element
@@ -147,8 +148,8 @@ class GraphBuilder:
                 "" if mark else "write file://PATH, or filesrc location=PATH",
             )  # fmt: skip
         location = urllib.parse.unquote(rest) if scheme.lower() == "file" else node.url
-        element = make_element(factory, self._auto_name(factory))
-        _set(element, Assignment("location", f'"{location}"', node.place))
+        element = _make(factory, self._auto_name(factory), node.place)
+        _set_text(element, "location", location, node.place)
         return element
 
     # Bins.
@@ -231,7 +232,8 @@ class GraphBuilder:
             )
         except CapsSyntax as error:
             raise DescriptionError("link", f"could not parse caps: {error}", link.place) from None
-        capsfilter = make_element("capsfilter", self._auto_name("capsfilter"), caps=caps)
+        capsfilter = _make("capsfilter", self._auto_name("capsfilter"), link.place)
+        capsfilter.set_property("caps", caps)
         capsfilter.set_in_text["caps"] = str(caps)
         self._place_in(capsfilter, source.parent, link.place)
         for src, _ in [
@@ -241,16 +243,28 @@ class GraphBuilder:
             self.places[src.path] = link.place
 
 
-def _set(element: Element, item: Assignment) -> None:
-    value = unquote_value(item.value)
+def _make(factory: str, name: str, place: Place) -> Element:
     try:
-        element.set_property(item.name, value)
-    except (PropertyError, CapsSyntax) as error:
-        hint = ""
-        declaration = element.properties.get(item.name.replace("-", "_"))
+        return make_element(factory, name)
+    except PluginBroken as error:
+        raise DescriptionError("plugin-broken", str(error), place) from error
+
+
+def _set(element: Element, item: Assignment) -> None:
+    _set_text(element, item.name, unquote_value(item.value), item.place)
+
+
+def _set_text(element: Element, name: str, value: str, place: Place) -> None:
+    declaration = element.properties.get(name.replace("-", "_"))
+    try:
+        if declaration is not None and declaration.kind is str:
+            value = unquote_string(value)
+        element.set_property(name, value)
+    except Exception as error:
         if declaration is None:
-            raise DescriptionError("no-such-property", str(error), item.place) from None
-        if declaration.choices:
-            hint = did_you_mean(value, declaration.choices)
-        raise DescriptionError("could-not-set-property", str(error), item.place, hint) from None
-    element.set_in_text[item.name] = value
+            raise DescriptionError("no-such-property", str(error), place) from None
+        if not isinstance(error, StreamkitError):
+            error = declaration.refusal(value, f"{type(error).__name__}: {error}", element.name)
+        hint = did_you_mean(value, declaration.choices) if declaration.choices else ""
+        raise DescriptionError("could-not-set-property", str(error), place, hint) from None
+    element.set_in_text[name] = value

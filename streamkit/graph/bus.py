@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import queue
+import threading
 import time
+from collections import deque
 from collections.abc import Callable
 
 from streamkit.flow.messages import Message, MessageKind
 
 CAPACITY = 4096
+LOOK_EVERY_S = 0.2
 
 
 class Bus:
@@ -19,30 +21,31 @@ class Bus:
     """
 
     def __init__(self) -> None:
-        self._messages: queue.Queue[Message] = queue.Queue(CAPACITY)
+        self._messages: deque[Message] = deque()
+        self._changed = threading.Condition()
         self._watchers: list[Callable[[Message], None]] = []
         self.lost = 0
 
     def post(self, message: Message) -> None:
         """Adds a message; watchers see it at once, in the posting thread."""
-        for watcher in self._watchers:
+        for watcher in tuple(self._watchers):
             watcher(message)
-        while True:
-            try:
-                self._messages.put_nowait(message)
-            except queue.Full:
-                self._drop_one()
-            else:
-                return
+        with self._changed:
+            if len(self._messages) >= CAPACITY:
+                self._lose_one()
+            self._messages.append(message)
+            self._changed.notify()
 
-    def _drop_one(self) -> None:
-        try:
-            oldest = self._messages.get_nowait()
-        except queue.Empty:
-            return
+    def _lose_one(self) -> None:
+        kept = (MessageKind.ERROR, MessageKind.EOS)
+        index = next((i for i, message in enumerate(self._messages) if message.kind not in kept), 0)
+        del self._messages[index]
         self.lost += 1
-        if oldest.kind in (MessageKind.ERROR, MessageKind.EOS) and not self._messages.full():
-            self._messages.put_nowait(oldest)
+
+    def flush(self) -> None:
+        """Forgets the messages that nobody has read."""
+        with self._changed:
+            self._messages.clear()
 
     def watch(self, watcher: Callable[[Message], None]) -> None:
         """Calls a function with every message, in the thread that posts it."""
@@ -57,12 +60,12 @@ class Bus:
         """
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         while True:
-            left = 0.2 if deadline is None else max(0.0, deadline - time.monotonic())
-            try:
-                message = self._messages.get(timeout=min(left, 0.2)) if left else self._messages.get_nowait()
-            except queue.Empty:
-                if deadline is not None and time.monotonic() >= deadline:
+            with self._changed:
+                while self._messages:
+                    message = self._messages.popleft()
+                    if not kinds or message.kind in kinds:
+                        return message
+                left_s = LOOK_EVERY_S if deadline is None else deadline - time.monotonic()
+                if left_s <= 0:
                     return None
-                continue
-            if not kinds or message.kind in kinds:
-                return message
+                self._changed.wait(min(left_s, LOOK_EVERY_S))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from streamkit.element.pad import Pad
 from streamkit.element.registry import installed_elements, make_element
-from streamkit.errors import DescriptionError, Place
+from streamkit.errors import DescriptionError, Place, PluginBroken
 from streamkit.flow.caps import Caps
 from streamkit.graph.graph import Graph
 
@@ -28,10 +28,10 @@ def negotiate(graph: Graph, places: dict[str, Place]) -> None:
     links = sorted(graph.links(), key=lambda link: position[id(link[0].element)])
     for src, sink in links:
         offered, accepted = src.query_caps(), sink.query_caps()
-        # A pad that can carry nothing at all stands beside a conflict at another link; that one is dealt with.
+        # A pad that can carry nothing stands beside a conflict at another link, which has its own turn.
         if offered.is_empty or accepted.is_empty or not (accepted & offered).is_empty:
             continue
-        if not _convert(graph, src, sink, offered, accepted):
+        if not _convert(graph, src, sink, offered, accepted, places.get(src.path)):
             raise _conflict(src, sink, places)
     for src, sink in graph.links():
         if (sink.query_caps() & src.query_caps()).is_empty:
@@ -48,13 +48,18 @@ def _conflict(src: Pad, sink: Pad, places: dict[str, Place]) -> DescriptionError
     )
 
 
-def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps) -> bool:
+def _convert(
+    graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, place: Place | None
+) -> bool:
     """Tries a converter between two raw-video pads that differ in nothing but the format."""
     if CONVERTER not in installed_elements():
         return False
     if (accepted.without_fields("format") & offered.without_fields("format") & Caps(RAW_VIDEO)).is_empty:
         return False
-    converter = make_element(CONVERTER, _free_name(graph))
+    try:
+        converter = make_element(CONVERTER, _free_name(graph))
+    except PluginBroken as error:
+        raise DescriptionError("plugin-broken", str(error), place) from error
     entry, leave = converter.pads["sink"], converter.pads["src"]
     src.unlink()
     src.link(entry)

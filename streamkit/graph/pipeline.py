@@ -100,6 +100,7 @@ class Pipeline:
             self._demand_links()
             self.error = None
             self.ended.clear()
+            self.bus.flush()
             for element in self.graph.from_sinks():
                 element.stopping.clear()
                 element.clock = self.clock
@@ -284,8 +285,11 @@ class Pipeline:
     def _failed(self, error: Exception) -> None:
         """An element's thread ended with an error: the first one is the pipeline's."""
         source = error.element if isinstance(error, ElementFailure) else ""
-        if self.error is None:
-            self.error = error if isinstance(error, StreamkitError) else ResourceError(str(error))
+        with self._ending:
+            is_first = self.error is None
+            if is_first:
+                self.error = error if isinstance(error, StreamkitError) else ResourceError(str(error))
+        if is_first:
             self.bus.post(Message(MessageKind.ERROR, source, str(error), error=self.error))
             self.ended.set()
         else:

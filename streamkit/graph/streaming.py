@@ -79,5 +79,5 @@ class StreamingThread:
             return
         except (ElementFailure, NotNegotiated) as error:
             self._failed(error)
-        except Exception as cause:
+        except BaseException as cause:  # also SystemExit: a thread that ends unseen leaves the graph waiting
             self._failed(element.failure(cause))

@@ -12,7 +12,7 @@ from typing import Any
 from lark.lexer import Lexer, Token
 
 IDENTIFIER = r"[A-Za-z0-9_][A-Za-z0-9_\-%:]*"
-MIME = r"[A-Za-z0-9-]+/[A-Za-z0-9-]+"
+MIME = r"[A-Za-z0-9-]++/[A-Za-z0-9-]++"  # possessive: else a missing `!` is looked for in all splits
 CAPS = rf"{MIME}(?:\\[\s\S]|[^;!\\])*"
 BLANKS = re.compile(r"\s+")
 ASSIGNED = re.compile(rf"(?:{IDENTIFIER}|@preset)\s*=\s*", re.ASCII)

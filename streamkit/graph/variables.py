@@ -23,18 +23,19 @@ class ExpandedText:
         text: what is parsed.
         original: what was written.
         offsets: pairs (offset in `text`, offset in `original`) where a piece begins.
+        line_starts: offsets in `original` where a line begins.
     """
 
     text: str
     original: str
     offsets: tuple[tuple[int, int], ...]
+    line_starts: tuple[int, ...]
 
     def place(self, start: int, end: int) -> Place:
         """Line, column and length in the original of a stretch of the expanded text."""
         first, last = self._original(start), self._original(max(start, end - 1))
-        line = self.original.count("\n", 0, first) + 1
-        column = first - (self.original.rfind("\n", 0, first) + 1) + 1
-        return Place(line, column, max(1, last - first + 1))
+        line = bisect.bisect_right(self.line_starts, first)
+        return Place(line, first - self.line_starts[line - 1] + 1, max(1, last - first + 1))
 
     def _original(self, offset: int) -> int:
         index = bisect.bisect_right(self.offsets, (offset, len(self.original) + 1)) - 1
@@ -76,28 +77,41 @@ def expand(text: str, variables: Mapping[str, str]) -> ExpandedText:
     expanded = "".join([*pieces, text[position:]])
     if len(expanded) > LENGTH_LIMIT:
         raise DescriptionError("syntax", f"a description has at most {LENGTH_LIMIT} characters")
-    return ExpandedText(expanded, text, tuple(offsets))
+    return ExpandedText(expanded, text, tuple(offsets), _line_starts(text))
+
+
+def _line_starts(text: str) -> tuple[int, ...]:
+    return (0, *(match.end() for match in re.finditer(r"\n", text)))
 
 
 def _value(text: str, match: re.Match[str], variables: Mapping[str, str]) -> str:
     name = match["name"]
-    place = ExpandedText(text, text, ((0, 0),)).place(match.start(), match.end())
     if not NAME.fullmatch(name):
         raise DescriptionError(
-            "syntax", f"{match.group()!r} names no variable: ${{NAME}} or ${{NAME:-default}}", place
-        )
+            "syntax", f"{match.group()!r} names no variable: ${{NAME}} or ${{NAME:-default}}",
+            _place_in(text, match),
+        )  # fmt: skip
     if name in variables:
         return variables[name]
     if match["default"] is not None:
         return match["default"]
     hint = did_you_mean(name, variables) or f"give it with --set {name}=VALUE"
-    raise DescriptionError("syntax", f"variable {name!r} has no value and no default", place, hint)
+    raise DescriptionError(
+        "syntax", f"variable {name!r} has no value and no default", _place_in(text, match), hint
+    )
+
+
+def _place_in(text: str, match: re.Match[str]) -> Place:
+    return ExpandedText(text, text, ((0, 0),), _line_starts(text)).place(match.start(), match.end())
 
 
 def _in_value(text: str, offset: int) -> bool:
     """Whether an offset lies in an unquoted property value."""
-    word = re.search(r"\S*\Z", text[max(0, offset - 4096) : offset])
-    return word is not None and "=" in word.group() and not word.group().split("=", 1)[1].startswith('"')
+    before = text[max(0, offset - 4096) : offset]
+    if not before or before[-1].isspace():
+        return False
+    _, mark, value = before.split()[-1].partition("=")
+    return bool(mark) and not value.startswith('"')
 
 
 def _in_quotes(text: str, offset: int) -> bool:

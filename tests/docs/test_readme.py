@@ -47,9 +47,8 @@ def test_launch_lines_run_in_order(folder: Path) -> None:
     """Each launch line ends with exit code 0; one that needs a camera is built instead."""
     assert len(LAUNCHES) >= 5
     for command in LAUNCHES:
-        if any(mark in command for mark in NEEDS_PEER):
-            command = command.replace("streamkit launch", "streamkit graph", 1)
-        done = run(command, folder)
+        needs_peer = any(mark in command for mark in NEEDS_PEER)
+        done = run(command.replace("launch -e", "graph", 1) if needs_peer else command, folder)
         assert done.returncode == 0, f"{command}\n{done.stderr}"
 
 
@@ -73,7 +72,7 @@ def test_element_listing_runs(tmp_path: Path) -> None:
             from streamkit import Frame, raw_video_caps
             from streamkit.testing import Harness
 
-            name = next(n for n, c in list(globals().items()) if isinstance(c, type) and c.__module__ == "__main__")
+            name = next(n for n, c in list(globals().items()) if getattr(c, "__module__", "") == "__main__")
             caps = raw_video_caps("GRAY8", 4, 2)
             with Harness(globals()[name]()) as harness:
                 first = harness.push(Frame(np.full((2, 4), 10, np.uint8), caps))
@@ -83,5 +82,7 @@ def test_element_listing_runs(tmp_path: Path) -> None:
         ),
         encoding="utf-8",
     )
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == 0, done.stderr
