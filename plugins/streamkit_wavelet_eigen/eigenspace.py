@@ -1,0 +1,149 @@
+"""Principal components of window vectors: in one batch, and updated as windows come in."""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+# Directions weaker than this share of the strongest are rounding, not appearance.
+RELATIVE_FLOOR = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Eigenspace:
+    """Mean and leading eigenvectors of a set of vectors; arrays are read-only.
+
+    Attributes:
+        mean: float64[d], equation 5.
+        basis: float64[k, d], orthonormal rows, strongest first; k may be 0.
+        singular_values: float64[k] of the centred data; eigenvalues of equation 6 are their squares / count.
+        count: vectors seen, older ones weighed down by forgetting.
+    """
+
+    mean: FloatArray
+    basis: FloatArray
+    singular_values: FloatArray
+    count: float
+
+    def __post_init__(self) -> None:
+        for array in (self.mean, self.basis, self.singular_values):
+            array.setflags(write=False)
+
+    @property
+    def rank(self) -> int:
+        """Number of eigenvectors held."""
+        return len(self.singular_values)
+
+    @property
+    def eigenvalues(self) -> FloatArray:
+        """float64[k], variance along each eigenvector (equation 6)."""
+        result: FloatArray = self.singular_values**2 / self.count
+        return result
+
+    def project(self, vectors: FloatArray) -> FloatArray:
+        """Coordinates float64[n, k] of vectors float64[n, d] in this space."""
+        result: FloatArray = (vectors - self.mean) @ self.basis.T
+        return result
+
+    def restore(self, coordinates: FloatArray) -> FloatArray:
+        """Vectors float64[n, d] of coordinates float64[n, k]: the inverse of `project` within the space."""
+        result: FloatArray = coordinates @ self.basis + self.mean
+        return result
+
+
+def learn_eigenspace(vectors: FloatArray, components: int) -> Eigenspace:
+    """Principal components of a batch, by the small Gram matrix.
+
+    With M vectors of d values and M < d, the eigenvectors of X^T X (d x d) come from those of X X^T (M x M);
+    the large matrix is never formed.
+
+    Args:
+        vectors: float64[m, d], m >= 1, all finite.
+        components: most eigenvectors to keep, at least 1.
+
+    Returns:
+        The space; with one vector, or equal vectors, it has a mean and no eigenvector.
+
+    Raises:
+        ValueError: no vector, or one that is not finite.
+
+    Source: Zhang, Liu and Qu, equations 5 and 6; Sirovich and Kirby, 1987; Turk and Pentland, 1991.
+    """
+    vectors = _checked(vectors)
+    mean = vectors.mean(axis=0)
+    basis, singular_values = _principal_rows(vectors - mean, components)
+    return Eigenspace(mean, basis, singular_values, float(len(vectors)))
+
+
+def update_eigenspace(
+    space: Eigenspace, vectors: FloatArray, components: int, forgetting: float = 1.0
+) -> Eigenspace:
+    """Adds a batch of vectors to a space without the vectors it was made from.
+
+    Args:
+        space: what is known.
+        vectors: float64[m, d], m >= 1, all finite.
+        components: most eigenvectors to keep, at least 1.
+        forgetting: weight of what is known, 0 < forgetting <= 1; 1 forgets nothing.
+
+    Returns:
+        A new space. With forgetting 1 and enough components it equals `learn_eigenspace` of all vectors.
+
+    Raises:
+        ValueError: vectors of another length, none, or one that is not finite.
+
+    Source: Levy and Lindenbaum, Sequential Karhunen-Loeve, 2000, with the mean update of Ross, Lim, Lin and
+        Yang, Incremental learning for robust visual tracking, 2008. There the scatter is weighed by the
+        square of the forgetting factor and the count by the factor; here both by the factor, so that
+        eigenvalues stay variances.
+    """
+    vectors = _checked(vectors)
+    if vectors.shape[1] != len(space.mean):
+        raise ValueError(
+            f"eigenspace update: vectors must have {len(space.mean)} values as the space has, "
+            f"got {vectors.shape[1]}; use windows of the same patch size"
+        )
+    known, added = forgetting * space.count, float(len(vectors))
+    count = known + added
+    batch_mean = vectors.mean(axis=0)
+    shift = batch_mean - space.mean
+    rows = np.vstack(
+        [
+            np.sqrt(forgetting) * space.singular_values[:, None] * space.basis,
+            vectors - batch_mean,
+            np.sqrt(known * added / count) * shift[None],
+        ]
+    )
+    basis, singular_values = _principal_rows(rows, components)
+    return Eigenspace(space.mean + (added / count) * shift, basis, singular_values, count)
+
+
+def _checked(vectors: FloatArray) -> FloatArray:
+    vectors = np.asarray(vectors, dtype=np.float64)
+    if vectors.ndim != 2 or not len(vectors):
+        raise ValueError(f"eigenspace: vectors must be [m, d] with m >= 1, got shape {vectors.shape}")
+    if not np.isfinite(vectors).all():
+        raise ValueError("eigenspace: vectors must be finite, got NaN or infinity; leave such windows out")
+    return vectors
+
+
+def _principal_rows(rows: FloatArray, components: int) -> tuple[FloatArray, FloatArray]:
+    """Leading right singular vectors float64[k, d] and values float64[k] of float64[m, d]."""
+    if rows.shape[0] > rows.shape[1]:
+        _, singular_values, right = np.linalg.svd(rows, full_matrices=False)
+    else:
+        squares, left = np.linalg.eigh(rows @ rows.T)
+        singular_values = np.sqrt(np.maximum(squares[::-1], 0.0))
+        right = left[:, ::-1].T @ rows
+        right /= np.where(singular_values > 0, singular_values, 1.0)[:, None]
+    # The absolute floor is for rows that differ by rounding alone, where the strongest is rounding as well.
+    floor = max(RELATIVE_FLOOR * float(singular_values[0]), 1e-9 * float(np.sqrt(rows.shape[1])))
+    kept = min(components, int(np.count_nonzero(singular_values > floor)))
+    basis = right[:kept].copy()
+    # Eigenvectors have no sign of their own; the largest element made positive keeps runs comparable.
+    strongest = np.abs(basis).argmax(axis=1)
+    basis *= np.where(basis[np.arange(kept), strongest] < 0, -1.0, 1.0)[:, None]
+    return basis, singular_values[:kept].copy()

@@ -1,0 +1,56 @@
+"""Zenoh endpoints as users write them: checked, told apart, and shown without their secrets."""
+
+import ipaddress
+import re
+
+PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
+ENDPOINT = re.compile(
+    rf"(?P<protocol>{'|'.join(PROTOCOLS)})/(?P<host>\[[0-9a-fA-F:.%a-z]+\]|[^/:\s?#\[\]]+):(?P<port>\d{{1,5}})"
+    r"(?P<metadata>\?[^#\s]*)?(?P<config>#\S*)?"
+)
+SOCKET_FILE = re.compile(r"(unixsock-stream|unixpipe)/[^\s?#]+")
+# Everything behind # configures the link and may hold private keys; before @ a user and password may stand.
+SECRETS = re.compile(r"(?<=#)[^\s,]+|(?<=/)[^\s,/@]+(?=@)")
+
+
+class InvalidEndpoint(ValueError):
+    """A text is no endpoint; the message shows it without its secrets."""
+
+
+def redact(text: str) -> str:
+    """Masks what may be secret in endpoints, wherever in the text they stand."""
+    return SECRETS.sub("***", text)
+
+
+def endpoints(text: str | None) -> tuple[str, ...]:
+    """Splits a list of endpoints at commas and checks each.
+
+    Args:
+        text: for example `tcp/192.168.0.7:7447,tcp/[::1]:7448`; None and blanks give none.
+
+    Raises:
+        InvalidEndpoint: one is not PROTOCOL/HOST:PORT.
+    """
+    parts = tuple(part.strip() for part in (text or "").split(",") if part.strip())
+    for part in parts:
+        match = ENDPOINT.fullmatch(part)
+        if (match is None or int(match["port"]) > 65535) and not SOCKET_FILE.fullmatch(part):
+            raise InvalidEndpoint(
+                f"an endpoint must be PROTOCOL/HOST:PORT with one of {', '.join(PROTOCOLS)}, "
+                f"got {redact(part)!r}; write for example tcp/192.168.0.7:7447"
+            )
+    return parts
+
+
+def is_local(endpoint: str) -> bool:
+    """Whether an endpoint stays on this machine: loopback addresses, `localhost` and socket files."""
+    match = ENDPOINT.fullmatch(endpoint)
+    if match is None:
+        return SOCKET_FILE.fullmatch(endpoint) is not None
+    host = match["host"].strip("[]")
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

@@ -1,0 +1,94 @@
+"""Who is there: publishers that live, and receivers that listen, shown by zenoh's liveliness tokens."""
+
+import threading
+from collections.abc import Callable
+
+import zenoh
+
+from streamkit_zenoh.keys import LISTENING, alive_key, listening_key, listens_to
+
+# Tokens come from the network: their number is bounded.
+TOKEN_LIMIT = 10_000
+
+
+class Watch:
+    """Keeps the set of tokens below a key expression.
+
+    Args:
+        session: an open session.
+        expression: which tokens.
+        changed: called from zenoh's thread with the number of tokens there, after each change.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, expression: str, changed: Callable[[int], None] | None = None
+    ) -> None:
+        self._tokens: set[str] = set()
+        self._lock = threading.Lock()
+        self._changed = changed
+        # Called in zenoh's own thread, so that a token's end is seen behind the records sent before it.
+        handler = zenoh.handlers.Callback(self._take, indirect=False)
+        self._subscriber = session.liveliness().declare_subscriber(expression, handler, history=True)
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        token = str(sample.key_expr)
+        with self._lock:
+            if sample.kind == zenoh.SampleKind.DELETE:
+                self._tokens.discard(token)
+            elif len(self._tokens) < TOKEN_LIMIT:
+                self._tokens.add(token)
+            count = len(self._tokens)
+        if self._changed is not None:
+            self._changed(count)
+
+    def count(self, wanted: Callable[[str], bool] = lambda token: True) -> int:
+        """How many tokens are there that are wanted."""
+        with self._lock:
+            return sum(wanted(token) for token in self._tokens)
+
+    def close(self) -> None:
+        """Stops watching."""
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+
+def show_publisher(session: zenoh.Session, records: str) -> zenoh.LivelinessToken:
+    """Shows that records are published at this key, for as long as the session is open.
+
+    Leave the token to the session's close: taken back by itself, its end overtakes records under way.
+    """
+    return session.liveliness().declare_token(alive_key(records))
+
+
+def show_receiver(session: zenoh.Session, records: str) -> zenoh.LivelinessToken:
+    """Shows that records of this key expression are received; declare the subscriber first."""
+    return session.liveliness().declare_token(listening_key(str(session.info.zid()), records))
+
+
+def watch_receivers(session: zenoh.Session) -> Watch:
+    """Watches every receiver that shows itself."""
+    return Watch(session, f"{LISTENING}/**")
+
+
+def wait_for_receivers(
+    publisher: zenoh.Publisher, receivers: Watch, wanted: int, limit_s: float, cancelled: threading.Event
+) -> bool:
+    """Waits until records would reach `wanted` receivers.
+
+    zenoh tells a publisher whether it has any subscriber, not how many. So for one receiver that is asked,
+    and any subscriber counts; for more, those that show themselves with `show_receiver` are counted.
+
+    Returns:
+        Whether they are there; False when the time is over or the wait was cancelled.
+    """
+    records = str(publisher.key_expr)
+    left_s = limit_s
+    while not cancelled.is_set():
+        # zenoh's stub says bool, the library gives an object that is always true.
+        matching = getattr(publisher.matching_status, "matching", False)
+        if matching and (wanted <= 1 or receivers.count(lambda token: listens_to(token, records)) >= wanted):
+            return True
+        if left_s <= 0:
+            return False
+        cancelled.wait(0.02)
+        left_s -= 0.02
+    return False

@@ -1,0 +1,107 @@
+"""Between frames and the bytes of their records."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from streamkit import (
+    Caps,
+    Capture,
+    Frame,
+    Registration,
+    Track,
+    TrackRecord,
+    Tracks,
+    decode_record,
+    encode_record,
+    track_record,
+)
+
+TRACKS_NAME = "application/x-tracks"
+TRACKS_CAPS = Caps(TRACKS_NAME)
+UNKNOWN = float("nan")
+
+
+def payload_of(frame: Frame, source: str, published_ns: int | None, dropped: int) -> bytes:
+    """The record of a frame as one line of JSON; a frame that is a record passes as it is.
+
+    Raises:
+        ValueError: a track has no place.
+        StreamError: the frame says that it is a record, and is none.
+    """
+    if frame.caps.name != TRACKS_NAME:
+        return encode_record(track_record(frame, source=source, published_ns=published_ns, dropped=dropped))
+    data = bytes(frame.data)
+    record = decode_record(data)
+    return encode_record(record) if b"\n" in data else data
+
+
+def frame_of(payload: bytes, arrival_ns: int, epoch: int = 0) -> Frame:
+    """A frame that carries a record: its bytes, its times, and Tracks and Registration as metadata.
+
+    What a record does not say is NaN: a velocity, a covariance, and always the homography to the previous
+    frame, which records have not.
+
+    Args:
+        payload: the record.
+        arrival_ns: monotonic clock.
+        epoch: added to the record's own.
+
+    Raises:
+        StreamError: it is no record.
+    """
+    record = decode_record(payload)
+    origin, capture_ns = record.capture_origin, record.capture_ns
+    frame = Frame(
+        payload,
+        _caps(record.width, record.height),
+        pts=record.pts_ns,
+        epoch=epoch + record.epoch,
+        seq=record.seq,
+        arrival_ns=arrival_ns,
+        capture=Capture(capture_ns, origin) if capture_ns is not None and origin is not None else None,
+    ).attach(_tracks(record))
+    registration = _registration(record)
+    return frame if registration is None else frame.attach(registration)
+
+
+@lru_cache(maxsize=64)
+def _caps(width: int | None, height: int | None) -> Caps:
+    size = {name: value for name, value in (("width", width), ("height", height)) if value is not None}
+    return TRACKS_CAPS.with_fields(**size)
+
+
+def _tracks(record: TrackRecord) -> Tracks:
+    return Tracks(
+        tuple(
+            Track(
+                id=target.id,
+                state=target.state,
+                x=target.x,
+                y=target.y,
+                length=target.length,
+                width=target.width,
+                angle=target.angle,
+                velocity=(
+                    UNKNOWN if target.vx is None else target.vx,
+                    UNKNOWN if target.vy is None else target.vy,
+                ),
+                covariance=np.array(target.position_covariance or np.full((2, 2), UNKNOWN)),
+                score=target.score,
+                age_ns=target.age_ns,
+            )
+            for target in record.tracks
+        )
+    )
+
+
+def _registration(record: TrackRecord) -> Registration | None:
+    if record.registration is None:
+        return None
+    unknown = np.full((3, 3), UNKNOWN)
+    return Registration(
+        to_previous=unknown,
+        to_reference=np.array(record.registration.to_reference or unknown),
+        reference=record.registration.reference,
+        status=record.registration.status,
+    )

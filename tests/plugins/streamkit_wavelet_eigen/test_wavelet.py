@@ -1,0 +1,79 @@
+"""The batch transform is PyWavelets' periodized transform, and gives the picture back."""
+
+import numpy as np
+import pytest
+import pywt
+
+from streamkit_wavelet_eigen.wavelet import decompose, reconstruct, transform_matrix
+
+ORTHOGONAL = [
+    name for name in pywt.wavelist(kind="discrete") if pywt.Wavelet(name).orthogonal and name != "dmey"
+]
+
+
+def _patches(count: int, height: int, width: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (count, height, width)).astype(np.float32)
+
+
+@pytest.mark.parametrize("wavelet", ["haar", "db8", "sym5", "coif2", "db20"])
+@pytest.mark.parametrize(("height", "width"), [(32, 32), (64, 64), (16, 48), (2, 8)])
+def test_sub_bands_equal_pywavelets(wavelet: str, height: int, width: int) -> None:
+    """All four bands are those of pywt.dwt2 in periodization mode, within 1e-3."""
+    given = _patches(5, height, width)
+    low, (horizontal, vertical, diagonal) = pywt.dwt2(
+        given.astype(np.float64), wavelet, mode="periodization", axes=(1, 2)
+    )
+    bands = decompose(given, wavelet)
+    for ours, theirs in (
+        (bands.ll, low),
+        (bands.lh, horizontal),
+        (bands.hl, vertical),
+        (bands.hh, diagonal),
+    ):
+        assert ours.dtype == np.float32
+        np.testing.assert_allclose(ours, theirs, atol=1e-3)
+
+
+@pytest.mark.parametrize("wavelet", ORTHOGONAL)
+def test_every_orthogonal_wavelet_reconstructs(wavelet: str) -> None:
+    """Each orthogonal wavelet of PyWavelets gives every patch back within 1e-2 grey levels."""
+    given = _patches(7, 32, 48, seed=3)
+    np.testing.assert_allclose(reconstruct(decompose(given, wavelet), wavelet), given, atol=1e-2)
+
+
+def test_quarters_are_views() -> None:
+    """Writing a sub-band changes the coefficients that are reconstructed."""
+    bands = decompose(_patches(2, 16, 16), "haar")
+    for band in (bands.lh, bands.hl, bands.hh):
+        band[...] = 0.0
+    smooth = reconstruct(bands, "haar")
+    np.testing.assert_allclose(smooth[:, ::2, ::2], smooth[:, 1::2, 1::2], atol=1e-3)
+
+
+def test_empty_batch() -> None:
+    """No patch is no coefficient, not an error."""
+    assert reconstruct(decompose(_patches(0, 8, 8))).shape == (0, 8, 8)
+
+
+@pytest.mark.parametrize("length", [0, 1, 31])
+def test_odd_or_empty_sides_are_refused(length: int) -> None:
+    """The periodized matrix is orthogonal for even lengths only; others are refused with the length."""
+    with pytest.raises(ValueError, match=f"even and at least 2, got {length}"):
+        transform_matrix("db8", length)
+
+
+@pytest.mark.parametrize(
+    ("wavelet", "text"), [("bior2.2", "not orthogonal"), ("dmey", "not orthogonal"), ("db99", "no discrete")]
+)
+def test_other_wavelets_are_refused(wavelet: str, text: str) -> None:
+    """Biorthogonal, approximate and unknown wavelets are refused by name."""
+    with pytest.raises(ValueError, match=f'{text}|"{wavelet}"') as caught:
+        transform_matrix(wavelet, 32)
+    assert text in str(caught.value)
+    assert wavelet in str(caught.value)
+
+
+def test_matrix_is_read_only() -> None:
+    """The cached matrix cannot be changed by one caller for all others."""
+    with pytest.raises(ValueError, match="read-only"):
+        transform_matrix("db8", 32)[0, 0] = 1.0

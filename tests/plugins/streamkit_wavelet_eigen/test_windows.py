@@ -1,0 +1,126 @@
+"""Windows are centred to a fraction of a pixel, and flagged where they cannot be trusted."""
+
+import numpy as np
+import pytest
+
+from streamkit_wavelet_eigen.windows import Windows, cut_windows
+
+
+def _cut(
+    image: np.ndarray, box: tuple[float, float, float, float], patch: int = 16, margin: float = 1.0
+) -> Windows:
+    x0, y0, x1, y1 = box
+    centre = np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])
+    return cut_windows(image, centre, np.array([box]), patch, margin)
+
+
+def _ramp(height: int = 60, width: int = 80) -> np.ndarray:
+    return (np.arange(width)[None] * 2 + np.arange(height)[:, None]).astype(np.uint8)
+
+
+def test_window_at_its_own_scale_is_the_crop() -> None:
+    """A 16 px box around pixel centres gives exactly those pixels."""
+    image = np.random.default_rng(0).integers(0, 256, (60, 80), np.uint8)
+    # The square spans 16 pixels: with an even side its middle lies between two of them.
+    result = _cut(image, (19.5, 9.5, 35.5, 25.5))
+    np.testing.assert_array_equal(result.patches[0], image[10:26, 20:36])
+    assert result.patches.dtype == np.float32
+    assert result.clipped[0] == 0.0
+
+
+def test_fractions_of_a_pixel_count() -> None:
+    """Moving the box by half a pixel moves the window by half a pixel."""
+    image = _ramp()
+    still, moved = _cut(image, (20, 20, 36, 36)), _cut(image, (20.5, 20, 36.5, 36))
+    np.testing.assert_allclose(moved.patches - still.patches, 1.0, atol=1.01)
+    assert (moved.patches - still.patches).mean() == pytest.approx(1.0, abs=0.5)
+
+
+@pytest.mark.parametrize(("size", "span"), [(4, 6), (40, 75)])
+def test_boxes_are_scaled_to_the_patch(size: int, span: int) -> None:
+    """A ramp keeps its span whatever the size of the box: the window is scaled, not cut."""
+    result = _cut(_ramp(), (30 - size / 2, 30 - size / 2, 30 + size / 2, 30 + size / 2))
+    assert result.patches.shape == (1, 16, 16)
+    assert np.ptp(result.patches[0][8]) == pytest.approx(span, abs=2)
+    assert result.patches.mean() == pytest.approx(90, abs=2)
+
+
+def test_the_longer_side_and_the_margin_set_the_square() -> None:
+    """A 20 by 4 box with margin 1.5 gives a 30 px square."""
+    result = _cut(_ramp(), (20, 28, 40, 32), margin=1.5)
+    assert np.ptp(result.patches[0][8]) == pytest.approx(60, abs=5)
+
+
+@pytest.mark.parametrize(
+    ("box", "share"),
+    [
+        ((-8.5, 20, 7.5, 36), 0.5),
+        ((-8.5, -8.5, 7.5, 7.5), 0.75),
+        ((500, 500, 516, 516), 1.0),
+        ((20, 20, 36, 36), 0.0),
+    ],
+)
+def test_clipped_tells_the_share_outside(box: tuple[float, float, float, float], share: float) -> None:
+    """The border is replicated, and the share of the window outside the picture reported."""
+    result = _cut(_ramp(), box)
+    assert result.clipped[0] == pytest.approx(share, abs=0.02)
+    assert np.isfinite(result.patches).all()
+
+
+def test_border_is_replicated() -> None:
+    """Left of the picture every row continues its first pixel."""
+    image = _ramp()
+    patch = _cut(image, (-8.5, 19.5, 7.5, 35.5)).patches[0]
+    np.testing.assert_array_equal(patch[:, :8], np.repeat(image[20:36, :1], 8, axis=1))
+
+
+def test_flags() -> None:
+    """Constant windows are flat; boxes below 8 px are tiny."""
+    image = np.full((60, 80), 90, np.uint8)
+    image[:, 40:] = np.random.default_rng(2).integers(0, 256, (60, 40), np.uint8)
+    boxes = np.array([[5.0, 5, 25, 25], [50, 20, 70, 40], [60, 30, 63, 34]])
+    centres = (boxes[:, :2] + boxes[:, 2:]) / 2
+    result = cut_windows(image, centres, boxes, 16)
+    assert result.flat.tolist() == [True, False, False]
+    assert result.tiny.tolist() == [False, False, True]
+
+
+@pytest.mark.parametrize(
+    "box",
+    [
+        (np.nan, 0, 5, 5),
+        (0, 0, np.inf, 5),
+        (5, 5, 5, 5),
+        (9, 9, 3, 3),
+        (-1e300, -1e300, 1e300, 1e300),
+        (1e18, 1e18, 1e18 + 4096, 1e18 + 4096),
+    ],
+)
+def test_senseless_boxes_give_finite_windows(box: tuple[float, float, float, float]) -> None:
+    """NaN, empty, inverted and astronomical boxes give a finite patch of the right size."""
+    with np.errstate(all="ignore"):
+        result = _cut(_ramp(), box)
+    assert result.patches.shape == (1, 16, 16)
+    assert np.isfinite(result.patches).all()
+    assert 0.0 <= result.clipped[0] <= 1.0
+
+
+def test_numbers_that_are_not_finite_are_flagged() -> None:
+    """A detection without a place has a zero patch, flat and wholly clipped."""
+    result = cut_windows(_ramp(), np.array([[np.nan, 4.0]]), np.array([[0.0, 0, 8, 8]]), 16)
+    assert (result.patches == 0).all()
+    assert (result.flat[0], result.clipped[0]) == (True, 1.0)
+
+
+def test_one_pixel_picture() -> None:
+    """A picture of one pixel gives constant windows, flat."""
+    result = _cut(np.full((1, 1), 200, np.uint8), (0, 0, 40, 40))
+    np.testing.assert_array_equal(result.patches, np.full((1, 16, 16), 200, np.float32))
+    assert result.flat[0]
+
+
+def test_no_detections() -> None:
+    """No detection gives no window."""
+    result = cut_windows(_ramp(), np.zeros((0, 2)), np.zeros((0, 4)), 16)
+    assert result.patches.shape == (0, 16, 16)
+    assert len(result.flat) == len(result.clipped) == len(result.tiny) == 0

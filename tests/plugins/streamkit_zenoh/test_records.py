@@ -1,0 +1,96 @@
+"""A frame becomes a record and back; what a record does not say stays unknown."""
+
+import json
+
+import numpy as np
+import pytest
+
+from streamkit import (
+    Caps,
+    Capture,
+    Frame,
+    Registration,
+    RegistrationStatus,
+    StreamError,
+    Track,
+    Tracks,
+    TrackState,
+    decode_record,
+    encode_record,
+    raw_video_caps,
+    track_record,
+)
+from streamkit_zenoh.records import frame_of, payload_of
+
+
+def _track(number: int, velocity: tuple[float, float] = (3.0, -1.5)) -> Track:
+    covariance = np.array([[1.5, 0.25], [0.25, 0.75]])
+    return Track(number, TrackState.CONFIRMED, 10.5, 20.25, 8.0, 4.0, 0.5, velocity, covariance, 0.9, 10**9)
+
+
+def _frame() -> Frame:
+    return Frame(
+        np.zeros((4, 6), np.uint8),
+        raw_video_caps("GRAY8", 6, 4),
+        pts=123,
+        epoch=2,
+        seq=17,
+        capture=Capture(1_000, "misb"),
+    ).attach(
+        Tracks((_track(1), _track(5))),
+        Registration(np.eye(3), np.diag([1.0, 2.0, 1.0]), reference=4, status=RegistrationStatus.WEAK),
+    )
+
+
+def test_a_record_restores_the_frames_times_and_metadata() -> None:
+    """Times, tracks and the place on the reference plane come back exactly."""
+    given = _frame()
+    frame = frame_of(payload_of(given, "uav/1", 5_000, 0), arrival_ns=77, epoch=10)
+    assert (frame.pts, frame.seq, frame.epoch, frame.arrival_ns) == (123, 17, 12, 77)
+    assert frame.capture == given.capture
+    assert str(frame.caps) == "application/x-tracks, width=(int)6, height=(int)4" or frame.caps["width"] == 6
+    tracks, registration = frame.get(Tracks), frame.get(Registration)
+    assert tracks is not None
+    assert registration is not None
+    for ours, theirs in zip(tracks.tracks, (_track(1), _track(5)), strict=True):
+        for field in ("id", "state", "x", "y", "length", "width", "angle", "velocity", "score", "age_ns"):
+            assert getattr(ours, field) == getattr(theirs, field)
+        np.testing.assert_array_equal(ours.covariance, theirs.covariance)
+    np.testing.assert_array_equal(registration.to_reference, np.diag([1.0, 2.0, 1.0]))
+    assert (registration.reference, registration.status) == (4, RegistrationStatus.WEAK)
+    assert np.isnan(registration.to_previous).all()
+
+
+def test_what_is_not_said_is_nan() -> None:
+    """A velocity that was not known is not zero on the other side; nor is a size."""
+    frame = Frame(b"", Caps("video/x-raw")).attach(Tracks((_track(1, (float("nan"), 0.0)),)))
+    received = frame_of(payload_of(frame, "a", 1, 0), arrival_ns=1)
+    tracks = received.get(Tracks)
+    assert tracks is not None
+    assert np.isnan(tracks.tracks[0].velocity).all()
+    assert received.get(Registration) is None
+    assert (received.pts, received.capture, received.caps.get("width")) == (None, None, None)
+
+
+def test_a_record_that_is_passed_on_stays_as_it_is() -> None:
+    """Source, times and even the bytes are those of the first publisher."""
+    payload = payload_of(_frame(), "uav/1", 5_000, 3)
+    assert payload_of(frame_of(payload, arrival_ns=1), "other", 9_000, 0) == payload
+
+
+def test_a_record_on_many_lines_becomes_one() -> None:
+    """A record of another make may be printed prettily; a line of a file it must be one line."""
+    record = track_record(_frame(), source="uav/1", published_ns=5_000)
+    pretty = json.dumps(json.loads(encode_record(record)), indent=2).encode()
+    passed = payload_of(Frame(pretty, Caps("application/x-tracks")), "other", 1, 0)
+    assert b"\n" not in passed
+    assert decode_record(passed) == record
+
+
+@pytest.mark.parametrize("data", [b"", b"{}", b'{"schema": "streamkit.tracks/2"}', b"\x00\xff" * 50])
+def test_what_is_no_record_is_refused(data: bytes) -> None:
+    """Both ways, data that is no record is a StreamError."""
+    with pytest.raises(StreamError, match="not a track record"):
+        frame_of(data, arrival_ns=1)
+    with pytest.raises(StreamError, match="not a track record"):
+        payload_of(Frame(data, Caps("application/x-tracks")), "a", 1, 0)

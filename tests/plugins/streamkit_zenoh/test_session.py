@@ -1,0 +1,255 @@
+"""Sessions find each other on one machine, stay on it, and open and close within bounds."""
+
+import json
+import socket
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from streamkit_zenoh.session import (
+    MEETING_PORTS,
+    Mode,
+    Reach,
+    SessionFailure,
+    SessionSettings,
+    close_session,
+    open_session,
+    plain,
+)
+
+Opener = Callable[..., zenoh.Session]
+
+
+def _wait_for(condition: Callable[[], bool], limit_s: float = 10.0) -> bool:
+    never = threading.Event()
+    for _ in range(int(limit_s / 0.01)):
+        if condition():
+            return True
+        never.wait(0.01)
+    return False
+
+
+def _peers(session: zenoh.Session) -> set[str]:
+    return {str(peer) for peer in session.info.peers_zid()}
+
+
+def test_sessions_meet_without_endpoints(open_test_session: Opener) -> None:
+    """Four sessions opened one after the other all find each other."""
+    sessions = [open_test_session() for _ in range(4)]
+    names = {str(session.info.zid()) for session in sessions}
+    for session in sessions:
+        expected = names - {str(session.info.zid())}
+        assert _wait_for(lambda session=session, expected=expected: _peers(session) >= expected)
+
+
+def test_sessions_that_open_at_once_meet(open_test_session: Opener) -> None:
+    """Two that start in the same moment do not miss each other."""
+    together = threading.Barrier(2)
+    sessions: list[zenoh.Session] = []
+
+    def open_one() -> None:
+        together.wait(5)
+        sessions.append(open_test_session())
+
+    threads = [threading.Thread(target=open_one) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(20)
+    one, other = sessions
+    assert _wait_for(lambda: str(other.info.zid()) in _peers(one))
+
+
+def test_a_local_session_listens_on_loopback_only(open_test_session: Opener) -> None:
+    """No other machine can connect unless told otherwise."""
+    locators = [
+        str(link.src)
+        for session in [open_test_session(), open_test_session()]
+        for link in session.info.links()
+    ]
+    assert locators
+    assert all("127.0.0.1" in locator or "[::1]" in locator for locator in locators)
+
+
+def test_taken_ports_are_passed_over(open_test_session: Opener) -> None:
+    """With every meeting port taken by others, sessions still open and meet."""
+    with_ports = []
+    for port in MEETING_PORTS:
+        taken = socket.socket()
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            taken.bind(("127.0.0.1", port))
+            taken.listen()
+        except OSError:
+            taken.close()
+        else:
+            with_ports.append(taken)
+    try:
+        session = open_test_session()
+        assert not session.is_closed()
+    finally:
+        for taken in with_ports:
+            taken.close()
+
+
+def test_peers_meet_at_an_endpoint_in_either_order(open_test_session: Opener, endpoint: str) -> None:
+    """A peer goes on trying: who connects may start first."""
+    first = open_test_session(connect=(endpoint,))
+    second = open_test_session(listen=(endpoint,))
+    assert _wait_for(lambda: str(second.info.zid()) in _peers(first))
+
+
+def test_a_client_speaks_to_a_publisher_directly(open_test_session: Opener, endpoint: str, key: str) -> None:
+    """No router is needed between a client and the session it names."""
+    publisher = open_test_session(listen=(endpoint,)).declare_publisher(key)
+    client = open_test_session(mode=Mode.CLIENT, connect=(endpoint,))
+    came = threading.Event()
+    client.declare_subscriber(key, zenoh.handlers.Callback(lambda _: came.set(), indirect=False))
+    assert _wait_for(lambda: publisher.matching_status.matching)
+    publisher.put(b"x")
+    assert came.wait(5)
+
+
+def test_peers_meet_through_a_router(
+    open_test_session: Opener, endpoint: str, key: str, tmp_path: Path
+) -> None:
+    """Peers that name the same router exchange records."""
+    configuration = tmp_path / "router.json5"
+    configuration.write_text(
+        json.dumps(
+            {
+                "mode": "router",
+                "listen": {"endpoints": [endpoint]},
+                "scouting": {"multicast": {"enabled": False}},
+            }
+        )
+    )
+    router = open_test_session(config=str(configuration))
+    one, other = open_test_session(connect=(endpoint,)), open_test_session(connect=(endpoint,))
+    publisher, came = one.declare_publisher(key), threading.Event()
+    other.declare_subscriber(key, zenoh.handlers.Callback(lambda _: came.set(), indirect=False))
+    assert _wait_for(lambda: publisher.matching_status.matching)
+    publisher.put(b"x")
+    assert came.wait(5)
+    assert not router.is_closed()
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        (SessionSettings(), False),
+        (SessionSettings(mode=Mode.CLIENT), True),
+        (SessionSettings(connect=("tcp/127.0.0.1:1",)), False),
+        (SessionSettings(connect=("tcp/10.0.0.1:1",)), True),
+        (SessionSettings(connect=("tcp/10.0.0.1:1",), listen=("tcp/0.0.0.0:2",)), False),
+        (SessionSettings(connect=("tcp/10.0.0.1:1",), mode=Mode.PEER), False),
+    ],
+)
+def test_auto_is_a_client_of_other_machines(settings: SessionSettings, expected: bool) -> None:
+    """Naming another machine opens no port on this one."""
+    assert settings.is_client is expected
+
+
+def test_a_taken_endpoint_is_refused(open_test_session: Opener, endpoint: str) -> None:
+    """Two cannot listen at one place; the error names it and nothing of zenoh's source."""
+    open_test_session(listen=(endpoint,))
+    with pytest.raises(SessionFailure, match="in use") as caught:
+        open_session(SessionSettings(listen=(endpoint,)))
+    assert endpoint in str(caught.value)
+    assert ".rs" not in str(caught.value)
+
+
+def test_a_client_without_its_router_fails(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A client needs what it names; the error says what to do."""
+    monkeypatch.setattr("streamkit_zenoh.session.CLIENT_CONNECT_LIMIT_MS", 200)
+    with pytest.raises(SessionFailure, match="start the router or name another endpoint"):
+        open_session(SessionSettings(mode=Mode.CLIENT, connect=(endpoint,)))
+
+
+def test_opening_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A call of zenoh that does not come back is left behind; what it opens later is closed."""
+    release, closed = threading.Event(), threading.Event()
+
+    class _Late:
+        def close(self) -> None:
+            closed.set()
+
+    def hang(config: zenoh.Config) -> _Late:
+        release.wait(10)
+        return _Late()
+
+    monkeypatch.setattr(zenoh, "open", hang)
+    with pytest.raises(SessionFailure, match=r"no session within 0\.1 s"):
+        open_session(SessionSettings(listen=("tcp/127.0.0.1:0",)), limit_s=0.1)
+    release.set()
+    assert closed.wait(5)
+
+
+def test_closing_is_bounded() -> None:
+    """A session that does not close is left behind in a thread that is no daemon."""
+    release = threading.Event()
+
+    class _Stuck:
+        def close(self) -> None:
+            release.wait(10)
+
+    assert not close_session(_Stuck(), 0.1)  # type: ignore[arg-type]
+    cancelled = threading.Event()
+    cancelled.set()
+    assert not close_session(_Stuck(), 60.0, cancelled)  # type: ignore[arg-type]
+    left = [thread for thread in threading.enumerate() if thread.name == "zenoh call"]
+    assert len(left) == 2
+    assert not any(thread.daemon for thread in left)
+    release.set()
+    for thread in left:
+        thread.join(5)
+        assert not thread.is_alive()
+
+
+def test_declarations_are_taken_back_before_the_close() -> None:
+    """A session closed before what it declared may hang."""
+    calls: list[str] = []
+
+    class _Session:
+        def close(self) -> None:
+            calls.append("close")
+
+    undeclare = (lambda: calls.append("one"), lambda: calls.append("two"))
+    assert close_session(_Session(), 5.0, undeclare=undeclare)  # type: ignore[arg-type]
+    assert calls == ["one", "two", "close"]
+
+
+def test_a_configuration_file_is_the_base(open_test_session: Opener, endpoint: str, tmp_path: Path) -> None:
+    """What the file says holds where no setting says otherwise."""
+    path = tmp_path / "zenoh.json5"
+    path.write_text(json.dumps({"mode": "peer", "listen": {"endpoints": [endpoint]}}))
+    listener = open_test_session(config=str(path))
+    other = open_test_session(connect=(endpoint,))
+    assert _wait_for(lambda: str(listener.info.zid()) in _peers(other))
+
+
+@pytest.mark.parametrize("content", [None, "{mode: ", '{"mode": "king"}'])
+def test_a_bad_configuration_file_is_refused(content: str | None, tmp_path: Path) -> None:
+    """The error names the file."""
+    path = tmp_path / "zenoh.json5"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(SessionFailure, match=r"zenoh configuration .*zenoh\.json5"):
+        open_session(SessionSettings(config=str(path)))
+
+
+def test_reach_network_listens_to_the_network(open_test_session: Opener) -> None:
+    """Only when asked does a session take part in the local network."""
+    session = open_test_session(reach=Reach.NETWORK)
+    assert not session.is_closed()
+
+
+def test_errors_are_made_plain() -> None:
+    """Places in zenoh's source and secrets are taken out."""
+    error = RuntimeError(
+        "no way to tls/a:1#key=SECRET [x at /root/src/io/tcp.rs:61.] at /root/src/unicast.rs:338."
+    )
+    assert plain(error) == "no way to tls/a:1#*** [x]"

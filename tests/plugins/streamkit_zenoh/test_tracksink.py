@@ -1,0 +1,94 @@
+"""tracksink: one line per frame, whole and in order, or a clear error."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from streamkit import (
+    Capture,
+    ElementFailure,
+    Frame,
+    Pipeline,
+    ResourceError,
+    Tracks,
+    decode_record,
+    encode_record,
+    raw_video_caps,
+    track_record,
+)
+from streamkit.testing import Harness, ManualClock
+
+
+def _frame(seq: int) -> Frame:
+    caps = raw_video_caps("GRAY8", 4, 2)
+    frame = Frame(
+        np.zeros((2, 4), np.uint8), caps, pts=seq * 40, seq=seq, arrival_ns=1, capture=Capture(10, "file")
+    )
+    return frame.attach(Tracks())
+
+
+def test_one_line_per_frame(tmp_path: Path) -> None:
+    """Each line is the record of its frame, with the file's name as source."""
+    path = tmp_path / "flight7.jsonl"
+    clock = ManualClock(3_000_000)
+    with Harness("tracksink", location=str(path), clock=clock) as harness:
+        for seq in range(4):
+            harness.push(_frame(seq))
+        harness.drain()
+        lines = path.read_bytes().splitlines()
+    expected = [track_record(_frame(seq), source="flight7", published_ns=3_000_000) for seq in range(4)]
+    assert [decode_record(line) for line in lines] == expected
+
+
+def test_equal_runs_write_equal_files_without_stamp(tmp_path: Path) -> None:
+    """The time of writing is all that differs between two runs, and can be left out."""
+    paths = [tmp_path / name / "tracks.jsonl" for name in ("one", "two")]
+    for path in paths:
+        path.parent.mkdir()
+        text = f"videotestsrc num-buffers=5 ! tracksink location={path} stamp=false"
+        Pipeline.parse(text).run(timeout_s=30)
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    assert paths[0].read_bytes().count(b"\n") == 5
+
+
+def test_a_stop_without_eos_leaves_whole_lines(tmp_path: Path) -> None:
+    """What was rendered before a stop is in the file."""
+    path = tmp_path / "tracks.jsonl"
+    with Harness("tracksink", location=str(path), source="uav/9") as harness:
+        harness.push(_frame(0))
+    assert decode_record(path.read_bytes()).source == "uav/9"
+
+
+def test_records_are_written_as_they_came(tmp_path: Path) -> None:
+    """What zenohsrc passes on keeps its source and times."""
+    path = tmp_path / "tracks.jsonl"
+    payload = encode_record(track_record(_frame(3), source="uav/1", published_ns=5))
+    text = f"appsrc name=in caps=application/x-tracks ! tracksink location={path}"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        pipeline["in"].push(payload)
+        pipeline["in"].end()
+        pipeline.wait(10)
+    assert path.read_bytes() == payload + b"\n"
+
+
+@pytest.mark.parametrize("location", ["{}/missing/tracks.jsonl", "{}"])
+def test_a_place_that_cannot_be_written_is_an_error(tmp_path: Path, location: str) -> None:
+    """The error names the place before the first frame."""
+    with pytest.raises(ResourceError, match="cannot be written"):
+        Harness("tracksink", location=location.format(tmp_path))
+
+
+def test_a_location_is_needed() -> None:
+    """No file is written that was not named."""
+    with pytest.raises(ResourceError, match="location must be set"):
+        Harness("tracksink")
+
+
+def test_a_full_disk_is_reported() -> None:
+    """A record that could not be written is never lost in silence."""
+    if not Path("/dev/full").exists():
+        pytest.skip("/dev/full is not on this system")
+    with pytest.raises(ElementFailure, match="a record was not written"):
+        Pipeline.parse("videotestsrc num-buffers=50 ! tracksink location=/dev/full").run(timeout_s=30)

@@ -1,0 +1,253 @@
+"""zenohsrc: frames with tracks from records, an end when the publisher ends, and no trust in the network."""
+
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zenoh
+
+from streamkit import (
+    Caps,
+    ElementFailure,
+    Frame,
+    Pipeline,
+    Registration,
+    ResourceError,
+    Track,
+    Tracks,
+    TrackState,
+    encode_record,
+    track_record,
+)
+from streamkit_zenoh.presence import show_publisher
+from streamkit_zenoh.session import close_session
+
+Opener = Callable[..., zenoh.Session]
+
+
+def _payload(seq: int, epoch: int = 0) -> bytes:
+    track = Track(4, TrackState.CONFIRMED, 1.0, 2.0, 3.0, 4.0, 0.5, (6.0, 7.0), np.eye(2), 0.5, 9)
+    frame = Frame(b"", Caps("video/x-raw, width=64, height=48"), pts=seq * 40, seq=seq, epoch=epoch)
+    frame = frame.attach(Tracks((track,)), Registration(np.eye(3), np.eye(3), reference=2))
+    return encode_record(track_record(frame, source="test", published_ns=1))
+
+
+class _Publisher:
+    """A publisher by hand, with its token, in a session of its own."""
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self.session = session
+        self.publisher = session.declare_publisher(
+            f"{key}/tracks", congestion_control=zenoh.CongestionControl.BLOCK
+        )
+        self._token = show_publisher(session, f"{key}/tracks")
+
+    def wait(self) -> None:
+        never = threading.Event()
+        for _ in range(1000):
+            if self.publisher.matching_status.matching:
+                return
+            never.wait(0.01)
+        pytest.fail("no subscriber has come within 10 s")
+
+    def put(self, payload: bytes, number: int | None = None) -> None:
+        attachment = None if number is None else str(number).encode()
+        self.publisher.put(payload, attachment=attachment)
+
+    def close(self) -> None:
+        assert close_session(self.session, 5.0)
+
+
+@pytest.fixture
+def publisher(open_test_session: Opener, endpoint: str, key: str) -> _Publisher:
+    """A publisher at `key` that listens on `endpoint`."""
+    return _Publisher(open_test_session(listen=(endpoint,)), key)
+
+
+@pytest.fixture
+def receive(endpoint: str, key: str) -> Iterator[Callable[..., Pipeline]]:
+    """Plays `zenohsrc ! appsink` with properties; stopped after the test."""
+    pipelines: list[Pipeline] = []
+
+    def playing(properties: str = "", sink: str = "", name: str = key) -> Pipeline:
+        text = f"zenohsrc name=source key={name} connect={endpoint} {properties} ! appsink name=out {sink}"
+        pipelines.append(Pipeline.parse(text))
+        pipelines[-1].play()
+        return pipelines[-1]
+
+    yield playing
+    for pipeline in pipelines:
+        pipeline.stop()
+
+
+def test_records_become_frames(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
+    """Bytes as data, times of the record, tracks and registration as metadata; EOS at the publisher's end."""
+    pipeline = receive()
+    publisher.wait()
+    for seq in range(3, 8):
+        publisher.put(_payload(seq))
+    publisher.close()
+    frames = list(pipeline["out"])
+    assert [bytes(frame.data) for frame in frames] == [_payload(seq) for seq in range(3, 8)]
+    assert [(frame.seq, frame.pts) for frame in frames] == [(seq, seq * 40) for seq in range(3, 8)]
+    first = frames[0]
+    assert (first.caps.name, first.caps["width"], first.caps["height"]) == ("application/x-tracks", 64, 48)
+    tracks, registration = first.get(Tracks), first.get(Registration)
+    assert tracks is not None
+    assert tracks.tracks[0].velocity == (6.0, 7.0)
+    assert registration is not None
+    assert registration.reference == 2
+
+
+def test_num_buffers_ends_the_stream(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
+    """After so many records comes EOS, whatever the publisher does."""
+    pipeline = receive("num-buffers=3")
+    publisher.wait()
+    for seq in range(10):
+        publisher.put(_payload(seq))
+    assert [frame.seq for frame in pipeline["out"]] == [0, 1, 2]
+
+
+def test_wildcards_receive_several_publishers(open_test_session: Opener, endpoint: str, key: str) -> None:
+    """One receiver at KEY/* gets all, and ends when the last publisher has gone."""
+    pipeline = Pipeline.parse(f'zenohsrc key="{key}/*" listen={endpoint} ! appsink name=out')
+    with pipeline:
+        pipeline.play()
+        publishers = [
+            _Publisher(open_test_session(connect=(endpoint,)), f"{key}/{name}") for name in ("a", "b")
+        ]
+        for publisher in publishers:
+            publisher.wait()
+        for seq, publisher in enumerate(publishers):
+            publisher.put(_payload(seq))
+        assert sorted(pipeline["out"].pull().seq for _ in publishers) == [0, 1]
+        publishers[0].close()
+        publishers[1].put(_payload(7))
+        publishers[1].close()
+        assert [frame.seq for frame in pipeline["out"]] == [7]
+
+
+def test_bad_data_is_counted_and_skipped(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
+    """What is no record neither ends the stream nor passes; one warning tells."""
+    pipeline = receive()
+    publisher.wait()
+    for data in (b"", b"{}", b"\xff" * 100, b"[" * 10_000, bytes(5 * 1024 * 1024)):
+        publisher.put(data)
+    publisher.put(_payload(1))
+    publisher.close()
+    assert [frame.seq for frame in pipeline["out"]] == [1]
+    assert pipeline["source"].drops["not a record"] == 5
+
+
+def test_lost_records_are_counted(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
+    """A gap in the publisher's numbers is a loss; a gap in seq alone is a frame without a record."""
+    pipeline = receive()
+    publisher.wait()
+    for seq, number in ((0, 0), (5, 1), (6, 4), (7, 5)):
+        publisher.put(_payload(seq), number)
+    publisher.close()
+    assert len(list(pipeline["out"])) == 4
+    assert pipeline["source"].drops["lost on the way"] == 2
+
+
+def test_a_new_publisher_is_a_new_epoch(
+    publisher: _Publisher,
+    receive: Callable[..., Pipeline],
+    open_test_session: Opener,
+    endpoint: str,
+    key: str,
+) -> None:
+    """With eos-on-disconnect=false the stream outlives its publisher; the next one has a new epoch."""
+    pipeline = receive("eos-on-disconnect=false")
+    publisher.wait()
+    for number in range(3):
+        publisher.put(_payload(number, epoch=number), number)
+    assert [pipeline["out"].pull(10).epoch for _ in range(3)] == [0, 1, 2]
+    publisher.close()
+    second = _Publisher(open_test_session(listen=(endpoint,)), key)
+    second.wait()
+    for number in range(2):
+        second.put(_payload(number), number)
+    frames = [pipeline["out"].pull(10) for _ in range(2)]
+    assert [(frame.seq, frame.epoch) for frame in frames] == [(0, 3), (1, 3)]
+
+
+def test_newest_drops_the_oldest(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
+    """With `newest`, a slow reader sees the last records, and the others are counted."""
+    pipeline = receive("newest=true max-records=4", "max-buffers=1")
+    publisher.wait()
+    for number in range(200):
+        publisher.put(_payload(number), number)
+    publisher.close()
+    seen = [frame.seq for frame in pipeline["out"]]
+    assert seen[-4:] == [196, 197, 198, 199]
+    assert seen == sorted(seen)
+    assert len(seen) + pipeline["source"].drops["downstream too slow"] == 200
+
+
+def test_lossless_holds_the_publisher_up(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
+    """Without `newest`, small boxes on the way lose nothing."""
+    pipeline = receive("max-records=2", "max-buffers=1")
+    publisher.wait()
+    putter = threading.Thread(target=lambda: [publisher.put(_payload(seq), seq) for seq in range(2000)])
+    putter.start()
+    seen = [pipeline["out"].pull(10).seq for _ in range(2000)]
+    putter.join(10)
+    assert seen == list(range(2000))
+    assert pipeline["source"].drops.total() == 0
+
+
+def test_silence_is_an_error_when_asked(receive: Callable[..., Pipeline], key: str) -> None:
+    """With timeout-s, nothing heard is an error that names the key and a remedy."""
+    pipeline = receive("timeout-s=0.3")
+    with pytest.raises(ElementFailure, match=f"no record at {key}/tracks for 0.3 s; start the publisher"):
+        list(pipeline["out"])
+
+
+def test_a_killed_publisher_ends_the_stream(key: str, endpoint: str) -> None:
+    """A process that dies takes its token with it: the receiver gets EOS."""
+    script = Path(__file__).with_name("endless_publisher.py")
+    with Pipeline.parse(f"zenohsrc key={key} listen={endpoint} ! appsink name=out drop=true") as pipeline:
+        pipeline.play()
+        process = subprocess.Popen([sys.executable, str(script), key, endpoint])
+        try:
+            assert pipeline["out"].pull(30) is not None
+        finally:
+            process.kill()
+            process.wait(10)
+        message = pipeline.wait(20)
+        assert message is not None
+        assert message.error is None
+
+
+def test_waiting_can_be_stopped_and_finished(key: str) -> None:
+    """A source without publisher stops at once, and ends with EOS when asked to finish."""
+    with Pipeline.parse(f"zenohsrc key={key} ! fakesink") as pipeline:
+        pipeline.play()
+        pipeline.finish()
+        message = pipeline.wait(10)
+        assert message is not None
+        assert message.error is None
+    with Pipeline.parse(f"zenohsrc key={key} ! fakesink") as pipeline:
+        pipeline.play()
+
+
+def test_a_bad_key_is_an_error_at_start() -> None:
+    """What zenoh would not take as a key is refused with a good one."""
+    with pytest.raises((ResourceError, ElementFailure), match="for example uav/1"):
+        Pipeline.parse("zenohsrc key=/uav ! fakesink").run(timeout_s=5)
+
+
+def test_no_thread_is_left(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
+    """After a run only the threads that were there before are there."""
+    before = set(threading.enumerate())
+    pipeline = receive("num-buffers=1")
+    publisher.wait()
+    publisher.put(_payload(0))
+    assert len(list(pipeline["out"])) == 1
+    pipeline.stop()
+    assert set(threading.enumerate()) <= before
