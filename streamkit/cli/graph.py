@@ -40,20 +40,17 @@ def graph(
 ) -> None:
     """Builds a pipeline without running it and draws it: elements, links, caps, converters put in."""
     from streamkit.graph.build import build
+    from streamkit.graph.negotiate import remembered_caps
 
     source = read_description(description, file, settings or [])
     try:
         built = build(source.text, source.variables)
     except DescriptionError as error:
         fail_description(error, source, as_json=form is GraphFormat.JSON)
-    if form is GraphFormat.JSON:
-        typer.echo(json.dumps(as_json(built), indent=2))
-    elif form is GraphFormat.DOT:
-        typer.echo(as_dot(built))
-    elif form is GraphFormat.MERMAID:
-        typer.echo(as_mermaid(built))
-    else:
-        typer.echo(as_svg(built))
+    draw = {GraphFormat.DOT: as_dot, GraphFormat.MERMAID: as_mermaid, GraphFormat.SVG: as_svg}
+    with remembered_caps(built):
+        drawn = json.dumps(as_json(built), indent=2) if form is GraphFormat.JSON else draw[form](built)
+    typer.echo(drawn)
 
 
 def link_caps(src: Pad, sink: Pad) -> str:

@@ -67,9 +67,10 @@ class Pad:
         caps: the caps in force, or None before negotiation.
         push: hands a frame to the peer (src pads, while the graph plays).
         is_eos: whether EOS has passed.
+        known_caps: what a query answers for the moment, or None to ask anew.
     """
 
-    __slots__ = ("caps", "element", "is_eos", "name", "peer", "push", "template")
+    __slots__ = ("caps", "element", "is_eos", "known_caps", "name", "peer", "push", "template")
 
     def __init__(self, element: Element, template: PadTemplate, name: str) -> None:
         self.element = element
@@ -79,6 +80,7 @@ class Pad:
         self.caps: Caps | None = None
         self.push: Callable[[Frame], None] = self.not_linked
         self.is_eos = False
+        self.known_caps: Caps | None = None
 
     def __repr__(self) -> str:
         return f"<pad {self.path}>"
@@ -106,6 +108,8 @@ class Pad:
 
     def query_caps(self) -> Caps:
         """What the pad can carry, given what stands behind its element."""
+        if self.known_caps is not None:
+            return self.known_caps
         return self.template.caps & self.element.query_caps(self)
 
     def peer_caps(self) -> Caps:

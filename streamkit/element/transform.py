@@ -92,7 +92,10 @@ class Transform(Element):
         sink, src = self.pads["sink"], self.src_pad
         if (sink_caps & sink.template.caps).is_empty and sink.peer is not None:
             raise refusal(sink.peer, sink_caps, sink.template.caps)
-        allowed = allowed_caps(src, self.transform_caps(sink_caps, "sink"))
+        possible = self.transform_caps(sink_caps, "sink")
+        if possible.is_empty and sink.peer is not None:
+            raise refusal(sink.peer, sink_caps, sink.query_caps())
+        allowed = allowed_caps(src, possible)
         src_caps = self.fixate(sink_caps, allowed)
         self._sink_caps = sink_caps
         if src_caps is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator
 from typing import Any
@@ -79,7 +80,7 @@ class AppSink(Sink):
             StateError: none has come within `timeout_s`, or the pipeline does not play.
             ElementFailure: the pipeline has failed.
         """
-        deadline = self.clock_ns() + int(timeout_s * 1e9)
+        deadline_s = time.monotonic() + timeout_s
         with self._changed:
             while not self._frames:
                 if self._ended:
@@ -87,7 +88,7 @@ class AppSink(Sink):
                 self._raise_failure()
                 if not self.is_playing or self.stopping.is_set():
                     raise StateError(f"{self.name}: no frames: the pipeline does not play; call play() first")
-                left_s = (deadline - self.clock_ns()) / 1e9
+                left_s = deadline_s - time.monotonic()
                 if left_s <= 0:
                     raise StateError(f"{self.name}: no frame has come within {timeout_s} s")
                 self._changed.wait(min(left_s, POLL_S))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -30,11 +31,13 @@ class AppSrc(Source):
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self._line: queue.Queue[Frame | None] = queue.Queue()
+        self._closed = False
         super().__init__(name, **properties)
 
     def stop(self) -> None:
         """Forgets the frames of this run that nobody took; those pushed before the next are kept."""
         self._line = queue.Queue()
+        self._closed = False
 
     def negotiate(self, allowed: Caps) -> Caps | None:
         """The caps given, or those of the first frame."""
@@ -44,15 +47,21 @@ class AppSrc(Source):
         """Gives a frame, or bare data with fields such as `pts`, to the pipeline.
 
         Raises:
-            StateError: there has been no room within `timeout_s`.
+            StateError: there has been no room within `timeout_s`, or `end` has been called.
+            ElementFailure: the pipeline has failed.
         """
+        if self._closed:
+            raise StateError(f"{self.name}: no frame can follow end(); stop the pipeline to begin anew")
         frame = item if isinstance(item, Frame) else Frame(item, self.caps, **fields)
-        deadline = self.clock_ns() + int(timeout_s * 1e9)
+        deadline_s = time.monotonic() + timeout_s
         while self._line.qsize() >= self.max_buffers > 0 and self.is_playing:
             if not self.block:
                 self._drop_oldest()
                 continue
-            if self.stopping.is_set() or self.clock_ns() > deadline:
+            failure = self.pipeline_error()
+            if failure is not None:
+                raise failure
+            if self.stopping.is_set() or time.monotonic() > deadline_s:
                 raise StateError(
                     f"{self.name}: no room for a frame within {timeout_s} s: nothing downstream takes it"
                 )
@@ -68,6 +77,7 @@ class AppSrc(Source):
 
     def end(self) -> None:
         """No frame follows."""
+        self._closed = True
         self._line.put(None)
 
     def frames(self) -> Iterator[Frame]:

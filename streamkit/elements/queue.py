@@ -84,6 +84,11 @@ class Queue(Element):
             or (self.max_size_time and self.current_level_time >= self.max_size_time)
         )
 
+    def property_changed(self, name: str) -> None:
+        """A limit raised makes room for who waits."""
+        with self._lock:
+            self._not_full.notify_all()
+
     # The upstream side.
 
     def query_caps(self, pad: Pad) -> Caps:

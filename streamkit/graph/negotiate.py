@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 from streamkit.element.pad import Pad
 from streamkit.element.registry import installed_elements, make_element
 from streamkit.errors import DescriptionError, Place, PluginBroken
@@ -24,18 +27,42 @@ def negotiate(graph: Graph, places: dict[str, Place]) -> None:
     """
     if graph.has_loop():
         raise DescriptionError("link", "the links form a loop; frames would run in it for ever")
+    with remembered_caps(graph):
+        for src, sink in _links_from_sinks(graph):
+            # Asked anew: a converter put in downstream may have changed the answers.
+            src.known_caps = sink.known_caps = None
+            offered, accepted = src.query_caps(), sink.query_caps()
+            src.known_caps, sink.known_caps = offered, accepted
+            # A pad that can carry nothing stands beside a conflict at another link, which has its own turn.
+            if offered.is_empty or accepted.is_empty or not (accepted & offered).is_empty:
+                continue
+            if not _convert(graph, src, sink, offered, accepted, places.get(src.path)):
+                raise _conflict(src, sink, places)
+    with remembered_caps(graph):
+        for src, sink in graph.links():
+            if (sink.query_caps() & src.query_caps()).is_empty:
+                raise _conflict(src, sink, places)
+
+
+@contextlib.contextmanager
+def remembered_caps(graph: Graph) -> Iterator[None]:
+    """Within the block each pad knows its answer to a query, else asked for along the whole graph."""
+    links = _links_from_sinks(graph)
+    try:
+        for _, sink in links:
+            sink.known_caps = sink.query_caps()
+        for src, _ in reversed(links):
+            src.known_caps = src.query_caps()
+        yield
+    finally:
+        for element in graph.elements:
+            for pad in element.pads.values():
+                pad.known_caps = None
+
+
+def _links_from_sinks(graph: Graph) -> list[tuple[Pad, Pad]]:
     position = {id(element): index for index, element in enumerate(graph.from_sinks())}
-    links = sorted(graph.links(), key=lambda link: position[id(link[0].element)])
-    for src, sink in links:
-        offered, accepted = src.query_caps(), sink.query_caps()
-        # A pad that can carry nothing stands beside a conflict at another link, which has its own turn.
-        if offered.is_empty or accepted.is_empty or not (accepted & offered).is_empty:
-            continue
-        if not _convert(graph, src, sink, offered, accepted, places.get(src.path)):
-            raise _conflict(src, sink, places)
-    for src, sink in graph.links():
-        if (sink.query_caps() & src.query_caps()).is_empty:
-            raise _conflict(src, sink, places)
+    return sorted(graph.links(), key=lambda link: position[id(link[0].element)])
 
 
 def _conflict(src: Pad, sink: Pad, places: dict[str, Place]) -> DescriptionError:
@@ -48,9 +75,7 @@ def _conflict(src: Pad, sink: Pad, places: dict[str, Place]) -> DescriptionError
     )
 
 
-def _convert(
-    graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, place: Place | None
-) -> bool:
+def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, place: Place | None) -> bool:
     """Tries a converter between two raw-video pads that differ in nothing but the format."""
     if CONVERTER not in installed_elements():
         return False

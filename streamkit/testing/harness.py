@@ -82,7 +82,11 @@ class Harness:
                 pad.push = Chain(pad).compose()
         self._epoch = 0
         self._open = True
-        self.element.start()
+        try:
+            self.element.start()
+        except BaseException:
+            self.close()
+            raise
         self.element.is_playing = True
 
     def _surround(self, pad: Pad, downstream: Caps) -> None:

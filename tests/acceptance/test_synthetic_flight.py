@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
-from streamkit_video import TrueRegistration, TrueTargets
 
 from streamkit import Frame, Pipeline, Registration, Tracks, TrackState
+from streamkit_video import TrueRegistration, TrueTargets
 
 FRAMES = 600
 CARS = 12

@@ -1,0 +1,1 @@
+"""Video in and out through FFmpeg (PyAV): files, pictures, live RTSP, decoding, recording."""

@@ -1,0 +1,211 @@
+"""decode: coded packets to pictures."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+
+from av.codec.codec import UnknownCodecError
+from av.error import FFmpegError
+from av.video.frame import VideoFrame
+
+from streamkit import Caps, Frame, FrameFlags, Property, Source, StreamError, Transform, raw_video_caps
+from streamkit_decoder.codecs import CODED_CAPS, caps_parameters, caps_rate
+from streamkit_decoder.container import reason_of
+from streamkit_decoder.packets import SECOND_NS, DecodeOnly
+from streamkit_decoder.pictures import OddSize, PictureReader
+from streamkit_decoder.videodecoder import AscendingNumbers, Threading, VideoDecoder
+
+Decoded = list[tuple[VideoFrame, Frame]]
+
+
+class ThreadsType(enum.StrEnum):
+    """How the decoder spreads its work."""
+
+    AUTO = "auto"
+    FRAME = "frame"
+    SLICE = "slice"
+
+
+class Decode(Transform):
+    """Decodes video and pictures; GRAY8 is the decoder's own luma plane, without copy.
+
+    Example:
+        filesrc location=flight.mp4 ! decode ! fakesink
+    """
+
+    sink = CODED_CAPS
+    src = "video/x-raw, format={ GRAY8, I420, NV12, BGR, RGB }"
+
+    threads: int = Property(0, min=0, max=64, doc="Decoder threads; 0 is one for each processor.")
+    threads_type: ThreadsType = Property(
+        ThreadsType.AUTO,
+        doc="Frame threads are fastest but add a delay; auto takes slice when live, else frame.",
+    )
+
+    def start(self) -> None:
+        """Begins without a decoder: the first packet tells which."""
+        self._decoder: VideoDecoder[Frame] | None = None
+        self._reader = PictureReader("GRAY8")
+        self._coded_caps: Caps | None = None
+        self._raw_caps: Caps | None = None
+        self._framerate: Fraction | None = None
+        self._epoch = 0
+        self._numbers = AscendingNumbers()
+        self._next_pts = 0
+        self._packets = self._pictures = 0
+        self._told: set[str] = set()
+        self._first_error = ""
+
+    # Negotiation.
+
+    def transform_caps(self, caps: Caps, direction: str) -> Caps:
+        """Downstream can have every raw format, in the size and rate that the packets' caps tell."""
+        if direction == "src" or not caps.is_fixed:
+            return super().transform_caps(caps, direction)
+        fields = {
+            name: value for name in ("width", "height", "framerate") if (value := caps.get(name)) is not None
+        }
+        is_odd = any(
+            isinstance(fields.get(name), int) and caps.integer(name) % 2 for name in ("width", "height")
+        )
+        formats = "GRAY8, BGR, RGB" if is_odd else "GRAY8, I420, NV12, BGR, RGB"
+        return Caps(f"video/x-raw, format={{ {formats} }}").with_fields(**fields)
+
+    def fixate(self, sink_caps: Caps, allowed: Caps) -> Caps | None:
+        """Settles the format; the size too where the packets' caps tell it, else the first picture does."""
+        chosen = allowed.fixate(near=sink_caps)
+        self._reader = PictureReader(str(chosen["format"]))
+        self._raw_caps = None
+        if sink_caps.get("width") is None or sink_caps.get("height") is None:
+            return None
+        self._raw_caps = raw_video_caps(
+            self._reader.pixel_format, chosen.integer("width"), chosen.integer("height"), caps_rate(sink_caps)
+        )
+        return self._raw_caps
+
+    # Streaming.
+
+    def transform(self, frame: Frame) -> Frame | Iterable[Frame] | None:
+        """Decodes one packet; a new format or epoch first brings out what the old decoder holds."""
+        if frame.caps is self._coded_caps and frame.epoch == self._epoch:
+            return self._decode(frame)
+        held = list(self._finish())
+        self._begin(frame)
+        decoded = self._decode(frame)
+        return [*held, *([decoded] if isinstance(decoded, Frame) else decoded)] if held else decoded
+
+    def drain(self) -> Iterable[Frame]:
+        """The pictures the decoder still holds.
+
+        Raises:
+            StreamError: not one packet could be decoded.
+        """
+        yield from self._finish()
+        if self._packets and not self._pictures:
+            codec = self._coded_caps.name if self._coded_caps is not None else "unknown caps"
+            reason = f": {self._first_error}" if self._first_error else ""
+            raise StreamError(
+                f"none of {self._packets} packets of {codec} could be decoded{reason}; "
+                "the video is damaged, encrypted or cut short"
+            )
+
+    def stop(self) -> None:
+        """Lets go of the decoder and its memory."""
+        self._decoder = None
+
+    # Inside.
+
+    def _begin(self, frame: Frame) -> None:
+        try:
+            self._decoder = VideoDecoder(caps_parameters(frame.caps), self._threading(), self.threads)
+        except (KeyError, UnknownCodecError) as error:
+            raise StreamError(
+                f"no decoder in this FFmpeg for {frame.caps}: {error}; convert to H.264"
+            ) from None
+        self._framerate = caps_rate(frame.caps)
+        self._coded_caps, self._epoch = frame.caps, frame.epoch
+        self._next_pts = 0
+        self._numbers = AscendingNumbers()
+
+    def _threading(self) -> Threading:
+        if self.threads_type is ThreadsType.AUTO:
+            return Threading.SLICE if self._is_live() else Threading.FRAME
+        return Threading(self.threads_type.value)
+
+    def _is_live(self) -> bool:
+        """Whether the source that this element's packets come from is live."""
+        pad = self.pads.get("sink")
+        while pad is not None and pad.peer is not None:
+            element = pad.peer.element
+            if isinstance(element, Source):
+                return element.is_live
+            pad = element.pads.get("sink")
+        return False
+
+    def _decode(self, frame: Frame) -> Frame | list[Frame]:
+        assert self._decoder is not None
+        if not memoryview(frame.data).nbytes:
+            self.count_drop("empty packet")
+            return []
+        self._packets += 1
+        self._numbers.put(frame.seq)
+        try:
+            decoded = self._decoder.decode(frame.data, frame, bool(frame.flags & FrameFlags.KEYFRAME))
+        except FFmpegError as error:
+            self._undecodable(frame, error)
+            return []
+        frames = self._shown(decoded)
+        return frames[0] if len(frames) == 1 else frames
+
+    def _finish(self) -> Iterator[Frame]:
+        if self._decoder is not None:
+            decoder, self._decoder = self._decoder, None
+            try:
+                yield from self._shown(decoder.flush())
+            except FFmpegError as error:
+                self._undecodable(None, error)
+
+    def _undecodable(self, frame: Frame | None, error: FFmpegError) -> None:
+        """Counts a packet that gave no picture; the bus hears of each kind of error once."""
+        reason = reason_of(error)
+        self._first_error = self._first_error or reason
+        if frame is not None:
+            self._numbers.discard(frame.seq)
+        self.count_drop(f"undecodable packet: {reason}")
+        if reason not in self._told:
+            self._told.add(reason)
+            where = f" at {frame.describe()}" if frame is not None else ""
+            self.post_warning(f"a packet could not be decoded{where}: {reason}; going on with the next")
+
+    def _shown(self, decoded: Decoded) -> list[Frame]:
+        self._pictures += len(decoded)
+        frames = []
+        for picture, origin in decoded:
+            number = self._numbers.take(origin.seq)
+            if origin.get(DecodeOnly) is None:
+                frames.append(self._frame(picture, origin, number))
+        return frames
+
+    def _frame(self, picture: VideoFrame, origin: Frame, number: int) -> Frame:
+        caps = self._raw_caps
+        if caps is None or caps["width"] != picture.width or caps["height"] != picture.height:
+            caps = self._raw_caps = raw_video_caps(
+                self._reader.pixel_format, picture.width, picture.height, self._framerate
+            )
+        try:
+            pixels = self._reader.read(picture)
+        except OddSize as error:
+            raise StreamError(str(error)) from None
+        flags = origin.flags & ~(FrameFlags.KEYFRAME | FrameFlags.CORRUPT)
+        flags |= FrameFlags.KEYFRAME if picture.key_frame else 0
+        flags |= FrameFlags.CORRUPT if picture.is_corrupt or origin.flags & FrameFlags.CORRUPT else 0
+        duration = origin.duration
+        if duration is None and self._framerate is not None:
+            duration = round(SECOND_NS / self._framerate)
+        pts = self._next_pts if origin.pts is None else origin.pts
+        self._next_pts = pts + (duration or 0)
+        return origin.replace(
+            data=pixels, caps=caps, pts=pts, duration=duration, flags=flags, seq=number, epoch=self._epoch
+        )

@@ -1,0 +1,34 @@
+"""Locations: what the user wrote after `location=`, told apart and shown without passwords."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
+USERINFO = re.compile(r"(?<=://)[^/?#\s]*@")
+SECRET_FIELD = re.compile(
+    r"(?i)(?<=[?&;])((?:pass(?:word|wd)?|pwd|token|secret|key|api_?key|auth|user_?pw)=)[^&;#\s'\"]*"
+)
+
+
+def is_network(location: str) -> bool:
+    """Whether a location is reached over the network: any URL but `file://`."""
+    return URL.match(location) is not None and not location.startswith("file://")
+
+
+def local_path(location: str) -> Path:
+    """The file a path or `file://` URL names."""
+    if location.startswith("file://"):
+        return Path(unquote(urlsplit(location).path))
+    return Path(location)
+
+
+def redact(text: str) -> str:
+    """The text with user names and passwords in URLs replaced by `***`.
+
+    User information before the host and query fields that carry secrets are both masked, wherever in the
+    text the URL stands.
+    """
+    return SECRET_FIELD.sub(r"\1***", USERINFO.sub("***@", text))

@@ -1,0 +1,145 @@
+"""Reads a network stream in a thread of its own, which can be ended at any moment."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import TypeAlias
+from urllib.parse import urlsplit
+
+from av.container import InputContainer
+from av.packet import Packet
+from av.video.stream import VideoStream
+
+from streamkit import Caps, Frame, ResourceError, StreamError, StreamkitError
+from streamkit_decoder.codecs import coded_caps, stream_parameters, stream_rate
+from streamkit_decoder.connections import cut_connections, open_sockets, refusal
+from streamkit_decoder.container import open_container, video_stream
+from streamkit_decoder.location import redact
+from streamkit_decoder.packetring import PacketRing
+from streamkit_decoder.packets import read_packets
+
+DEFAULT_PORTS = {"rtsp": 554, "rtsps": 322}
+CUT_EVERY_S = 0.05
+DIAGNOSIS_LIMIT_S = 1.0
+Arrival: TypeAlias = "Callable[[Packet[VideoStream], Caps], None]"
+
+
+class PacketReader:
+    """Opens a URL and hands each packet on as it arrives, until `end` or until the stream is over.
+
+    Args:
+        location: URL of the stream.
+        options: FFmpeg options for it.
+        timeout_s: limit for opening and for each read; FFmpeg's, so the caller watches the ring as well.
+        ring: told when the stream is over.
+        arrived: called with each packet and its caps, in the reader's thread.
+    """
+
+    def __init__(
+        self,
+        location: str,
+        options: Mapping[str, str],
+        timeout_s: float,
+        ring: PacketRing[Frame],
+        arrived: Arrival,
+    ) -> None:
+        self._location = location
+        self._options = options
+        self._timeout_s = timeout_s
+        self._ring = ring
+        self._arrived = arrived
+        self._ending = threading.Event()
+        self._asked = 0.0
+        self._known = frozenset(open_sockets())
+        # Not a daemon: it is always joined, and bounded by FFmpeg's limits even where that should fail.
+        self._thread = threading.Thread(target=self._run, name=f"reader {redact(location)}", daemon=False)
+
+    def begin(self) -> None:
+        """Starts reading."""
+        self._thread.start()
+
+    def end(self, limit_s: float) -> bool:
+        """Ends reading, whatever call it is in.
+
+        Args:
+            limit_s: how long to wait.
+
+        Returns:
+            Whether the thread has ended; otherwise it does within FFmpeg's own limit.
+        """
+        self._ending.set()
+        deadline = time.monotonic() + limit_s
+        while self._thread.is_alive() and time.monotonic() < deadline:
+            cut_connections(port_of(self._location), self._known)
+            self._thread.join(CUT_EVERY_S)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        error: Exception | None = None
+        try:
+            self._read()
+        except StreamkitError as cause:
+            error = cause
+        except Exception as cause:  # the thread's last word goes to who waits on the ring
+            error = ResourceError(f"{redact(self._location)}: {redact(str(cause))}")
+        finally:
+            self._ring.end(None if self._ending.is_set() else error)
+
+    def _read(self) -> None:
+        with self._opened() as container:
+            stream = video_stream(container, self._location)
+            caps = coded_caps(stream_parameters(stream), stream_rate(stream))
+            self._asked = time.monotonic()
+            try:
+                self._hand_on(read_packets(container, stream), caps)
+            except StreamError as error:
+                if self._is_silent():
+                    raise silence(self._location, self._timeout_s) from None
+                where = redact(self._location)
+                raise StreamError(f"{where}: {error}; check that the server still runs") from None
+
+    def _hand_on(self, packets: Iterator[Packet[VideoStream]], caps: Caps) -> None:
+        for packet in packets:
+            if self._ending.is_set():
+                return
+            self._arrived(packet, caps)
+            # At its time limit FFmpeg gives out the piece of a frame it holds, then waits as long again.
+            if self._is_silent():
+                raise silence(self._location, self._timeout_s)
+            self._asked = time.monotonic()
+
+    def _is_silent(self) -> bool:
+        return time.monotonic() - self._asked >= self._timeout_s
+
+    def _opened(self) -> InputContainer:
+        began = time.monotonic()
+        try:
+            return open_container(self._location, self._options, (self._timeout_s, self._timeout_s))
+        except ResourceError:
+            left = self._timeout_s - (time.monotonic() - began)
+            host = urlsplit(self._location).hostname
+            if host and left > 0 and not self._ending.is_set():
+                reason = refusal(host, port_of(self._location), min(left, DIAGNOSIS_LIMIT_S))
+                if reason:
+                    raise ResourceError(f"{redact(self._location)}: {reason}; check the address") from None
+            raise
+
+
+def silence(location: str, timeout_s: float) -> ResourceError:
+    """The error for a server that sends nothing."""
+    return ResourceError(
+        f"{redact(location)}: the server has been silent for {timeout_s:g} s (timeout-s); "
+        "check that it plays elsewhere, or allow more time"
+    )
+
+
+def port_of(location: str) -> int:
+    """The TCP port a URL leads to.
+
+    Raises:
+        ValueError: the URL's port is no number from 0 to 65535.
+    """
+    parts = urlsplit(location)
+    return parts.port or DEFAULT_PORTS.get(parts.scheme, 554)

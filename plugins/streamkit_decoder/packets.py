@@ -1,0 +1,58 @@
+"""Packets of a container as frames, with times in exact nanoseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+
+from av.container import InputContainer
+from av.packet import Packet
+from av.video.stream import VideoStream
+
+from streamkit import Caps, Frame, FrameFlags, StreamError
+from streamkit_decoder.container import MEDIA_ERRORS, reason_of
+
+SECOND_NS = 1_000_000_000
+
+
+class DecodeOnly:
+    """Metadata of a packet that others need for decoding but whose own picture is not to be shown."""
+
+
+DECODE_ONLY = DecodeOnly()
+
+
+def nanoseconds(ticks: int, time_base: Fraction) -> int:
+    """Ticks of a time base in ns, rounded once: the error is below half a nanosecond at any time."""
+    numerator, denominator = ticks * time_base.numerator * SECOND_NS, time_base.denominator
+    return (2 * numerator + denominator) // (2 * denominator)
+
+
+def packet_frame(packet: Packet[VideoStream], caps: Caps) -> Frame:
+    """A packet as a frame; its bytes are shared, not copied."""
+    base = packet.time_base
+    flags = FrameFlags.KEYFRAME if packet.is_keyframe else FrameFlags.NONE
+    if packet.is_corrupt:
+        flags |= FrameFlags.CORRUPT
+    frame = Frame(
+        packet,
+        caps,
+        pts=None if packet.pts is None else nanoseconds(packet.pts, base),
+        duration=nanoseconds(packet.duration, base) if packet.duration else None,
+        flags=flags,
+    )
+    return frame.attach(DECODE_ONLY) if packet.is_discard else frame
+
+
+def read_packets(container: InputContainer, stream: VideoStream) -> Iterator[Packet[VideoStream]]:
+    """The stream's packets that hold data, in the order of the file.
+
+    Raises:
+        StreamError: reading failed; packets before were good.
+    """
+    try:
+        for packet in container.demux(stream):
+            if packet.size:
+                yield packet
+    except MEDIA_ERRORS as error:
+        raise StreamError(f"reading failed: {reason_of(error)}") from None

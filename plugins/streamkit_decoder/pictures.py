@@ -1,0 +1,100 @@
+"""Decoded pictures of FFmpeg as arrays, sharing memory wherever the layout allows."""
+
+from __future__ import annotations
+
+import numpy as np
+from av.video.frame import VideoFrame
+from av.video.reformatter import VideoReformatter
+from numpy.typing import NDArray
+
+Pixels = NDArray[np.uint8]
+
+# 8-bit formats whose first plane is the luma, alone.
+LUMA_FIRST = frozenset(
+    {
+        "gray", "yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "yuv440p", "yuvj440p",
+        "yuv411p", "yuvj411p", "yuv410p", "yuva420p", "yuva422p", "yuva444p", "nv12", "nv21", "nv16", "nv24",
+        "nv42",
+    }
+)  # fmt: skip
+SAME_AS_I420 = frozenset({"yuv420p", "yuvj420p"})
+PACKED = {"BGR": "bgr24", "RGB": "rgb24"}
+FORMATS = ("GRAY8", "I420", "NV12", "BGR", "RGB")
+
+
+class OddSize(ValueError):
+    """A picture of odd width or height was asked for in a format that halves both."""
+
+
+class PictureReader:
+    """Turns decoded pictures into arrays of one format; keeps the converter between pictures.
+
+    Args:
+        pixel_format: GRAY8, I420, NV12, BGR or RGB.
+    """
+
+    def __init__(self, pixel_format: str) -> None:
+        if pixel_format not in FORMATS:
+            raise ValueError(f"a picture's format must be one of {', '.join(FORMATS)}, got {pixel_format!r}")
+        self.pixel_format = pixel_format
+        self._reformatter = VideoReformatter()
+
+    def read(self, picture: VideoFrame) -> Pixels:
+        """The picture as a read-only array, which keeps the memory of FFmpeg alive as long as it lives.
+
+        GRAY8 is the decoder's own luma plane, in the range of the video (16 to 235 in most), uint8[h, w];
+        only where there is none (more than 8 bits, RGB, palettes) it is converted. I420 and NV12 are
+        uint8[h * 3 // 2, w], one copy. BGR and RGB are uint8[h, w, 3].
+
+        Raises:
+            OddSize: I420 or NV12 is asked for a picture of odd width or height.
+        """
+        if self.pixel_format == "GRAY8":
+            pixels = self._luma(picture)
+        elif self.pixel_format in PACKED:
+            packed = self._converted(picture, PACKED[self.pixel_format])
+            rows = plane_rows(packed, 0)[:, : 3 * packed.width]
+            pixels = rows.reshape(packed.height, packed.width, 3) if packed.width else rows[..., None]
+        else:
+            pixels = self._subsampled(picture)
+        pixels.flags.writeable = False
+        return pixels
+
+    def _luma(self, picture: VideoFrame) -> Pixels:
+        name = picture.format.name
+        if name not in LUMA_FIRST:
+            # To yuv420p and not to gray where it is YUV: swscale would stretch the range on the way to gray.
+            picture = self._converted(picture, "yuv420p" if name.startswith(("yuv", "p0")) else "gray")
+        return plane_rows(picture, 0)[:, : picture.width]
+
+    def _subsampled(self, picture: VideoFrame) -> Pixels:
+        width, height = picture.width, picture.height
+        if width % 2 or height % 2:
+            raise OddSize(
+                f"{self.pixel_format} needs even width and height, the picture is {width} x {height}; "
+                "ask for GRAY8, BGR or RGB instead"
+            )
+        if self.pixel_format == "NV12":
+            picture = self._converted(picture, "nv12")
+        elif picture.format.name not in SAME_AS_I420:
+            picture = self._converted(picture, "yuv420p")
+        pixels = np.empty((height * 3 // 2, width), np.uint8)
+        pixels[:height] = plane_rows(picture, 0)[:, :width]
+        if self.pixel_format == "NV12":
+            pixels[height:] = plane_rows(picture, 1)[:, :width]
+        else:
+            chroma = pixels[height:].reshape(2, height // 2, width // 2)
+            chroma[0] = plane_rows(picture, 1)[:, : width // 2]
+            chroma[1] = plane_rows(picture, 2)[:, : width // 2]
+        return pixels
+
+    def _converted(self, picture: VideoFrame, name: str) -> VideoFrame:
+        return self._reformatter.reformat(picture, format=name)
+
+
+def plane_rows(picture: VideoFrame, index: int) -> Pixels:
+    """One plane as uint8[height of the plane, bytes per line], a view that keeps the picture alive."""
+    plane = picture.planes[index]
+    line = plane.line_size
+    rows: Pixels = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, abs(line))[: plane.height]
+    return rows[::-1] if line < 0 else rows

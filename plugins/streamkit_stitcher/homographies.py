@@ -1,0 +1,177 @@
+"""Plane-to-plane homographies: mapping points, judging plausibility, overlap of footprints."""
+
+import math
+from typing import Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+GreyArray = npt.NDArray[np.uint8]
+MaskArray = npt.NDArray[np.bool_]
+
+IDENTITY: Final[FloatArray] = np.eye(3)
+IDENTITY.setflags(write=False)
+
+_SMALLEST: Final = 1e-12
+_DETERMINANT_RANGE: Final = (0.5, 2.0)
+_MAX_PERSPECTIVE: Final = 0.1
+
+
+def normalised(matrix: FloatArray) -> FloatArray:
+    """Scales a homography so that its last element is 1.
+
+    Args:
+        matrix: float64[3, 3].
+
+    Returns:
+        float64[3, 3]; the identity where the last element is zero or anything is not finite.
+    """
+    last = float(matrix[2, 2])
+    if abs(last) < _SMALLEST or not math.isfinite(float(matrix.sum())):
+        return IDENTITY
+    return np.asarray(matrix / last, dtype=np.float64)
+
+
+def inverse(matrix: FloatArray) -> FloatArray:
+    """Inverts a homography by its adjugate, scaled as by `normalised`; the identity for a singular one."""
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    adjugate = np.array(
+        [
+            [e * i - f * h, c * h - b * i, b * f - c * e],
+            [f * g - d * i, a * i - c * g, c * d - a * f],
+            [d * h - e * g, b * g - a * h, a * e - b * d],
+        ]
+    )
+    determinant = a * adjugate[0, 0] + b * adjugate[1, 0] + c * adjugate[2, 0]
+    return normalised(adjugate) if abs(determinant) > _SMALLEST else IDENTITY
+
+
+def project(matrix: FloatArray, points: FloatArray) -> FloatArray:
+    """Maps points through a homography.
+
+    Args:
+        matrix: float64[3, 3].
+        points: float64[n, 2], x y.
+
+    Returns:
+        float64[n, 2]; points that go to infinity come out as zeros.
+    """
+    if not len(points):
+        return np.empty((0, 2))
+    mapped = cv2.perspectiveTransform(points.reshape(1, -1, 2), matrix)
+    return np.asarray(mapped, dtype=np.float64).reshape(-1, 2)
+
+
+def translation(shift: FloatArray) -> FloatArray:
+    """The homography that adds `shift`, float64[2] x y."""
+    matrix = np.eye(3)
+    matrix[:2, 2] = shift
+    return matrix
+
+
+def corners(shape: tuple[int, int]) -> FloatArray:
+    """Centres of the four corner pixels of an image of `shape` (height, width), clockwise, float64[4, 2]."""
+    height, width = shape
+    return np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=np.float64)
+
+
+def centre(shape: tuple[int, int]) -> FloatArray:
+    """Centre of an image of `shape` (height, width), float64[2] x y."""
+    height, width = shape
+    return np.array([(width - 1) / 2, (height - 1) / 2])
+
+
+def from_reduced(matrix: FloatArray, factor: int) -> FloatArray:
+    """Lifts a homography between images reduced by an integer factor to the full-size pixels.
+
+    Averaging `factor` by `factor` blocks puts reduced pixel x at full-size x * factor + (factor - 1) / 2.
+
+    Args:
+        matrix: float64[3, 3] between two reduced images.
+        factor: reduction of both sides, 1 or more.
+
+    Returns:
+        float64[3, 3] between the two full-size images.
+    """
+    return normalised(_lift(factor) @ matrix @ _lower(factor))
+
+
+def to_reduced(matrix: FloatArray, factor: int) -> FloatArray:
+    """Lowers a homography between full-size images to images reduced by `factor`; undoes `from_reduced`."""
+    return normalised(_lower(factor) @ matrix @ _lift(factor))
+
+
+def _lift(factor: int) -> FloatArray:
+    offset = (factor - 1) / 2
+    return np.array([[factor, 0, offset], [0, factor, offset], [0, 0, 1]])
+
+
+def _lower(factor: int) -> FloatArray:
+    offset = (1 - factor) / (2 * factor)
+    return np.array([[1 / factor, 0, offset], [0, 1 / factor, offset], [0, 0, 1]])
+
+
+def corner_shift(matrix: FloatArray, shape: tuple[int, int]) -> float:
+    """Largest distance any of the four image corners moves under `matrix`, in px."""
+    points = corners(shape)
+    return float(np.max(np.hypot(*(project(matrix, points) - points).T)))
+
+
+def is_convex(quadrilateral: FloatArray) -> bool:
+    """Whether float64[4, 2] keeps the clockwise order and convexity of an image's corners."""
+    x, y = quadrilateral.T.tolist()
+    for here, after, last in ((0, 1, 2), (1, 2, 3), (2, 3, 0), (3, 0, 1)):
+        turn = (x[after] - x[here]) * (y[last] - y[after]) - (y[after] - y[here]) * (x[last] - x[after])
+        if not turn > 0:
+            return False
+    return True
+
+
+def is_plausible(matrix: FloatArray, shape: tuple[int, int], max_step: float) -> bool:
+    """Whether a frame-to-frame homography can come from a camera that flies and turns.
+
+    The determinant of the 2x2 part must lie in (0.5, 2), the perspective terms must change the scale by less
+    than a tenth across the image, the corners must stay convex and none may move further than `max_step` of
+    the width.
+
+    Args:
+        matrix: float64[3, 3], last element 1.
+        shape: (height, width) of the image, px.
+        max_step: largest step of a corner, as a part of the width.
+    """
+    if not np.isfinite(matrix).all():
+        return False
+    height, width = shape
+    determinant = float(matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0])
+    if not _DETERMINANT_RANGE[0] < determinant < _DETERMINANT_RANGE[1]:
+        return False
+    if abs(matrix[2, 0]) * width >= _MAX_PERSPECTIVE or abs(matrix[2, 1]) * height >= _MAX_PERSPECTIVE:
+        return False
+    return is_convex(project(matrix, corners(shape))) and corner_shift(matrix, shape) < max_step * width
+
+
+def overlap(matrix: FloatArray, shape: tuple[int, int]) -> float:
+    """Part of an image's footprint that falls inside the other image, 0 to 1.
+
+    Args:
+        matrix: float64[3, 3], maps pixels of the image to pixels of the other one, which has the same shape.
+        shape: (height, width), px.
+    """
+    frame = corners(shape)
+    footprint = project(matrix, frame)
+    if not is_convex(footprint):
+        return 0.0
+    area, _ = cv2.intersectConvexConvex(footprint.astype(np.float32), frame.astype(np.float32))
+    own = float(cv2.contourArea(footprint.astype(np.float32)))
+    return min(1.0, float(area) / own) if own > 0 else 0.0
+
+
+def scale_change(matrix: FloatArray, shape: tuple[int, int]) -> float:
+    """Linear magnification of the image's footprint under `matrix` (1 keeps the size, 0 is degenerate)."""
+    footprint = project(matrix, corners(shape))
+    if not is_convex(footprint):
+        return 0.0
+    area = float(cv2.contourArea(footprint.astype(np.float32)))
+    return float(np.sqrt(area / ((shape[0] - 1) * (shape[1] - 1))))

@@ -1,0 +1,232 @@
+"""Key pictures kept as small patches, and the placing of later pictures against them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from streamkit_stitcher.homographies import (
+    FloatArray,
+    GreyArray,
+    centre,
+    from_reduced,
+    inverse,
+    is_plausible,
+    overlap,
+    project,
+    scale_change,
+)
+from streamkit_stitcher.motion_models import FitLimits, MotionFit, fit_homography
+from streamkit_stitcher.patches import PatchLevel, align, cut_patches, prepare, reduced_motion
+
+LEVELS: Final = 4
+_PREPARED: Final = 12
+_SCALE_RANGE: Final = (0.7, 1.4)
+_COARSE_THRESHOLD: Final = 1.5
+_ANY_STEP: Final = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframe:
+    """A key picture, kept as patches around its corners rather than as pixels.
+
+    Attributes:
+        index: number of the key picture, never reused.
+        to_reference: float64[3, 3], full-size pixels to the reference plane.
+        shape: (height, width) of the picture, px.
+        points: float64[n, 2], patch centres, full-size px.
+        patches: one uint8[n, 17, 17] per pyramid level, finest first.
+    """
+
+    index: int
+    to_reference: FloatArray
+    shape: tuple[int, int]
+    points: FloatArray
+    patches: tuple[GreyArray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class KeyframeMatch:
+    """A picture placed on a key picture.
+
+    Attributes:
+        fit: the homography from the picture's pixels to the key picture's, with its inliers.
+        frame_points: float64[n, 2], the inliers in the picture, px.
+        key_points: float64[n, 2], the same ground in the key picture, px.
+    """
+
+    fit: MotionFit
+    frame_points: FloatArray
+    key_points: FloatArray
+
+
+class KeyframeStore:
+    """A bounded set of key pictures of one reference plane.
+
+    When it is full, of the two key pictures that lie nearest to each other the older one goes: ground seen
+    twice is what a later look back misses least.
+    """
+
+    def __init__(self, capacity: int = 128) -> None:
+        self._capacity = capacity
+        self._keyframes: list[Keyframe] = []
+        self._prepared: dict[tuple[int, int], PatchLevel] = {}
+        self._next_index = 0
+
+    def __len__(self) -> int:
+        return len(self._keyframes)
+
+    @property
+    def keyframes(self) -> tuple[Keyframe, ...]:
+        """The stored key pictures, oldest first."""
+        return tuple(self._keyframes)
+
+    def add(self, images: Sequence[GreyArray], points: FloatArray, to_reference: FloatArray) -> Keyframe:
+        """Stores a key picture.
+
+        Args:
+            images: the picture and its halvings, as many as `LEVELS`.
+            points: float64[n, 2], corners in full-size px.
+            to_reference: float64[3, 3], its full-size pixels to the reference plane.
+
+        Returns:
+            The stored key picture.
+        """
+        rounded = np.rint(points)
+        patches = tuple(
+            cut_patches(image, _at_level(rounded, level)) for level, image in enumerate(images[:LEVELS])
+        )
+        shape = (images[0].shape[0], images[0].shape[1])
+        keyframe = Keyframe(self._next_index, to_reference, shape, rounded, patches)
+        self._next_index += 1
+        self._keyframes.append(keyframe)
+        if len(self._keyframes) > self._capacity:
+            self._keyframes.pop(self._most_redundant())
+        return keyframe
+
+    def overlapping(
+        self, to_reference: FloatArray, shape: tuple[int, int], least: float
+    ) -> list[tuple[float, Keyframe]]:
+        """Key pictures that share ground with a picture at a similar scale, greatest overlap first.
+
+        Args:
+            to_reference: float64[3, 3], where the picture is thought to lie.
+            shape: (height, width) of the picture, px.
+            least: smallest overlap to report, 0 to 1.
+        """
+        found = []
+        for keyframe in self._keyframes:
+            to_key = inverse(keyframe.to_reference) @ to_reference
+            share = overlap(to_key, shape)
+            if share >= least and _SCALE_RANGE[0] < scale_change(to_key, shape) < _SCALE_RANGE[1]:
+                found.append((share, keyframe))
+        return sorted(found, key=lambda item: (-item[0], item[1].index))
+
+    def match(
+        self,
+        keyframe: Keyframe,
+        images: Sequence[GreyArray],
+        frame_to_key: FloatArray,
+        limits: FitLimits,
+        *,
+        top_level: int,
+        max_points: int,
+    ) -> KeyframeMatch | None:
+        """Places a picture on a key picture to sub-pixel accuracy.
+
+        Args:
+            keyframe: the key picture.
+            images: the picture and its halvings.
+            frame_to_key: float64[3, 3], predicted motion, right to about 3 * 2**top_level px.
+            limits: what the homography must reach; its threshold counts in full-size px.
+            top_level: the coarsest level to start from, 0 for full size only.
+            max_points: patches to use, spread evenly over the key picture.
+
+        Returns:
+            The match, or None when too few patches agree.
+        """
+        top_level = min(top_level, len(images) - 1, len(keyframe.patches) - 1)
+        key_to_frame = inverse(frame_to_key)
+        chosen = _spread(len(keyframe.points), max_points)
+        for level in range(top_level, -1, -1):
+            key_points, frame_points, indices = align(
+                self._level(keyframe, level), images[level], reduced_motion(key_to_frame, level), chosen
+            )
+            if level == 0:
+                return _accepted(frame_points, key_points, len(indices), keyframe.shape, limits)
+            coarse = fit_homography(key_points, frame_points, _COARSE_THRESHOLD)
+            if (
+                coarse is not None
+                and coarse.count >= limits.min_inliers
+                and coarse.ratio >= limits.min_ratio
+                and is_plausible(coarse.matrix, keyframe.shape, _ANY_STEP)
+            ):
+                key_to_frame = from_reduced(coarse.matrix, 2**level)
+        return None
+
+    def _level(self, keyframe: Keyframe, level: int) -> PatchLevel:
+        key = (keyframe.index, level)
+        prepared = self._prepared.pop(key, None)
+        if prepared is None:
+            prepared = prepare(keyframe.patches[level], _at_level(keyframe.points, level))
+        self._prepared[key] = prepared
+        if len(self._prepared) > _PREPARED:
+            del self._prepared[next(iter(self._prepared))]
+        return prepared
+
+    def _most_redundant(self) -> int:
+        """Index of the older of the two nearest key pictures; the newest and the first always stay."""
+        places = np.array(
+            [project(item.to_reference, centre(item.shape)[np.newaxis])[0] for item in self._keyframes]
+        )
+        distances = np.hypot(*(places[:, np.newaxis] - places[np.newaxis]).transpose(2, 0, 1))
+        distances[np.tril_indices(len(places))] = np.inf
+        distances[0] = np.inf
+        return int(np.unravel_index(int(np.argmin(distances)), distances.shape)[0])
+
+
+def pooled_placement(
+    matches: Sequence[tuple[Keyframe, KeyframeMatch]], shape: tuple[int, int], limits: FitLimits
+) -> MotionFit | None:
+    """Places a picture on the reference plane by its matches with several key pictures at once.
+
+    Args:
+        matches: key pictures with the picture's match on each.
+        shape: (height, width) of the picture, px.
+        limits: what the homography must reach; its threshold counts in px of the picture.
+
+    Returns:
+        The homography from the picture's pixels to the reference plane, fitted so that the error counts in
+        the picture's pixels, or None when the matches do not agree.
+    """
+    plane = np.concatenate([project(keyframe.to_reference, match.key_points) for keyframe, match in matches])
+    frame = np.concatenate([match.frame_points for _, match in matches])
+    fit = fit_homography(plane, frame, limits.threshold)
+    if fit is None or fit.count < limits.min_inliers or fit.ratio < limits.min_ratio:
+        return None
+    return replace(fit, matrix=inverse(fit.matrix)) if scale_change(inverse(fit.matrix), shape) > 0 else None
+
+
+def _at_level(points: FloatArray, level: int) -> FloatArray:
+    """Full-size points in px of a pyramid level."""
+    factor = 2**level
+    return np.asarray((points - (factor - 1) / 2) / factor, dtype=np.float64)
+
+
+def _spread(count: int, most: int) -> npt.NDArray[np.int64]:
+    if count <= most:
+        return np.arange(count)
+    return np.linspace(0, count - 1, most).astype(np.int64)
+
+
+def _accepted(
+    frame_points: FloatArray, key_points: FloatArray, matches: int, shape: tuple[int, int], limits: FitLimits
+) -> KeyframeMatch | None:
+    fit = fit_homography(frame_points, key_points, limits.threshold)
+    if fit is None or fit.count < limits.min_inliers or fit.count < limits.min_ratio * matches:
+        return None
+    if not is_plausible(fit.matrix, shape, _ANY_STEP):
+        return None
+    return KeyframeMatch(fit, frame_points[fit.inliers], key_points[fit.inliers])

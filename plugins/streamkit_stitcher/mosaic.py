@@ -1,0 +1,142 @@
+"""A mosaic of the ground that grows picture by picture."""
+
+from typing import Final
+
+import cv2
+import numpy as np
+
+from streamkit_stitcher.canvas import Canvas, PictureArray
+from streamkit_stitcher.homographies import FloatArray, corners, normalised, project, scale_change
+from streamkit_stitcher.patches import halved
+
+_SCALE_RANGE: Final = (0.25, 4.0)
+_SEAM_DEPTH: Final = 24
+
+
+class Mosaic:
+    """Pictures of one plane, joined where they lie equally deep inside their borders.
+
+    Each pixel shows the picture in whose middle it lies most, with a short cross-fade along the seams; what
+    only fills gaps gives way to all others. The canvas grows with the flight; at its limit it is halved, so a
+    long flight loses resolution and not ground.
+
+    Args:
+        max_px: most pixels of the mosaic.
+    """
+
+    def __init__(self, max_px: int) -> None:
+        self._canvas = Canvas(max_px)
+        self._pictures = 0
+
+    @property
+    def pictures(self) -> int:
+        """Number of pictures added."""
+        return self._pictures
+
+    @property
+    def scale(self) -> float:
+        """Mosaic pixels per px of the reference plane, 1 or a power of a half."""
+        return self._canvas.scale
+
+    @property
+    def covered_px(self) -> float:
+        """Covered area, in px of the reference plane."""
+        return float(np.count_nonzero(self._canvas.depth)) / self._canvas.scale**2
+
+    @property
+    def from_reference(self) -> FloatArray:
+        """float64[3, 3] from the reference plane to the pixels of `picture()`."""
+        return self._canvas.painted_from_plane
+
+    def picture(self) -> PictureArray | None:
+        """The mosaic so far.
+
+        Returns:
+            uint8[h, w] or uint8[h, w, 3] (BGR), black where no picture reached; a view that the next `add`
+            may change. None before the first picture.
+        """
+        return None if self._canvas.is_empty else self._canvas.painted()
+
+    def uncovered(self, shape: tuple[int, int], to_reference: FloatArray) -> float:
+        """Part of a picture that lies on no picture added so far, 0 to 1.
+
+        Args:
+            shape: (height, width) of the picture, px.
+            to_reference: float64[3, 3], its pixels to the reference plane.
+        """
+        height, width = shape
+        columns = (np.arange(32) + 0.5) * width / 32 - 0.5
+        rows = (np.arange(18) + 0.5) * height / 18 - 0.5
+        across, down = np.meshgrid(columns, rows)
+        grid = np.stack([across.ravel(), down.ravel()], axis=1)
+        cells = np.rint(project(normalised(self._canvas.from_plane @ to_reference), grid)).astype(np.int64)
+        depth = self._canvas.depth
+        inside = ((cells >= 0) & (cells < depth.shape[::-1])).all(axis=1)
+        reached = depth[cells[inside, 1], cells[inside, 0]] > 0
+        return 1.0 - float(np.count_nonzero(reached)) / len(cells)
+
+    def add(self, picture: PictureArray, to_reference: FloatArray, fills_gaps: bool = False) -> bool:
+        """Lays a picture into the mosaic.
+
+        Args:
+            picture: uint8[h, w] grey or uint8[h, w, 3] BGR; it is turned into what the first one was.
+            to_reference: float64[3, 3], its pixels to the reference plane.
+            fills_gaps: whether it shows only where no other picture does, which keeps cars that drive along
+                with the camera from being painted again and again.
+
+        Returns:
+            False, with the mosaic unchanged, where the place is degenerate, more than four times larger or
+            smaller than the reference, or out of the canvas's reach.
+        """
+        shape = (picture.shape[0], picture.shape[1])
+        if not np.isfinite(to_reference).all():
+            return False
+        if not _SCALE_RANGE[0] < scale_change(to_reference, shape) < _SCALE_RANGE[1]:
+            return False
+        footprint = project(to_reference, corners(shape))
+        if not self._canvas.make_room(footprint, picture.ndim):
+            return False
+        self._paint(_like(picture, self._canvas.pixels), to_reference, 1 + _SEAM_DEPTH if fills_gaps else 255)
+        self._pictures += 1
+        return True
+
+    def _paint(self, picture: PictureArray, to_reference: FloatArray, deepest: int) -> None:
+        to_canvas = normalised(self._canvas.from_plane @ to_reference)
+        while (
+            scale_change(to_canvas, (picture.shape[0], picture.shape[1])) < 0.6
+            and min(picture.shape[:2]) > 32
+        ):
+            picture = halved(picture)
+            to_canvas = normalised(to_canvas @ np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1]]))
+        footprint = project(to_canvas, corners((picture.shape[0], picture.shape[1])))
+        left, top = np.maximum(np.floor(footprint.min(axis=0)).astype(int), 0)
+        right, bottom = np.ceil(footprint.max(axis=0)).astype(int) + 1
+        pixels = self._canvas.pixels[top:bottom, left:right]
+        depth = self._canvas.depth[top:bottom, left:right]
+        to_box = normalised(np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]]) @ to_canvas)
+        size = (pixels.shape[1], pixels.shape[0])
+        warped = cv2.warpPerspective(picture, to_box, size, borderMode=cv2.BORDER_REPLICATE)
+        flat = np.minimum(_depth(picture), np.uint8(deepest))
+        deep = np.asarray(cv2.warpPerspective(flat, to_box, size, borderMode=cv2.BORDER_CONSTANT), np.uint8)
+        share = cv2.addWeighted(deep, 0.5 / _SEAM_DEPTH, depth, -0.5 / _SEAM_DEPTH, 0.5, dtype=cv2.CV_32F)
+        share[depth == 0] = 1
+        share[deep == 0] = 0
+        share = np.clip(share, 0, 1)
+        pixels[:] = cv2.blendLinear(warped, np.ascontiguousarray(pixels), share, 1 - share)
+        np.maximum(depth, deep, out=depth)
+
+
+def _depth(picture: PictureArray) -> PictureArray:
+    """How deep each pixel lies inside the picture, from 1 at the border to 255 in the middle."""
+    height, width = picture.shape[:2]
+    across = np.minimum(np.arange(width), np.arange(width)[::-1])
+    down = np.minimum(np.arange(height), np.arange(height)[::-1])
+    nearest = np.minimum(across[np.newaxis, :], down[:, np.newaxis])
+    return np.asarray(1 + nearest * (254 / max(1, int(nearest.max()))), dtype=np.uint8)
+
+
+def _like(picture: PictureArray, canvas: PictureArray) -> PictureArray:
+    if picture.ndim == canvas.ndim:
+        return picture
+    code = cv2.COLOR_GRAY2BGR if picture.ndim == 2 else cv2.COLOR_BGR2GRAY
+    return np.asarray(cv2.cvtColor(picture, code), dtype=np.uint8)

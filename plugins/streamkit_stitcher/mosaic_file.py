@@ -1,0 +1,90 @@
+"""Mosaics as picture files."""
+
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+import cv2
+
+from streamkit_stitcher.canvas import PictureArray
+
+SUFFIXES: Final = (".png", ".jpg", ".jpeg")
+_JPEG_QUALITY: Final = 92
+_LONGEST_JPEG_SIDE: Final = 65500
+
+
+def check_location(location: str) -> None:
+    """Refuses a location that could not be written at the end of the flight.
+
+    Args:
+        location: path of the picture, with `%d` where every plane is to have a file of its own.
+
+    Raises:
+        OSError: the suffix is not a picture's, the number format is wrong, or the directory takes no files.
+    """
+    path = location_of(location, 0)
+    if path.suffix.lower() not in SUFFIXES:
+        raise OSError(
+            f"location must end in {', '.join(SUFFIXES)}, got {location!r}; write location=mosaic.png"
+        )
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+        raise OSError(
+            f"location={location}: the directory {path.parent} is missing or takes no files; create it first"
+        )
+    if path.is_dir():
+        raise OSError(f"location={location} is a directory; name a file in it")
+
+
+def location_of(location: str, reference: int) -> Path:
+    """The file of one plane: `location` with its `%d` (or `%03d`) replaced by the number of the plane.
+
+    Raises:
+        OSError: `%` stands for something else than one whole number.
+    """
+    if "%" not in location:
+        return Path(location)
+    for values in (reference, ()):
+        try:
+            return Path(location % values)
+        except (TypeError, ValueError):
+            continue
+    raise OSError(
+        f"location={location}: `%` must be one number such as %d or %03d; write %% for a percent sign"
+    )
+
+
+def is_numbered(location: str) -> bool:
+    """Whether `location` names another file for each plane."""
+    return location_of(location, 0) != location_of(location, 1)
+
+
+def write_picture(picture: PictureArray, path: Path) -> None:
+    """Writes a picture so that the file is either the old one or the whole new one.
+
+    Args:
+        picture: uint8[h, w] or uint8[h, w, 3] BGR.
+        path: the file, whose suffix picks the format.
+
+    Raises:
+        OSError: the format cannot hold the picture, or the disk refuses.
+    """
+    is_jpeg = path.suffix.lower() != ".png"
+    if is_jpeg and max(picture.shape[:2]) > _LONGEST_JPEG_SIDE:
+        height, width = picture.shape[:2]
+        raise OSError(
+            f"{path}: a JPEG side is at most {_LONGEST_JPEG_SIDE} px, got {width} x {height}; write a .png"
+        )
+    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if is_jpeg else [cv2.IMWRITE_PNG_COMPRESSION, 3]
+    done, encoded = cv2.imencode(path.suffix, picture, options)
+    if not done:
+        raise OSError(
+            f"{path}: the picture could not be encoded; try another suffix of {', '.join(SUFFIXES)}"
+        )
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        partial.write_bytes(encoded.tobytes())
+        partial.replace(path)
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)

@@ -1,0 +1,259 @@
+"""Registration of a picture to the one before it, at working size."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from streamkit_stitcher.corners import CornerDetector
+from streamkit_stitcher.homographies import (
+    IDENTITY,
+    FloatArray,
+    GreyArray,
+    from_reduced,
+    inverse,
+    is_plausible,
+    normalised,
+    project,
+    to_reduced,
+    translation,
+)
+from streamkit_stitcher.motion_models import NO_FIT, FitLimits, MotionFit, MotionModel, fit_motion
+
+_WINDOW: Final = (13, 13)
+_TOP_LEVEL: Final = 2
+_CRITERIA: Final = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.02)
+_THUMBNAIL: Final = (80, 45)
+_BLANK_DEVIATION: Final = 2.0
+_BLANK_POINTS: Final = 8
+_LEAST_HEIGHT: Final = 64
+_PHASE_WIDTH: Final = 320
+_PHASE_RESPONSE: Final = 0.1
+_CUT_RATIO: Final = 0.3
+_CUT_CORRELATION: Final = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class WorkingImage:
+    """A picture reduced for registration.
+
+    Attributes:
+        grey: uint8[h, w], reduced by `factor` on both sides.
+        factor: the reduction, a power of two.
+        points: float64[n, 2], corners in reduced px.
+        thumbnail: float64[45, 80], for the detection of cuts.
+    """
+
+    grey: GreyArray
+    factor: int
+    points: FloatArray
+    thumbnail: FloatArray
+
+    @property
+    def is_blank(self) -> bool:
+        """Whether there is nothing to register: black, flat, or hardly a corner."""
+        return len(self.points) < _BLANK_POINTS or float(self.thumbnail.std()) < _BLANK_DEVIATION
+
+
+@dataclass(frozen=True, eq=False)
+class PairwiseMotion:
+    """How a picture lies on an earlier one.
+
+    Attributes:
+        matrix: float64[3, 3], maps full-size pixels of the picture to those of the earlier one; identity when
+            nothing could be measured.
+        model: the motion that was accepted, or None.
+        is_cut: whether the two pictures show different scenes.
+        matches: points followed from the earlier picture.
+        inliers: matches that agree with the motion.
+        rmse: root mean square distance of the inliers, in full-size px.
+    """
+
+    matrix: FloatArray
+    model: MotionModel | None
+    is_cut: bool
+    matches: int
+    inliers: int
+    rmse: float
+
+
+def working_level(shape: tuple[int, int], working_width: int) -> int:
+    """How often to halve a picture: until it is `working_width` wide, but no lower than 64 px."""
+    height, width = shape
+    level = 0
+    while width >> level > working_width and height >> (level + 1) >= _LEAST_HEIGHT:
+        level += 1
+    return level
+
+
+def working_image(
+    images: Sequence[GreyArray], level: int, detector: CornerDetector, most: int
+) -> WorkingImage:
+    """Finds the corners of a picture at working size.
+
+    Args:
+        images: the picture and its halvings, more than `level` of them.
+        level: which of them to work on.
+        detector: keeps the corner threshold from picture to picture.
+        most: upper limit of corners.
+    """
+    reduced = images[level]
+    thumbnail = cv2.resize(reduced, _THUMBNAIL, interpolation=cv2.INTER_AREA).astype(np.float64)
+    return WorkingImage(reduced, 2**level, detector.detect(reduced, most), thumbnail)
+
+
+def register(
+    earlier: WorkingImage, current: WorkingImage, guess: FloatArray, limits: FitLimits
+) -> PairwiseMotion:
+    """Measures how `current` lies on `earlier`: homography, else affine, similarity, translation, nothing.
+
+    A doubtful result is tried once more with the brightness and contrast of `earlier` matched to `current`
+    and with the motion started from phase correlation, which recovers gain steps and large jumps.
+
+    Args:
+        earlier: the picture to register to, of the same size.
+        current: the picture to register.
+        guess: float64[3, 3], expected motion of full-size pixels, `current` to `earlier`.
+        limits: what a motion must reach; the threshold counts in px of the reduced images.
+
+    Source: Lucas and Kanade 1981, Bouguet's pyramidal form; Kuglin and Hines, The phase correlation image
+    alignment method, 1975.
+    """
+    start = inverse(to_reduced(guess, current.factor))
+    fit, best, matches = _follow_and_fit(earlier.grey, current.grey, earlier.points, start, limits)
+    if fit is not None and fit.model is MotionModel.HOMOGRAPHY:
+        return _motion(fit, matches, current.factor)
+    shift, response = _phase_shift(earlier.grey, current.grey)
+    restart = translation(shift) if response > _PHASE_RESPONSE else IDENTITY
+    matched = _with_exposure_of(earlier.grey, current.grey)
+    second, second_best, second_matches = _follow_and_fit(
+        matched, current.grey, earlier.points, restart, limits
+    )
+    if second is not None and (fit is None or second.count > fit.count):
+        return _motion(second, second_matches, current.factor)
+    if fit is not None:
+        return _motion(fit, matches, current.factor)
+    if second_best.count > best.count:
+        best = second_best
+    return _unfitted(
+        earlier, current, best, translation(-shift) if response > _PHASE_RESPONSE else None, limits
+    )
+
+
+def _unfitted(
+    earlier: WorkingImage,
+    current: WorkingImage,
+    best: MotionFit,
+    back: FloatArray | None,
+    limits: FitLimits,
+) -> PairwiseMotion:
+    """What is left when no fit is accepted: a cut, the shift `back` of phase correlation, or nothing."""
+    matches, factor = len(best.inliers), current.factor
+    shape = (current.grey.shape[0], current.grey.shape[1])
+    candidates = [best.matrix] if back is None else [best.matrix, back]
+    correlation = max(
+        thumbnail_correlation(earlier, current, from_reduced(matrix, factor)) for matrix in candidates
+    )
+    if best.count < _CUT_RATIO * max(1, len(earlier.points)) and correlation < _CUT_CORRELATION:
+        return PairwiseMotion(IDENTITY, None, True, matches, best.count, 0.0)
+    if back is not None and correlation >= _CUT_CORRELATION and is_plausible(back, shape, limits.max_step):
+        matrix = from_reduced(back, factor)
+        return PairwiseMotion(matrix, MotionModel.TRANSLATION, False, matches, best.count, 0.0)
+    return PairwiseMotion(IDENTITY, None, False, matches, best.count, 0.0)
+
+
+def thumbnail_correlation(earlier: WorkingImage, current: WorkingImage, matrix: FloatArray) -> float:
+    """Normalised cross-correlation of two thumbnails where they overlap under a motion, -1 to 1.
+
+    Args:
+        earlier: the picture registered to.
+        current: the registered picture.
+        matrix: float64[3, 3], full-size pixels of `current` to those of `earlier`.
+
+    Returns:
+        The correlation; 0 where less than a tenth overlaps or one side is flat.
+    """
+    width, height = _THUMBNAIL
+    shrink = np.diag([width / _full_width(current), height / _full_height(current), 1.0])
+    small = normalised(shrink @ matrix @ np.linalg.inv(shrink))
+    moved = cv2.warpPerspective(current.thumbnail, small, _THUMBNAIL, borderValue=float("nan"))
+    shared = np.isfinite(moved)
+    if shared.sum() < 0.1 * width * height:
+        return 0.0
+    first, second = earlier.thumbnail[shared], moved[shared]
+    first, second = first - first.mean(), second - second.mean()
+    power = float(np.sqrt((first**2).sum() * (second**2).sum()))
+    return float((first * second).sum()) / power if power > 1e-9 else 0.0
+
+
+def _full_width(image: WorkingImage) -> int:
+    return int(image.grey.shape[1]) * image.factor
+
+
+def _full_height(image: WorkingImage) -> int:
+    return int(image.grey.shape[0]) * image.factor
+
+
+def _motion(fit: MotionFit, matches: int, factor: int) -> PairwiseMotion:
+    matrix = from_reduced(fit.matrix, factor)
+    return PairwiseMotion(matrix, fit.model, False, matches, fit.count, fit.rmse * factor)
+
+
+def _follow_and_fit(
+    earlier: GreyArray, current: GreyArray, points: FloatArray, start: FloatArray, limits: FitLimits
+) -> tuple[MotionFit | None, MotionFit, int]:
+    old, new = _follow(earlier, current, points, start)
+    if not len(old):
+        return None, NO_FIT, 0
+    fit, best = fit_motion(new, old, (current.shape[0], current.shape[1]), limits)
+    return fit, best, len(old)
+
+
+def _follow(
+    earlier: GreyArray, current: GreyArray, points: FloatArray, start: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Pyramidal Lucas-Kanade from where `start` (earlier to current) expects each point."""
+    if not len(points):
+        return points, points
+    expected = project(start, points)
+    height, width = current.shape
+    inside = ((expected >= 0) & (expected < (width, height))).all(axis=1)
+    if not inside.any():
+        return points[:0], points[:0]
+    old = np.ascontiguousarray(points[inside], dtype=np.float32).reshape(-1, 1, 2)
+    new, found, _ = cv2.calcOpticalFlowPyrLK(
+        earlier,
+        current,
+        old,
+        np.ascontiguousarray(expected[inside], dtype=np.float32).reshape(-1, 1, 2),
+        winSize=_WINDOW,
+        maxLevel=_TOP_LEVEL,
+        criteria=_CRITERIA,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    kept = found.reshape(-1) == 1
+    return old[kept, 0].astype(np.float64), new[kept, 0].astype(np.float64)
+
+
+def _phase_shift(earlier: GreyArray, current: GreyArray) -> tuple[FloatArray, float]:
+    """Shift of the picture content from `earlier` to `current` in their px, and its peak response."""
+    height, width = current.shape
+    scale = min(1.0, _PHASE_WIDTH / width)
+    size = (max(16, round(width * scale)), max(16, round(height * scale)))
+    first = cv2.resize(earlier, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    second = cv2.resize(current, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    shift, response = cv2.phaseCorrelate(first, second, cv2.createHanningWindow(size, cv2.CV_32F))
+    if not np.isfinite([*shift, response]).all():
+        return np.zeros(2), 0.0
+    return np.array([shift[0] * width / size[0], shift[1] * height / size[1]]), float(response)
+
+
+def _with_exposure_of(image: GreyArray, model: GreyArray) -> GreyArray:
+    """`image` with the mean and deviation of `model`."""
+    mean, deviation = cv2.meanStdDev(image)
+    target_mean, target_deviation = cv2.meanStdDev(model)
+    gain = float(target_deviation[0, 0]) / max(float(deviation[0, 0]), 1e-6)
+    offset = float(target_mean[0, 0]) - gain * float(mean[0, 0])
+    return np.asarray(np.clip(image * gain + offset, 0, 255), dtype=np.uint8)

@@ -1,0 +1,211 @@
+"""Sub-pixel alignment of small patches of a key picture in a later picture of the same ground."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from streamkit_stitcher.homographies import FloatArray, GreyArray, MaskArray, project, to_reduced
+
+RADIUS: Final = 7
+_SIDE: Final = 2 * RADIUS + 1
+_ITERATIONS: Final = 6
+_CONVERGED: Final = 0.05
+_ENOUGH: Final = 0.75
+_SETTLED: Final = 0.15
+_MAX_SHIFT: Final = 4.0
+_MIN_CONTRAST: Final = 2.0
+_MIN_CORRELATION: Final = 0.6
+_SingleArray = npt.NDArray[np.float32]
+_OFFSETS: Final[_SingleArray] = np.stack(
+    np.meshgrid(*2 * [np.arange(-RADIUS, RADIUS + 1, dtype=np.float32)])
+).reshape(2, _SIDE * _SIDE)
+
+
+def pyramid(images: Sequence[GreyArray], levels: int) -> tuple[GreyArray, ...]:
+    """Continues a series of halvings of an image by block averages.
+
+    Args:
+        images: uint8[h, w] and the halvings there are already, one or more in all.
+        levels: number of images to return.
+
+    Returns:
+        The image itself and its halvings, fewer where a side would fall below 1 px. An odd last row or column
+        is dropped on the way, so that pixel x of level k stays at full-size x * 2**k + (2**k - 1) / 2.
+    """
+    result = list(images)
+    while len(result) < levels and min(result[-1].shape) >= 2:
+        result.append(halved(result[-1]))
+    return tuple(result)
+
+
+def halved(grey: GreyArray) -> GreyArray:
+    """Averages 2 x 2 blocks of uint8[h, w, ...] into uint8[h // 2, w // 2, ...]."""
+    height, width = grey.shape[0] // 2, grey.shape[1] // 2
+    even = grey[: height * 2, : width * 2]
+    return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class PatchLevel:
+    """Patches of one pyramid level, ready for alignment.
+
+    Attributes:
+        centres: float64[n, 2], patch centres in px of this level.
+        probes: float32[n, 3, 225], what a sampled patch is multiplied with: x and y slopes of the key patch
+            per px, and the key patch itself with zero mean and unit deviation.
+        slope_sums: float64[n, 2], sums of the slopes.
+        slope_products: float64[n, 2], products of the slopes with the key patch.
+        inverse_hessian: float64[n, 2, 2], inverse of the slopes' normal matrix.
+        usable: bool[n], patches with contrast in both directions.
+    """
+
+    centres: FloatArray
+    probes: _SingleArray
+    slope_sums: FloatArray
+    slope_products: FloatArray
+    inverse_hessian: FloatArray
+    usable: MaskArray
+
+
+def cut_patches(image: GreyArray, centres: FloatArray) -> GreyArray:
+    """Samples 17 x 17 px around each centre.
+
+    Args:
+        image: uint8[h, w].
+        centres: float64[n, 2], x y.
+
+    Returns:
+        uint8[n, 17, 17]; beyond the border the edge pixels repeat.
+    """
+    reach = np.arange(-RADIUS - 1, RADIUS + 2, dtype=np.float32)
+    columns = centres[:, 0, np.newaxis, np.newaxis] + reach[np.newaxis, np.newaxis, :]
+    rows = centres[:, 1, np.newaxis, np.newaxis] + reach[np.newaxis, :, np.newaxis]
+    columns, rows = np.broadcast_arrays(columns, rows)
+    side = len(reach)
+    sampled = cv2.remap(
+        image,
+        columns.reshape(-1, side * side).astype(np.float32),
+        rows.reshape(-1, side * side).astype(np.float32),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(sampled, dtype=np.uint8).reshape(-1, side, side)
+
+
+def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
+    """Works out the slopes and normal matrices of patches once, for any number of alignments.
+
+    Args:
+        patches: uint8[n, 17, 17] from `cut_patches`.
+        centres: float64[n, 2], their centres.
+
+    Source: Baker and Matthews, Lucas-Kanade 20 years on, IJCV 2004, section 3.2 (inverse compositional).
+    """
+    grey = patches.astype(np.float32)
+    inner = grey[:, 1:-1, 1:-1].reshape(len(grey), _SIDE * _SIDE)
+    centred = inner - inner.mean(axis=1, keepdims=True)
+    deviation = np.sqrt((centred**2).mean(axis=1, keepdims=True))
+    scale = np.maximum(deviation, 1e-3)
+    across = (grey[:, 1:-1, 2:] - grey[:, 1:-1, :-2]) / 2
+    down = (grey[:, 2:, 1:-1] - grey[:, :-2, 1:-1]) / 2
+    steepest = np.stack([across, down], axis=1).reshape(len(grey), 2, _SIDE * _SIDE) / scale[:, np.newaxis]
+    hessian = np.einsum("nip,njp->nij", steepest, steepest).astype(np.float64)
+    determinant = hessian[:, 0, 0] * hessian[:, 1, 1] - hessian[:, 0, 1] ** 2
+    trace = hessian[:, 0, 0] + hessian[:, 1, 1]
+    usable = (deviation[:, 0] > _MIN_CONTRAST) & (determinant > 0.01 * trace**2)
+    hessian[~usable] = np.eye(2)
+    appearance = centred / scale
+    probes = np.concatenate([steepest, appearance[:, np.newaxis]], axis=1)
+    products = np.einsum("nip,np->ni", steepest, appearance).astype(np.float64)
+    sums = steepest.sum(axis=2).astype(np.float64)
+    return PatchLevel(centres, probes.astype(np.float32), sums, products, np.linalg.inv(hessian), usable)
+
+
+def align(
+    level: PatchLevel, image: GreyArray, key_to_frame: FloatArray, chosen: npt.NDArray[np.int64]
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
+    """Finds where patches of the key picture lie in a frame, to a few hundredths of a pixel.
+
+    Each patch is compared with the frame resampled through the homography's local affine part, so rotation,
+    scale and perspective cost no accuracy; brightness and contrast are normalised patch by patch.
+
+    Args:
+        level: patches of the key picture.
+        image: uint8[h, w], the frame at the same reduction.
+        key_to_frame: float64[3, 3], predicted motion in px of this level, right to about 3 px.
+        chosen: int64[m], indices of the patches to align.
+
+    Returns:
+        float64[k, 2] positions in the key picture, float64[k, 2] the same ground in the frame, and int64[k]
+        their patch indices, for the k patches that converged.
+    """
+    chosen = chosen[level.usable[chosen]]
+    chosen = chosen[_visible(project(key_to_frame, level.centres[chosen]), image.shape)]
+    if not len(chosen):
+        return np.empty((0, 2)), np.empty((0, 2)), chosen
+    shift, correlation, step = _iterate(level, image, key_to_frame, chosen)
+    good = (np.hypot(*shift.T) < _MAX_SHIFT) & (correlation > _MIN_CORRELATION) & (step < _SETTLED)
+    key_points = level.centres[chosen[good]]
+    return key_points, project(key_to_frame, key_points + shift[good]), chosen[good]
+
+
+def _visible(points: FloatArray, shape: Sequence[int]) -> MaskArray:
+    height, width = shape[0], shape[1]
+    margin = RADIUS + 3
+    inside = (points >= margin) & (points < (width - margin, height - margin))
+    return np.asarray(inside.all(axis=1), dtype=np.bool_)
+
+
+def _iterate(
+    level: PatchLevel, image: GreyArray, key_to_frame: FloatArray, chosen: npt.NDArray[np.int64]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Gauss-Newton on each patch's shift: (shift, correlation, size of the last step)."""
+    centres, probes = level.centres[chosen], level.probes[chosen]
+    slope_sums, slope_products = level.slope_sums[chosen], level.slope_products[chosen]
+    inverse_hessian = level.inverse_hessian[chosen]
+    spread = np.matmul(_jacobian(key_to_frame, centres).astype(np.float32).transpose(1, 0, 2), _OFFSETS)
+    shift = np.zeros((len(chosen), 2))
+    for _ in range(_ITERATIONS):
+        anchors = project(key_to_frame, centres + shift).astype(np.float32)
+        sampled = cv2.remap(
+            image,
+            spread[0] + anchors[:, :1],
+            spread[1] + anchors[:, 1:],
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        products, mean, deviation = _probed(np.asarray(sampled, dtype=np.float32), probes)
+        # The slopes times (sampled - mean) / deviation - key patch, without forming that difference.
+        gradient = (products[:, :2] - mean * slope_sums) / deviation - slope_products
+        update = np.matmul(inverse_hessian, gradient[:, :, np.newaxis])[:, :, 0]
+        shift = np.clip(shift - update, -2 * _MAX_SHIFT, 2 * _MAX_SHIFT)
+        step = np.hypot(update[:, 0], update[:, 1])
+        if np.count_nonzero(step < _CONVERGED) > _ENOUGH * len(step):
+            break
+    return shift, products[:, 2] / (_SIDE * _SIDE * deviation[:, 0]), step
+
+
+def _probed(sampled: _SingleArray, probes: _SingleArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Products with the probes, float64[n, 3]; mean and deviation of the samples, float64[n, 1] each."""
+    products = np.matmul(probes, sampled[:, :, np.newaxis])[:, :, 0].astype(np.float64)
+    mean = sampled.mean(axis=1, keepdims=True).astype(np.float64)
+    square = np.einsum("np,np->n", sampled, sampled)[:, np.newaxis] / sampled.shape[1]
+    deviation = np.sqrt(np.maximum(square - mean**2, 1e-6))
+    return products, mean, deviation
+
+
+def _jacobian(matrix: FloatArray, points: FloatArray) -> FloatArray:
+    """Local affine part of a homography at each point, float64[n, 2, 2]."""
+    weights = points @ matrix[2, :2] + matrix[2, 2]
+    mapped = project(matrix, points)
+    numerator = matrix[np.newaxis, :2, :2] - mapped[:, :, np.newaxis] * matrix[np.newaxis, 2:, :2]
+    return np.asarray(numerator / weights[:, np.newaxis, np.newaxis], dtype=np.float64)
+
+
+def reduced_motion(key_to_frame: FloatArray, level: int) -> FloatArray:
+    """The full-size motion `key_to_frame` in px of pyramid level `level`."""
+    return to_reduced(key_to_frame, 2**level)

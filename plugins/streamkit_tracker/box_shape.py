@@ -1,0 +1,40 @@
+"""Length and width of a target from upright boxes, once the direction of its motion is known."""
+
+from __future__ import annotations
+
+import math
+
+from streamkit_tracker.window_geometry import MINIMUM_SIDE
+
+USUAL_ASPECT = 2.0
+ASPECT_WEIGHT = 0.3
+LARGEST_ASPECT = 5.0
+
+
+def window_shape(box_width: float, box_height: float, heading: float) -> tuple[float, float]:
+    """Length along the heading and width across it, of a rectangle that fills an upright box.
+
+    Box width = length |cos| + width |sin|, box height = length |sin| + width |cos|. Near 45 degrees the
+    two equations are one; there a weak pull towards a length of twice the width decides.
+
+    Args:
+        box_width: of the upright box, px.
+        box_height: likewise, px.
+        heading: direction of the length, rad.
+
+    Returns:
+        Length and width, px.
+    """
+    cosine, sine = abs(math.cos(heading)), abs(math.sin(heading))
+    pull = ASPECT_WEIGHT**2
+    diagonal_length, diagonal_width = 1 + pull, 1 + pull * USUAL_ASPECT**2
+    mixed = 2 * cosine * sine - pull * USUAL_ASPECT
+    along = cosine * box_width + sine * box_height
+    across = sine * box_width + cosine * box_height
+    determinant = diagonal_length * diagonal_width - mixed**2
+    length = (diagonal_width * along - mixed * across) / determinant
+    width = (diagonal_length * across - mixed * along) / determinant
+    side = max(math.sqrt(max(box_width * box_height, 1.0)), MINIMUM_SIDE)
+    length = min(max(length, 0.3 * side, MINIMUM_SIDE), LARGEST_ASPECT * side)
+    width = min(max(width, length / LARGEST_ASPECT, MINIMUM_SIDE), 2.0 * side)
+    return length, width

@@ -1,0 +1,135 @@
+"""Appearance of one target: a mean patch and an eigen basis that follow it slowly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit_tracker.calling_thread import product
+from streamkit_tracker.window_sampling import Float32Array
+
+DEVIATION_FLOOR = 4.0
+TEXTURE_FLOOR = 0.05
+NOISE_SHARE = 0.02  # residual a pixel has anyway; directions that vary less are not forgiven
+
+
+@dataclass(frozen=True)
+class EigenSettings:
+    """How an eigen template learns.
+
+    Attributes:
+        components: largest number of eigenvectors kept.
+        batch: patches gathered before the basis is updated.
+        forgetting: weight of the past at each update, 0 to 1.
+    """
+
+    components: int = 16
+    batch: int = 5
+    forgetting: float = 0.95
+
+
+class EigenTemplate:
+    """Mean and incremental eigen basis of a target's normalised patches.
+
+    Patches are compared after their mean is taken off and their standard deviation (at least 4 grey
+    levels) is divided out, so that a change of light does not count. The first patch is kept as an anchor:
+    it joins every update, so that the model cannot walk away from the target it was started on. What lies
+    inside the eigen space is forgiven only as far as it varies more than the noise (probabilistic PCA);
+    else the basis would learn small misalignments and forgive them, and the window would creep.
+
+    Source: Ross, Lim, Lin and Yang, Incremental Learning for Robust Visual Tracking, IJCV 77, 2008
+    (sequential Karhunen-Loeve with mean update); Tipping and Bishop, Probabilistic PCA, 1999.
+
+    Attributes:
+        textured: whether the first patch has any structure to compare.
+
+    Args:
+        patch: float32[p], grey levels minus 128 of the first window.
+        settings: how it learns.
+    """
+
+    def __init__(self, patch: Float32Array, settings: EigenSettings | None = None) -> None:
+        self._settings = settings or EigenSettings()
+        self.anchor = normalise(patch[None])[0]
+        self.textured = bool(np.mean(self.anchor**2) > TEXTURE_FLOOR)
+        self.mean = self.anchor.copy()
+        self.basis = np.zeros((patch.size, 0), np.float32)
+        self.singular_values = np.zeros(0, np.float32)
+        self._count = 1.0
+        self._waiting: list[Float32Array] = []
+        self._stack()
+
+    def update(self, patch: Float32Array) -> None:
+        """Learns a patch, float32[p] grey levels; takes effect when a batch is complete."""
+        self._waiting.append(patch)
+        if len(self._waiting) >= self._settings.batch:
+            learnt = normalise(np.stack(self._waiting))
+            samples = np.stack([*learnt, self.anchor], axis=1)
+            self._waiting.clear()
+            self._merge(samples)
+            self._stack()
+
+    def _merge(self, samples: Float32Array) -> None:
+        """Sequential Karhunen-Loeve step with the columns of `samples`."""
+        new = samples.shape[1]
+        past = self._count * self._settings.forgetting
+        sample_mean = samples.mean(axis=1)
+        bridge = np.sqrt(past * new / (past + new)) * (sample_mean - self.mean)
+        old = self.basis * (np.sqrt(self._settings.forgetting) * self.singular_values)
+        columns = np.column_stack([old, samples - sample_mean[:, None], bridge])
+        # the Gram matrix is tiny beside the patch: its eigenvectors give the basis at a fraction of an SVD
+        values, vectors = np.linalg.eigh(product(np.ascontiguousarray(columns.T), columns).astype(np.float64))
+        order = np.argsort(values)[::-1][: self._settings.components]
+        order = order[values[order] > 1e-6 * max(float(values[-1]), 1e-12)]
+        singular = np.sqrt(values[order])
+        self.basis = np.asarray(product(columns, vectors[:, order].astype(np.float32)) / singular, np.float32)
+        self.singular_values = np.asarray(singular, np.float32)
+        self.mean = np.asarray((past * self.mean + new * sample_mean) / (past + new), np.float32)
+        self._count = past + new
+
+    def _stack(self) -> None:
+        """Prepares float32[p, components + 2]: the basis as far as it is forgiven, the mean and ones."""
+        pixels = self.mean.size
+        self.columns = np.zeros((pixels, self._settings.components + 2), np.float32)
+        variances = self.singular_values**2 / self._count
+        forgiven = np.sqrt(variances / (variances + NOISE_SHARE * pixels))
+        self.columns[:, : self.basis.shape[1]] = self.basis * forgiven
+        self.columns[:, -2] = self.mean
+        self.columns[:, -1] = 1.0
+        self.constants = np.stack([self.columns[:, :-1].sum(axis=0), self.mean @ self.columns[:, :-1]])
+
+
+def eigen_distances(templates: Sequence[EigenTemplate], patches: Float32Array) -> Float32Array:
+    """Mean squared residuals of normalised patches, several for each of t templates.
+
+    The normalisation is folded into one product with [basis, mean, 1], so no normalised copy is made.
+
+    Args:
+        templates: t of them, with the same number of components.
+        patches: float32[t, n, p], grey levels minus 128.
+
+    Returns:
+        float32[t, n]; 0 is a perfect match, about 2 an unrelated patch.
+    """
+    pixels = patches.shape[2]
+    columns = np.stack([template.columns for template in templates])
+    products = product(patches, columns)
+    constants = np.stack([template.constants for template in templates])
+    sums, mean_products = constants[:, :1], constants[:, 1:]
+    average = products[:, :, -1:] / pixels
+    power = np.einsum("tnp,tnp->tn", patches, patches)[:, :, None]
+    variance = np.maximum(power / pixels - average**2, 0.0)
+    deviation = np.maximum(np.sqrt(variance), DEVIATION_FLOOR)
+    scaled = (products[:, :, :-1] - average * sums) / deviation
+    outside = pixels * (variance / deviation**2)[:, :, 0] - 2 * scaled[:, :, -1] + mean_products[:, :, -1]
+    inside = np.sum((scaled[:, :, :-1] - mean_products[:, :, :-1]) ** 2, axis=2)
+    return np.asarray(np.maximum(outside - inside, 0.0) / pixels, np.float32)
+
+
+def normalise(patches: Float32Array) -> Float32Array:
+    """float32[n, p] grey levels with mean 0 and deviation 1, or less where the patch is flat."""
+    centred = patches - patches.mean(axis=1, keepdims=True)
+    deviation = np.maximum(centred.std(axis=1, keepdims=True), DEVIATION_FLOOR)
+    return np.asarray(centred / deviation, np.float32)

@@ -1,0 +1,96 @@
+"""Where a frame lies to the last one that was tracked, from its metadata."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+
+from streamkit import Detections, Features, FeatureSpace, Frame, FrameFlags, Registration, RegistrationStatus
+from streamkit_tracker.feature_template import Space
+from streamkit_tracker.observation import Observation, Placement
+from streamkit_tracker.window_geometry import FloatArray, invertible
+
+USUAL_STEP_S = 1 / 25
+LONGEST_STEP_S = 10.0
+NO_REGISTRATION = Registration(np.eye(3), np.eye(3))
+
+
+class FrameLink:
+    """Links each frame to the one before it: time, motion and what was detected.
+
+    Args:
+        compare_in_space: whether templates live in the feature space that travels with the frames.
+    """
+
+    def __init__(self, compare_in_space: bool) -> None:
+        self._compare_in_space = compare_in_space
+        self._last: Frame | None = None
+
+    def observe(self, frame: Frame) -> Observation:
+        """What the tracker is told about a frame; call it once for each, in order."""
+        registration = frame.get(Registration) or NO_REGISTRATION
+        detections = frame.get(Detections)
+        space = cast("Space | None", frame.metadata.get(FeatureSpace))
+        features = frame.get(Features)
+        none = np.zeros((0, 2))
+        centroids = (
+            none if detections is None else np.asarray(detections.centroids, np.float64).reshape(-1, 2)
+        )
+        paired = features is not None and space is not None and len(features.vectors) == len(centroids)
+        observation = Observation(
+            step_s=self._step(frame),
+            placement=self._placement(frame),
+            to_previous=self._to_previous(frame, registration),
+            to_reference=registration.to_reference,
+            centroids=centroids,
+            boxes=np.zeros((0, 4)) if detections is None else np.asarray(detections.boxes).reshape(-1, 4),
+            features=features.vectors if paired and features is not None else None,
+            features_version=0 if space is None else space.version,
+            space=space if self._compare_in_space else None,
+        )
+        self._last = frame
+        return observation
+
+    def _step(self, frame: Frame) -> float:
+        """Real time since the last frame, s; 1/25 where the stamps do not tell."""
+        last = self._last
+        if last is None or last.pts is None or frame.pts is None or last.epoch != frame.epoch:
+            return USUAL_STEP_S
+        step = (frame.pts - last.pts) / 1e9
+        return min(step, LONGEST_STEP_S) if step > 0 else USUAL_STEP_S
+
+    def _placement(self, frame: Frame) -> Placement:
+        registration, last = frame.get(Registration), self._last
+        if last is None:
+            return Placement.KNOWN
+        if registration is None:
+            known = frame.epoch == last.epoch and not frame.flags & FrameFlags.CORRUPT
+            return Placement.KNOWN if known else self._without_registration(frame, last)
+        before = last.get(Registration)
+        new_plane = before is not None and registration.reference != before.reference
+        if registration.status == RegistrationStatus.CUT or (
+            new_plane and registration.reference_change is None
+        ):
+            return Placement.NEW
+        if registration.status == RegistrationStatus.LOST or frame.flags & FrameFlags.CORRUPT:
+            return Placement.LOST
+        return Placement.KNOWN
+
+    @staticmethod
+    def _without_registration(frame: Frame, last: Frame) -> Placement:
+        return Placement.NEW if frame.epoch != last.epoch else Placement.LOST
+
+    def _to_previous(self, frame: Frame, registration: Registration) -> FloatArray:
+        """This frame's pixels to those of the last frame tracked, over the plane where frames are missing."""
+        last = self._last
+        before = None if last is None else last.get(Registration)
+        if last is None or before is None or frame.seq == last.seq + 1:
+            return np.asarray(registration.to_previous, np.float64)
+        to_plane = np.asarray(before.to_reference, np.float64)
+        if registration.reference_change is not None:
+            to_plane = registration.reference_change @ to_plane
+        from_plane = invertible(to_plane)
+        if from_plane is None:
+            return np.asarray(registration.to_previous, np.float64)
+        return np.asarray(from_plane @ registration.to_reference, np.float64)

@@ -1,0 +1,252 @@
+"""Follows many targets: births, measurement, merges and deaths."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from streamkit_tracker import kinematics
+from streamkit_tracker.appearance_search import Likelihood, search
+from streamkit_tracker.feature_template import FeatureTemplate
+from streamkit_tracker.observation import Measurement, Observation, Placement, TargetReport, TargetState
+from streamkit_tracker.pairing import Pairing, pair
+from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.target import Target, measurement_of
+from streamkit_tracker.window_geometry import (
+    LENGTH,
+    WIDTH,
+    FloatArray,
+    inside_windows,
+    invertible,
+    map_points,
+    map_windows,
+    visible_fraction,
+)
+from streamkit_tracker.window_sampling import ByteArray, WindowSampler
+
+MERGE_FRAMES = 3
+MERGE_SCALE = 0.9
+HIDDEN_SCALE = 2.0
+BIRTH_SCALE = 1.3
+TENTATIVE_SHARE = 4
+
+
+class MultiTargetTracker:
+    """Tracks what moves in a stream of frames.
+
+    Same frames, same observations, same settings: the same reports, bit for bit; every target draws from its
+    own generator, seeded by (seed, id).
+
+    Args:
+        settings: see `TrackerSettings`.
+    """
+
+    def __init__(self, settings: TrackerSettings | None = None) -> None:
+        self.settings = settings or TrackerSettings()
+        self._likelihood = Likelihood(self.settings.sigma, self.settings.std_position)
+        self._sampler = WindowSampler()
+        self._targets: list[Target] = []
+        self._next_id = 1
+        self._shape: tuple[int, int] | None = None
+        self._close: dict[tuple[int, int], int] = {}
+
+    def start_target(self, image: ByteArray, window: FloatArray, observation: Observation) -> TargetReport:
+        """Starts one target from a window drawn by hand.
+
+        Args:
+            image: uint8[h, w], the frame it was drawn on.
+            window: float64[5], x y length width angle.
+            observation: what came with the frame.
+
+        Raises:
+            ValueError: the window is not finite, has no area or lies outside the frame.
+        """
+        window = np.asarray(window, np.float64)
+        if not np.isfinite(window).all() or min(window[LENGTH], window[WIDTH]) <= 0:
+            raise ValueError(f"a window needs finite numbers and a positive size, got {window.tolist()}")
+        self._shape = (image.shape[0], image.shape[1])
+        if visible_fraction(window[None], self._shape)[0] <= 0:
+            raise ValueError(f"a window must overlap the {image.shape[1]}x{image.shape[0]} frame")
+        self._sampler.look_at(image)
+        target = self._new_target(window, manual=True)
+        target.start(self._sampler, observation.space, self._followed())
+        return self._report([target], observation)[0]
+
+    def step(self, image: ByteArray, observation: Observation) -> tuple[TargetReport, ...]:
+        """Takes in the next frame.
+
+        Args:
+            image: uint8[h, w].
+            observation: what came with it.
+
+        Returns:
+            One report for every target, in order of their ids; a target that ends is reported once as lost.
+        """
+        resized = self._shape is not None and self._shape != image.shape
+        self._shape = (image.shape[0], image.shape[1])
+        if resized or observation.placement is Placement.NEW:
+            for target in self._targets:
+                target.state = TargetState.LOST
+        else:
+            self._predict(observation)
+            if observation.placement is Placement.LOST:
+                for target in self._targets:
+                    target.pass_time(observation.step_s, detected=False)
+                    target.coast()
+            else:
+                self._sampler.look_at(image)
+                self._look(observation)
+        reports = self._report(self._targets, observation)
+        self._targets = [target for target in self._targets if target.state is not TargetState.LOST]
+        return reports
+
+    def _predict(self, observation: Observation) -> None:
+        """Carries every target to this frame's pixels and ahead by the time between the frames."""
+        if not self._targets:
+            return
+        homography = invertible(observation.to_previous)
+        means = np.stack([target.mean for target in self._targets])
+        covariances = np.stack([target.covariance for target in self._targets])
+        if homography is not None:
+            means, covariances = kinematics.carry(means, covariances, homography)
+            self._carry_memory(homography)
+        accelerations = np.array([target.acceleration_std for target in self._targets])
+        means, covariances = kinematics.predict(means, covariances, observation.step_s, accelerations)
+        for target, mean, covariance in zip(self._targets, means, covariances, strict=True):
+            target.mean, target.covariance = mean, covariance
+
+    def _carry_memory(self, homography: FloatArray) -> None:
+        """Carries windows, trails and particles to this frame's pixels, all targets at once."""
+        windows = map_windows(homography, np.stack([target.window for target in self._targets]))
+        points = [target.trail.positions for target in self._targets]
+        clouds = [target.appearance.cloud for target in self._targets if target.appearance is not None]
+        points += [cloud.positions for cloud in clouds]
+        mapped, _ = map_points(homography, np.concatenate(points))
+        parts = np.split(mapped, np.cumsum([len(part) for part in points])[:-1])
+        for index, target in enumerate(self._targets):
+            target.window = windows[index]
+            target.trail.positions = parts[index]
+        for cloud, part in zip(clouds, parts[len(self._targets) :], strict=True):
+            cloud.positions = part
+
+    def _look(self, observation: Observation) -> None:
+        """Measures every target in the frame, then settles births, merges and deaths."""
+        pairing = pair(self._targets, observation, self.settings.max_speed)
+        for target in self._targets:
+            sighting = pairing.sightings.get(target.id)
+            target.pass_time(observation.step_s, detected=sighting is not None or target.id in pairing.shared)
+            if sighting is not None:
+                target.remember(sighting)
+        self._correct(self._measure(observation, pairing))
+        self._finish(observation, pairing)
+        self._merge()
+        if self.settings.auto_start:
+            self._give_birth(observation, pairing)
+
+    def _measure(self, observation: Observation, pairing: Pairing) -> dict[int, Measurement]:
+        """Positions by target id: of the search for targets that are followed, else of the detection."""
+        seen = [target for target in self._targets if target.appearance is not None]
+        for target in seen:
+            template = target.appearance.template if target.appearance is not None else None
+            if isinstance(template, FeatureTemplate) and observation.space is not None:
+                template.follow(observation.space)
+        sightings = pairing.sightings
+        jobs = [target.job(observation.step_s, sightings.get(target.id), len(seen)) for target in seen]
+        measurements = {
+            target.id: measurement_of(sightings[target.id])
+            for target in self._targets
+            if target.appearance is None and target.id in sightings
+        }
+        for target, found in zip(seen, search(self._sampler, jobs, self._likelihood), strict=True):
+            measurement = target.take(found, sightings.get(target.id))
+            if measurement is not None:
+                measurements[target.id] = measurement
+        return measurements
+
+    def _correct(self, measurements: dict[int, Measurement]) -> None:
+        measured = [target for target in self._targets if target.id in measurements]
+        if not measured:
+            return
+        means, covariances = kinematics.correct(
+            np.stack([target.mean for target in measured]),
+            np.stack([target.covariance for target in measured]),
+            np.array([measurements[target.id].position for target in measured]),
+            np.stack([measurements[target.id].covariance for target in measured]),
+        )
+        for target, mean, covariance in zip(measured, means, covariances, strict=True):
+            target.mean, target.covariance = mean, covariance
+
+    def _finish(self, observation: Observation, pairing: Pairing) -> None:
+        if not self._targets:
+            return
+        windows = np.stack([target.window for target in self._targets])
+        visible = visible_fraction(windows, self._sampler.shape)
+        upon = inside_windows(windows[:, :2], windows, HIDDEN_SCALE)
+        others = ~np.eye(len(windows), dtype=np.bool_) & [target.followed for target in self._targets]
+        hidden = np.any(upon & others, axis=1).tolist()
+        followed = self._followed()
+        for index, target in enumerate(self._targets):
+            before = target.followed
+            target.finish(
+                self._sampler,
+                observation.space,
+                pairing.sightings.get(target.id),
+                float(visible[index]),
+                followed,
+                hidden=hidden[index],
+            )
+            followed += target.followed - before
+
+    def _followed(self) -> int:
+        return sum(target.followed for target in self._targets)
+
+    def _give_birth(self, observation: Observation, pairing: Pairing) -> None:
+        """Starts a tentative target on every detection that is nobody's and covers no followed target."""
+        followed = [target for target in self._targets if target.followed]
+        taken = np.stack([target.window for target in followed]) if followed else np.zeros((0, 5))
+        covered = np.any(inside_windows(observation.centroids, taken, BIRTH_SCALE), axis=1).tolist()
+        room = self.settings.max_targets * (1 + TENTATIVE_SHARE) - len(self._targets)
+        for index in pairing.free[: max(room, 0)]:
+            x, y = observation.centroids[index]
+            width, height = observation.boxes[index, 2:] - observation.boxes[index, :2]
+            if covered[index]:
+                continue
+            self._new_target(np.array([x, y, width, height, 0.0]), manual=False)
+
+    def _new_target(self, window: FloatArray, *, manual: bool) -> Target:
+        target = Target(self._next_id, window, self.settings, manual=manual)
+        self._next_id += 1
+        self._targets.append(target)
+        return target
+
+    def _merge(self) -> None:
+        """Ends the younger of two targets that were on one object, with one velocity, for three frames."""
+        followed = [target for target in self._targets if target.followed]
+        if len(followed) < 2:
+            self._close = {}
+            return
+        windows = np.stack([target.window for target in followed])
+        within = inside_windows(windows[:, :2], windows, MERGE_SCALE)
+        velocities = np.stack([target.mean[2:] for target in followed])
+        apart = np.linalg.norm(velocities[:, None] - velocities[None], axis=2)
+        doubt = np.array([target.side + target.speed_std for target in followed])
+        together = (within | within.T) & (apart < np.maximum(doubt[:, None], doubt[None]))
+        near = np.argwhere(np.triu(together, k=1))
+        close: dict[tuple[int, int], int] = {}
+        for older, younger in near:
+            both = (followed[older].id, followed[younger].id)
+            close[both] = self._close.get(both, 0) + 1
+            if close[both] >= MERGE_FRAMES:
+                followed[younger].state = TargetState.LOST
+        self._close = close
+
+    @staticmethod
+    def _report(targets: list[Target], observation: Observation) -> tuple[TargetReport, ...]:
+        if not targets:
+            return ()
+        means = np.stack([target.mean for target in targets])
+        _, jacobians = map_points(observation.to_reference, means[:, :2])
+        velocities = np.einsum("nij,nj->ni", jacobians, means[:, 2:])
+        velocities = np.where(np.isfinite(velocities), velocities, math.nan)
+        return tuple(target.report(velocity) for target, velocity in zip(targets, velocities, strict=True))

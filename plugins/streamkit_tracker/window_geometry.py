@@ -1,0 +1,125 @@
+"""Rotated windows as rows `x, y, length, width, angle`, and how homographies move them.
+
+Pixel coordinates: x right, y down, (0, 0) the centre of the top-left pixel. Angles in radians from +x
+towards +y. `length` lies along the angle, `width` across it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+X, Y, LENGTH, WIDTH, ANGLE = range(5)
+MINIMUM_SIDE = 2.0
+
+
+def half_turn(angle: FloatArray | float) -> FloatArray:
+    """Wraps angles of a direction without sign into [-pi/2, pi/2)."""
+    return np.asarray((np.asarray(angle, np.float64) + np.pi / 2) % np.pi - np.pi / 2)
+
+
+def invertible(homography: FloatArray) -> FloatArray | None:
+    """Inverse of a homography scaled to a last element of 1, or None where there is none to trust."""
+    matrix = np.asarray(homography, np.float64)
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        return None
+    area_ratio = abs(np.linalg.det(matrix))
+    if area_ratio < 1e-9 or abs(matrix[2, 2]) < 1e-9:
+        return None
+    inverse = np.linalg.inv(matrix)
+    return None if abs(inverse[2, 2]) < 1e-9 else np.asarray(inverse / inverse[2, 2])
+
+
+def map_points(homography: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Maps points and gives the derivative of the map at each.
+
+    Args:
+        homography: float64[3, 3].
+        points: float64[n, 2], x y.
+
+    Returns:
+        float64[n, 2], the mapped points, and float64[n, 2, 2], the Jacobians there. Points on the line at
+        infinity stay where they are, with the identity.
+    """
+    matrix = np.asarray(homography, np.float64)
+    homogeneous = points @ matrix[:, :2].T + matrix[:, 2]
+    scale = homogeneous[:, 2]
+    usable = np.abs(scale) > 1e-9
+    scale = np.where(usable, scale, 1.0)
+    mapped = homogeneous[:, :2] / scale[:, None]
+    jacobians = (matrix[None, :2, :2] - mapped[:, :, None] * matrix[None, 2:3, :2]) / scale[:, None, None]
+    mapped = np.where(usable[:, None], mapped, points)
+    jacobians = np.where(usable[:, None, None], jacobians, np.eye(2))
+    return mapped, jacobians
+
+
+def map_windows(homography: FloatArray, windows: FloatArray) -> FloatArray:
+    """Moves windows by a homography, to first order around their centres.
+
+    Args:
+        homography: float64[3, 3].
+        windows: float64[n, 5].
+
+    Returns:
+        float64[n, 5]: the length follows its own direction, the width keeps the mapped area.
+    """
+    centres, jacobians = map_points(homography, windows[:, :2])
+    angle = windows[:, ANGLE]
+    along = np.einsum("nij,nj->ni", jacobians, np.column_stack([np.cos(angle), np.sin(angle)]))
+    stretch = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)
+    area_ratio = np.abs(np.linalg.det(jacobians))
+    mapped = np.empty_like(windows)
+    mapped[:, :2] = centres
+    mapped[:, LENGTH] = np.maximum(windows[:, LENGTH] * stretch, MINIMUM_SIDE)
+    mapped[:, WIDTH] = np.maximum(windows[:, WIDTH] * area_ratio / stretch, MINIMUM_SIDE)
+    mapped[:, ANGLE] = half_turn(np.arctan2(along[:, 1], along[:, 0]))
+    return mapped
+
+
+def window_boxes(windows: FloatArray) -> FloatArray:
+    """Upright boxes around windows: float64[n, 4], x0 y0 x1 y1."""
+    cosine, sine = np.abs(np.cos(windows[:, ANGLE])), np.abs(np.sin(windows[:, ANGLE]))
+    half_x = 0.5 * (windows[:, LENGTH] * cosine + windows[:, WIDTH] * sine)
+    half_y = 0.5 * (windows[:, LENGTH] * sine + windows[:, WIDTH] * cosine)
+    x, y = windows[:, X], windows[:, Y]
+    return np.column_stack([x - half_x, y - half_y, x + half_x, y + half_y])
+
+
+def inside_windows(points: FloatArray, windows: FloatArray, scale: float) -> NDArray[np.bool_]:
+    """Which points lie inside which windows.
+
+    Args:
+        points: float64[n, 2], px.
+        windows: float64[m, 5].
+        scale: the windows are taken this much larger, about their centres.
+
+    Returns:
+        bool[n, m].
+    """
+    offsets = points[:, None] - windows[None, :, :2]
+    cosine, sine = np.cos(windows[:, ANGLE]), np.sin(windows[:, ANGLE])
+    along = np.abs(offsets[:, :, 0] * cosine + offsets[:, :, 1] * sine)
+    across = np.abs(offsets[:, :, 1] * cosine - offsets[:, :, 0] * sine)
+    return np.asarray((along < 0.5 * scale * windows[:, LENGTH]) & (across < 0.5 * scale * windows[:, WIDTH]))
+
+
+def extent(windows: FloatArray) -> tuple[float, float, float, float]:
+    """x0, y0, x1, y1 of an upright box that surely holds every window."""
+    reach = 0.5 * float(np.hypot(windows[:, LENGTH].max(), windows[:, WIDTH].max()))
+    (x0, y0), (x1, y1) = windows[:, :2].min(axis=0), windows[:, :2].max(axis=0)
+    return float(x0) - reach, float(y0) - reach, float(x1) + reach, float(y1) + reach
+
+
+def visible_fraction(windows: FloatArray, image_shape: tuple[int, int]) -> FloatArray:
+    """Part of each window's upright box that lies inside the image: float64[n], 0 to 1."""
+    height, width = image_shape
+    x0, y0, x1, y1 = extent(windows)
+    if x0 >= -0.5 and y0 >= -0.5 and x1 <= width - 0.5 and y1 <= height - 0.5:
+        return np.ones(len(windows))
+    boxes = window_boxes(windows)
+    low = np.maximum(boxes[:, :2], -0.5)
+    high = np.minimum(boxes[:, 2:], np.array([width - 0.5, height - 0.5]))
+    inside = np.prod(np.maximum(high - low, 0.0), axis=1)
+    return np.asarray(inside / np.maximum(np.prod(boxes[:, 2:] - boxes[:, :2], axis=1), 1e-9))

@@ -1,0 +1,166 @@
+"""Imports run one way; plugins stand on streamkit's public names and on nothing of each other."""
+
+import ast
+import importlib.metadata
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import streamkit
+from streamkit.element.registry import GROUP
+
+ROOT = Path(__file__).parents[2]
+ENGINE = ROOT / "streamkit"
+PLUGINS = ROOT / "plugins"
+
+# What each room of the engine may import of the others; `errors` lies below all.
+ALLOWED = {
+    "errors": set(),
+    "flow": {"errors"},
+    "element": {"errors", "flow"},
+    "elements": {"errors", "flow", "element"},
+    "graph": {"errors", "flow", "element"},
+    "testing": {"errors", "flow", "element", "graph"},
+    "cli": {"errors", "flow", "element", "graph"},
+}
+# Modules between elements and algorithms: they turn frames, caps and errors into plain data and back.
+# A new module does not belong here unless it cannot be written on plain arrays and bytes.
+GLUE = {
+    "streamkit_decoder.codecs",
+    "streamkit_decoder.container",
+    "streamkit_decoder.packetreader",
+    "streamkit_decoder.packets",
+    "streamkit_decoder.videodecoder",
+    "streamkit_tracker.frame_link",
+    "streamkit_video.raw_caps",
+    "streamkit_video.scaled_metadata",
+    "streamkit_zenoh.connection",
+    "streamkit_zenoh.records",
+}
+PLUGIN_NAMES = {path.name for path in PLUGINS.iterdir() if (path / "__init__.py").exists()}
+
+
+def imports(path: Path) -> Iterator[tuple[str, str, int]]:
+    """Module, name and line of every import of a file, wherever in it; name is "" for `import module`."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield alias.name, "", node.lineno
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}:{node.lineno}: relative import; write the whole name"
+            for alias in node.names:
+                yield node.module or "", alias.name, node.lineno
+
+
+def element_modules() -> set[str]:
+    """The modules that entry points name."""
+    entries = importlib.metadata.distribution("streamkit").entry_points.select(group=GROUP)
+    return {entry.value.partition(":")[0] for entry in entries}
+
+
+def module_name(path: Path, root: Path) -> str:
+    """The dotted name of a file."""
+    return ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__")
+
+
+def plugin_files() -> list[Path]:
+    """All modules of all plugins."""
+    return sorted(path for name in PLUGIN_NAMES for path in (PLUGINS / name).rglob("*.py"))
+
+
+@pytest.mark.parametrize("room", sorted(ALLOWED))
+def test_engine_imports_run_one_way(room: str) -> None:
+    """Imports run cli -> graph -> element -> flow; elements stand on element, testing on graph."""
+    files = [ENGINE / "errors.py"] if room == "errors" else sorted((ENGINE / room).rglob("*.py"))
+    assert files
+    wrong = []
+    for path in files:
+        for module, name, line in imports(path):
+            parts = module.split(".")
+            if parts[0] != "streamkit":
+                continue
+            target = parts[1] if len(parts) > 1 else name
+            if target != room and target not in ALLOWED[room]:
+                wrong.append(f"{path.relative_to(ROOT)}:{line}: {module} {name}")
+    assert not wrong
+
+
+def test_every_room_of_the_engine_is_checked() -> None:
+    """A new room gets its rule here first."""
+    rooms = {path.name for path in ENGINE.iterdir() if path.is_dir() and path.name != "__pycache__"}
+    assert rooms | {"errors"} == set(ALLOWED)
+    assert {path.name for path in ENGINE.glob("*.py")} == {"__init__.py", "errors.py"}
+
+
+def test_the_engine_imports_no_plugin() -> None:
+    """Elements come through entry points only."""
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line}: {module}"
+        for path in sorted(ENGINE.rglob("*.py"))
+        for module, _, line in imports(path)
+        if module.split(".")[0] in PLUGIN_NAMES
+    ]
+    assert not wrong
+
+
+def test_plugins_use_public_names_only() -> None:
+    """`from streamkit import X` with X in `streamkit.__all__`; nothing from inside the engine."""
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line}: {module} {name}".rstrip()
+        for path in plugin_files()
+        for module, name, line in imports(path)
+        if module.split(".")[0] == "streamkit" and not (module == "streamkit" and name in streamkit.__all__)
+    ]
+    assert not wrong
+
+
+def test_no_plugin_imports_another() -> None:
+    """What one finds out the other gets as metadata of a frame."""
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line}: {module}"
+        for path in plugin_files()
+        for module, _, line in imports(path)
+        if module.split(".")[0] in PLUGIN_NAMES - {path.relative_to(PLUGINS).parts[0]}
+    ]
+    assert not wrong
+
+
+def is_element(path: Path) -> bool:
+    """Whether a file holds an element: an entry point names it, or it is called element.py."""
+    return path.name == "element.py" or module_name(path, PLUGINS) in element_modules()
+
+
+def needed_by(path: Path) -> set[str]:
+    """The modules that a file imports, written in either way."""
+    return {needed for module, name, _ in imports(path) for needed in (module, f"{module}.{name}")}
+
+
+def test_algorithms_know_nothing_of_the_engine() -> None:
+    """What is neither an element nor listed as glue needs no streamkit, not even through a neighbour."""
+    needs = {module_name(path, PLUGINS): needed_by(path) for path in plugin_files() if not is_element(path)}
+    bound = {name for name, needed in needs.items() if "streamkit" in {part.split(".")[0] for part in needed}}
+    while more := {name for name, needed in needs.items() if needed & bound} - bound:
+        bound |= more
+    assert bound == GLUE
+
+
+def test_algorithms_import_no_element() -> None:
+    """Elements stand on algorithms and never the other way round."""
+    elements = {module_name(path, PLUGINS) for path in plugin_files() if is_element(path)}
+    wrong = {
+        module_name(path, PLUGINS): needed_by(path) & elements
+        for path in plugin_files()
+        if not is_element(path) and path.name != "__init__.py"
+    }
+    assert {name: needed for name, needed in wrong.items() if needed} == {}
+
+
+def test_public_names_lead_where_they_say() -> None:
+    """Each is found, belongs to the engine, and is the same object every time."""
+    assert len(streamkit.__all__) == len(set(streamkit.__all__))
+    for name in streamkit.__all__:
+        assert getattr(streamkit, name) is getattr(streamkit, name)
+    assert set(streamkit.__all__) <= set(dir(streamkit))
+    with pytest.raises(AttributeError, match="module 'streamkit' has no attribute 'Nothing'"):
+        streamkit.Nothing  # noqa: B018

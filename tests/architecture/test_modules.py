@@ -1,0 +1,41 @@
+"""Modules stay small and say in their name what they do."""
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+LONGEST = 400
+NAMES_THAT_SAY_NOTHING = {"utils", "util", "helpers", "helper", "common", "misc", "manager", "managers"}
+FILES = sorted(path for folder in ("streamkit", "plugins") for path in (ROOT / folder).rglob("*.py"))
+
+
+def test_there_are_modules_to_check() -> None:
+    """The search finds the engine and the plugins."""
+    assert {path.relative_to(ROOT).parts[0] for path in FILES} == {"streamkit", "plugins"}
+
+
+def test_no_module_is_too_long() -> None:
+    """Nobody reads more than 400 lines at once."""
+    lengths = {
+        str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in FILES
+    }
+    assert {name: length for name, length in lengths.items() if length > LONGEST} == {}
+
+
+def test_names_say_what_is_inside() -> None:
+    """No drawers for everything, neither as modules nor as folders."""
+    named = {part for path in FILES for part in path.relative_to(ROOT).with_suffix("").parts}
+    assert not named & NAMES_THAT_SAY_NOTHING
+
+
+@pytest.mark.parametrize("folder", ["streamkit", "plugins"])
+def test_every_module_says_what_it_is_for(folder: str) -> None:
+    """The first line of each is its docstring."""
+    silent = [
+        str(path.relative_to(ROOT))
+        for path in FILES
+        if path.relative_to(ROOT).parts[0] == folder
+        and not path.read_text(encoding="utf-8").lstrip().startswith(('"""', 'r"""'))
+    ]
+    assert not silent

@@ -1,0 +1,152 @@
+"""Media made on the spot, and servers that misbehave."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+SYSTEM_PYTHON = "/usr/bin/python3"
+RTSP_SERVER = Path(__file__).with_name("rtsp_server.py")
+HAS_RTSP_SERVER = """
+import gi
+gi.require_version("GstRtspServer", "1.0")
+from gi.repository import Gst, GstRtspServer
+Gst.init(None)
+assert Gst.ElementFactory.find("x264enc") and Gst.ElementFactory.find("rtph264pay")
+"""
+MakeVideo = Callable[..., Path]
+
+
+def grey_ramp(width: int, height: int, index: int) -> NDArray[np.uint8]:
+    """uint8[h * 3 // 2, w] in I420: a diagonal ramp that moves with the picture's number."""
+    rows, columns = np.mgrid[:height, :width]
+    pixels = np.full((height * 3 // 2, width), 128, np.uint8)
+    pixels[:height] = 40 + (rows + columns + 4 * index) % 160
+    return pixels
+
+
+@pytest.fixture(scope="session")
+def make_video(tmp_path_factory: pytest.TempPathFactory) -> MakeVideo:
+    """Makes a video file; arguments: name, count, size, rate, codec, bframes, pixel_format."""
+    folder = tmp_path_factory.mktemp("media")
+
+    def make(
+        name: str,
+        count: int = 12,
+        size: tuple[int, int] = (64, 48),
+        rate: Fraction = Fraction(25),
+        codec: str = "libx264",
+        bframes: int = 2,
+        pixel_format: str = "yuv420p",
+    ) -> Path:
+        path = folder / name
+        options = {"bf": str(bframes), "g": "6"} if codec == "libx264" else {}
+        with av.open(str(path), "w") as container:
+            stream = container.add_stream(codec, rate=rate, options=options)
+            stream.width, stream.height = size
+            stream.pix_fmt = pixel_format
+            for index in range(count):
+                picture = av.VideoFrame.from_ndarray(grey_ramp(*size, index), "yuv420p")
+                picture = picture.reformat(format=pixel_format)
+                picture.pts, picture.time_base = index, 1 / rate
+                container.mux(stream.encode(picture))
+            container.mux(stream.encode(None))
+        return path
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def small_video(make_video: MakeVideo) -> Path:
+    """12 pictures of 64 x 48 at 25/s, H.264 with B-frames and a key frame every 6."""
+    return make_video("small.mp4")
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[[int], int]]:
+    """Starts a TCP server that answers the first n RTSP requests with 200 OK and is silent then; its port."""
+    with ExitStack() as stack:
+
+        def start(answers: int) -> int:
+            listener = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+            listener.settimeout(0.05)
+            done = threading.Event()
+            thread = threading.Thread(target=_answer, args=(listener, answers, done))
+            thread.start()
+            stack.callback(thread.join, 5.0)
+            stack.callback(done.set)
+            return int(listener.getsockname()[1])
+
+        yield start
+
+
+def _answer(listener: socket.socket, answers: int, done: threading.Event) -> None:
+    with ExitStack() as stack:
+        connections: list[tuple[socket.socket, list[int]]] = []
+        while not done.is_set():
+            try:
+                connection = stack.enter_context(listener.accept()[0])
+                connection.settimeout(0.05)
+                connections.append((connection, [answers]))
+            except TimeoutError:
+                pass
+            for connection, left in connections:
+                _answer_one(connection, left)
+
+
+def _answer_one(connection: socket.socket, left: list[int]) -> None:
+    try:
+        request = connection.recv(4096).decode()
+    except OSError:
+        return
+    if request and left[0] > 0:
+        left[0] -= 1
+        number = next(line for line in request.split("\r\n") if line.startswith("CSeq"))
+        reply = f"RTSP/1.0 200 OK\r\n{number}\r\nPublic: OPTIONS, DESCRIBE, SETUP, PLAY\r\n\r\n"
+        connection.sendall(reply.encode())
+
+
+class RealServer:
+    """A gst-rtsp-server in a process of its own, with user "user" and password "secret"."""
+
+    def __init__(self) -> None:
+        self.process = subprocess.Popen(
+            [SYSTEM_PYTHON, str(RTSP_SERVER)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        assert self.process.stdout is not None
+        self.port = int(self.process.stdout.readline())
+
+    def close(self) -> None:
+        """Kills the server, as a drone that is switched off."""
+        self.process.kill()
+        self.process.wait(10)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+@pytest.fixture
+def real_server() -> Iterator[RealServer]:
+    """A real RTSP server with a live H.264 stream of 320 x 240 at 30/s."""
+    if not Path(SYSTEM_PYTHON).exists():
+        pytest.skip("no system Python: the RTSP server of these tests runs in it")
+    probe = subprocess.run(
+        [SYSTEM_PYTHON, "-c", HAS_RTSP_SERVER], capture_output=True, timeout=30, check=False
+    )
+    if probe.returncode:
+        pytest.skip(
+            "no gst-rtsp-server: install gir1.2-gst-rtsp-server-1.0 gstreamer1.0-plugins-good "
+            "gstreamer1.0-plugins-bad gstreamer1.0-plugins-ugly python3-gi"
+        )
+    server = RealServer()
+    yield server
+    server.close()

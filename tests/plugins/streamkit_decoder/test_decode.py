@@ -1,0 +1,265 @@
+import time
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from streamkit import ElementFailure, Frame, FrameFlags, NotNegotiated, Pipeline
+from streamkit.testing import Harness
+from streamkit_decoder.codecs import CodecParameters, coded_caps
+from streamkit_decoder.decode import Decode
+from streamkit_decoder.packets import DECODE_ONLY
+
+MakeVideo = Callable[..., Path]
+
+
+def packets_of(path: Path) -> list[Frame]:
+    """The file's packets as filesrc gives them."""
+    with Pipeline.parse(f'filesrc location="{path}" ! appsink name=out max-buffers=0') as pipeline:
+        pipeline.play()
+        return list(pipeline["out"])
+
+
+def decoded(harness: Harness, packets: list[Frame]) -> list[Frame]:
+    """Everything that comes out for these packets and EOS."""
+    return [*(frame for packet in packets for frame in harness.push(packet)), *harness.drain()]
+
+
+def test_real_video_decodes_to_its_luma_planes(streamkit_data: Path) -> None:
+    """177 frames of real drone video are the decoder's luma planes: read-only views, equal to PyAV's own."""
+    path = streamkit_data / "video" / "drone_nadir_traffic.mp4"
+    count = 0
+    with (
+        av.open(str(path)) as container,
+        Pipeline.parse(f"filesrc location={path} ! decode ! appsink name=out max-buffers=4") as pipeline,
+    ):
+        pipeline.play()
+        for frame, picture in zip(pipeline["out"], container.decode(video=0), strict=True):
+            assert frame.caps["format"] == "GRAY8"
+            assert not frame.data.flags.writeable
+            assert not frame.data.flags.owndata
+            assert frame.data.strides == (picture.planes[0].line_size, 1)
+            assert (frame.seq, frame.pts, frame.duration) == (count, count * 40_000_000, 40_000_000)
+            if count % 8 == 0:
+                luma = np.frombuffer(bytes(picture.planes[0]), np.uint8).reshape(1080, -1)[:, :1920]
+                np.testing.assert_array_equal(frame.data, luma)
+            count += 1
+    assert count == 177
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "pixel_format"),
+    [
+        ("a.mp4", "libx264", "yuv420p"),
+        ("b.mkv", "libx264", "yuv444p"),
+        ("c.mkv", "libx264", "yuv420p10le"),
+        ("d.mkv", "libx265", "yuv420p"),
+        ("e.avi", "mpeg4", "yuv420p"),
+        ("f.ts", "mpeg2video", "yuv420p"),
+        ("g.webm", "libvpx", "yuv420p"),
+        ("h.webm", "libvpx-vp9", "yuv420p"),
+        ("i.avi", "mjpeg", "yuvj420p"),
+        ("j.mkv", "ffv1", "yuv420p"),
+        ("k.avi", "rawvideo", "yuv420p"),
+        ("l.mov", "png", "rgb24"),
+        ("m.avi", "msmpeg4", "yuv420p"),
+    ],
+)
+def test_codecs_and_containers(make_video: MakeVideo, name: str, codec: str, pixel_format: str) -> None:
+    """Every frame of each codec comes out, in order, with even times, and looks as it was made."""
+    path = make_video(f"codec_{name}", codec=codec, pixel_format=pixel_format)
+    with Pipeline.parse(f'filesrc location="{path}" ! decode ! appsink name=out') as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    assert [frame.seq for frame in frames] == list(range(12))
+    assert np.diff([frame.pts for frame in frames]) == pytest.approx([40e6] * 11, abs=1e6)
+    rows, columns = np.mgrid[:48, :64]
+    has_full_range = pixel_format in ("rgb24", "yuvj420p")
+    for index, frame in enumerate(frames):
+        made = 40 + (rows + columns + 4 * index) % 160
+        wanted = (made - 16) * 255 / 219 if has_full_range else made
+        assert np.median(np.abs(frame.data.astype(float) - wanted)) < 6
+
+
+@pytest.mark.parametrize(
+    ("wanted", "shape"),
+    [("GRAY8", (48, 64)), ("I420", (72, 64)), ("NV12", (72, 64)), ("BGR", (48, 64, 3)), ("RGB", (48, 64, 3))],
+)
+def test_downstream_chooses_the_format(small_video: Path, wanted: str, shape: tuple[int, ...]) -> None:
+    """Each raw format is given where downstream asks for it, with size and rate in the caps."""
+    text = f'filesrc location="{small_video}" ! decode ! video/x-raw,format={wanted} ! appsink name=out'
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    assert {frame.data.shape for frame in frames} == {shape}
+    assert frames[0].caps["framerate"] == Fraction(25)
+    assert (frames[0].caps["width"], frames[0].caps["height"]) == (64, 48)
+
+
+def test_odd_sizes_keep_out_subsampled_formats() -> None:
+    """A demand for I420 of a video of odd size fails before anything is decoded."""
+    caps = coded_caps(CodecParameters("h264", 33, 21))
+    with (
+        Harness("decode", downstream="video/x-raw, format=I420") as harness,
+        pytest.raises(NotNegotiated, match="disagree on format"),
+    ):
+        harness.push(Frame(b"x", caps))
+
+
+def test_odd_sizes_decode(make_video: MakeVideo) -> None:
+    """A video of odd width and height gives GRAY8 and BGR in its own size."""
+    path = make_video("odd.mkv", size=(64, 48), codec="ffv1", pixel_format="yuv444p", count=2)
+    with av.open(str(path)) as container:
+        packet = next(container.demux(video=0))
+        caps = coded_caps(CodecParameters("ffv1", 63, 47, packet.stream.codec_context.extradata or b""))
+    for wanted, shape in (("GRAY8", (47, 63)), ("BGR", (47, 63, 3))):
+        with Harness("decode", downstream=f"video/x-raw, format={wanted}") as harness:
+            frames = decoded(harness, [Frame(packet, caps, flags=FrameFlags.KEYFRAME)])
+        assert [frame.data.shape for frame in frames] == [shape]
+
+
+def test_an_impossible_size_is_refused_before_decoding(small_video: Path) -> None:
+    """Where downstream demands another size than the packets' caps tell, the error names the field."""
+    text = f'filesrc location="{small_video}" ! decode ! video/x-raw,width=320 ! fakesink'
+    with pytest.raises((ElementFailure, NotNegotiated), match="width"):
+        Pipeline.parse(text).run(timeout_s=10)
+
+
+def test_size_is_taken_from_the_first_picture_where_caps_tell_none(small_video: Path) -> None:
+    """Packets whose caps lack a size still decode; the frames' caps have it."""
+    packets = packets_of(small_video)
+    caps = packets[0].caps.without_fields("width", "height", "framerate")
+    with Harness("decode") as harness:
+        frames = decoded(harness, [packet.replace(caps=caps) for packet in packets])
+    assert len(frames) == 12
+    assert (frames[0].caps["width"], frames[0].caps["height"]) == (64, 48)
+    assert frames[0].caps.get("framerate") is None
+
+
+def test_missing_times_are_made_from_the_rate(small_video: Path) -> None:
+    """Packets without times give frames at even times of the frame rate."""
+    with Harness("decode") as harness:
+        frames = decoded(harness, [p.replace(pts=None, duration=None) for p in packets_of(small_video)])
+    assert [frame.pts for frame in frames] == [n * 40_000_000 for n in range(12)]
+
+
+def test_damaged_packets_are_counted_and_told_once(small_video: Path) -> None:
+    """Rubbish among the packets is warned of once and counted each time; the others decode."""
+    packets = packets_of(small_video)
+    rubbish = packets[0].replace(data=b"\xff" * 100, flags=FrameFlags.NONE, seq=1000)
+    with Harness(Decode(threads_type="slice")) as harness:
+        frames = decoded(harness, [rubbish, *packets, rubbish, rubbish])
+        drops = dict(harness.element.drops)
+    assert len(frames) == 12
+    assert [m.text for m in harness.messages if m.kind == "warning"] == [
+        "a packet could not be decoded at frame seq=1000 pts=0.000 s: Invalid data found when "
+        "processing input; going on with the next"
+    ]
+    assert drops == {"undecodable packet: Invalid data found when processing input": 3}
+
+
+def test_frames_of_a_lost_key_frame_are_marked(small_video: Path) -> None:
+    """Pictures whose reference is missing come out marked corrupt, those after the next key frame whole."""
+    packets = packets_of(small_video)[1:]
+    with Harness(Decode(threads_type="slice")) as harness:
+        frames = decoded(harness, packets)
+    marks = [bool(frame.flags & FrameFlags.CORRUPT) for frame in frames]
+    assert not any(marks[-6:])
+    assert all(marks[:-6])
+    assert sum(bool(frame.flags & FrameFlags.KEYFRAME) for frame in frames) == 1
+
+
+def test_nothing_decodable_is_an_error(small_video: Path) -> None:
+    """Where not one packet decodes, EOS turns into an error with the count and the reason."""
+    packets = packets_of(small_video)
+    with Harness(Decode(threads_type="slice")) as harness:
+        for packet in packets:
+            assert harness.push(packet.replace(data=b"\xff" * 50)) == []
+        with pytest.raises(
+            ElementFailure, match=r"none of 12 packets of video/x-h264 could be decoded: Invalid"
+        ):
+            harness.drain()
+
+
+def test_empty_packets_are_counted(small_video: Path) -> None:
+    """An empty packet, which FFmpeg would take for the end, is counted and skipped."""
+    packets = packets_of(small_video)
+    with Harness("decode") as harness:
+        frames = decoded(harness, [packets[0], packets[0].replace(data=b""), *packets[1:]])
+        assert harness.element.drops == {"empty packet": 1}
+    assert len(frames) == 12
+
+
+def test_a_new_size_in_mid_stream(small_video: Path, make_video: MakeVideo) -> None:
+    """New caps first bring out all frames of the old size, then frames with the new one."""
+    other = packets_of(make_video("wide.mp4", size=(96, 48)))
+    with Harness("decode") as harness:
+        frames = decoded(harness, [*packets_of(small_video), *other])
+    assert [frame.data.shape[1] for frame in frames] == [64] * 12 + [96] * 12
+    assert [frame.caps["width"] for frame in frames] == [64] * 12 + [96] * 12
+
+
+def test_a_new_epoch_begins_a_new_decoder(small_video: Path) -> None:
+    """Frames held from before a discontinuity come out with their own epoch, before the new ones."""
+    packets = packets_of(small_video)
+    with Harness("decode") as harness:
+        frames = decoded(harness, [*packets, *(packet.replace(epoch=1) for packet in packets)])
+    assert [frame.epoch for frame in frames] == [0] * 12 + [1] * 12
+
+
+def test_packets_only_for_decoding_are_not_shown(small_video: Path) -> None:
+    """Pictures of packets marked for decoding alone are left out, the rest are whole."""
+    packets = packets_of(small_video)
+    marked = [packet.attach(DECODE_ONLY) if packet.pts < 120_000_000 else packet for packet in packets]
+    with Harness("decode") as harness:
+        frames = decoded(harness, marked)
+    assert [frame.pts for frame in frames] == [n * 40_000_000 for n in range(3, 12)]
+    assert not any(frame.flags & FrameFlags.CORRUPT for frame in frames)
+
+
+def test_arrival_and_capture_follow_the_picture(small_video: Path) -> None:
+    """What a packet knows of its arrival is on its own picture, whatever the order of decoding."""
+    packets = [packet.replace(arrival_ns=1000 + packet.pts) for packet in packets_of(small_video)]
+    with Harness("decode") as harness:
+        frames = decoded(harness, packets)
+    assert [frame.arrival_ns - 1000 for frame in frames] == [frame.pts for frame in frames]
+
+
+def test_a_codec_without_decoder_is_told() -> None:
+    """Caps of a codec that FFmpeg cannot decode give an error with the remedy."""
+    with (
+        Harness("decode") as harness,
+        pytest.raises(ElementFailure, match=r"no decoder in this FFmpeg for video/x-coded.*nosuch.*H\.264"),
+    ):
+        harness.push(Frame(b"x", coded_caps(CodecParameters("nosuch"))))
+
+
+def test_slice_threads_are_taken_when_live(small_video: Path) -> None:
+    """threads-type=auto looks through queues for the source: slices when that is live, else whole frames."""
+    live = Pipeline.parse("rtspsrc location=rtsp://127.0.0.1:1/x ! queue ! decode name=d ! fakesink")["d"]
+    file = Pipeline.parse(f'filesrc location="{small_video}" ! decode name=d ! fakesink')["d"]
+    assert (live._threading(), file._threading()) == ("slice", "frame")
+
+
+def test_pictures_cost_no_copy_of_pixels(make_video: MakeVideo) -> None:
+    """Holding frames holds the decoder's pictures, each at its own address."""
+    path = make_video("many.mp4", count=30)
+    with Pipeline.parse(f'filesrc location="{path}" ! decode ! appsink name=out max-buffers=0') as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    assert len({frame.data.ctypes.data for frame in frames}) == 30
+    assert len({frame.data[:8, :8].tobytes() for frame in frames}) == 30
+
+
+def test_stopping_early_is_quick(streamkit_data: Path) -> None:
+    """A pipeline stopped amid decoding ends at once."""
+    path = streamkit_data / "video" / "drone_nadir_traffic.mp4"
+    pipeline = Pipeline.parse(f"filesrc location={path} ! decode ! appsink name=out max-buffers=2")
+    pipeline.play()
+    pipeline["out"].pull(30)
+    began = time.monotonic()
+    pipeline.stop()
+    assert time.monotonic() - began < 2

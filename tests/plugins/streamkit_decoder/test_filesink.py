@@ -1,0 +1,69 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from streamkit import Caps, ElementFailure, Frame, Pipeline, raw_video_caps
+from streamkit.testing import Harness
+
+
+def written(path: Path, *frames: Frame) -> bytes:
+    """What filesink makes of these frames."""
+    with Harness("filesink", location=str(path)) as harness:
+        for frame in frames:
+            harness.push(frame)
+        harness.drain()
+        return path.read_bytes()
+
+
+@pytest.mark.parametrize("caps", ["text/x-raw", "application/json", "application/x-tracks"])
+def test_text_is_written_in_lines(tmp_path: Path, caps: str) -> None:
+    """A line gets its newline where it has none; str is written in UTF-8."""
+    frames = [Frame(data, Caps(caps)) for data in ("grüße", b"two\n", b"", b"four")]
+    assert written(tmp_path / "lines", *frames) == "grüße\ntwo\n\nfour\n".encode()
+
+
+def test_other_bytes_are_written_as_they_are(tmp_path: Path) -> None:
+    """Packets are neither parted nor padded."""
+    frames = [Frame(data, Caps("video/x-h264")) for data in (b"\0\0\1", bytearray(b"ab"), memoryview(b"c"))]
+    assert written(tmp_path / "raw", *frames) == b"\0\0\1abc"
+
+
+def test_pictures_are_written_without_line_padding(tmp_path: Path) -> None:
+    """An array with padded lines is written row by row, its pixels alone."""
+    padded = np.arange(48 * 80, dtype=np.uint32).astype(np.uint8).reshape(48, 80)[:, :64]
+    data = written(tmp_path / "pixels", Frame(padded, raw_video_caps("GRAY8", 64, 48)))
+    np.testing.assert_array_equal(np.frombuffer(data, np.uint8).reshape(48, 64), padded)
+
+
+def test_frames_of_a_pipeline_are_in_the_file(tmp_path: Path, small_video: Path) -> None:
+    """A whole video's pictures end up in the file."""
+    path = tmp_path / "frames.raw"
+    Pipeline.parse(f'filesrc location="{small_video}" ! decode ! filesink location="{path}"').run(
+        timeout_s=10
+    )
+    assert path.stat().st_size == 12 * 64 * 48
+
+
+@pytest.mark.parametrize(
+    ("location", "rule"),
+    [
+        ("", "location= must name the file to write, it is empty"),
+        ("/nosuch/out.bin", "/nosuch/out.bin: cannot be written: No such file or directory; check that"),
+        ("/", "/: cannot be written: Is a directory"),
+    ],
+)
+def test_bad_locations_fail_before_playing(location: str, rule: str) -> None:
+    """A file that cannot be written is known when the element starts."""
+    pipeline = Pipeline.parse(f'fakesrc num-buffers=1 ! filesink location="{location}"')
+    with pytest.raises(ElementFailure, match=rule):
+        pipeline.ready()
+    pipeline.stop()
+
+
+def test_a_full_disk_is_told() -> None:
+    """A write that the system refuses is an error with the file's name."""
+    with Harness("filesink", location="/dev/full") as harness:
+        harness.push(Frame(b"x" * 100, Caps("video/x-h264")))
+        with pytest.raises(ElementFailure, match="/dev/full: writing failed: No space left on device"):
+            harness.drain()

@@ -1,0 +1,135 @@
+import resource
+import time
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from streamkit import ElementFailure, Frame, MessageKind, Pipeline
+
+MakeVideo = Callable[..., Path]
+
+
+def decoded(location: object, properties: str = "") -> list[Frame]:
+    """All frames of a file, decoded."""
+    text = f'filesrc location="{location}" {properties} ! decode ! appsink name=out max-buffers=0'
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        return list(pipeline["out"])
+
+
+def test_packets_carry_caps_times_and_marks(small_video: Path) -> None:
+    """Filesrc gives every packet with fixed caps, in decoding order."""
+    with Pipeline.parse(f'filesrc location="{small_video}" ! appsink name=out') as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    assert len(frames) == 12
+    assert str(frames[0].caps).startswith(
+        "video/x-h264, width=(int)64, height=(int)48, framerate=(fraction)25/1"
+    )
+    assert sorted(frame.pts for frame in frames) == [n * 40_000_000 for n in range(12)]
+    assert frames[0].pts == 0
+    assert [frame.seq for frame in frames] == list(range(12))
+
+
+@pytest.mark.parametrize("rate", [Fraction(30000, 1001), Fraction(24), Fraction(10)])
+def test_times_are_exact(make_video: MakeVideo, rate: Fraction) -> None:
+    """Each frame's time is its number over the rate, to the nanosecond."""
+    path = make_video(f"rate_{rate.numerator}.mp4", rate=rate, count=40)
+    assert [frame.pts for frame in decoded(path)] == [round(n * 10**9 / rate) for n in range(40)]
+
+
+@pytest.mark.parametrize(
+    ("properties", "first", "end"),
+    [
+        ("start-s=0.2", 5, 12),
+        ("start-s=0.28", 7, 12),
+        ("stop-s=0.2", 0, 5),
+        ("start-s=0.12 stop-s=0.36", 3, 9),
+    ],
+)
+def test_start_and_stop_are_exact_to_the_frame(
+    small_video: Path, properties: str, first: int, end: int
+) -> None:
+    """Only frames from start-s to before stop-s are shown, and those are as they were in the whole video."""
+    whole, part = decoded(small_video), decoded(small_video, properties)
+    assert [frame.pts for frame in part] == [n * 40_000_000 for n in range(first, end)]
+    for frame, same in zip(part, whole[first:end], strict=True):
+        np.testing.assert_array_equal(frame.data, same.data)
+
+
+def test_a_start_beyond_the_end_gives_nothing(small_video: Path) -> None:
+    """A start-s after the last frame ends at once with a warning, without error."""
+    text = f'filesrc location="{small_video}" start-s=60 ! decode ! appsink name=out'
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        assert list(pipeline["out"]) == []
+        warning = pipeline.bus.pop(5, (MessageKind.WARNING,))
+    assert warning is not None
+    assert warning.text == f"{small_video}: there is no picture from start-s=60 on"
+
+
+@pytest.mark.parametrize(
+    ("name", "codec"), [("still.png", "png"), ("still.jpg", "mjpeg"), ("still.bmp", "bmp")]
+)
+def test_a_still_picture_is_a_stream_of_one_frame(tmp_path: Path, name: str, codec: str) -> None:
+    """A picture file gives one frame."""
+    picture = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 90, np.uint8), "rgb24")
+    encoder = av.CodecContext.create(codec, "w")
+    encoder.width, encoder.height, encoder.time_base = 64, 48, Fraction(1, 25)
+    encoder.pix_fmt = {"png": "rgb24", "mjpeg": "yuvj420p", "bmp": "bgr24"}[codec]
+    packets = encoder.encode(picture.reformat(format=encoder.pix_fmt)) + encoder.encode(None)
+    (tmp_path / name).write_bytes(b"".join(bytes(packet) for packet in packets))
+    (frame,) = decoded(tmp_path / name)
+    assert frame.data.shape == (48, 64)
+    assert abs(int(frame.data[10, 10]) - 90) <= 2
+
+
+@pytest.mark.parametrize(
+    ("properties", "rule"),
+    [
+        ("", "location= must name a file, it is empty"),
+        ("location=/nosuch/flight.mp4", "/nosuch/flight.mp4: a file must be there, none is"),
+        ("location=/", "a file is needed, this is a directory"),
+        ("location=x.mp4 start-s=3 stop-s=2", "stop-s= must be after start-s=3, got 2"),
+    ],
+)
+def test_bad_locations_fail_before_playing(properties: str, rule: str) -> None:
+    """What can be known is known when the element starts."""
+    pipeline = Pipeline.parse(f"filesrc {properties} ! decode ! fakesink")
+    with pytest.raises(ElementFailure, match=rule):
+        pipeline.ready()
+    pipeline.stop()
+
+
+def test_a_file_cut_short_gives_what_is_whole(make_video: MakeVideo, tmp_path: Path) -> None:
+    """A file whose end is missing gives its whole frames and then EOS, or an error; it never hangs."""
+    data = make_video("long.mkv", count=60).read_bytes()
+    path = tmp_path / "cut.mkv"
+    path.write_bytes(data[: len(data) * 2 // 3])
+    frames = decoded(path)
+    assert 20 < len(frames) < 60
+
+
+def test_odd_media_ends_in_frames_or_one_error(streamkit_data: Path) -> None:
+    """Every odd, truncated or fuzzed file gives frames or one clear error, in time and bounded memory."""
+    files = [path for path in sorted((streamkit_data / "odd_media").rglob("*")) if path.is_file()]
+    assert len(files) > 90
+    outcomes: dict[str, int | str] = {}
+    for path in files:
+        began = time.monotonic()
+        pipeline = Pipeline.parse(f'filesrc location="{path}" stop-s=1 ! decode ! fakesink name=out')
+        try:
+            pipeline.run(timeout_s=10)
+            outcomes[path.name] = pipeline["out"].count
+        except ElementFailure as error:
+            outcomes[path.name] = str(error)
+        assert time.monotonic() - began < 10, path
+    errors = [outcome for outcome in outcomes.values() if isinstance(outcome, str)]
+    assert 0 not in outcomes.values()
+    assert len(outcomes) - len(errors) > 60
+    assert all(error.startswith(("filesrc", "decode")) for error in errors)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 2**20  # KiB: one GiB

@@ -1,0 +1,91 @@
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from streamkit import ElementFailure, Frame, Pipeline
+
+
+@pytest.fixture
+def numbered(tmp_path: Path) -> Path:
+    """im001.png to im005.png, each of its own grey."""
+    for number in range(1, 6):
+        cv2.imwrite(str(tmp_path / f"im{number:03d}.png"), np.full((48, 64), 20 * number, np.uint8))
+    return tmp_path
+
+
+def decoded(text: str, limit: int = 100) -> list[Frame]:
+    """The first frames of a source, decoded."""
+    with Pipeline.parse(f"multifilesrc {text} ! decode ! appsink name=out") as pipeline:
+        pipeline.play()
+        frames = []
+        for frame in pipeline["out"]:
+            frames.append(frame)
+            if len(frames) == limit:
+                break
+        return frames
+
+
+def greys(frames: list[Frame]) -> list[int]:
+    """The grey of each frame over 20: its file's number."""
+    return [int(frame.data[0, 0]) // 20 for frame in frames]
+
+
+def test_files_are_read_up_to_the_first_missing(numbered: Path) -> None:
+    """The video ends at the first number without a file."""
+    frames = decoded(f"location={numbered}/im%03d.png start-index=1 framerate=30000/1001")
+    assert greys(frames) == [1, 2, 3, 4, 5]
+    assert [frame.pts for frame in frames] == [round(n * 10**9 * Fraction(1001, 30000)) for n in range(5)]
+    assert frames[0].caps["framerate"] == Fraction(30000, 1001)
+
+
+def test_start_and_stop_index(numbered: Path) -> None:
+    """start-index and stop-index are both shown."""
+    assert greys(decoded(f"location={numbered}/im%03d.png start-index=2 stop-index=4")) == [2, 3, 4]
+
+
+def test_loop_begins_again(numbered: Path) -> None:
+    """With loop the first picture follows the last, and time goes on."""
+    frames = decoded(f"location={numbered}/im%03d.png start-index=4 loop=true framerate=10/1", limit=5)
+    assert greys(frames) == [4, 5, 4, 5, 4]
+    assert [frame.pts for frame in frames] == [n * 100_000_000 for n in range(5)]
+
+
+def test_pictures_of_another_size_change_caps(numbered: Path) -> None:
+    """A picture of another size in the row comes out in its own size."""
+    cv2.imwrite(str(numbered / "im006.png"), np.full((24, 32), 120, np.uint8))
+    frames = decoded(f"location={numbered}/im%03d.png start-index=5")
+    assert [frame.data.shape for frame in frames] == [(48, 64), (24, 32)]
+    assert [frame.caps["width"] for frame in frames] == [64, 32]
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        ("location=im%03d.png", r"im000\.png: a file must be there, none is"),
+        (
+            "location=im.png",
+            r"location='im\.png' must hold the number's place once; write location=img/%06d\.jpg",
+        ),
+        ("location=im%d_%d.png", "must hold the number's place once"),
+        ("location=im%s.png", "must hold the number's place once"),
+        ("location=im%03d.png start-index=3 stop-index=2", "stop-index=2 must not be below start-index=3"),
+    ],
+)
+def test_bad_locations_fail_before_playing(text: str, rule: str) -> None:
+    """A missing first file and a wrong pattern are known when the element starts."""
+    pipeline = Pipeline.parse(f"multifilesrc {text} ! decode ! fakesink")
+    with pytest.raises(ElementFailure, match=rule):
+        pipeline.ready()
+    pipeline.stop()
+
+
+def test_real_pictures(streamkit_data: Path) -> None:
+    """A tracking sequence of JPEG files plays."""
+    frames = decoded(f"location={streamkit_data}/sot/car4/img/%06d.jpg start-index=1 stop-index=10")
+    assert [frame.seq for frame in frames] == list(range(10))
+    first = cv2.imread(str(streamkit_data / "sot" / "car4" / "img" / "000001.jpg"), cv2.IMREAD_GRAYSCALE)
+    assert first is not None
+    assert np.abs(frames[0].data.astype(int) - first).max() <= 2

@@ -1,0 +1,153 @@
+import signal
+import threading
+import time
+from collections.abc import Callable
+from itertools import islice, pairwise
+from typing import Any
+
+import pytest
+
+from streamkit import ElementFailure, FrameFlags, MessageKind, Pipeline
+
+Serve = Callable[[int], int]
+
+
+def fails(text: str) -> tuple[str, float]:
+    """The error a pipeline ends in, and after how many seconds."""
+    began = time.monotonic()
+    with pytest.raises(ElementFailure) as caught:
+        Pipeline.parse(f"{text} ! decode ! fakesink").run(timeout_s=20)
+    return str(caught.value), time.monotonic() - began
+
+
+@pytest.mark.parametrize("answers", [0, 1])
+@pytest.mark.parametrize("transport", ["tcp", "udp"])
+def test_a_silent_server_is_noticed(serve: Serve, answers: int, transport: str) -> None:
+    """Silence ends in one error within timeout-s + 1 s; no password, no thread stays."""
+    location = f"rtsp://me:secret@127.0.0.1:{serve(answers)}/live"
+    error, elapsed = fails(f"rtspsrc location={location} timeout-s=0.5 transport={transport}")
+    assert "no video within 0.5 s" in error
+    assert "secret" not in error
+    assert elapsed < 1.5
+    assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("reader")]
+
+
+def test_a_closed_port_is_told() -> None:
+    """A refused connection gives its reason at once."""
+    error, elapsed = fails("rtspsrc location=rtsp://me:secret@127.0.0.1:1/live")
+    assert error == (
+        "rtspsrc0: rtsp://***@127.0.0.1:1/live: no connection to 127.0.0.1 port 1: Connection refused; "
+        "check the address"
+    )
+    assert elapsed < 2
+
+
+@pytest.mark.parametrize(
+    "location", ["", "cam/live", "http://u:secret@cam/live", "rtsp://", "rtsp://cam:port/x"]
+)
+def test_other_locations_fail_before_playing(location: str) -> None:
+    """What is no RTSP URL is refused when the element starts, with an example."""
+    pipeline = Pipeline.parse(f'rtspsrc location="{location}" ! decode ! fakesink')
+    with pytest.raises(ElementFailure, match=r"write (location=)?rtsp://host:port/path") as caught:
+        pipeline.ready()
+    pipeline.stop()
+    assert "secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize("transport", ["tcp", "udp"])
+@pytest.mark.parametrize("after_s", [0.0, 0.2])
+def test_stopping_while_connecting_is_quick(serve: Serve, transport: str, after_s: float) -> None:
+    """A pipeline that waits on a silent server for a minute stops within two seconds."""
+    source = f"rtspsrc location=rtsp://127.0.0.1:{serve(1)}/x timeout-s=60 transport={transport}"
+    pipeline = Pipeline.parse(f"{source} ! decode ! fakesink")
+    pipeline.play()
+    assert pipeline.wait(after_s) is None
+    began = time.monotonic()
+    pipeline.stop()
+    assert time.monotonic() - began < 2
+    assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("reader")]
+
+
+def test_the_location_is_shown_without_password() -> None:
+    """A graph's settings hold the address, not the password."""
+    element = Pipeline.parse("rtspsrc name=r location=rtsp://me:secret@cam/live ! decode ! fakesink")["r"]
+    assert element.settings()["location"] == "rtsp://***@cam/live"
+
+
+@pytest.mark.parametrize("transport", ["tcp", "udp"])
+def test_a_real_server_plays(real_server: Any, transport: str) -> None:
+    """Live frames come with arrival and capture time, in order, young, the first one a whole picture."""
+    location = f"rtsp://user:secret@127.0.0.1:{real_server.port}/live"
+    text = f"rtspsrc name=r location={location} transport={transport} ! decode ! appsink name=out"
+    with Pipeline.parse(text) as pipeline:
+        assert pipeline["r"].is_live
+        pipeline.play()
+        frames, ages = [], []
+        for frame in islice(pipeline["out"], 40):
+            frames.append(frame)
+            ages.append(time.monotonic_ns() - frame.arrival_ns)
+    assert frames[0].data.shape == (240, 320)
+    assert frames[0].flags == FrameFlags.KEYFRAME
+    assert not any(frame.flags & FrameFlags.CORRUPT for frame in frames)
+    assert [frame.seq for frame in frames] == list(range(40))
+    assert all(a.pts < b.pts for a, b in pairwise(frames))
+    assert {frame.capture.origin for frame in frames} == {"arrival"}
+    assert sorted(ages)[20] < 150e6
+
+
+@pytest.mark.parametrize(
+    ("user", "path", "reason"), [("user:wrong", "live", "401"), ("user:secret", "nosuch", "404")]
+)
+def test_a_real_servers_refusal_is_told(real_server: Any, user: str, path: str, reason: str) -> None:
+    """A wrong password and a wrong path are told apart, without the password."""
+    error, elapsed = fails(f"rtspsrc location=rtsp://{user}@127.0.0.1:{real_server.port}/{path}")
+    assert reason in error
+    assert user.partition(":")[2] not in error
+    assert elapsed < 3
+
+
+@pytest.mark.parametrize("transport", ["tcp", "udp"])
+def test_a_server_that_freezes_is_noticed(real_server: Any, transport: str) -> None:
+    """A server stopped amid the stream ends in an error within timeout-s + 1 s."""
+    location = f"rtsp://user:secret@127.0.0.1:{real_server.port}/live"
+    text = f"rtspsrc location={location} transport={transport} timeout-s=1 ! decode ! appsink name=out"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = iter(pipeline["out"])
+        assert len(list(islice(frames, 15))) == 15
+        real_server.process.send_signal(signal.SIGSTOP)
+        began = time.monotonic()
+        with pytest.raises(ElementFailure, match=r"rtsp://\*\*\*@.* the server has been silent for 1 s"):
+            list(frames)
+        assert time.monotonic() - began < 2.2
+
+
+def test_a_server_that_dies_ends_the_stream(real_server: Any) -> None:
+    """A server killed amid the stream ends it with a warning, all frames before delivered."""
+    location = f"rtsp://user:secret@127.0.0.1:{real_server.port}/live"
+    with Pipeline.parse(f"rtspsrc location={location} ! decode ! appsink name=out") as pipeline:
+        pipeline.play()
+        frames = iter(pipeline["out"])
+        assert len(list(islice(frames, 15))) == 15
+        real_server.close()
+        assert len(list(frames)) < 15
+        warning = pipeline.bus.pop(5, (MessageKind.WARNING,))
+    assert warning is not None
+    assert "the server has ended the stream" in warning.text
+
+
+def test_a_slow_consumer_gets_the_newest(real_server: Any) -> None:
+    """Packets nobody takes are dropped and counted; what is delivered decodes whole after each gap."""
+    location = f"rtsp://user:secret@127.0.0.1:{real_server.port}/live"
+    text = f"rtspsrc name=r location={location} max-packets=16 ! appsink name=out max-buffers=1"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        taken = []
+        for _ in range(12):
+            taken.append(pipeline["out"].pull(5))
+            pipeline.ended.wait(0.15)
+        dropped = sum(pipeline["r"].drops.values())
+    gaps = [b for a, b in pairwise(taken) if b.seq > a.seq + 1]
+    assert gaps
+    assert all(frame.flags & FrameFlags.KEYFRAME and frame.flags & FrameFlags.DISCONTINUITY for frame in gaps)
+    assert sum(b.seq - a.seq - 1 for a, b in pairwise(taken)) <= dropped

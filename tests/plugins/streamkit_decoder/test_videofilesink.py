@@ -1,0 +1,89 @@
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from streamkit import ElementFailure, Frame, Pipeline, raw_video_caps
+from streamkit.testing import Harness
+
+
+def grey_frame(width: int = 64, height: int = 48, index: int = 0) -> Frame:
+    """A grey picture at 25/s."""
+    return Frame(
+        np.full((height, width), 90, np.uint8), raw_video_caps("GRAY8", width, height), pts=index * 40_000_000
+    )
+
+
+def count_of(path: Path) -> int:
+    """Pictures in a file."""
+    with av.open(str(path)) as container:
+        return sum(1 for _ in container.decode(video=0))
+
+
+def test_a_video_survives_the_round(tmp_path: Path, small_video: Path) -> None:
+    """Filesrc ! decode ! videofilesink gives the same pictures at the same times."""
+    path = tmp_path / "out.mp4"
+    Pipeline.parse(f'filesrc location="{small_video}" ! decode ! videofilesink crf=10 location="{path}"').run(
+        20
+    )
+    with av.open(str(small_video)) as before, av.open(str(path)) as after:
+        for old, new in zip(before.decode(video=0), after.decode(video=0), strict=True):
+            assert new.time == pytest.approx(old.time, abs=1e-4)
+            assert np.abs(old.to_ndarray().astype(int) - new.to_ndarray()).mean() < 3
+
+
+def test_an_interrupted_file_plays(tmp_path: Path) -> None:
+    """A pipeline stopped without EOS leaves a file that plays up to there."""
+    path = tmp_path / "out.mp4"
+    with Harness("videofilesink", location=str(path)) as harness:
+        for index in range(7):
+            harness.push(grey_frame(index=index))
+    assert count_of(path) == 7
+
+
+def test_a_new_size_is_refused_and_the_file_plays(tmp_path: Path) -> None:
+    """A size that changes is an error with a remedy; what came before is kept."""
+    path = tmp_path / "out.mp4"
+    with Harness("videofilesink", location=str(path)) as harness:
+        harness.push(grey_frame())
+        with pytest.raises(
+            ElementFailure, match="began with GRAY8 64 x 48 and now GRAY8 32 x 48 comes; put videoscale"
+        ):
+            harness.push(grey_frame(width=32, index=1))
+    assert count_of(path) == 1
+
+
+def test_odd_sizes_are_written(tmp_path: Path) -> None:
+    """A picture of odd size is recorded."""
+    path = tmp_path / "out.mp4"
+    with Harness("videofilesink", location=str(path)) as harness:
+        harness.push(grey_frame(33, 21))
+        harness.drain()
+    assert count_of(path) == 1
+
+
+@pytest.mark.parametrize(
+    ("properties", "rule"),
+    [
+        ("", "location= must name the file to write, it is empty"),
+        ("location=/nosuch/out.mp4", "/nosuch/out.mp4: cannot be written: No such file or directory"),
+    ],
+)
+def test_bad_locations_fail_before_playing(properties: str, rule: str) -> None:
+    """A file that cannot be written is known when the element starts."""
+    pipeline = Pipeline.parse(f"fakesrc num-buffers=1 ! videofilesink {properties}")
+    with pytest.raises(ElementFailure, match=rule):
+        pipeline.ready()
+    pipeline.stop()
+
+
+def test_a_name_without_container_is_told(tmp_path: Path) -> None:
+    """A name that tells no container is an error that names the file."""
+    with (
+        Harness("videofilesink", location=str(tmp_path / "out.xyz")) as harness,
+        pytest.raises(
+            ElementFailure, match=r"out\.xyz: the video could not be written: Could not determine output"
+        ),
+    ):
+        harness.push(grey_frame())

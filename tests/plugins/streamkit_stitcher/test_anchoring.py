@@ -1,0 +1,69 @@
+"""Choosing key pictures and falling back on earlier ones."""
+
+import numpy as np
+import pytest
+
+from streamkit_stitcher.anchoring import KeyframeAnchor
+from streamkit_stitcher.homographies import IDENTITY, translation
+from streamkit_stitcher.settings import PlaneSettings
+
+
+def view(ground, left):
+    """The picture whose left edge is at `left`, as the only level of a pyramid."""
+    return (ground[400:760, left : left + 640],)
+
+
+def shift(pixels):
+    """The homography of a shift along x."""
+    return translation(np.array([pixels, 0.0]))
+
+
+@pytest.fixture
+def anchor(ground):
+    """An anchor on a key picture at 0."""
+    anchor = KeyframeAnchor(PlaneSettings(), 0)
+    anchor.add(view(ground, 0), IDENTITY)
+    return anchor
+
+
+def test_a_carried_place_is_corrected(anchor, ground):
+    """A place 2 px off is measured right."""
+    placed = anchor.place(view(ground, 60), shift(62.0), trusted=True)
+    assert placed.measured
+    assert not placed.keyframe
+    assert placed.to_reference == pytest.approx(shift(60.0), abs=0.1)
+
+
+def test_leaving_the_key_picture_makes_another(anchor, ground):
+    """Below 65 % overlap the picture becomes a key picture, placed by the one it leaves."""
+    placed = anchor.place(view(ground, 260), shift(261.0), trusted=True)
+    assert placed.keyframe
+    assert placed.to_reference == pytest.approx(shift(260.0), abs=0.1)
+
+
+def test_coming_back_hands_over_to_the_earlier_key_picture(anchor, ground):
+    """Where an earlier key picture overlaps enough, it takes over and undoes the drift."""
+    for left in (200, 260, 400, 520):
+        anchor.place(view(ground, left), shift(float(left)), trusted=True)
+    drifted = shift(96.0)
+    placed = anchor.place(view(ground, 90), drifted, trusted=True)
+    assert placed.jumped
+    assert not placed.keyframe
+    assert placed.to_reference == pytest.approx(shift(90.0), abs=0.1)
+
+
+def test_an_untrusted_place_never_makes_a_key_picture(anchor, ground):
+    """Ground that matches nothing, carried on by a guess, is passed on as it is."""
+    for _ in range(5):
+        placed = anchor.place((ground[1000:1360, 1200:1840],), shift(30.0), trusted=False)
+        assert not placed.measured
+        assert not placed.keyframe
+        assert np.array_equal(placed.to_reference, shift(30.0))
+
+
+def test_a_lost_key_picture_is_replaced_after_three_misses(anchor, ground):
+    """With the motion measured, ground that matches no key picture becomes one itself."""
+    made = [
+        anchor.place((ground[1000:1360, 1200:1840],), shift(30.0), trusted=True).keyframe for _ in range(3)
+    ]
+    assert made == [False, False, True]

@@ -1,0 +1,189 @@
+"""stitch in a harness and in pipelines."""
+
+import cv2
+import numpy as np
+import pytest
+
+from streamkit import (
+    Frame,
+    FrameFlags,
+    MessageKind,
+    Pipeline,
+    Registration,
+    RegistrationStatus,
+    ResourceError,
+    raw_video_caps,
+)
+from streamkit.testing import Harness
+from streamkit_video.dronetestsrc.truth import TrueRegistration
+
+SMALL = (360, 640)
+
+
+@pytest.fixture(scope="module")
+def flight(ground, make_flight):
+    """A short flight of small pictures."""
+    return make_flight(ground, 400, SMALL, cars=4)
+
+
+def grey(picture, seq=0, **fields):
+    """A GRAY8 frame."""
+    height, width = picture.shape
+    return Frame(picture, raw_video_caps("GRAY8", width, height), seq=seq, **fields)
+
+
+def push(harness, frame):
+    """The one frame that comes out, and its registration."""
+    (passed,) = harness.push(frame)
+    return passed, passed.get(Registration)
+
+
+def mosaics(messages):
+    """The fields of the mosaic messages."""
+    return [
+        message.fields
+        for message in messages
+        if message.kind is MessageKind.ELEMENT and message.fields["name"] == "mosaic"
+    ]
+
+
+def test_frames_pass_untouched_with_registration(flight):
+    """The array is the very one that came, and what was attached stays."""
+    with Harness("stitch") as harness:
+        for index in range(4):
+            frame = grey(flight.picture(index), index).attach("note")
+            passed, found = push(harness, frame)
+            assert passed.data is frame.data
+            assert passed.get(str) == "note"
+            assert isinstance(found.status, RegistrationStatus)
+        assert flight.error(found.to_reference, 3) < 0.5
+        assert found.inliers > 20
+
+
+@pytest.mark.parametrize("pixel_format", ["I420", "NV12"])
+def test_colour_frames_are_placed_by_their_luma_and_mosaicked_in_colour(flight, pixel_format, tmp_path):
+    """The luma plane is used in place; the mosaic takes the chroma along."""
+    location = tmp_path / "m.png"
+    data = np.full((540, 640), 90, np.uint8)
+    data[:360] = flight.picture(0)
+    with Harness("stitch", location=str(location)) as harness:
+        _, found = push(harness, Frame(data, raw_video_caps(pixel_format, 640, 360)))
+        assert found.keyframe
+        harness.drain()
+    blue, green, red = cv2.imread(str(location)).reshape(-1, 3).mean(axis=0)
+    assert green > max(blue, red) + 10
+
+
+def test_corrupt_frames_are_lost_and_teach_nothing(flight):
+    """A corrupt frame is not looked at; the next good one is placed as if it had not been."""
+    with Harness("stitch") as harness:
+        for index in range(3):
+            push(harness, grey(flight.picture(index), index))
+        _, corrupt = push(harness, grey(flight.picture(200), 3, flags=FrameFlags.CORRUPT))
+        _, after = push(harness, grey(flight.picture(4), 4))
+        assert corrupt.status == RegistrationStatus.LOST
+        assert after.status == RegistrationStatus.OK
+        assert flight.error(after.to_reference, 4) < 0.5
+
+
+def test_a_new_epoch_or_size_opens_a_plane(flight):
+    """The plane's number goes up, the status is cut and the place the identity."""
+    with Harness("stitch") as harness:
+        _, first = push(harness, grey(flight.picture(0)))
+        _, second = push(harness, grey(flight.picture(1), 1, epoch=1))
+        _, third = push(harness, grey(flight.picture(2)[:300, :600].copy(), 2, epoch=1))
+        assert [item.reference for item in (first, second, third)] == [0, 1, 2]
+        assert second.status == third.status == RegistrationStatus.CUT
+        assert np.array_equal(second.to_reference, np.eye(3))
+        assert second.reference_change is None
+
+
+def test_the_mosaic_is_written_at_eos_and_announced(flight, tmp_path):
+    """A message tells path and size; stopping afterwards does not write again."""
+    location = tmp_path / "m.png"
+    harness = Harness("stitch", location=str(location))
+    for index in range(0, 60, 4):
+        push(harness, grey(flight.picture(index), index))
+    assert not location.exists()
+    harness.drain()
+    height, width = cv2.imread(str(location), cv2.IMREAD_UNCHANGED).shape
+    (message,) = mosaics(harness.messages)
+    assert (message["path"], message["width"], message["height"]) == (str(location), width, height)
+    location.unlink()
+    harness.close()
+    assert not location.exists()
+
+
+def test_the_mosaic_is_written_when_eos_does_not_come(flight, tmp_path):
+    """A stopped pipeline leaves the mosaic of what was seen."""
+    location = tmp_path / "m.jpg"
+    with Harness("stitch", location=str(location)) as harness:
+        push(harness, grey(flight.picture(0)))
+    assert cv2.imread(str(location)).shape == (360, 640, 3)
+
+
+def test_lost_frames_do_not_smear_the_mosaic(flight, tmp_path):
+    """Black and corrupt frames leave no trace in it."""
+    with Harness("stitch", location=str(tmp_path / "m.png")) as harness:
+        push(harness, grey(flight.picture(0)))
+        for index in range(8):
+            push(harness, grey(np.zeros(SMALL, np.uint8), index))
+        push(harness, grey(flight.picture(300), 9, flags=FrameFlags.CORRUPT))
+        harness.drain()
+    picture = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(picture, flight.picture(0))
+
+
+def test_no_frames_no_mosaic(tmp_path):
+    """Without a usable frame no file is written, and that is no error."""
+    with Harness("stitch", location=str(tmp_path / "m.png")) as harness:
+        harness.drain()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["m.mp4", "none/m.png"])
+def test_a_location_that_cannot_be_written_fails_at_start(tmp_path, name):
+    """The user learns of it before the flight."""
+    with pytest.raises(ResourceError, match="location"):
+        Harness("stitch", location=str(tmp_path / name))
+
+
+def test_a_disk_that_fails_at_eos_is_an_error(flight, tmp_path):
+    """At EOS the error names the element and the file; at stop it is a warning."""
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    harness = Harness("stitch", location=str(folder / "m.png"))
+    push(harness, grey(flight.picture(0)))
+    folder.rmdir()
+    with pytest.raises(Exception, match="the mosaic is lost"):
+        harness.drain()
+    harness.close()
+
+
+def test_a_pipeline_registers_a_drone_to_the_truth(tmp_path):
+    """The source tells the exact homographies: the median corner error is far below a pixel."""
+    width, height = 960, 540
+    corners = np.array([[[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]]], dtype=float)
+    text = (
+        f"dronetestsrc num-buffers=60 speed=12 ! video/x-raw, format=I420, width={width}, height={height} "
+        f"! stitch location={tmp_path}/m.png ! appsink name=out"
+    )
+    errors, first = [], None
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        for frame in pipeline["out"]:
+            found, truth = frame.get(Registration), frame.get(TrueRegistration).to_reference
+            first = np.linalg.inv(truth) if first is None else first
+            true = cv2.perspectiveTransform(corners, first @ truth)
+            measured = cv2.perspectiveTransform(corners, found.to_reference)
+            errors.append(np.linalg.norm(true - measured, axis=2).max())
+    assert len(errors) == 60
+    assert np.median(errors) < 0.3
+    assert max(errors) < 1.0
+    mosaic = cv2.imread(str(tmp_path / "m.png"))
+    assert mosaic.shape[0] * mosaic.shape[1] > 1.2 * width * height
+
+
+def test_the_example_line_runs():
+    """The line that `inspect` shows works as written."""
+    Pipeline.parse("dronetestsrc num-buffers=5 ! stitch ! fakesink").run(timeout_s=30)

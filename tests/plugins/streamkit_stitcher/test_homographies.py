@@ -1,0 +1,71 @@
+"""Homographies of image planes."""
+
+import cv2
+import numpy as np
+import pytest
+
+from streamkit_stitcher import homographies as h
+
+SHAPE = (720, 1280)
+TILTED = np.array([[1.02, 0.03, 12.0], [-0.02, 0.99, -7.0], [1e-5, -2e-5, 1.0]])
+
+
+def test_inverse_undoes_a_homography():
+    """A point mapped there and back is where it was."""
+    points = h.corners(SHAPE)
+    assert h.project(h.inverse(TILTED), h.project(TILTED, points)) == pytest.approx(points, abs=1e-6)
+
+
+@pytest.mark.parametrize("matrix", [np.zeros((3, 3)), np.ones((3, 3)), np.full((3, 3), np.nan)])
+def test_degenerate_matrices_become_the_identity(matrix):
+    """Neither a singular nor a non-finite matrix spreads."""
+    assert np.array_equal(h.inverse(matrix), np.eye(3))
+
+
+def test_a_reduced_homography_maps_the_same_ground():
+    """Block averages put reduced pixel x at factor * x + (factor - 1) / 2, and lifting respects it."""
+    picture = np.random.default_rng(0).integers(0, 255, (64, 96), dtype=np.uint8)
+    moved = np.zeros_like(picture)
+    moved[:, 8:] = picture[:, :-8]
+    lifted = h.from_reduced(h.translation(np.array([-2.0, 0.0])), 4)
+    assert h.project(lifted, np.array([[20.0, 10.0]])) == pytest.approx(np.array([[12.0, 10.0]]))
+    reduced, reduced_moved = (cv2.resize(p, (24, 16), interpolation=cv2.INTER_AREA) for p in (picture, moved))
+    assert np.array_equal(reduced[:, :-2], reduced_moved[:, 2:])
+
+
+def test_lowering_undoes_lifting():
+    """to_reduced and from_reduced are inverse to each other."""
+    assert h.to_reduced(h.from_reduced(TILTED, 4), 4) == pytest.approx(TILTED)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        np.diag([-1.0, 1.0, 1.0]),
+        np.diag([2.0, 2.0, 1.0]),
+        np.array([[1, 0, 0], [0, 1, 0], [1e-4, 0, 1.0]]),
+        h.translation(np.array([400.0, 0.0])),
+        np.full((3, 3), np.nan),
+    ],
+    ids=["mirror", "scale", "perspective", "step", "nan"],
+)
+def test_impossible_motions_are_refused(matrix):
+    """Mirrored, too large, too tilted, too far and non-finite motions are not plausible."""
+    assert not h.is_plausible(matrix, SHAPE, 0.25)
+
+
+def test_a_flying_camera_is_plausible():
+    """A small turn with a little tilt is accepted."""
+    assert h.is_plausible(TILTED, SHAPE, 0.25)
+
+
+def test_overlap_is_the_shared_part_of_the_footprint():
+    """Half a picture aside leaves half, another picture away nothing."""
+    assert h.overlap(h.translation(np.array([639.5, 0.0])), SHAPE) == pytest.approx(0.5, abs=1e-3)
+    assert h.overlap(h.translation(np.array([2000.0, 0.0])), SHAPE) == 0.0
+
+
+def test_scale_change_is_linear_magnification():
+    """Twice as large in both directions is 2, a mirror is degenerate."""
+    assert h.scale_change(np.diag([2.0, 2.0, 1.0]), SHAPE) == pytest.approx(2.0)
+    assert h.scale_change(np.diag([-1.0, 1.0, 1.0]), SHAPE) == 0.0

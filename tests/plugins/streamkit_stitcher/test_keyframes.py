@@ -1,0 +1,73 @@
+"""Key pictures and the placing of pictures against them."""
+
+import numpy as np
+import pytest
+
+from streamkit_stitcher.corners import CornerDetector
+from streamkit_stitcher.homographies import IDENTITY, inverse, translation
+from streamkit_stitcher.keyframes import LEVELS, KeyframeStore, pooled_placement
+from streamkit_stitcher.motion_models import FitLimits
+from streamkit_stitcher.patches import pyramid
+
+LIMITS = FitLimits(max_step=1.0)
+
+
+def stored(store, picture, to_reference=IDENTITY):
+    """A picture added to a store, with its corners."""
+    return store.add(pyramid((picture,), LEVELS), CornerDetector().detect(picture, 300), to_reference)
+
+
+@pytest.mark.parametrize(("offset", "top_level"), [(1.5, 0), (12.0, 3)])
+def test_a_picture_is_placed_to_a_tenth_of_a_pixel(ground, make_flight, offset, top_level):
+    """From a place that is 1.5 px off at full size, or 12 px off from coarse to fine."""
+    flight = make_flight(ground, 100, (360, 640), cars=4)
+    store = KeyframeStore()
+    key = stored(store, flight.picture(0))
+    wrong = translation(np.array([offset, -offset / 2])) @ flight.to_first(4)
+    images = pyramid((flight.picture(4),), LEVELS)
+    match = store.match(key, images, wrong, LIMITS, top_level=top_level, max_points=300)
+    assert flight.error(match.fit.matrix, 4) < 0.15
+    assert len(match.frame_points) == match.fit.count
+
+
+def test_other_ground_is_not_matched(ground):
+    """A picture of something else gives None."""
+    store = KeyframeStore()
+    key = stored(store, ground[:360, :640])
+    images = pyramid((ground[900:1260, 1000:1640],), LEVELS)
+    assert store.match(key, images, IDENTITY, LIMITS, top_level=3, max_points=300) is None
+
+
+def test_overlapping_keyframes_come_nearest_first(ground):
+    """Only those that share ground at a similar scale are listed, greatest overlap first."""
+    store = KeyframeStore()
+    for left in (0, 300, 900):
+        stored(store, ground[:360, left : left + 640], translation(np.array([left, 0.0])))
+    found = store.overlapping(translation(np.array([250.0, 0.0])), (360, 640), 0.25)
+    assert [keyframe.index for _, keyframe in found] == [1, 0]
+    assert store.overlapping(np.diag([3.0, 3.0, 1.0]), (360, 640), 0.0) == []
+
+
+def test_the_store_is_bounded_and_drops_what_is_seen_twice(ground):
+    """Of the two nearest keyframes the older goes; the first always stays."""
+    store = KeyframeStore(capacity=3)
+    for left in (0, 400, 420, 900, 1300):
+        stored(store, ground[:360, left : left + 640], translation(np.array([left, 0.0])))
+    assert [keyframe.index for keyframe in store.keyframes] == [0, 2, 4]
+    assert len(store) == 3
+
+
+def test_pooled_matches_place_a_picture_better_than_the_worst_of_them(ground, make_flight):
+    """Two keyframes with exact places give the place of a third picture to a tenth of a pixel."""
+    flight = make_flight(ground, 100, (360, 640), cars=0)
+    store = KeyframeStore()
+    keys = [stored(store, flight.picture(index), flight.to_first(index)) for index in (0, 6)]
+    images = pyramid((flight.picture(3),), LEVELS)
+    matches = []
+    for key in keys:
+        guess = inverse(key.to_reference) @ flight.to_first(3)
+        match = store.match(key, images, guess, LIMITS, top_level=0, max_points=300)
+        matches.append((key, match))
+    fit = pooled_placement(matches, (360, 640), LIMITS)
+    assert flight.error(fit.matrix, 3) < 0.15
+    assert fit.count > max(match.fit.count for _, match in matches)

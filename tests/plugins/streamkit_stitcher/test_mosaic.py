@@ -1,0 +1,115 @@
+"""The mosaic against the true ground."""
+
+import cv2
+import numpy as np
+import pytest
+
+from streamkit_stitcher.homographies import inverse, project, translation
+from streamkit_stitcher.mosaic import Mosaic
+from streamkit_stitcher.plane import PlaneTracker
+from streamkit_stitcher.settings import PlaneSettings
+
+SMALL = (360, 640)
+
+
+def difference_to_ground(mosaic, flight):
+    """Median and 95th percentile of |mosaic - true ground| over the covered part, grey levels."""
+    picture = mosaic.picture()
+    to_ground = flight.to_ground[0] @ inverse(mosaic.from_reference)
+    size = (picture.shape[1], picture.shape[0])
+    truth = cv2.warpPerspective(flight.ground, to_ground, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    covered = cv2.erode((picture > 0).astype(np.uint8), np.ones((5, 5))) > 0
+    error = np.abs(picture.astype(float) - truth)[covered]
+    return np.median(error), np.percentile(error, 95)
+
+
+def test_a_mosaic_of_measured_places_shows_the_true_ground(ground, make_flight):
+    """Placed and joined, the pictures match the ground: the error is that of noise, not of doubled edges."""
+    flight = make_flight(ground, 150, SMALL, cars=0)
+    tracker, mosaic = PlaneTracker(PlaneSettings()), Mosaic(64_000_000)
+    for picture in flight.pictures():
+        placement = tracker.place(picture)
+        if placement.keyframe:
+            assert mosaic.add(picture, placement.to_reference)
+    median, high = difference_to_ground(mosaic, flight)
+    assert mosaic.pictures > 5
+    assert mosaic.covered_px > 3 * SMALL[0] * SMALL[1]
+    assert median < 3.0
+    assert high < 9.0
+
+
+def test_a_wrong_place_would_show(ground, make_flight):
+    """The measure of the test above tells a mosaic that is 3 px off in one of its pictures."""
+    flight = make_flight(ground, 240, SMALL, cars=0, noise=0.0)
+    mosaic = Mosaic(64_000_000)
+    mosaic.add(flight.picture(0), translation(np.array([3.0, 2.0])))
+    assert difference_to_ground(mosaic, flight)[1] > 9.0
+
+
+def test_a_long_flight_loses_resolution_and_not_ground(ground):
+    """At its limit the mosaic is halved and still covers everything, in the right place."""
+    mosaic = Mosaic(300_000)
+    for left in range(0, 1300, 200):
+        assert mosaic.add(ground[400:760, left : left + 640], translation(np.array([float(left), 0.0])))
+    picture = mosaic.picture()
+    assert mosaic.scale == 0.5
+    assert picture.size <= 300_000
+    assert mosaic.covered_px == pytest.approx(360 * 1840, rel=0.02)
+    truth = cv2.resize(ground[400:760, :1840], (920, 180), interpolation=cv2.INTER_AREA)
+    column, row = project(mosaic.from_reference, np.array([[0.5, 0.5]]))[0].round().astype(int)
+    part = picture[row : row + 179, column : column + 919]
+    assert np.abs(part[4:-4, 4:-4].astype(float) - truth[4:175, 4:915]).mean() < 2.0
+
+
+def test_gaps_are_filled_without_painting_over(ground):
+    """What only fills gaps leaves the middle of the pictures alone and reaches beyond them."""
+    mosaic = Mosaic(64_000_000)
+    mosaic.add(ground[400:760, :640], np.eye(3))
+    mosaic.add(np.full(SMALL, 255, np.uint8), translation(np.array([300.0, 0.0])), fills_gaps=True)
+    picture = mosaic.picture()
+    assert np.array_equal(picture[100:260, 100:560], ground[500:660, 100:560])
+    assert (picture[50:310, 660:900] == 255).all()
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        np.full((3, 3), np.nan),
+        np.diag([9.0, 9.0, 1.0]),
+        np.diag([-1.0, 1.0, 1.0]),
+        translation(np.array([1e9, 0.0])),
+    ],
+    ids=["nan", "huge", "mirrored", "far"],
+)
+def test_degenerate_places_are_refused(ground, place):
+    """A picture that cannot be placed never smears the mosaic."""
+    mosaic = Mosaic(64_000_000)
+    mosaic.add(ground[:360, :640], np.eye(3))
+    before = mosaic.picture().copy()
+    assert not mosaic.add(ground[:360, :640], place)
+    assert np.array_equal(mosaic.picture(), before)
+    assert mosaic.pictures == 1
+
+
+def test_uncovered_is_the_new_part_of_a_picture(ground):
+    """All at first, half after half a picture's way, nothing where it was."""
+    mosaic = Mosaic(64_000_000)
+    assert mosaic.uncovered(SMALL, np.eye(3)) == 1.0
+    mosaic.add(ground[:360, :640], np.eye(3))
+    assert mosaic.uncovered(SMALL, np.eye(3)) == 0.0
+    assert mosaic.uncovered(SMALL, translation(np.array([320.0, 0.0]))) == pytest.approx(0.5, abs=0.05)
+
+
+def test_colour_and_grey_may_follow_each_other(ground):
+    """A later picture is turned into what the first one was."""
+    colour = cv2.cvtColor(ground[:360, :640], cv2.COLOR_GRAY2BGR)
+    for first, second, shape in ((colour, ground[:360, :640], 3), (ground[:360, :640], colour, 2)):
+        mosaic = Mosaic(64_000_000)
+        assert mosaic.add(first, np.eye(3))
+        assert mosaic.add(second, translation(np.array([100.0, 0.0])))
+        assert mosaic.picture().ndim == shape
+
+
+def test_an_empty_mosaic_has_no_picture():
+    """Before the first picture there is None."""
+    assert Mosaic(1_000_000).picture() is None

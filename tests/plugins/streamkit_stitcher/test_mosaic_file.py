@@ -1,0 +1,68 @@
+"""Mosaics on disk."""
+
+import cv2
+import numpy as np
+import pytest
+
+from streamkit_stitcher.mosaic_file import check_location, is_numbered, location_of, write_picture
+
+
+@pytest.mark.parametrize("name", ["m.png", "m.jpg", "m.JPEG", "m-%d.png", "m-%03d.png"])
+def test_pictures_are_accepted_locations(tmp_path, name):
+    """Suffix and number format are known, the directory is there."""
+    check_location(str(tmp_path / name))
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("m.mp4", r"must end in \.png, \.jpg, \.jpeg, got"),
+        ("m", "must end in"),
+        ("none/m.png", "is missing or takes no files; create it first"),
+        ("m-%s%s.png", "must be one number"),
+        ("m-%q.png", "must be one number"),
+    ],
+)
+def test_other_locations_are_refused_at_once(tmp_path, name, reason):
+    """The error says the rule and the remedy before the flight, not after it."""
+    with pytest.raises(OSError, match=reason):
+        check_location(str(tmp_path / name))
+
+
+def test_a_directory_is_no_location(tmp_path):
+    """A directory with a picture's name is refused."""
+    (tmp_path / "m.png").mkdir()
+    with pytest.raises(OSError, match="is a directory"):
+        check_location(str(tmp_path / "m.png"))
+
+
+def test_the_number_of_the_plane_goes_into_the_name():
+    """%d stands for it; without it the name is as written."""
+    assert location_of("m-%03d.png", 7).name == "m-007.png"
+    assert location_of("m.png", 7).name == "m.png"
+    assert location_of("100%%.png", 7).name == "100%.png"
+    assert is_numbered("m-%03d.png")
+    assert not is_numbered("100%%.png")
+
+
+@pytest.mark.parametrize("shape", [(30, 40), (30, 40, 3)])
+def test_a_png_holds_the_very_pixels(tmp_path, shape):
+    """What is read back is what was written, and no partial file stays."""
+    picture = np.random.default_rng(0).integers(0, 255, shape, dtype=np.uint8)
+    write_picture(picture, tmp_path / "m.png")
+    assert np.array_equal(cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_UNCHANGED), picture)
+    assert [path.name for path in tmp_path.iterdir()] == ["m.png"]
+
+
+def test_a_jpeg_that_is_too_long_is_refused(tmp_path):
+    """The error names the size and the remedy, and the file that was there stays."""
+    (tmp_path / "m.jpg").write_bytes(b"old")
+    with pytest.raises(OSError, match=r"at most 65500 px, got 70000 x 2; write a \.png"):
+        write_picture(np.zeros((2, 70000), np.uint8), tmp_path / "m.jpg")
+    assert (tmp_path / "m.jpg").read_bytes() == b"old"
+
+
+def test_a_disk_that_refuses_leaves_nothing_behind(tmp_path):
+    """A directory that is gone is an OSError."""
+    with pytest.raises(OSError, match="No such file"):
+        write_picture(np.zeros((8, 8), np.uint8), tmp_path / "gone" / "m.png")

@@ -1,0 +1,210 @@
+"""Placing the pictures of a stream on a plane."""
+
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pytest
+
+from streamkit_stitcher.plane import PlaneTracker, Status
+from streamkit_stitcher.settings import PlaneSettings
+
+SMALL = (360, 640)
+BLACK = np.zeros(SMALL, np.uint8)
+
+
+@pytest.fixture
+def tracker():
+    """A tracker with the settings it comes with."""
+    return PlaneTracker(PlaneSettings())
+
+
+@pytest.fixture(scope="module")
+def flight(ground, make_flight):
+    """A short flight of small pictures."""
+    return make_flight(ground, 400, SMALL, cars=6, laps=1.0)
+
+
+def is_finite(placement):
+    """Whether both matrices can be used downstream."""
+    return bool(np.isfinite(placement.to_previous).all() and np.isfinite(placement.to_reference).all())
+
+
+def test_drift_over_a_flight_stays_below_a_pixel(ground, make_flight, tracker):
+    """720p, turning, climbing, shaking, 12 cars: the median corner error is below 0.3 px."""
+    flight = make_flight(ground, 130, laps=1.0)
+    placements = [tracker.place(picture) for picture in flight.pictures()]
+    errors = [flight.error(placement.to_reference, index) for index, placement in enumerate(placements)]
+    steps = [
+        flight.error(placement.to_previous, index, index - 1)
+        for index, placement in enumerate(placements)
+        if index
+    ]
+    assert np.median(errors) < 0.3
+    assert max(errors) < 1.0
+    assert np.median(steps) < 0.15
+    assert 3 < sum(placement.keyframe for placement in placements) < 40
+    assert {placement.status for placement in placements} <= {Status.OK, Status.STILL}
+
+
+def test_drift_over_a_photograph_stays_below_a_pixel(aerial_ground, make_flight, tracker):
+    """The same over a real aerial picture of poor contrast: median below 1 px."""
+    flight = make_flight(aerial_ground, 100, laps=0.3)
+    errors = [
+        flight.error(tracker.place(picture).to_reference, index)
+        for index, picture in enumerate(flight.pictures())
+    ]
+    assert np.median(errors) < 1.0
+    assert max(errors) < 2.0
+
+
+def test_steps_add_up_to_the_place(flight, tracker):
+    """previous.to_reference @ to_previous is to_reference wherever no earlier key picture takes over."""
+    placements = [tracker.place(flight.picture(index)) for index in range(12)]
+    for before, here in pairwise(placements):
+        chained = before.to_reference @ here.to_previous
+        assert chained / chained[2, 2] == pytest.approx(here.to_reference, abs=1e-6)
+
+
+def test_the_first_picture_is_the_plane(flight, tracker):
+    """One picture alone: identity, ok, a key picture."""
+    placement = tracker.place(flight.picture(0))
+    assert (placement.status, placement.keyframe, placement.reference) == (Status.OK, True, 0)
+    assert np.array_equal(placement.to_reference, np.eye(3))
+    assert np.array_equal(placement.to_previous, np.eye(3))
+
+
+@pytest.mark.parametrize("level", [0, 90, 255])
+def test_flat_pictures_are_lost_and_the_next_good_one_is_placed(flight, tracker, level):
+    """Five black or flat pictures carry the motion on; the plane and its accuracy survive them."""
+    for index in range(6):
+        tracker.place(flight.picture(index))
+    for _ in range(5):
+        blind = tracker.place(np.full(SMALL, level, np.uint8))
+        assert blind.status is Status.LOST
+        assert is_finite(blind)
+    found = tracker.place(flight.picture(11))
+    assert (found.status, found.reference) == (Status.OK, 0)
+    assert flight.error(found.to_reference, 11) < 0.5
+
+
+def test_noise_in_the_dark_is_lost_too(flight, tracker):
+    """A black picture with sensor noise has corners, but is not taken for a new scene."""
+    tracker.place(flight.picture(0))
+    noise = np.abs(np.random.default_rng(0).normal(0, 3, SMALL)).astype(np.uint8)
+    assert tracker.place(noise).status is Status.LOST
+
+
+def test_a_lost_picture_continues_with_the_last_velocity(ground, tracker):
+    """A camera that moved 8 px a picture is expected to have moved on, for five pictures and no longer."""
+    for index in range(10):
+        tracker.place(ground[400:760, 8 * index : 8 * index + 640])
+    places = [tracker.place(BLACK).to_reference[0, 2] for _ in range(8)]
+    assert np.diff(places)[:4] == pytest.approx(8.0, abs=0.5)
+    assert np.diff(places)[5:] == pytest.approx(0.0)
+
+
+def test_black_before_anything_is_lost(flight, tracker):
+    """The plane waits for the first usable picture."""
+    assert tracker.place(BLACK).status is Status.LOST
+    first = tracker.place(flight.picture(0))
+    assert (first.status, first.reference) == (Status.OK, 0)
+
+
+def test_a_cut_opens_a_plane_and_the_next_picture_is_ok(ground, flight, tracker):
+    """After a cut the number of the plane goes up and the place is the identity."""
+    for index in range(3):
+        tracker.place(flight.picture(index))
+    cut = tracker.place(ground[1100:1460, 60:700])
+    after = tracker.place(ground[1104:1464, 64:704])
+    assert (cut.status, cut.reference, after.status, after.reference) == (Status.CUT, 1, Status.OK, 1)
+    assert np.array_equal(cut.to_reference, np.eye(3))
+    assert after.to_reference[:2, 2] == pytest.approx([4.0, 4.0], abs=0.1)
+
+
+def test_a_step_of_the_gain_is_not_noticed(flight, tracker):
+    """A picture 1.35 times as bright is placed as well as the others."""
+    tracker.place(flight.picture(0))
+    brighter = np.clip(flight.picture(1) * 1.35, 0, 255).astype(np.uint8)
+    placement = tracker.place(brighter)
+    assert placement.status is Status.OK
+    assert flight.error(placement.to_reference, 1) < 0.5
+
+
+def test_another_size_opens_a_plane(flight, tracker):
+    """1280x720 to 960x540 in mid stream restarts, and is ok by the second picture."""
+    tracker.place(flight.picture(0))
+    small = [
+        tracker.place(cv2.resize(flight.picture(index), (480, 270), interpolation=cv2.INTER_AREA))
+        for index in (1, 2)
+    ]
+    assert [(item.status, item.reference) for item in small] == [(Status.CUT, 1), (Status.OK, 1)]
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (2, 3000), (17, 17), (40, 40), (64, 5000)])
+def test_odd_sizes_are_no_error(shape, tracker):
+    """Whatever the size, noise is placed or lost with finite matrices."""
+    random = np.random.default_rng(1)
+    for _ in range(3):
+        assert is_finite(tracker.place(random.integers(0, 255, shape, dtype=np.uint8)))
+
+
+def test_a_standing_camera_is_still(flight, tracker):
+    """Noise does not move the place: still, and exactly the identity."""
+    tracker.place(flight.picture(0))
+    random = np.random.default_rng(0)
+    for _ in range(4):
+        noisy = np.clip(flight.picture(0) + random.normal(0, 2, SMALL), 0, 255).astype(np.uint8)
+        placement = tracker.place(noisy)
+        assert placement.status is Status.STILL
+        assert np.array_equal(placement.to_reference, np.eye(3))
+        assert np.array_equal(placement.to_previous, np.eye(3))
+
+
+def test_a_slow_drift_is_not_held_for_ever(ground, tracker):
+    """A camera that creeps 0.1 px a picture stays within 0.3 px of its true place."""
+    wide = ground[400:770, 400:1060].astype(np.float32)
+    for index in range(25):
+        moved = cv2.warpAffine(
+            wide, np.array([[1, 0, -0.1 * index], [0, 1, 0]]), (640, 360), flags=cv2.INTER_CUBIC
+        )
+        placement = tracker.place(np.clip(moved, 0, 255).astype(np.uint8))
+        assert placement.to_reference[0, 2] == pytest.approx(0.1 * index, abs=0.3)
+
+
+def test_skipped_pictures_teach_nothing(flight, tracker):
+    """A corrupt picture is lost, and the next good one is placed from the one before it."""
+    for index in range(4):
+        tracker.place(flight.picture(index))
+    assert tracker.skip().status is Status.LOST
+    placement = tracker.place(flight.picture(5))
+    assert placement.status is Status.OK
+    assert flight.error(placement.to_reference, 5) < 0.5
+
+
+def test_a_restart_opens_a_plane(flight, tracker):
+    """Nothing relates what comes after a restart to what was before."""
+    tracker.restart()
+    assert tracker.place(flight.picture(0)).reference == 0
+    tracker.restart()
+    placement = tracker.place(flight.picture(1))
+    assert (placement.reference, placement.status) == (1, Status.CUT)
+    assert np.array_equal(placement.to_previous, np.eye(3))
+
+
+def test_unplaceable_pictures_open_a_plane_in_the_end(flight, ground, tracker):
+    """A picture that fits nowhere after a dark spell starts again instead of staying lost."""
+    tracker.place(flight.picture(0))
+    tracker.place(BLACK)
+    placements = [tracker.place(ground[1100:1460, 60:700]) for _ in range(30)]
+    assert placements[-1].reference == 1
+    assert placements[-1].status in {Status.OK, Status.STILL}
+
+
+def test_the_same_pictures_give_the_same_places(flight):
+    """Two runs agree bit for bit."""
+    runs = []
+    for _ in range(2):
+        tracker = PlaneTracker(PlaneSettings())
+        runs.append([tracker.place(flight.picture(index)).to_reference for index in range(0, 60, 4)])
+    assert np.array_equal(runs[0], runs[1])

@@ -1,0 +1,28 @@
+"""Shapes from boxes."""
+
+import math
+
+import pytest
+
+from streamkit_tracker.box_shape import window_shape
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.3, 0.7, math.pi / 4, 1.2, math.pi / 2, 2.6, -0.8])
+def test_a_car_is_recovered_from_its_upright_box(heading: float):
+    """A 26 by 13 rectangle comes back within a pixel, also at 45 degrees where the box alone cannot tell."""
+    cosine, sine = abs(math.cos(heading)), abs(math.sin(heading))
+    length, width = window_shape(26 * cosine + 13 * sine, 26 * sine + 13 * cosine, heading)
+    assert length == pytest.approx(26, abs=1.0)
+    assert width == pytest.approx(13, abs=1.0)
+
+
+def test_length_lies_along_the_motion_even_when_it_is_shorter():
+    """A box twice as wide as high that moves down has its short side along the motion."""
+    length, width = window_shape(40.0, 20.0, math.pi / 2)
+    assert length < width
+
+
+@pytest.mark.parametrize("box", [(1.0, 1.0), (1.0, 300.0), (0.5, 0.5)])
+def test_degenerate_boxes_give_positive_sides(box: tuple[float, float]):
+    """No box gives a side below two pixels."""
+    assert min(window_shape(*box, 0.4)) >= 2.0

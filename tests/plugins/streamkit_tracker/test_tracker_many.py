@@ -1,0 +1,204 @@
+"""Many targets on simulated detections that miss, lie and merge."""
+
+from types import ModuleType
+
+import numpy as np
+import pytest
+from scipy.optimize import linear_sum_assignment
+
+from streamkit_tracker.observation import Observation, TargetReport, TargetState
+from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.tracker import MultiTargetTracker
+
+MATCH_PX = 10.0
+
+
+def observe(seen) -> Observation:
+    """A simulated frame as the tracker gets it."""
+    return Observation(
+        0.04,
+        to_previous=seen.to_previous,
+        to_reference=seen.to_reference,
+        centroids=seen.centroids,
+        boxes=seen.boxes,
+    )
+
+
+def follow(flight, settings: TrackerSettings | None = None):
+    """Truth and reports of every frame."""
+    tracker = MultiTargetTracker(settings)
+    return [(seen, tracker.step(seen.image, observe(seen))) for seen in flight]
+
+
+def confirmed(reports: tuple[TargetReport, ...]) -> list[TargetReport]:
+    """The confirmed ones."""
+    return [report for report in reports if report.state is TargetState.CONFIRMED]
+
+
+def matches(rows):
+    """(frame, car, report) of confirmed reports within 10 px of a car, and how many were false."""
+    found, false = [], 0
+    for index, (seen, reports) in enumerate(rows):
+        tracks, cars = confirmed(reports), list(seen.truth.items())
+        gaps = np.array([[np.hypot(*(t.window[:2] - w[:2])) for t in tracks] for _, w in cars])
+        gaps = gaps.reshape(len(cars), len(tracks))
+        pairs = [
+            p for p in zip(*linear_sum_assignment(np.minimum(gaps, 50)), strict=True) if gaps[p] < MATCH_PX
+        ]
+        found += [(index, cars[row][0], tracks[column]) for row, column in pairs]
+        false += len(tracks) - len(pairs)
+    return found, false
+
+
+def some_cars(scenes: ModuleType, seed: int, count: int):
+    """Cars of any direction at 30 to 110 px/s."""
+    generator = np.random.default_rng(seed)
+    cars = []
+    for _ in range(count):
+        speed, angle = generator.uniform(30, 110), generator.uniform(0, 2 * np.pi)
+        start = (generator.uniform(60, 480), generator.uniform(60, 360))
+        velocity = (speed * np.cos(angle), speed * np.sin(angle))
+        cars.append(scenes.Car(start, velocity, scenes.car_texture(generator)))
+    return cars
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_cars_under_a_moving_camera_are_followed(scenes: ModuleType, seed: int):
+    """Recall 0.9, at most one false track in ten frames, 3 px, one id each."""
+    flight = scenes.Flight(some_cars(scenes, seed, 6), frames=70, seed=seed)
+    rows = follow(flight)
+    found, false = matches(rows)
+    total = sum(len(seen.truth) for seen, _ in rows)
+    error = [np.hypot(*(report.window[:2] - rows[index][0].truth[car][:2])) for index, car, report in found]
+    assert len(found) >= 0.9 * total
+    assert false <= 0.1 * len(rows)
+    assert np.percentile(error, 95) <= 3.0
+    ids = {car: {report.id for _, c, report in found if c == car} for _, car, _ in found}
+    assert sum(len(of_car) for of_car in ids.values()) <= len(ids) + 1
+
+
+def test_velocity_is_that_over_the_ground(scenes: ModuleType):
+    """px/s on the reference plane, without the camera's own motion."""
+    car = scenes.Car((150, 120), (70, 30), scenes.car_texture(np.random.default_rng(1)))
+    rows = follow(scenes.Flight([car], frames=40, seed=2, false_alarms=0))
+    (report,) = confirmed(rows[-1][1])
+    np.testing.assert_allclose(report.velocity, [70, 30], atol=6)
+
+
+def test_shape_and_heading_come_from_box_and_motion(scenes: ModuleType):
+    """Length along the motion, within a fifth; the angle within 6 degrees."""
+    car = scenes.Car((150, 120), (60, 55), scenes.car_texture(np.random.default_rng(1)))
+    rows = follow(scenes.Flight([car], frames=40, seed=4, false_alarms=0, box_noise=1.0))
+    (report,) = confirmed(rows[-1][1])
+    truth = rows[-1][0].truth[0]
+    assert report.window[2] == pytest.approx(truth[2], rel=0.2)
+    assert report.window[3] == pytest.approx(truth[3], rel=0.25)
+    assert abs(np.degrees((report.window[4] - truth[4] + np.pi / 2) % np.pi - np.pi / 2)) < 6
+
+
+def test_crossing_cars_keep_their_ids(scenes: ModuleType):
+    """Two cars that drive over each other's path, one blob meanwhile, go on under their own numbers."""
+    textures = [scenes.car_texture(np.random.default_rng(seed)) for seed in (21, 22)]
+    cars = [scenes.Car((100, 200), (80, 0), textures[0]), scenes.Car((180, 118), (0, 80), textures[1])]
+    flight = scenes.Flight(cars, frames=60, seed=5, merged_within=35, camera=(0.5, 0.2), false_alarms=0)
+    found, _ = matches(follow(flight))
+    for car in (0, 1):
+        ids = [report.id for _, number, report in found if number == car]
+        assert ids[0] == ids[-1]
+        assert len(set(ids)) == 1
+
+
+def test_a_stopped_car_coasts_and_then_ends(scenes: ModuleType):
+    """Undetected it stays for a second at least on its appearance, as coasting, but not for ever."""
+    car = scenes.Car((100, 100), (70, 20), scenes.car_texture(np.random.default_rng(3)), stops_at=50)
+    rows = follow(
+        scenes.Flight([car], frames=130, seed=3, miss=0.0, false_alarms=0),
+        TrackerSettings(coast_s=2.0),
+    )
+    states = [[report.state for report in reports] for _, reports in rows]
+    undetected = 61
+    assert states[undetected + 15] == [TargetState.COASTING]
+    assert states[-1] == []
+    assert sum(state == [TargetState.LOST] for state in states) == 1
+
+
+def test_what_blinks_in_place_is_never_confirmed(scenes: ModuleType):
+    """A ghost that is detected at one place of the ground at every frame does not travel: no track."""
+    flight = scenes.Flight([], frames=40, seed=1, ghosts=[(200, 150, 3, 40)], false_alarms=0)
+    assert all(not confirmed(reports) for _, reports in follow(flight))
+
+
+def test_a_car_that_vanishes_leaves_no_ghost(scenes: ModuleType):
+    """Where there is only ground left, the track ends within five frames."""
+    car = scenes.Car((100, 100), (70, 20), scenes.car_texture(np.random.default_rng(3)), gone_at=40)
+    rows = follow(scenes.Flight([car], frames=50, seed=3, miss=0.0, false_alarms=0))
+    assert len(confirmed(rows[39][1])) == 1
+    assert all(not reports for _, reports in rows[46:])
+
+
+def test_two_targets_on_one_object_become_the_older_one(scenes: ModuleType):
+    """A second target started on a tracked car ends; the older number stays."""
+    car = scenes.Car((100, 100), (60, 10), scenes.car_texture(np.random.default_rng(5)))
+    tracker = MultiTargetTracker()
+    for index, seen in enumerate(scenes.Flight([car], frames=30, seed=6, miss=0.0, false_alarms=0)):
+        reports = tracker.step(seen.image, observe(seen))
+        if index == 20:
+            (first,) = confirmed(reports)
+            tracker.start_target(seen.image, seen.truth[0], observe(seen))
+    assert [report.id for report in reports] == [first.id]
+
+
+def test_the_number_of_targets_is_bounded():
+    """However many detections come, confirmed and tentative targets stay within their limits."""
+    settings = TrackerSettings(max_targets=3)
+    tracker = MultiTargetTracker(settings)
+    image = np.random.default_rng(0).integers(0, 255, (200, 300)).astype(np.uint8)
+    columns, rows = np.meshgrid(np.arange(20.0, 280, 26), np.arange(20.0, 180, 26))
+    start = np.column_stack([columns.ravel(), rows.ravel()])
+    for index in range(8):
+        centroids = start + np.array([2.5 * index, 0])
+        boxes = np.hstack([centroids - 6, centroids + 6])
+        reports = tracker.step(image, Observation(0.04, centroids=centroids, boxes=boxes))
+        assert len(confirmed(reports)) <= 3
+        assert len(reports) <= 15
+
+
+def test_ids_are_never_used_again(scenes: ModuleType):
+    """A number that was lost does not come back."""
+    rows = follow(scenes.Flight(some_cars(scenes, 2, 3), frames=40, seed=2, miss=0.3, false_alarms=3))
+    gone: set[int] = set()
+    for _, reports in rows:
+        assert not gone & {report.id for report in reports}
+        gone |= {report.id for report in reports if report.state is TargetState.LOST}
+
+
+def test_broken_detections_are_left_out(scenes: ModuleType):
+    """NaN centroids, empty and inverted boxes start nothing and break nothing."""
+    centroids = np.array([[np.nan, 5.0], [20.0, 20.0], [30.0, 30.0], [40.0, np.inf]])
+    boxes = np.array([[0, 0, 9, 9], [20, 20, 20, 20], [35, 35, 25, 25], [1.0, 2, 3, 4]])
+    tracker = MultiTargetTracker()
+    image = np.zeros((60, 60), np.uint8)
+    for _ in range(5):
+        assert tracker.step(image, Observation(0.04, centroids=centroids, boxes=boxes)) == ()
+
+
+def test_features_decide_between_detections_that_lie_alike():
+    """Two detections at the same distance: the target takes the one whose vector is its own."""
+    image = np.zeros((100, 100), np.uint8)
+    tracker = MultiTargetTracker()
+    own, other = np.array([1.0, 0.0], np.float32), np.array([-1.0, 0.0], np.float32)
+
+    def step(places: list[tuple[float, float]], vectors: list[np.ndarray]) -> tuple[TargetReport, ...]:
+        centroids = np.array(places)
+        boxes = np.hstack([centroids - 5, centroids + 5])
+        return tracker.step(
+            image,
+            Observation(
+                0.04, centroids=centroids, boxes=boxes, features=np.stack(vectors), features_version=1
+            ),
+        )
+
+    step([(50.0, 50.0)], [own])
+    step([(50.0, 50.0)], [own])
+    reports = step([(53.0, 50.0), (47.0, 50.0)], [other, own])
+    assert reports[0].window[0] < 49.5

@@ -1,0 +1,26 @@
+"""Trails."""
+
+import numpy as np
+
+from streamkit_tracker.trail import LONGEST, Trail
+
+
+def test_straightness_tells_travel_from_trembling():
+    """A line has straightness 1, a tremble near 0."""
+    line, tremble = Trail((0.0, 0.0)), Trail((0.0, 0.0))
+    generator = np.random.default_rng(0)
+    for index in range(1, 15):
+        line.add((2.0 * index, 1.0 * index))
+        x, y = generator.standard_normal(2)
+        tremble.add((float(x), float(y)))
+    assert line.straightness > 0.99
+    assert tremble.straightness < 0.3
+    assert line.travelled > 5 * tremble.travelled
+
+
+def test_a_trail_is_bounded():
+    """The oldest positions go."""
+    trail = Trail((0.0, 0.0))
+    for index in range(100):
+        trail.add((float(index), 0.0))
+    assert len(trail.positions) == LONGEST

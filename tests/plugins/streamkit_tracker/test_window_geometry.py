@@ -1,0 +1,85 @@
+"""Windows under homographies."""
+
+import numpy as np
+import pytest
+
+from streamkit_tracker.window_geometry import (
+    extent,
+    half_turn,
+    inside_windows,
+    invertible,
+    map_points,
+    map_windows,
+    visible_fraction,
+)
+
+
+def similarity(angle: float, scale: float, x: float, y: float) -> np.ndarray:
+    """Turn, scale and shift as a homography."""
+    cosine, sine = scale * np.cos(angle), scale * np.sin(angle)
+    return np.array([[cosine, -sine, x], [sine, cosine, y], [0, 0, 1.0]])
+
+
+def test_similarity_moves_turns_and_scales_a_window():
+    """A similarity moves the centre, adds its angle and multiplies both sides by its scale."""
+    window = np.array([[30.0, 40.0, 20.0, 10.0, 0.3]])
+    mapped = map_windows(similarity(0.5, 1.5, 7.0, -3.0), window)[0]
+    centre = similarity(0.5, 1.5, 7.0, -3.0) @ [30.0, 40.0, 1.0]
+    np.testing.assert_allclose(mapped, [centre[0], centre[1], 30.0, 15.0, 0.8], atol=1e-9)
+
+
+def test_jacobian_is_the_derivative_of_the_map():
+    """The Jacobian of a homography agrees with finite differences."""
+    homography = np.array([[1.1, 0.1, 5.0], [-0.05, 0.9, 3.0], [1e-4, -2e-4, 1.0]])
+    point = np.array([[120.0, 80.0]])
+    _, jacobians = map_points(homography, point)
+    step = 1e-4
+    for axis in range(2):
+        moved = point.copy()
+        moved[0, axis] += step
+        difference = (map_points(homography, moved)[0] - map_points(homography, point)[0])[0] / step
+        np.testing.assert_allclose(jacobians[0][:, axis], difference, atol=1e-5)
+
+
+@pytest.mark.parametrize("matrix", [np.zeros((3, 3)), np.full((3, 3), np.nan), np.ones((3, 3)), np.eye(2)])
+def test_a_matrix_without_inverse_gives_none(matrix: np.ndarray):
+    """Singular, NaN or wrongly shaped matrices are refused rather than inverted."""
+    assert invertible(matrix) is None
+
+
+def test_point_at_infinity_stays():
+    """A point that the homography sends to infinity stays where it was, so that no NaN arises."""
+    homography = np.array([[1.0, 0, 0], [0, 1.0, 0], [0.01, 0, 1.0]])
+    mapped, _ = map_points(homography, np.array([[-100.0, 5.0]]))
+    np.testing.assert_array_equal(mapped, [[-100.0, 5.0]])
+
+
+def test_angles_wrap_modulo_pi():
+    """A direction has no sign: angles pi apart are the same."""
+    np.testing.assert_allclose(half_turn(np.array([0.2, 0.2 + np.pi, 0.2 - np.pi])), 0.2, atol=1e-12)
+
+
+def test_visible_fraction_counts_what_lies_in_the_frame():
+    """Inside is 1, outside is 0, half over the left border is one half."""
+    windows = np.array([[50.0, 50, 20, 20, 0], [-50, 50, 20, 20, 0], [-0.5, 50, 20, 20, 0]])
+    np.testing.assert_allclose(visible_fraction(windows, (100, 100)), [1.0, 0.0, 0.5])
+
+
+def test_extent_holds_every_corner():
+    """The quick box is never smaller than the windows."""
+    windows = np.array([[10.0, 20.0, 30.0, 8.0, 0.7], [15.0, 25.0, 28.0, 9.0, -0.4]])
+    x0, y0, x1, y1 = extent(windows)
+    for x, y, length, width, angle in windows:
+        for along in (-0.5, 0.5):
+            for across in (-0.5, 0.5):
+                corner_x = x + along * length * np.cos(angle) - across * width * np.sin(angle)
+                corner_y = y + along * length * np.sin(angle) + across * width * np.cos(angle)
+                assert x0 <= corner_x <= x1
+                assert y0 <= corner_y <= y1
+
+
+def test_inside_follows_the_turned_rectangle():
+    """A point near the long axis is inside, the same distance across is not."""
+    window = np.array([[0.0, 0.0, 40.0, 10.0, np.pi / 2]])
+    inside = inside_windows(np.array([[0.0, 15.0], [15.0, 0.0]]), window, 1.0)
+    np.testing.assert_array_equal(inside[:, 0], [True, False])

@@ -1,0 +1,148 @@
+"""`streamkit graph`: builds without running, and draws."""
+
+import json
+import shutil
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from streamkit import Element, Property, Sink, Source, Transform
+from streamkit.cli.main import app
+
+Register = Callable[..., None]
+
+
+def graph(*arguments: str) -> Result:
+    """Runs the command in this process."""
+    return CliRunner().invoke(app, ["graph", *arguments])
+
+
+def as_json(text: str) -> dict[str, Any]:
+    """The graph as JSON."""
+    done = graph("--format", "json", text)
+    assert done.exit_code == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def test_json_is_that_of_the_design() -> None:
+    """Elements with the properties set in the text, links with their caps, warnings."""
+    assert as_json("fakesrc num-buffers=3 ! a/b,x=1 ! ( name=b identity ) ! fakesink name=end") == {
+        "elements": [
+            {"name": "fakesrc0", "factory": "fakesrc", "parent": None, "properties": {"num-buffers": 3}},
+            {"name": "identity0", "factory": "identity", "parent": "b", "properties": {}},
+            {"name": "end", "factory": "fakesink", "parent": None, "properties": {}},
+            {"name": "capsfilter0", "factory": "capsfilter", "parent": None,
+             "properties": {"caps": "a/b, x=(int)1"}},
+            {"name": "b", "factory": "bin", "parent": None, "properties": {}},
+        ],
+        "inserted": [],
+        "links": [
+            {"src": "fakesrc0.src", "sink": "capsfilter0.sink", "caps": "a/b, x=(int)1"},
+            {"src": "identity0.src", "sink": "end.sink", "caps": "a/b, x=(int)1"},
+            {"src": "capsfilter0.src", "sink": "identity0.sink", "caps": "a/b, x=(int)1"},
+        ],
+        "warnings": [],
+    }  # fmt: skip
+
+
+class Camera(Source):
+    """Colour."""
+
+    src = "video/x-raw, format=BGR"
+
+
+class Screen(Sink):
+    """Grey."""
+
+    sink = "video/x-raw, format=GRAY8"
+
+
+class Convert(Transform):
+    """Any."""
+
+    sink = "video/x-raw, format={ BGR, GRAY8 }"
+    src = "video/x-raw, format={ GRAY8, BGR }"
+
+
+def test_converters_stand_by_themselves(register: Register) -> None:
+    """Under `inserted`, with a warning; not among the elements of the text."""
+    register(camera=Camera, screen=Screen, videoconvert=Convert)
+    found = as_json("camera ! screen")
+    assert [item["name"] for item in found["elements"]] == ["camera0", "screen0"]
+    assert [item["name"] for item in found["inserted"]] == ["videoconvert0"]
+    assert [warning["code"] for warning in found["warnings"]] == ["converter-inserted"]
+
+
+class Guarded(Element):
+    """A secret and odd texts."""
+
+    sink = "ANY"
+    password: str = Property("", secret=True)
+    text: str = Property("")
+
+
+@pytest.mark.parametrize("form", ["json", "dot", "mermaid"])
+def test_secrets_are_masked_in_every_format(register: Register, form: str) -> None:
+    """What is drawn may be shared."""
+    register(guarded=Guarded)
+    done = graph("--format", form, "fakesrc ! guarded password=hunter2")
+    assert done.exit_code == 0
+    assert "hunter2" not in done.stdout
+    assert "***" in done.stdout
+
+
+def test_dot_and_mermaid_show_elements_links_and_caps() -> None:
+    """Names, settings and the caps on each link."""
+    text = "fakesrc num-buffers=3 ! a/b,x=1 ! fakesink"
+    dot = graph("--format", "dot", text).stdout
+    assert dot.startswith("digraph pipeline {")
+    assert '"fakesrc0" [label="fakesrc0\\nnum-buffers=3"];' in dot
+    assert '"fakesrc0" -> "capsfilter0" [label="a/b, x=(int)1"];' in dot
+    mermaid = graph(text).stdout
+    assert mermaid.splitlines()[:2] == ["flowchart LR", '  n0["fakesrc0<br>num-buffers=3"]']
+    assert '  n0 -- "a/b, x=(int)1" --> n2' in mermaid.splitlines()
+
+
+def test_odd_texts_do_not_break_the_drawing(register: Register) -> None:
+    """Quotes and backslashes of a value stay inside their label."""
+    register(guarded=Guarded)
+    text = r'fakesrc ! guarded text="a \"quoted\" \\ text"'
+    dot = graph("--format", "dot", text).stdout
+    assert r'"guarded0" [label="guarded0\ntext=a \"quoted\" \\ text"];' in dot
+    assert '  n1["guarded0<br>text=a #quot;quoted#quot; \\ text"]' in graph(text).stdout.splitlines()
+
+
+@pytest.mark.skipif(shutil.which("dot") is None, reason="svg is drawn by Graphviz, which is not installed")
+def test_svg_is_a_picture() -> None:
+    """Drawn by Graphviz where it is installed."""
+    assert "<svg" in graph("--format", "svg", "fakesrc ! fakesink").stdout
+
+
+def test_svg_without_graphviz_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The remedy is named."""
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    done = graph("--format", "svg", "fakesrc ! fakesink")
+    assert done.exit_code == 2
+    assert done.stderr == (
+        "error: svg needs the program dot of Graphviz; install Graphviz, or use --format mermaid\n"
+    )
+
+
+@pytest.mark.parametrize("form", ["json", "mermaid"])
+def test_a_chain_of_many_elements(form: str) -> None:
+    """x-q37: 500 in a row are built and drawn; the time grows with their number, not with its square."""
+    done = graph("--format", form, " ! ".join(["fakesrc", *["identity"] * 500, "fakesink"]))
+    assert done.exit_code == 0
+    assert "identity499" in done.stdout
+
+
+def test_a_bad_description_is_code_2() -> None:
+    """As JSON where JSON was asked for, else with a caret."""
+    done = graph("--format", "json", "fakesrc !")
+    assert done.exit_code == 2
+    assert json.loads(done.stderr)["error"]["code"] == "syntax"
+    done = graph("fakesrc !")
+    assert (done.exit_code, done.stderr.splitlines()[-1]) == (2, "            ^")

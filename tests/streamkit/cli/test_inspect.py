@@ -1,0 +1,128 @@
+"""`streamkit inspect`: lists the elements, and documents one."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from streamkit import Frame, Property, Transform
+from streamkit.cli.main import app
+
+Register = Callable[..., None]
+
+
+def inspect(*arguments: str) -> Result:
+    """Runs the command in this process."""
+    return CliRunner().invoke(app, ["inspect", *arguments])
+
+
+def facts(name: str) -> dict[str, Any]:
+    """What is told of an element, as JSON."""
+    found: dict[str, Any] = json.loads(inspect(name, "--json").stdout)
+    return found
+
+
+class Gain(Transform):
+    """Multiplies the brightness.
+
+    Of every pixel.
+
+    Example:
+        fakesrc num-buffers=5
+            ! gain factor=2 ! fakesink
+
+    Source: none.
+    """
+
+    sink = "video/x-raw, format={ GRAY8, BGR }; video/x-foo"
+    src = "ANY"
+    factor: float = Property(1.5, min=0.0, unit="x", live=True, doc="How much.")
+    key: str = Property("k", secret=True, doc="Never shown.")
+
+    def transform(self, frame: Frame) -> Frame:
+        return frame
+
+
+def test_the_list_names_package_version_and_class() -> None:
+    """One line an element, in order, with what provides it."""
+    lines = inspect().stdout.splitlines()
+    names = [line.split()[0] for line in lines]
+    assert names == sorted(names)
+    row = next(line for line in lines if line.startswith("queue "))
+    assert row.split()[1:] == ["streamkit", "0.1.0", "streamkit.elements.queue:Queue"]
+
+
+def test_the_list_as_json() -> None:
+    """The same facts for programs."""
+    rows = {row["name"]: row for row in json.loads(inspect("--json").stdout)}
+    assert rows["tee"] == {
+        "name": "tee", "package": "streamkit", "version": "0.1.0", "class": "streamkit.elements.tee:Tee",
+    }  # fmt: skip
+
+
+def test_an_element_in_full(register: Register) -> None:
+    """Doc, pads with caps, properties with range, unit and default, and an example to run."""
+    register(gain=Gain)
+    assert inspect("gain").stdout == (
+        "gain - Multiplies the brightness.\n\nOf every pixel.\n\n"
+        "  Transform of unknown package  (elements_of_a_test:gain)\n\n"
+        "Pads\n"
+        "  sink  sink, always\n"
+        "      video/x-raw, format=(string){ GRAY8, BGR }\n"
+        "      video/x-foo\n"
+        "  src  src, always\n"
+        "      ANY\n\n"
+        "Properties\n"
+        "  factor  (float 0.0.. x; default 1.5, may change while playing)\n"
+        "      How much.\n"
+        '  key  (str; default "***")\n'
+        "      Never shown.\n\n"
+        "Example\n"
+        '  streamkit launch "fakesrc num-buffers=5 ! gain factor=2 ! fakesink"\n'
+    )
+
+
+def test_an_element_as_json() -> None:
+    """The same facts for programs."""
+    found = facts("queue")
+    assert (found["name"], found["kind"], found["package"]) == ("queue", "Element", "streamkit")
+    assert [pad["name"] for pad in found["pads"]] == ["sink", "src"]
+    leaky = next(item for item in found["properties"] if item["name"] == "leaky")
+    assert leaky == {
+        "name": "leaky", "type": "Leaky", "values": "no | upstream | downstream", "default": "no",
+        "live": True,
+        "doc": "Which frame a full queue drops instead of waiting.",
+    }  # fmt: skip
+
+
+def test_an_unknown_element_is_code_2() -> None:
+    """With a suggestion."""
+    done = inspect("queu")
+    assert (done.exit_code, done.stderr) == (2, 'error: no element "queu"; did you mean "queue"?\n')
+
+
+def test_a_broken_plugin_is_code_1_and_still_listed(register: Register) -> None:
+    """Listing imports nothing; asking for it names package, cause and remedy."""
+    register(halfbaked="no_such_module:Thing")
+    assert any(line.startswith("halfbaked ") for line in inspect().stdout.splitlines())
+    done = inspect("halfbaked")
+    assert done.exit_code == 1
+    assert "ModuleNotFoundError: No module named 'no_such_module'" in done.stderr
+    assert "reinstall or update" in done.stderr
+
+
+CORE = ("appsink", "appsrc", "capsfilter", "fakesink", "fakesrc", "identity", "queue", "tee")
+
+
+@pytest.mark.parametrize("name", CORE)
+def test_every_core_element_is_documented(name: str) -> None:
+    """A sentence, a doc for each property, and an example that can be built."""
+    from streamkit.graph.build import build
+
+    found = facts(name)
+    assert found["doc"].endswith(".")
+    assert all(item["doc"].endswith(".") for item in found["properties"])
+    built = build(found["example"], {})
+    assert name in {element.factory for element in built.elements}

@@ -1,0 +1,247 @@
+"""`streamkit launch`: exit codes, errors that point, interrupts."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner, Result
+
+from streamkit import Frame, Property, Sink
+from streamkit.cli import launch as module
+from streamkit.cli.description import join_arguments
+from streamkit.cli.main import app
+
+Register = Callable[..., None]
+COMMAND = [str(Path(sys.executable).with_name("streamkit")), "launch"]
+
+
+@pytest.fixture
+def launch(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    """Runs the command in this process; the process itself is not left."""
+
+    def leave(code: int) -> None:
+        raise typer.Exit(code)
+
+    monkeypatch.setattr(module, "_leave", leave)
+
+    def run(*arguments: str, **options: Any) -> Result:
+        return CliRunner().invoke(app, ["launch", *arguments], **options)
+
+    return run
+
+
+def test_the_end_of_the_stream_is_a_success(launch: Callable[..., Result]) -> None:
+    """Exit code 0, and not a word."""
+    done = launch("fakesrc num-buffers=3 ! fakesink")
+    assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_failure_is_one_line_and_code_1(launch: Callable[..., Result]) -> None:
+    """Element, cause and frame; no traceback."""
+    done = launch("fakesrc ! identity error-after=2 ! fakesink")
+    assert done.exit_code == 1
+    assert done.stderr == (
+        "error: identity0: error-after=2: the frame at which to fail has come [at frame seq=1]\n"
+    )
+
+
+def test_a_bad_description_points_into_the_text_with_code_2(launch: Callable[..., Result]) -> None:
+    """The line and a caret below the fault."""
+    done = launch("fakesrc ! fakesnk")
+    assert done.exit_code == 2
+    assert done.stderr == (
+        'description:1:11: no element "fakesnk"; did you mean "fakesink"?\n'
+        "    fakesrc ! fakesnk\n"
+        "              ^^^^^^^\n"
+    )
+
+
+def test_a_file_is_named_in_its_errors(launch: Callable[..., Result], tmp_path: Path) -> None:
+    """A .pipe file has comments, line breaks and variables; errors name file, line and column."""
+    file = tmp_path / "track.pipe"
+    file.write_text(
+        "# count and forget\nfakesrc num-buffers=${N:-2}\n    ! identiti ! ${SINK}\n", encoding="utf-8"
+    )
+    done = launch("-f", str(file), "--set", "SINK=fakesink")
+    assert done.exit_code == 2
+    assert done.stderr == (
+        f'{file}:3:7: no element "identiti"; did you mean "identity"?\n'
+        "        ! identiti ! ${SINK}\n"
+        "          ^^^^^^^^\n"
+    )
+    file.write_text(file.read_text(encoding="utf-8").replace("identiti", "identity"), encoding="utf-8")
+    assert launch("-f", str(file), "--set", "SINK=fakesink").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("fakesrc !  x", {"code": "no-such-element", "message": 'no element "x"', "line": 1, "column": 12,
+                           "length": 1, "hint": ""}),
+        ("fakesrc\n! fakesnk", {"code": "no-such-element", "message": 'no element "fakesnk"', "line": 2,
+                                 "column": 3, "length": 7, "hint": 'did you mean "fakesink"?'}),
+        ("", {"code": "empty", "message": "the description is empty: write at least one element", "line": 1,
+              "column": 1, "length": 1, "hint": ""}),
+    ],
+)  # fmt: skip
+def test_errors_as_json(launch: Callable[..., Result], text: str, error: dict[str, Any]) -> None:
+    """One object with the fields of the design, and nothing else, on stderr."""
+    done = launch("--json-errors", text)
+    assert done.exit_code == 2
+    assert json.loads(done.stderr) == {"error": error}
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "error: give a DESCRIPTION, or a file with -f FILE\n"),
+        (["-f", "x.pipe", "fakesrc"], "error: give a DESCRIPTION or a file with -f, not both\n"),
+        (
+            ["-f", "no/such.pipe"],
+            "error: cannot read the description no/such.pipe: No such file or directory\n",
+        ),
+        (["--set", "X", "fakesrc"], "error: --set takes NAME=VALUE, got 'X'\n"),
+    ],
+)
+def test_wrong_usage_is_code_2(launch: Callable[..., Result], arguments: list[str], message: str) -> None:
+    """What to write instead."""
+    done = launch(*arguments)
+    assert (done.exit_code, done.stderr) == (2, message)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe fakesrc", b"x" * 1_000_001])
+def test_a_file_that_is_no_description(launch: Callable[..., Result], tmp_path: Path, content: bytes) -> None:
+    """Neither other encodings nor files without end are read."""
+    file = tmp_path / "odd.pipe"
+    file.write_bytes(content)
+    done = launch("-f", str(file))
+    assert done.exit_code == 2
+    assert done.stderr.startswith("error: ")
+
+
+def test_several_arguments_are_joined_as_gst_launch_does() -> None:
+    """g10 to g14: blanks inside an argument are escaped outside double quotes."""
+    assert join_arguments(["fakesrc ! fakesink"]) == "fakesrc ! fakesink"
+    assert join_arguments(["fakesrc", "!", "fakesink"]) == "fakesrc ! fakesink"
+    assert join_arguments(["filesrc", "location=a b"]) == r"filesrc location=a\ b"
+    assert join_arguments(["filesrc", 'location="a b"']) == 'filesrc location="a b"'
+    assert join_arguments(["a", "! video/x-raw, width=3 !", "b"]) == r"a !\ video/x-raw,\ width=3\ ! b"
+
+
+def test_several_arguments_run(launch: Callable[..., Result]) -> None:
+    """A filter with blanks works as one argument."""
+    done = launch("-q", "fakesrc", "num-buffers=1", "!", "video/x-raw, width=3", "!", "fakesink")
+    assert (done.exit_code, done.stderr) == (0, "")
+
+
+def test_verbose_tells_every_message(launch: Callable[..., Result]) -> None:
+    """States and the end, with their element or the pipeline."""
+    done = launch("-v", "fakesrc num-buffers=1 ! fakesink silent=false")
+    assert done.stderr.splitlines() == [
+        "state: pipeline: ready state=ready",
+        "state: pipeline: playing state=playing",
+        "element: fakesink0: frame seq=0 pts=None caps=ANY",
+        "eos: pipeline: end of stream",
+        "state: pipeline: null state=null",
+    ]
+
+
+def test_statistics_are_one_object_a_line(launch: Callable[..., Result]) -> None:
+    """For every element what came, what left, what was dropped and why."""
+    done = launch("--stats", "fakesrc num-buffers=4 ! identity drop-probability=1 ! fakesink")
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [(row["element"], row["frames_in"], row["frames_out"], row["dropped"]) for row in rows] == [
+        ("fakesrc0", 0, 4, {}), ("identity0", 4, 0, {"drop-probability": 4}), ("fakesink0", 0, 0, {}),
+    ]  # fmt: skip
+
+
+class Talkative(Sink):
+    """Warns, and has a secret."""
+
+    sink = "ANY"
+    password: str = Property("", secret=True)
+    pin: int = Property(0, max=9, secret=True)
+
+    def render(self, frame: Frame) -> None:
+        self.post_warning("lens is dirty")
+
+
+def test_warnings_are_shown_unless_quiet(launch: Callable[..., Result], register: Register) -> None:
+    """A warning is no failure."""
+    register(talkative=Talkative)
+    done = launch("fakesrc num-buffers=1 ! talkative name=t")
+    assert (done.exit_code, done.stderr) == (0, "warning: t: lens is dirty\n")
+    assert launch("-q", "fakesrc num-buffers=1 ! talkative").stderr == ""
+
+
+def test_a_secret_in_a_variable_is_never_shown(launch: Callable[..., Result], register: Register) -> None:
+    """Neither in the pointed line, nor in the message, nor verbose."""
+    register(talkative=Talkative)
+    for text in ("talkative pin=${SECRET}", "fakesrc num-buffers=1 ! talkative password=${SECRET} ! x",
+                 "fakesrc num-buffers=1 ! talkative password=${SECRET}"):  # fmt: skip
+        done = launch("-v", "--json-errors", "--set", "SECRET=4711", text)
+        assert "4711" not in done.stderr + done.stdout
+        done = launch("-v", "--set", "SECRET=4711", text)
+        assert "4711" not in done.stderr + done.stdout
+
+
+def test_what_fails_at_the_start_is_code_1(launch: Callable[..., Result], register: Register) -> None:
+    """A resource that cannot be had, and stops that fail, are told once."""
+
+    class Fails(Talkative):
+        """Cannot start."""
+
+        def start(self) -> None:
+            raise OSError("no device")
+
+    register(fails=Fails)
+    done = launch("fakesrc ! fails")
+    assert (done.exit_code, done.stderr) == (1, "error: fails0: OSError: no device\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "number", "has_eos"),
+    [
+        (["-v"], signal.SIGINT, False),
+        (["-v", "-e"], signal.SIGINT, True),
+        (["-v"], signal.SIGTERM, False),
+    ],
+)
+def test_an_interrupt_is_a_clean_stop(arguments: list[str], number: int, has_eos: bool) -> None:
+    """Ctrl-C stops within bounds with code 0; with -e the stream ends first, behind its last frame."""
+    text = "fakesrc ! queue max-size-buffers=5 ! identity sleep-time=100 ! fakesink"
+    with subprocess.Popen([*COMMAND, *arguments, text], stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            for line in process.stderr:
+                if line.startswith("state: pipeline: playing"):
+                    break
+            process.send_signal(number)
+            rest = process.stderr.read()
+            assert process.wait(20) == 0
+        finally:
+            process.kill()
+    assert "state: pipeline: null" in rest
+    assert ("eos: pipeline" in rest) is has_eos
+    assert "error" not in rest
+
+
+def test_the_installed_command_ends_with_the_right_codes() -> None:
+    """0, 1 and 2 as the shell sees them; nothing but the error is printed."""
+    for text, code in (
+        ("fakesrc num-buffers=1 ! queue ! fakesink", 0),
+        ("fakesrc ! queue ! identity error-after=1 ! fakesink", 1),
+        ("fakesrc !", 2),
+    ):
+        done = subprocess.run([*COMMAND, text], capture_output=True, text=True, timeout=30, check=False)
+        assert done.returncode == code
+        assert done.stdout == ""
+        assert bool(done.stderr) is bool(code)
+        assert "Traceback" not in done.stderr

@@ -1,0 +1,216 @@
+"""Properties: declared once, checked wherever they are set."""
+
+import enum
+import re
+from fractions import Fraction
+from typing import Any
+
+import pytest
+
+from streamkit import Caps, Element, Property, PropertyError
+
+
+class Mode(enum.StrEnum):
+    """Two ways."""
+
+    FAST = "fast"
+    EXACT = "exact"
+
+
+class Sample(Element):
+    """One property of each type."""
+
+    count: int = Property(3, min=0, max=10, unit="px", doc="A number.")
+    gain: float = Property(1.0, min=0.0, live=True)
+    on: bool = Property(False)
+    label: str = Property("none")
+    rate: Fraction = Property(Fraction(25))
+    caps: Caps = Property(Caps("ANY"))
+    mode: Mode = Property(Mode.FAST)
+    place: str | None = Property(None)
+    password: str = Property("", secret=True)
+    token: int = Property(0, max=9, secret=True)
+
+
+class Derived(Sample):
+    """Adds one and changes one."""
+
+    extra: int = Property(1)
+    count: int = Property(7, max=7)
+
+
+def test_defaults_are_those_declared() -> None:
+    """A new element has the declared values, and no other element's."""
+    one, two = Sample(), Sample(count=5)
+    assert (one.count, one.gain, one.mode, one.place) == (3, 1.0, Mode.FAST, None)
+    assert (two.count, one.count) == (5, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "value"),
+    [
+        ("count", "0x0a", 10),
+        ("count", 4, 4),
+        ("gain", 2, 2.0),
+        ("gain", "1e1", 10.0),
+        ("on", "yes", True),
+        ("label", "5", "5"),
+        ("rate", "30000/1001", Fraction(30000, 1001)),
+        ("rate", 30, Fraction(30)),
+        ("rate", 29.97002997, Fraction(30000, 1001)),
+        ("caps", "video/x-raw", Caps("video/x-raw")),
+        ("mode", "exact", Mode.EXACT),
+        ("mode", "EXACT", Mode.EXACT),
+        ("mode", "1", Mode.EXACT),
+        ("mode", Mode.EXACT, Mode.EXACT),
+        ("place", "x", "x"),
+        ("place", None, None),
+    ],
+)
+def test_values_become_the_propertys_type(name: str, given: Any, value: Any) -> None:
+    """Text of a description and near Python types are turned; the value has the type declared."""
+    element = Sample()
+    element.set_property(name, given)
+    found = getattr(element, name)
+    assert found == value
+    assert type(found) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "message"),
+    [
+        ("count", "x", "s: property count cannot be 'x': it takes a whole number such as 12, -1 or 0x10"),
+        ("count", 1.5, "s: property count cannot be 1.5: it takes int 0..10 px"),
+        ("count", True, "s: property count cannot be True: it takes int 0..10 px"),
+        ("count", 11, "s: property count cannot be 11: it takes int 0..10 px"),
+        ("count", "-1", "s: property count cannot be -1: it takes int 0..10 px"),
+        ("gain", float("nan"), "s: property gain cannot be nan: it takes float 0.0.."),
+        ("gain", "1/2", "s: property gain cannot be '1/2': it takes a number such as 0.5 or 1e3"),
+        ("on", "maybe", "s: property on cannot be 'maybe': it takes true, yes, t, 1 or false, no, f, 0"),
+        ("on", 1, "s: property on cannot be 1: it takes bool"),
+        ("rate", "x", "s: property rate cannot be 'x': it takes a fraction such as 30/1"),
+        ("mode", "slow", "s: property mode cannot be 'slow': it takes fast, exact"),
+        ("label", 5, "s: property label cannot be 5: it takes str"),
+        ("label", None, "s: property label cannot be None: it takes str"),
+        ("caps", "a/b, ;;", "s: property caps cannot be"),
+    ],
+)
+def test_a_refused_value_says_element_property_value_and_rule(name: str, given: Any, message: str) -> None:
+    """Nothing is clamped or guessed: the message gives what it got and what it takes."""
+    element = Sample("s")
+    before = getattr(element, name)
+    with pytest.raises(PropertyError, match=f"^{re.escape(message)}"):
+        element.set_property(name, given)
+    assert getattr(element, name) == before
+
+
+def test_dashes_and_underscores_are_the_same() -> None:
+    """Descriptions write kebab-case, Python snake_case; case matters."""
+
+    class Dashed(Element):
+        """A name of two words."""
+
+        two_words: int = Property(0)
+
+    element = Dashed("d")
+    element.set_property("two-words", 4)
+    element.set_property("two_words", element.two_words + 1)
+    assert element.two_words == 5
+    with pytest.raises(
+        PropertyError, match=re.escape("dashed has no property 'two-wrds'; did you mean \"two-words\"?")
+    ):
+        element.set_property("two-wrds", 1)
+
+
+def test_only_live_properties_change_while_playing() -> None:
+    """The others wait for a stop; the message says so."""
+    element = Sample("s")
+    element.is_playing = True
+    element.set_property("gain", 2.0)
+    with pytest.raises(
+        PropertyError, match=r"^s: property count cannot change while playing; stop the pipeline to set it$"
+    ):
+        element.set_property("count", 4)
+    element.is_playing = False
+    element.set_property("count", 4)
+    assert (element.gain, element.count) == (2.0, 4)
+
+
+def test_the_element_hears_of_a_change() -> None:
+    """`property_changed` runs after each successful set, with the Python name."""
+
+    class Listening(Element):
+        """Notes what changed."""
+
+        two_words: int = Property(0, max=3)
+
+        def __init__(self, name: str = "", **properties: Any) -> None:
+            self.heard: list[tuple[str, int]] = []
+            super().__init__(name, **properties)
+
+        def property_changed(self, name: str) -> None:
+            self.heard.append((name, self.two_words))
+
+    element = Listening(two_words=2)
+    with pytest.raises(PropertyError):
+        element.set_property("two-words", 4)
+    assert element.heard == [("two_words", 2)]
+
+
+def test_secrets_are_never_shown() -> None:
+    """Neither in what is exported nor in a refusal."""
+    element = Sample("s", password="hunter2")
+    declared = Sample.properties
+    assert declared["password"].to_json(element.password) == "***"
+    for given in (4711, "4711"):
+        with pytest.raises(PropertyError) as caught:
+            element.set_property("token", given)
+        assert "4711" not in str(caught.value)
+        assert "token cannot be the value given" in str(caught.value)
+
+
+def test_values_as_json() -> None:
+    """Enums by their word, fractions and caps by their text, the rest as it is."""
+    declared = Sample.properties
+    assert declared["mode"].to_json(Mode.EXACT) == "exact"
+    assert declared["rate"].to_json(Fraction(30)) == "30"
+    assert declared["caps"].to_json(Caps("a/b")) == "a/b"
+    assert declared["place"].to_json(None) is None
+    assert declared["count"].to_json(4) == 4
+
+
+def test_properties_are_inherited() -> None:
+    """Those of the bases come first; a subclass may declare one anew, for itself only."""
+    assert list(Derived.properties)[: len(Sample.properties)] == list(Sample.properties)
+    assert Derived().extra == 1
+    assert (Derived().count, Sample().count) == (7, 3)
+    with pytest.raises(PropertyError):
+        Derived(count=8)
+    assert Sample(count=8).count == 8
+
+
+def test_a_declaration_describes_itself() -> None:
+    """Type, range, unit and choices, as `inspect` and the documentation show them."""
+    declared = Sample.properties
+    assert declared["count"].describe() == "int 0..10 px"
+    assert declared["gain"].describe() == "float 0.0.."
+    assert declared["mode"].describe() == "fast | exact"
+    assert declared["mode"].choices == ("fast", "exact")
+    assert declared["place"].optional
+    assert not declared["label"].optional
+    assert declared["gain"].live
+    assert declared["count"].doc == "A number."
+
+
+def test_an_annotation_of_two_types_is_an_authors_mistake() -> None:
+    """One type, or one type and None: the message names class and property."""
+
+    class Wrong(Element):
+        """Two types."""
+
+        value: int | str = Property(0)
+
+    with pytest.raises(
+        TypeError, match=r"property Wrong.value: annotate it with one type, or `type \| None`"
+    ):
+        Wrong(value=1)

@@ -1,0 +1,112 @@
+"""Text of a description to a typed value."""
+
+import enum
+import re
+from fractions import Fraction
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from streamkit import Caps
+from streamkit.element.property_text import unquote_string, value_from_text
+
+
+class Colour(enum.Enum):
+    """Names and values differ."""
+
+    RED = "r"
+    GREEN = "g"
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "value"),
+    [
+        (int, "12", 12),
+        (int, "+5", 5),
+        (int, "-0x10", -16),
+        (int, "010", 8),
+        (int, "9223372036854775807", 2**63 - 1),
+        (float, "0.5", 0.5),
+        (float, ".5", 0.5),
+        (float, "1e3", 1000.0),
+        (float, "2", 2.0),
+        (float, "MAX", float("inf")),
+        (float, "min", float("-inf")),
+        (bool, "t", True),
+        (bool, "YES", True),
+        (bool, "0", False),
+        (Fraction, "30/1", Fraction(30)),
+        (Fraction, "30", Fraction(30)),
+        (Caps, "video/x-raw,width=[1,2]", Caps("video/x-raw, width=[ 1, 2 ]")),
+        (str, "as it is", "as it is"),
+        (str, '"quoted"', "quoted"),
+        (Colour, "r", Colour.RED),
+        (Colour, "GREEN", Colour.GREEN),
+        (Colour, "1", Colour.GREEN),
+    ],
+)
+def test_texts(kind: type, text: str, value: Any) -> None:
+    """C integers, GStreamer's booleans, fractions, caps, and enums by word, name or number."""
+    assert value_from_text(kind, text) == value
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "rule"),
+    [
+        (int, "1.5", "it takes a whole number such as 12, -1 or 0x10"),
+        (int, "1 2", "it takes a whole number such as 12, -1 or 0x10"),
+        (int, "", "it takes a whole number such as 12, -1 or 0x10"),
+        (int, "9223372036854775808", "it takes a number of at most 64 bits"),
+        (int, "9" * 5000, "it takes a whole number such as 12, -1 or 0x10"),
+        (float, "1/2", "it takes a number such as 0.5 or 1e3"),
+        (float, "nan", "it takes a number such as 0.5 or 1e3"),
+        (float, "1e999", "it takes a number such as 0.5 or 1e3"),
+        (bool, "on", "it takes true, yes, t, 1 or false, no, f, 0"),
+        (Fraction, "29.97", "it takes a fraction such as 30/1"),
+        (Fraction, "1/0", "it takes a fraction such as 30/1"),
+        (Colour, "Red", "it takes r, g"),
+        (Colour, "2", "it takes r, g"),
+        (str, '"', "its quotes must be closed"),
+        (str, r'"\9"', r"an octal escape has three digits, \000 to \377"),
+        (list, "1", "values of type list cannot be written in a description"),
+    ],
+)
+def test_what_is_refused_says_what_is_taken(kind: type, text: str, rule: str) -> None:
+    """The rule stands in the error; the caller adds element and property."""
+    with pytest.raises(ValueError, match=f"^{re.escape(rule)}$"):
+        value_from_text(kind, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("plain", "plain"),
+        ('"a b"', "a b"),
+        (r'"a\ b"', "a b"),
+        (r'"\101\102"', "AB"),
+        ('"', None),
+        ('""', ""),
+        ('"open', '"open'),
+        (r"a\ b", r"a\ b"),
+    ],
+)
+def test_strings_lose_one_pair_of_quotes(text: str, value: str | None) -> None:
+    """Escapes are resolved between quotes only."""
+    if value is None:
+        with pytest.raises(ValueError, match="quotes"):
+            unquote_string(text)
+    else:
+        assert unquote_string(text) == value
+
+
+@given(st.sampled_from([int, float, bool, str, Fraction, Caps, Colour]), st.text(max_size=20))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_any_text_is_a_value_or_a_value_error(kind: type, text: str) -> None:
+    """No text makes the conversion raise anything else."""
+    try:
+        value = value_from_text(kind, text)
+    except ValueError:
+        return
+    assert isinstance(value, kind)

@@ -1,0 +1,104 @@
+"""The registry: elements by entry point, imported when used, a broken one alone."""
+
+import re
+from collections.abc import Callable
+
+import pytest
+
+from streamkit import Element, PropertyError
+from streamkit.element.registry import ElementEntry, element_class, installed_elements, make_element
+from streamkit.errors import DescriptionError, PluginBroken
+
+Register = Callable[..., None]
+
+
+def test_our_own_elements_come_through_entry_points() -> None:
+    """No element is built in: each has package, version and class."""
+    entries = installed_elements()
+    assert {"queue", "tee", "identity", "fakesrc", "fakesink", "capsfilter", "appsrc", "appsink"} <= set(
+        entries
+    )
+    queue = entries["queue"]
+    assert (queue.package, queue.target) == ("streamkit", "streamkit.elements.queue:Queue")
+    assert queue.version
+    assert list(entries) == sorted(entries)
+
+
+def test_an_entry_says_where_it_is_from() -> None:
+    """Element, class, package and version in a few words."""
+    entry = ElementEntry("framediff", "some.module:FrameDiff", "some-package", "1.2")
+    assert entry.where == "element 'framediff' (some.module:FrameDiff, some-package 1.2)"
+
+
+def test_an_unknown_element_gets_a_suggestion() -> None:
+    """The nearest name is offered; the code is for programs."""
+    with pytest.raises(
+        DescriptionError, match=re.escape('no element "fakesrcc"; did you mean "fakesrc"?')
+    ) as caught:
+        element_class("fakesrcc")
+    assert caught.value.code == "no-such-element"
+
+
+def test_elements_are_made_with_name_and_properties() -> None:
+    """The factory is the name it was asked by."""
+    element = make_element("queue", "q", max_size_buffers=3)
+    assert (element.name, element.factory, element.max_size_buffers) == ("q", "queue", 3)  # type: ignore[attr-defined]
+    assert make_element("identity").name == "identity"
+    with pytest.raises(PropertyError, match="queue has no property 'size'"):
+        make_element("queue", size=3)
+
+
+@pytest.mark.parametrize(
+    ("target", "cause"),
+    [
+        ("no_such_module:Thing", "ModuleNotFoundError: No module named 'no_such_module'"),
+        (
+            "streamkit.elements.queue:NoClass",
+            "AttributeError: module 'streamkit.elements.queue' has no attribute 'NoClass'",
+        ),
+        ("streamkit.elements.queue", "AttributeError: "),
+    ],
+)
+def test_an_entry_point_that_cannot_be_loaded(register: Register, target: str, cause: str) -> None:
+    """The error names element, class, package, cause and remedy, and keeps the exception."""
+    register(halfbaked=target)
+    message = (
+        rf"^element 'halfbaked' \({re.escape(target)}, unknown package .*\) cannot be loaded: "
+        rf"{re.escape(cause)}.*; reinstall or update unknown package, or tell its author$"
+    )
+    with pytest.raises(PluginBroken, match=message) as caught:
+        make_element("halfbaked")
+    assert caught.value.__cause__ is not None
+    assert make_element("identity").factory == "identity"
+
+
+def test_an_entry_point_must_be_an_element(register: Register) -> None:
+    """Another class is refused with the rule and what it is."""
+    register(notelement="fractions:Fraction")
+    with pytest.raises(
+        PluginBroken, match=r"must be a subclass of streamkit.Element, got <class 'fractions.Fraction'>"
+    ):
+        make_element("notelement")
+
+
+def test_an_element_that_cannot_be_made_is_broken(register: Register) -> None:
+    """A constructor that raises is the plugin's fault, and named as such."""
+
+    class Stillborn(Element):
+        """Cannot be made."""
+
+        def __init__(self, name: str = "") -> None:
+            raise ZeroDivisionError("no model file")
+
+    register(stillborn=Stillborn)
+    with pytest.raises(
+        PluginBroken, match=r"^element 'stillborn' .* cannot be made: ZeroDivisionError: no model file; "
+    ):
+        make_element("stillborn")
+
+
+def test_of_two_elements_with_one_name_the_first_found_wins(register: Register) -> None:
+    """A second package cannot take an element's name away."""
+    register(twice="first:Thing")
+    register(twice="second:Thing")
+    assert installed_elements()["twice"].target == "first:Thing"

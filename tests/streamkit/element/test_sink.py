@@ -1,0 +1,122 @@
+"""Sinks: the end of the line; in time where `sync` asks for it."""
+
+from collections.abc import Callable
+
+import pytest
+
+from streamkit import Caps, ElementFailure, Frame, NotNegotiated, Pipeline, Sink
+from streamkit.testing import Harness, ManualClock
+
+Register = Callable[..., None]
+ANYTHING = Caps("a/b")
+
+
+class Keeping(Sink):
+    """Keeps what it is given."""
+
+    sink = "ANY"
+
+    def start(self) -> None:
+        self.kept: list[object] = []
+
+    def configure(self, sink_caps: Caps) -> None:
+        self.kept.append(str(sink_caps))
+
+    def render(self, frame: Frame) -> None:
+        self.kept.append(frame.seq)
+
+    def drain(self) -> None:
+        self.kept.append("drained")
+
+
+def test_caps_then_frames_then_drain() -> None:
+    """The order an author can rely on; EOS is told once."""
+    with Harness(Keeping("k")) as harness:
+        harness.push(Frame(b"", ANYTHING, seq=0))
+        harness.push(Frame(b"", ANYTHING, seq=1))
+        harness.drain()
+        harness.drain()
+        kept, kinds = harness.element.kept, [str(m.kind) for m in harness.messages]  # type: ignore[attr-defined]
+    assert kept == ["a/b", 0, 1, "drained"]
+    assert kinds == ["eos"]
+
+
+@pytest.mark.parametrize("moment", ["render", "configure", "drain"])
+def test_an_exception_names_the_sink(register: Register, moment: str) -> None:
+    """Wherever it fails; at a frame with the frame."""
+
+    class Fails(Keeping):
+        """Fails at one moment."""
+
+        def render(self, frame: Frame) -> None:
+            if moment == "render":
+                raise ValueError("disk full")
+
+        def configure(self, sink_caps: Caps) -> None:
+            if moment == "configure":
+                raise ValueError("disk full")
+
+        def drain(self) -> None:
+            if moment == "drain":
+                raise ValueError("disk full")
+
+    register(fails=Fails)
+    where = r" \[at frame seq=0\]" if moment == "render" else ""
+    with pytest.raises(ElementFailure, match=rf"^fails0: ValueError: disk full{where}$"):
+        Pipeline.parse("fakesrc num-buffers=2 ! a/b,x=1 ! fails").run(timeout_s=10)
+
+
+def test_caps_a_sink_cannot_take_are_refused() -> None:
+    """nego-push: caps outside the template do not get in."""
+
+    class Raw(Keeping):
+        """Raw video only."""
+
+        sink = "video/x-raw"
+
+    with (
+        Harness(Raw("r")) as harness,
+        pytest.raises(
+            NotNegotiated, match=r"disagree on media type: feed_sink.src offers a/b; r.sink takes video/x-raw"
+        ),
+    ):
+        harness.push(Frame(b"", ANYTHING))
+
+
+def test_sync_waits_for_each_frames_time(register: Register) -> None:
+    """sk-sync: the first frame sets the zero; each later one is held until its pts has come on the clock."""
+    register(keeping=Keeping)
+    clock = ManualClock()
+    with Pipeline.parse("appsrc name=in ! keeping name=k sync=true", clock=clock) as pipeline:
+        pipeline.play()
+        for seq, pts in enumerate((0, 2_000_000_000)):
+            pipeline["in"].push(Frame(b"", ANYTHING, seq=seq, arrival_ns=1, pts=pts))
+        assert clock.wait_for_waiter()
+        clock.advance(1.9)
+        assert pipeline["k"].kept == ["a/b", 0]
+        clock.advance(0.1)
+        pipeline["in"].end()
+        assert pipeline.wait(10) is not None
+        assert pipeline["k"].kept == ["a/b", 0, 1, "drained"]
+
+
+def test_a_new_epoch_sets_a_new_zero() -> None:
+    """After a discontinuity the time stamps begin elsewhere: nothing waits for the difference."""
+    clock = ManualClock()
+    with Harness(Keeping("k", sync=True), clock=clock) as harness:
+        harness.push(Frame(b"", ANYTHING, seq=0, pts=0))
+        harness.push(Frame(b"", ANYTHING, seq=1, pts=10**15, epoch=1))
+        harness.push(Frame(b"", ANYTHING, seq=2, pts=None, epoch=1))
+        assert harness.element.kept == ["a/b", 0, 1, 2]  # type: ignore[attr-defined]
+
+
+def test_stop_ends_the_wait(register: Register) -> None:
+    """id-stop: a frame of the far future does not keep the pipeline from stopping; it is not rendered."""
+    register(keeping=Keeping)
+    clock = ManualClock()
+    with Pipeline.parse("appsrc name=in ! keeping name=k sync=true", clock=clock) as pipeline:
+        pipeline.play()
+        for seq, pts in enumerate((0, 10**15)):
+            pipeline["in"].push(Frame(b"", ANYTHING, seq=seq, arrival_ns=1, pts=pts))
+        assert clock.wait_for_waiter()
+    assert pipeline["k"].kept == ["a/b", 0]

@@ -1,0 +1,241 @@
+"""Sources: frames in a thread of their own, numbered, with caps before them and EOS behind."""
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from streamkit import Caps, ElementFailure, Frame, NotNegotiated, Pipeline, Property, Source
+from streamkit.errors import ResourceError
+
+RAW = Caps("video/x-raw, format=GRAY8, width=4, height=2, framerate=25/1")
+Register = Callable[..., None]
+
+
+class Counter(Source):
+    """Frames that say nothing about themselves."""
+
+    src = "ANY"
+    total: int = Property(3)
+
+    def frames(self) -> Iterator[Frame]:
+        for _ in range(self.total):
+            yield Frame(b"", RAW)
+
+
+def run_to_end(text: str) -> list[Frame]:
+    """All frames that reach the appsink `out`."""
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        return list(pipeline["out"])
+
+
+def test_the_engine_fills_in_number_and_arrival(register: Register) -> None:
+    """Numbers count from 0; the arrival is on the pipeline's clock; caps of equal text become one object."""
+    register(counter=Counter)
+    frames = run_to_end("counter total=4 ! appsink name=out")
+    assert [frame.seq for frame in frames] == [0, 1, 2, 3]
+    assert all(frame.arrival_ns > 0 for frame in frames)
+    assert len({id(frame.caps) for frame in frames}) == 1
+
+
+def test_numbers_and_arrival_of_the_source_stay(register: Register) -> None:
+    """Who numbers its frames keeps its numbers."""
+
+    class Numbered(Source):
+        """Its own numbers."""
+
+        src = "ANY"
+
+        def frames(self) -> Iterator[Frame]:
+            yield Frame(b"", RAW, seq=7, arrival_ns=11)
+            yield Frame(b"", RAW, seq=9, arrival_ns=13)
+
+    register(numbered=Numbered)
+    frames = run_to_end("numbered ! appsink name=out")
+    assert [(frame.seq, frame.arrival_ns) for frame in frames] == [(7, 11), (9, 13)]
+
+
+def test_every_run_begins_anew(register: Register) -> None:
+    """fs-reuse: after EOS and stop the same pipeline gives the same frames again."""
+    register(counter=Counter)
+    pipeline = Pipeline.parse("counter ! queue ! appsink name=out")
+    for _ in range(3):
+        with pipeline:
+            pipeline.play()
+            assert [frame.seq for frame in pipeline["out"]] == [0, 1, 2]
+
+
+def test_a_source_chooses_within_what_downstream_takes(register: Register) -> None:
+    """`negotiate` gets what template and downstream have in common, in downstream's order."""
+    asked: list[str] = []
+
+    class Choosy(Counter):
+        """Takes the first offer."""
+
+        src = "video/x-raw, format={ GRAY8, BGR }"
+
+        def negotiate(self, allowed: Caps) -> Caps | None:
+            asked.append(str(allowed))
+            return super().negotiate(allowed)
+
+        def frames(self) -> Iterator[Frame]:
+            yield Frame(b"", self.src_caps)
+
+    register(choosy=Choosy)
+    (frame,) = run_to_end("choosy ! video/x-raw, format={ BGR, GRAY8, RGB }, width=2 ! appsink name=out")
+    assert asked == ["video/x-raw, format=(string){ BGR, GRAY8 }, width=(int)2"]
+    assert str(frame.caps) == "video/x-raw, format=(string)BGR, width=(int)2"
+
+
+def test_caps_that_only_the_data_tells_are_checked(register: Register) -> None:
+    """A source that cannot know negotiates by its first frame; a refusal names pads, caps and field."""
+
+    class Unknown(Counter):
+        """Only the data tells."""
+
+        src = "video/x-raw"
+
+        def negotiate(self, allowed: Caps) -> Caps | None:
+            return None
+
+    register(unknown=Unknown)
+    assert [frame.caps for frame in run_to_end("unknown total=1 ! appsink name=out")] == [RAW]
+    with pytest.raises(
+        NotNegotiated,
+        match=r"unknown0.src -> capsfilter0.sink: not negotiated, the pads disagree on width: "
+        r"unknown0.src offers .*width=\(int\)4.*; capsfilter0.sink takes video/x-raw, width=\(int\)8",
+    ):
+        Pipeline.parse("unknown ! video/x-raw, width=8 ! fakesink").run(timeout_s=10)
+
+
+def test_new_caps_in_the_middle_go_downstream_before_their_frame(register: Register) -> None:
+    """q-order: each frame arrives with its caps, through a queue too."""
+
+    class Growing(Source):
+        """Two sizes."""
+
+        src = "video/x-raw"
+
+        def negotiate(self, allowed: Caps) -> Caps | None:
+            return None
+
+        def frames(self) -> Iterator[Frame]:
+            for width in (2, 2, 4, 4):
+                yield Frame(b"", RAW.with_fields(width=width))
+
+    register(growing=Growing)
+    frames = run_to_end("growing ! queue ! identity ! appsink name=out")
+    assert [frame.caps["width"] for frame in frames] == [2, 2, 4, 4]
+
+
+def test_an_exception_names_the_source(register: Register) -> None:
+    """Whatever `frames` raises becomes an ElementFailure with element and cause; `stop` still runs."""
+    stopped = threading.Event()
+
+    class Broken(Counter):
+        """Fails after one frame."""
+
+        def frames(self) -> Iterator[Frame]:
+            yield Frame(b"", RAW)
+            raise ZeroDivisionError("bad arithmetic")
+
+        def stop(self) -> None:
+            stopped.set()
+
+    register(broken=Broken)
+    with pytest.raises(
+        ElementFailure, match=r"^cam \(broken\): ZeroDivisionError: bad arithmetic$"
+    ) as caught:
+        Pipeline.parse("broken name=cam ! fakesink").run(timeout_s=10)
+    assert (caught.value.element, caught.value.factory) == ("cam", "broken")
+    assert isinstance(caught.value.cause, ZeroDivisionError)
+    assert stopped.is_set()
+
+
+def test_an_error_on_purpose_is_not_dressed_up(register: Register) -> None:
+    """A ResourceError's own text follows the element's name."""
+
+    class Missing(Counter):
+        """No such file."""
+
+        def start(self) -> None:
+            raise ResourceError("cannot open x.mp4: no such file")
+
+    register(missing=Missing)
+    with pytest.raises(ElementFailure, match=r"^missing0: cannot open x.mp4: no such file$"):
+        Pipeline.parse("missing ! fakesink").run(timeout_s=10)
+
+
+def test_a_blocked_source_is_woken_by_interrupt(register: Register) -> None:
+    """`stop` calls `interrupt` from another thread; the generator is closed."""
+    waiting, closed = threading.Event(), threading.Event()
+
+    class Blocked(Counter):
+        """Waits for a peer that never comes."""
+
+        def __init__(self, name: str = "", **properties: Any) -> None:
+            self.woken = threading.Event()
+            super().__init__(name, **properties)
+
+        def frames(self) -> Iterator[Frame]:
+            try:
+                yield Frame(b"", RAW)
+                waiting.set()
+                assert self.woken.wait(10)
+                yield Frame(b"", RAW)
+            finally:
+                closed.set()
+
+        def interrupt(self) -> None:
+            self.woken.set()
+
+    register(blocked=Blocked)
+    with Pipeline.parse("blocked ! fakesink") as pipeline:
+        pipeline.play()
+        assert waiting.wait(10)
+    assert closed.is_set()
+
+
+def test_a_source_may_feed_several_pads(register: Register) -> None:
+    """A (pad name, frame) pair goes to that pad; each pad numbers its own; unlinked pads are skipped."""
+    from streamkit import Direction, PadTemplate
+
+    class Two(Source):
+        """Pictures and telemetry."""
+
+        templates = (
+            PadTemplate("video", Direction.SRC, RAW),
+            PadTemplate("data", Direction.SRC, Caps("meta/x-klv")),
+        )
+
+        def negotiate(self, allowed: Caps) -> Caps | None:
+            return None
+
+        def frames(self) -> Iterator[Frame | tuple[str, Frame]]:
+            for _ in range(2):
+                yield "data", Frame(b"k", Caps("meta/x-klv"))
+                yield Frame(b"v", RAW)
+
+    register(two=Two)
+    with Pipeline.parse("two name=s  s.video ! appsink name=v  s.data ! appsink name=d") as pipeline:
+        pipeline.play()
+        assert [(frame.seq, frame.data) for frame in pipeline["v"]] == [(0, b"v"), (1, b"v")]
+        assert [(frame.seq, frame.data) for frame in pipeline["d"]] == [(0, b"k"), (1, b"k")]
+    assert len(run_to_end("two name=s  s.video ! appsink name=out")) == 2
+
+
+def test_pause_holds_the_source_and_play_goes_on() -> None:
+    """Between two frames nothing is lost and nothing comes while paused; finish ends with EOS."""
+    with Pipeline.parse("fakesrc ! appsink name=out max-buffers=1") as pipeline:
+        pipeline.play()
+        before = pipeline["out"].pull().seq
+        pipeline.pause()
+        pipeline.play()
+        after = pipeline["out"].pull().seq
+        assert after == before + 1
+        pipeline.finish()
+        rest = [frame.seq for frame in pipeline["out"]]
+        assert rest == list(range(after + 1, after + 1 + len(rest)))
+        assert len(rest) <= 3

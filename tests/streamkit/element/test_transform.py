@@ -1,0 +1,266 @@
+"""Transforms: one in, one out, several or none; caps agreed before the frames; nothing lost at EOS."""
+
+from collections.abc import Callable, Iterable, Iterator
+
+import pytest
+
+from streamkit import Caps, DiscontinuityEvent, ElementFailure, Event, Frame, Pipeline, Property, Transform
+from streamkit.testing import Harness
+
+RAW = Caps("video/x-raw, format=GRAY8, width=4, height=2")
+Register = Callable[..., None]
+
+
+def frame(seq: int = 0, caps: Caps = RAW, **fields: int) -> Frame:
+    """A frame without content."""
+    return Frame(b"", caps, seq=seq, arrival_ns=1, **fields)
+
+
+class Passing(Transform):
+    """Notes what it is told."""
+
+    sink = src = "video/x-raw"
+
+    def start(self) -> None:
+        self.told: list[object] = []
+
+    def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
+        self.told.append((str(sink_caps), str(src_caps)))
+
+    def event(self, event: Event) -> None:
+        self.told.append(event)
+
+    def transform(self, frame: Frame) -> Frame:
+        self.told.append(frame.seq)
+        return frame
+
+
+class Halves(Transform):
+    """Two frames out of one, half as wide."""
+
+    sink = "video/x-raw, width=[ 2, 100 ]"
+    src = "video/x-raw, width=[ 1, 50 ]"
+
+    def transform_caps(self, caps: Caps, direction: str) -> Caps:
+        return caps.without_fields("width")
+
+    def fixate(self, sink_caps: Caps, allowed: Caps) -> Caps:
+        return sink_caps.with_fields(width=sink_caps.integer("width") // 2)
+
+    def transform(self, frame: Frame) -> Iterator[Frame]:
+        for _ in range(2):
+            yield frame.replace(caps=self.src_caps)
+
+
+def test_configure_comes_before_the_first_frame_and_again_with_new_caps() -> None:
+    """Events and frames reach an element in the order they were sent."""
+    wider = RAW.with_fields(width=8)
+    with Harness(Passing()) as harness:
+        harness.push(frame(0))
+        harness.push(frame(1))
+        harness.push(frame(2, wider))
+        harness.push(frame(3, wider, epoch=1))
+        told = harness.element.told  # type: ignore[attr-defined]
+    assert told == [
+        (str(RAW), str(RAW)), 0, 1, (str(wider), str(wider)), 2, DiscontinuityEvent(1), 3,
+    ]  # fmt: skip
+
+
+def test_several_frames_go_on_in_order(register: Register) -> None:
+    """A generator may yield any number; each reaches the next element."""
+    register(halves=Halves)
+    text = "fakesrc num-buffers=3 ! video/x-raw,width=8 ! halves ! halves ! appsink name=out"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    assert [f.seq for f in frames] == [0] * 4 + [1] * 4 + [2] * 4
+    assert {f.caps["width"] for f in frames} == {2}
+
+
+def test_none_is_no_frame() -> None:
+    """A transform may take a frame and give nothing."""
+
+    class Every2nd(Transform):
+        """Even numbers."""
+
+        sink = src = "ANY"
+
+        def transform(self, frame: Frame) -> Frame | None:
+            return None if frame.seq % 2 else frame
+
+    with Harness(Every2nd()) as harness:
+        assert [f.seq for n in range(4) for f in harness.push(frame(n))] == [0, 2]
+
+
+class HoldsBack(Transform):
+    """Gives each frame when the next comes."""
+
+    sink = src = "ANY"
+
+    def start(self) -> None:
+        self.held: list[Frame] = []
+
+    def transform(self, frame: Frame) -> Frame | None:
+        self.held.append(frame)
+        return self.held.pop(0) if len(self.held) > 1 else None
+
+    def drain(self) -> Iterable[Frame]:
+        while self.held:
+            yield self.held.pop(0)
+
+
+def test_drain_gives_what_is_held_before_eos(register: Register) -> None:
+    """Nothing is lost: what two elements hold back comes out in order, then EOS."""
+    register(holdsback=HoldsBack)
+    with Pipeline.parse(
+        "fakesrc num-buffers=5 ! holdsback ! queue ! holdsback ! appsink name=out"
+    ) as pipeline:
+        pipeline.play()
+        assert [f.seq for f in pipeline["out"]] == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("number", [0, 63, 64])
+def test_an_exception_names_element_frame_and_cause(register: Register, number: int) -> None:
+    """Timed or not, first frame or later: who failed, at which frame, and why."""
+
+    class Fails(Transform):
+        """Fails at one frame."""
+
+        sink = src = "ANY"
+        at: int = Property(0)
+
+        def transform(self, frame: Frame) -> Frame:
+            if frame.seq == self.at:
+                raise ZeroDivisionError("division by zero")
+            return frame
+
+    register(fails=Fails)
+    with pytest.raises(ElementFailure) as caught:
+        Pipeline.parse(f"fakesrc num-buffers=100 ! identity ! fails at={number} ! fakesink").run(timeout_s=20)
+    assert str(caught.value) == f"fails0: ZeroDivisionError: division by zero [at frame seq={number}]"
+    assert caught.value.frame == f"frame seq={number}"
+    assert isinstance(caught.value.cause, ZeroDivisionError)
+
+
+@pytest.mark.parametrize("moment", ["configure", "drain", "event"])
+def test_exceptions_outside_transform_name_the_element(register: Register, moment: str) -> None:
+    """Whenever an element fails, it is named, and not who called it."""
+
+    class Fails(Passing):
+        """Fails at one moment."""
+
+        def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
+            if moment == "configure":
+                raise ValueError("no such size")
+
+        def drain(self) -> Iterable[Frame]:
+            if moment == "drain":
+                raise ValueError("no such size")
+            return ()
+
+        def event(self, event: Event) -> None:
+            if moment == "event":
+                raise ValueError("no such size")
+
+    def live(harness: Harness) -> None:
+        harness.push(frame(0))
+        harness.push(frame(1, epoch=1))
+        harness.drain()
+
+    with (
+        Harness(Fails("f")) as harness,
+        pytest.raises(ElementFailure, match=r"^f \(fails\): ValueError: no such size"),
+    ):
+        live(harness)
+
+
+@pytest.mark.parametrize("wrong", [[b"row", b"row"], 3, "text"])
+def test_a_result_that_is_no_frame_is_refused(wrong: object) -> None:
+    """Data returned by mistake does not travel on: the error says what to return and what came."""
+
+    class Forgetful(Transform):
+        """Returns bare data."""
+
+        sink = src = "ANY"
+
+        def transform(self, frame: Frame) -> Frame:
+            return wrong  # type: ignore[return-value]
+
+    with (
+        Harness(Forgetful("f")) as harness,
+        pytest.raises(ElementFailure, match=r"^f \(forgetful\): TypeError: .*"),
+    ):
+        harness.push(frame())
+
+
+def test_downstreams_wish_travels_up() -> None:
+    """Where caps stay the same an element offers upstream what stands behind it."""
+    with Harness(Passing(), downstream="video/x-raw, format={ NV12, GRAY8 }") as harness:
+        offered = harness.element.pads["sink"].query_caps()
+    assert str(offered) == "video/x-raw, format=(string){ NV12, GRAY8 }"
+
+
+def test_a_conversion_offers_its_own_templates() -> None:
+    """With other templates on both sides any of them is possible; downstream chooses near the input."""
+
+    class Convert(Transform):
+        """Any format to another."""
+
+        sink = "video/x-raw, format={ GRAY8, BGR }"
+        src = "video/x-raw, format={ RGB, BGR }"
+
+        def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
+            self.agreed = (sink_caps.get("format"), src_caps.get("format"))
+
+        def transform(self, frame: Frame) -> Frame:
+            return frame.replace(caps=self.src_caps)
+
+    with Harness(Convert()) as harness:
+        harness.push(frame(0, RAW.with_fields(format="BGR")))
+        assert harness.element.agreed == ("BGR", "BGR")  # type: ignore[attr-defined]
+        harness.push(frame(1, RAW))
+        assert harness.element.agreed == ("GRAY8", "RGB")  # type: ignore[attr-defined]
+
+
+def test_caps_may_be_known_with_the_first_frame_only() -> None:
+    """`fixate` gives None: the frame's own caps are then checked and sent on before it."""
+
+    class Decoder(Transform):
+        """Only the data tells."""
+
+        sink, src = "video/x-h264", "video/x-raw"
+
+        def fixate(self, sink_caps: Caps, allowed: Caps) -> Caps | None:
+            return None
+
+        def transform(self, frame: Frame) -> Frame:
+            return frame.replace(caps=RAW)
+
+    coded = Caps("video/x-h264")
+    with Harness(Decoder()) as harness:
+        (out,) = harness.push(frame(0, coded))
+        assert out.caps == RAW
+        assert harness.element.src_caps == RAW
+    with (
+        Harness(Decoder(), downstream="video/x-raw, width=9") as harness,
+        pytest.raises(Exception, match="disagree on width"),
+    ):
+        harness.push(frame(0, coded))
+
+
+def test_a_passthrough_costs_nothing_and_sees_nothing(register: Register) -> None:
+    """Where an element says it has nothing to do, frames pass it unseen."""
+
+    class Absent(Passing):
+        """Does nothing."""
+
+        def is_passthrough(self) -> bool:
+            return True
+
+    register(absent=Absent)
+    with Pipeline.parse(
+        "fakesrc num-buffers=2 ! video/x-raw,width=1 ! absent name=a ! appsink name=out"
+    ) as pipeline:
+        pipeline.play()
+        assert len(list(pipeline["out"])) == 2
+        assert 0 not in pipeline["a"].told

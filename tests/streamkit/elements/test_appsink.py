@@ -1,0 +1,104 @@
+"""appsink: frames to the application."""
+
+import threading
+
+import pytest
+
+from streamkit import ElementFailure, Pipeline
+from streamkit.errors import DescriptionError, StateError
+
+
+def test_iteration_ends_with_eos() -> None:
+    """ask-eos: all frames, then None for ever."""
+    with Pipeline.parse("fakesrc num-buffers=3 ! appsink name=out") as pipeline:
+        pipeline.play()
+        assert [frame.seq for frame in pipeline["out"]] == [0, 1, 2]
+        assert pipeline["out"].pull() is None
+        assert pipeline["out"].pull() is None
+
+
+def test_iteration_raises_the_pipelines_error() -> None:
+    """Frames that came before the error are given first."""
+    with Pipeline.parse("fakesrc num-buffers=9 ! identity error-after=3 ! appsink name=out") as pipeline:
+        pipeline.play()
+        frames = iter(pipeline["out"])
+        assert [next(frames).seq, next(frames).seq] == [0, 1]
+        with pytest.raises(ElementFailure, match=r"^identity0: error-after=3"):
+            next(frames)
+
+
+def test_a_full_sink_waits() -> None:
+    """ask-drop: nothing is lost while nobody pulls."""
+    with Pipeline.parse("fakesrc num-buffers=30 ! appsink name=out max-buffers=2") as pipeline:
+        pipeline.play()
+        assert [frame.seq for frame in pipeline["out"]] == list(range(30))
+
+
+def test_a_full_sink_may_drop_the_oldest() -> None:
+    """ask-drop: of ten frames that nobody pulls the last two remain; the others are counted."""
+    with Pipeline.parse("fakesrc num-buffers=10 ! appsink name=out max-buffers=2 drop=true") as pipeline:
+        pipeline.play()
+        assert pipeline.ended.wait(10)
+        assert [frame.seq for frame in pipeline["out"]] == [8, 9]
+        assert pipeline["out"].drops == {"appsink full, oldest dropped": 8}
+
+
+def test_waiting_has_a_limit() -> None:
+    """ask-timeout: the message says how long."""
+    with Pipeline.parse("appsrc ! appsink name=out") as pipeline:
+        pipeline.play()
+        with pytest.raises(StateError, match=r"^out: no frame has come within 0.01 s$"):
+            pipeline["out"].pull(timeout_s=0.01)
+
+
+def test_a_pipeline_that_does_not_play_has_no_frames() -> None:
+    """The remedy is named; what came before a stop can still be had."""
+    pipeline = Pipeline.parse("fakesrc num-buffers=2 ! appsink name=out")
+    with pytest.raises(
+        StateError, match=r"^out: no frames: the pipeline does not play; call play\(\) first$"
+    ):
+        pipeline["out"].pull()
+    with pipeline:
+        pipeline.play()
+        assert pipeline.ended.wait(10)
+    assert pipeline["out"].pull().seq == 0
+
+
+def test_a_stop_wakes_who_waits() -> None:
+    """No time-out is waited for."""
+    pipeline = Pipeline.parse("appsrc ! appsink name=out")
+    pipeline.play()
+    outcome: list[str] = []
+
+    def pull() -> None:
+        try:
+            pipeline["out"].pull(timeout_s=60.0)
+        except StateError as error:
+            outcome.append(str(error))
+
+    waiting = threading.Thread(target=pull)
+    waiting.start()
+    pipeline.stop()
+    waiting.join(10)
+    assert outcome == ["out: no frames: the pipeline does not play; call play() first"]
+
+
+def test_it_takes_the_caps_it_is_given() -> None:
+    """asr-caps: the property bounds what is negotiated."""
+    with Pipeline.parse("fakesrc num-buffers=1 ! appsink name=out caps=a/b,x=1") as pipeline:
+        pipeline.play()
+        (frame,) = pipeline["out"]
+    assert str(frame.caps) == "a/b, x=(int)1"
+    with pytest.raises(DescriptionError, match="disagree on x"):
+        Pipeline.parse("fakesrc ! a/b,x=2 ! appsink caps=a/b,x=1")
+
+
+def test_frames_of_an_earlier_run_are_forgotten() -> None:
+    """Every run begins with an empty sink."""
+    pipeline = Pipeline.parse("fakesrc num-buffers=3 ! appsink name=out")
+    for _ in range(2):
+        with pipeline:
+            pipeline.play()
+            assert pipeline.ended.wait(10)
+    assert pipeline["out"].pull().seq == 0
+    assert [pipeline["out"].pull().seq for _ in range(2)] == [1, 2]

@@ -1,0 +1,129 @@
+"""appsrc: frames from the application."""
+
+import contextlib
+import threading
+
+import pytest
+
+from streamkit import Caps, Frame, NotNegotiated, Pipeline
+from streamkit.errors import ElementFailure, StateError
+
+ANYTHING = Caps("a/b")
+
+
+def push_many(pipeline: Pipeline, timeout_s: float) -> None:
+    """Pushes more frames than there is room for."""
+    for number in range(10):
+        pipeline["in"].push(Frame(b"", ANYTHING, pts=number), timeout_s=timeout_s)
+
+
+def test_frames_and_bare_data_come_in_order() -> None:
+    """Bare data gets the caps of the property and the fields given; each has its number."""
+    with Pipeline.parse("appsrc name=in caps=a/b,x=1 ! queue ! appsink name=out") as pipeline:
+        pipeline.play()
+        pipeline["in"].push(b"one", pts=5)
+        pipeline["in"].push(Frame(b"two", Caps("a/b, x=1")))
+        pipeline["in"].end()
+        frames = list(pipeline["out"])
+    assert [(f.data, f.pts, f.seq, str(f.caps)) for f in frames] == [
+        (b"one", 5, 0, "a/b, x=(int)1"), (b"two", None, 1, "a/b, x=(int)1"),
+    ]  # fmt: skip
+
+
+def test_what_is_pushed_before_play_is_kept() -> None:
+    """All of it, with the end, however many."""
+    with Pipeline.parse("appsrc name=in max-buffers=2 ! appsink name=out max-buffers=0") as pipeline:
+        for number in range(20):
+            pipeline["in"].push(Frame(b"", ANYTHING, pts=number))
+        pipeline["in"].end()
+        pipeline.play()
+        assert [frame.pts for frame in pipeline["out"]] == list(range(20))
+
+
+def test_new_caps_go_with_their_frames() -> None:
+    """asr-caps2: each frame arrives with its own."""
+    with Pipeline.parse("appsrc name=in ! identity ! appsink name=out") as pipeline:
+        pipeline.play()
+        for caps in ("a/b", "a/b", "c/d"):
+            pipeline["in"].push(Frame(b"", Caps(caps)))
+        pipeline["in"].end()
+        assert [frame.caps.name for frame in pipeline["out"]] == ["a/b", "a/b", "c/d"]
+
+
+def test_a_full_line_blocks_and_says_so() -> None:
+    """asr-block: nobody takes the frames, so `push` gives up after its time."""
+    with Pipeline.parse("appsrc name=in max-buffers=1 ! appsink name=out max-buffers=1") as pipeline:
+        pipeline.play()
+        with pytest.raises(
+            StateError, match=r"^in: no room for a frame within 0.05 s: nothing downstream takes it$"
+        ):
+            push_many(pipeline, timeout_s=0.05)
+        assert pipeline["out"].pull().pts == 0
+        pipeline["in"].push(Frame(b"", ANYTHING, pts=99))
+        pipeline["in"].end()
+        assert [frame.pts for frame in pipeline["out"]][-1] == 99
+
+
+def test_a_line_that_does_not_block_keeps_the_newest() -> None:
+    """asr-limits: with block=false the oldest are dropped and counted."""
+    with Pipeline.parse(
+        "appsrc name=in max-buffers=2 block=false ! appsink name=out max-buffers=1"
+    ) as pipeline:
+        pipeline.play()
+        for number in range(50):
+            pipeline["in"].push(Frame(b"", ANYTHING, pts=number))
+        pipeline["in"].end()
+        arrived = [frame.pts for frame in pipeline["out"]]
+        assert arrived == sorted(arrived)
+        assert arrived[-1] == 49
+        assert len(arrived) + pipeline["in"].drops["appsrc full, oldest dropped"] == 50
+
+
+def test_nothing_follows_the_end() -> None:
+    """asr-signals: a frame after `end` is refused, until the next run."""
+    pipeline = Pipeline.parse("appsrc name=in ! fakesink name=s")
+    for _ in range(2):
+        with pipeline:
+            pipeline["in"].push(Frame(b"", ANYTHING))
+            pipeline["in"].end()
+            with pytest.raises(StateError, match=r"^in: no frame can follow end"):
+                pipeline["in"].push(Frame(b"", ANYTHING))
+            pipeline.play()
+            assert pipeline.wait(10) is not None
+            assert pipeline["s"].count == 1
+
+
+def test_who_pushes_learns_why_the_pipeline_failed() -> None:
+    """The pipeline's error is raised where the application is."""
+    with Pipeline.parse("appsrc name=in max-buffers=1 ! identity error-after=1 ! fakesink") as pipeline:
+        pipeline.play()
+        with pytest.raises(ElementFailure, match="error-after"):
+            push_many(pipeline, timeout_s=30.0)
+
+
+def test_stopping_wakes_a_blocked_push() -> None:
+    """asr-deadlock: the application's thread is let go at once, not after its time-out."""
+    pipeline = Pipeline.parse("appsrc name=in max-buffers=1 ! appsink name=out max-buffers=1")
+    pipeline.play()
+
+    def push() -> None:
+        with contextlib.suppress(StateError):
+            push_many(pipeline, timeout_s=60.0)
+
+    pushing = threading.Thread(target=push)
+    pushing.start()
+    pipeline["out"].pull()
+    pipeline.stop()
+    pushing.join(10)
+    assert not pushing.is_alive()
+
+
+def test_data_that_the_filter_refuses() -> None:
+    """The pads and the field are named."""
+    with Pipeline.parse("appsrc name=in ! a/b, x=1 ! fakesink") as pipeline:
+        pipeline.play()
+        pipeline["in"].push(Frame(b"", Caps("a/b, x=2")))
+        message = pipeline.wait(10)
+        assert message is not None
+        assert isinstance(message.error, NotNegotiated)
+        assert "disagree on x" in message.text

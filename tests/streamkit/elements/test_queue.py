@@ -1,0 +1,305 @@
+"""queue: a bounded thread boundary; the cases are GStreamer's."""
+
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from streamkit import Caps, DiscontinuityEvent, ElementFailure, EndOfStream, Frame, Pipeline, Sink
+from streamkit.element.registry import make_element
+from streamkit.elements.queue import Queue
+from streamkit.flow.events import EOS, CapsEvent
+from streamkit.flow.signals import Flushing
+from streamkit.testing import Harness
+
+Register = Callable[..., None]
+ANYTHING = Caps("a/b")
+SECOND = 1_000_000_000
+
+
+def frame(seq: int = 0, data: bytes = b"", **fields: Any) -> Frame:
+    """A frame of a few bytes."""
+    return Frame(data, ANYTHING, seq=seq, arrival_ns=1, **fields)
+
+
+class WatchedCondition(threading.Condition):
+    """Tells when something waits on it."""
+
+    def __init__(self, lock: threading.Lock) -> None:
+        super().__init__(lock)
+        self.waiting = threading.Event()
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Waits."""
+        self.waiting.set()
+        return super().wait(timeout)
+
+
+def queue(**properties: Any) -> Queue:
+    """A queue whose output is blocked: nothing takes from it."""
+    element = make_element("queue", "q", **properties)
+    assert isinstance(element, Queue)
+    element._not_full = WatchedCondition(element._lock)
+    return element
+
+
+def fill(element: Queue, frames: list[Frame]) -> None:
+    """Pushes frames that there is room for, in this thread."""
+    take = element.receiver(element.pads["sink"])
+    for item in frames:
+        take(item)
+
+
+class Pushing(threading.Thread):
+    """Pushes one frame from another thread; tells how that ended."""
+
+    def __init__(self, element: Queue, item: Frame) -> None:
+        super().__init__(name="pushing")
+        self.take = element.receiver(element.pads["sink"])
+        self.item = item
+        self.outcome: BaseException | str = "blocked"
+        self.start()
+
+    def run(self) -> None:
+        """Pushes."""
+        try:
+            self.take(self.item)
+        except BaseException as error:
+            self.outcome = error
+        else:
+            self.outcome = "taken"
+
+    def ended(self) -> BaseException | str:
+        """The outcome, once there is one."""
+        self.join(10)
+        return self.outcome
+
+
+def demand_blocked(element: Queue, item: Frame) -> Pushing:
+    """A push that waits for room."""
+    assert isinstance(element._not_full, WatchedCondition)
+    pushing = Pushing(element, item)
+    assert element._not_full.waiting.wait(10)
+    assert pushing.outcome == "blocked"
+    return pushing
+
+
+def unblock(element: Queue) -> None:
+    """Stops the queue as a pipeline does."""
+    element.stopping.set()
+    element.interrupt()
+
+
+def test_limits_are_gstreamers() -> None:
+    """q-defaults: 200 frames, 10 MiB, 1 s, not leaky."""
+    element = queue()
+    assert (element.max_size_buffers, element.max_size_bytes, element.max_size_time) == (
+        200,
+        10_485_760,
+        SECOND,
+    )
+    assert element.leaky.value == "no"
+
+
+def test_a_full_queue_blocks_until_a_frame_leaves() -> None:
+    """q-block: two go in, the third waits; order 0, 1, 2."""
+    element = queue(max_size_buffers=2)
+    fill(element, [frame(0), frame(1)])
+    pushing = demand_blocked(element, frame(2))
+    assert element._get().seq == 0  # type: ignore[union-attr]
+    assert pushing.ended() == "taken"
+    assert [element._get().seq, element._get().seq] == [1, 2]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("leaky", "left", "reason"),
+    [
+        ("upstream", [0, 1, 2], "queue full, newest dropped"),
+        ("downstream", [7, 8, 9], "queue full, oldest dropped"),
+    ],
+)
+def test_a_leaky_queue_drops_and_counts(leaky: str, left: list[int], reason: str) -> None:
+    """q-leak-up, q-leak-down: of ten frames the first or the last three stay; pushes never block."""
+    element = queue(max_size_buffers=3, leaky=leaky)
+    fill(element, [frame(n) for n in range(10)])
+    assert [element._get().seq for _ in range(3)] == left  # type: ignore[union-attr]
+    assert element.current_level_buffers == 0
+    assert element.drops == {reason: 7}
+
+
+def test_events_never_leak() -> None:
+    """q-leak-events: caps stay before the first frame that has them."""
+    element = queue(max_size_buffers=1, leaky="downstream")
+    take = element.receiver(element.pads["sink"])
+    other = Caps("c/d")
+    take(frame(0))
+    element.receive_event(element.pads["sink"], CapsEvent(other))
+    take(frame(1).replace(caps=other))
+    assert element._get() == CapsEvent(other)
+    assert element._get().seq == 1  # type: ignore[union-attr]
+
+
+def test_full_is_tested_before_adding() -> None:
+    """q-full-rule: with a limit of 35 bytes four frames of 10 get in, the fifth waits."""
+    element = queue(max_size_bytes=35, max_size_buffers=0, max_size_time=0)
+    fill(element, [frame(n, b"x" * 10) for n in range(4)])
+    assert element.current_level_bytes == 40
+    pushing = demand_blocked(element, frame(4, b"x" * 10))
+    unblock(element)
+    assert isinstance(pushing.ended(), Flushing)
+
+
+def test_time_is_a_limit() -> None:
+    """q-time-limit: with a limit of 3 s the fourth frame of 1 s waits."""
+    element = queue(max_size_time=3 * SECOND, max_size_buffers=0, max_size_bytes=0)
+    fill(element, [frame(n, pts=n * SECOND, duration=SECOND) for n in range(3)])
+    assert element.current_level_time == 3 * SECOND
+    pushing = demand_blocked(element, frame(3, pts=3 * SECOND, duration=SECOND))
+    unblock(element)
+    assert isinstance(pushing.ended(), Flushing)
+
+
+def test_time_of_frames_without_a_stamp() -> None:
+    """q-time-before-out: the level is the span held, not the time since 0; a frame without pts leaves it."""
+    element = queue(max_size_time=5 * SECOND)
+    fill(element, [frame(0, pts=25 * SECOND, duration=SECOND), frame(1)])
+    assert element.current_level_time == SECOND
+
+
+def test_no_limit_is_no_limit() -> None:
+    """0 switches each limit off."""
+    element = queue(max_size_buffers=0, max_size_bytes=0, max_size_time=0)
+    fill(element, [frame(n, b"x" * 1000, pts=n * SECOND) for n in range(1000)])
+    assert element.current_level_buffers == 1000
+
+
+def test_order_of_caps_and_frames_stays() -> None:
+    """q-order: caps A, two frames, caps B, two frames come out like that."""
+    other = Caps("c/d")
+    element = queue()
+    sink = element.pads["sink"]
+    take = element.receiver(sink)
+    put: list[Any] = [
+        CapsEvent(ANYTHING), frame(0), frame(1), CapsEvent(other), DiscontinuityEvent(1), frame(2), EOS,
+    ]  # fmt: skip
+    for item in put:
+        if isinstance(item, Frame):
+            take(item)
+        else:
+            element.receive_event(sink, item)
+    assert [element._get() for _ in put] == put
+
+
+class Refuses(Sink):
+    """Answers the first frame with a signal or an error."""
+
+    sink = "ANY"
+    answer: Exception = ValueError("disk full")
+    asked: list[int]
+
+    def start(self) -> None:
+        self.asked = []
+
+    def render(self, frame: Frame) -> None:
+        self.asked.append(frame.seq)
+        raise self.answer
+
+
+@pytest.mark.parametrize(
+    ("answer", "later"),
+    [(ValueError("bad"), EndOfStream), (EndOfStream("s"), EndOfStream), (Flushing("s"), Flushing)],
+)
+def test_what_downstream_answered_meets_every_later_push(answer: Exception, later: type[Exception]) -> None:
+    """q-err-up, q-err-flush: the queue drops what it holds, pushes nothing more and passes the reason up."""
+    element, sink = queue(), Refuses("s")
+    sink.answer = answer
+    element.pads["src"].link(sink.pads["sink"])
+    element.pads["src"].push = sink.render
+    sink.start()
+    fill(element, [frame(0), frame(1)])
+    if isinstance(answer, EndOfStream):
+        element.stream()
+    else:
+        with pytest.raises(type(answer)):
+            element.stream()
+    assert sink.asked == [0]
+    assert element.current_level_buffers == 0
+    with pytest.raises(later):
+        fill(element, [frame(2)])
+
+
+def test_a_blocked_push_learns_that_downstream_has_ended() -> None:
+    """Who waits for room is woken with the reason."""
+    element = queue(max_size_buffers=1)
+    fill(element, [frame(0)])
+    pushing = demand_blocked(element, frame(1))
+    element._refuse(EndOfStream("q"))
+    assert isinstance(pushing.ended(), EndOfStream)
+
+
+def test_downstream_runs_in_another_thread(register: Register) -> None:
+    """The boundary is real, and the element that fails behind it is named."""
+    names: list[str] = []
+
+    class Notes(Sink):
+        """Notes its thread."""
+
+        sink = "ANY"
+
+        def render(self, frame: Frame) -> None:
+            names.append(threading.current_thread().name)
+            raise ValueError("bad")
+
+    register(notes=Notes)
+    with pytest.raises(ElementFailure, match=r"^notes0: ValueError: bad"):
+        Pipeline.parse("fakesrc ! queue name=q ! notes").run(timeout_s=10)
+    assert names == ["streamkit:q"]
+
+
+def test_a_queue_is_empty_after_a_stop() -> None:
+    """fs-reuse: three rounds of ten frames, none left over from a round that was cut short."""
+    pipeline = Pipeline.parse("fakesrc num-buffers=10 ! queue name=q ! appsink name=out max-buffers=1")
+    with pipeline:
+        pipeline.play()
+        assert pipeline["out"].pull() is not None
+    assert pipeline["q"].current_level_buffers == 0
+    for _ in range(3):
+        with pipeline:
+            pipeline.play()
+            assert [item.seq for item in pipeline["out"]] == list(range(10))
+
+
+def test_limits_may_change_while_playing() -> None:
+    """They are live properties; no frame is lost by it."""
+    with Pipeline.parse(
+        "fakesrc ! queue name=q max-size-buffers=1 ! appsink name=out max-buffers=1"
+    ) as pipeline:
+        pipeline.play()
+        pipeline["q"].set_property("max-size-buffers", 50)
+        frames: Iterator[Frame] = iter(pipeline["out"])
+        assert [next(frames).seq for _ in range(2)] == [0, 1]
+
+
+def test_raised_limits_wake_who_waits() -> None:
+    """A push that waits for room goes on as soon as there is room."""
+    element = queue(max_size_buffers=1)
+    fill(element, [frame(0)])
+    pushing = demand_blocked(element, frame(1))
+    element.set_property("max-size-buffers", 5)
+    assert pushing.ended() == "taken"
+
+
+@pytest.mark.parametrize("data", [b"12345678", bytearray(8), memoryview(b"12345678")])
+def test_bytes_are_those_of_the_data(data: Any) -> None:
+    """Whatever holds the bytes."""
+    element = queue()
+    fill(element, [frame(0, data)])
+    assert element.current_level_bytes == 8
+
+
+def test_a_harness_can_run_a_queue() -> None:
+    """Frames stay in it; nothing hangs at the end."""
+    with Harness("queue") as harness:
+        assert harness.push(frame(0)) == []
+        assert harness.element.current_level_buffers == 1  # type: ignore[attr-defined]

@@ -1,0 +1,36 @@
+"""Raw video on frames."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from streamkit import LUMA_CAPS, Caps, Frame, luma, raw_video_caps
+
+
+def test_caps_of_raw_video_are_fixed() -> None:
+    """Format, size and, where it is known, the frame rate."""
+    caps = raw_video_caps("NV12", 640, 360, Fraction(30000, 1001))
+    assert caps == Caps("video/x-raw, format=NV12, width=640, height=360, framerate=30000/1001")
+    assert caps.is_fixed
+    assert raw_video_caps("BGR", 2, 2).get("framerate") is None
+
+
+@pytest.mark.parametrize(("pixel_format", "rows"), [("GRAY8", 4), ("I420", 6), ("NV12", 6)])
+def test_luma_is_a_view(pixel_format: str, rows: int) -> None:
+    """The brightness of grey and planar video is its first plane, without copy."""
+    data = np.arange(rows * 8, dtype=np.uint8).reshape(rows, 8)
+    frame = Frame(data, raw_video_caps(pixel_format, 8, 4))
+    plane = luma(frame)
+    assert plane.shape == (4, 8)
+    assert np.shares_memory(plane, data)
+    assert frame.caps <= Caps(LUMA_CAPS)
+
+
+def test_luma_of_colour_says_what_to_do() -> None:
+    """A format without such a plane is refused with the remedy."""
+    frame = Frame(np.zeros((4, 8, 3), np.uint8), raw_video_caps("BGR", 8, 4))
+    with pytest.raises(
+        TypeError, match="luma needs a frame of format GRAY8, I420, NV12, got 'BGR': put videoconvert"
+    ):
+        luma(frame)

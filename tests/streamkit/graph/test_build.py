@@ -1,0 +1,253 @@
+"""Syntax tree to elements: names, properties, bins, addresses, and what cannot be made."""
+
+import re
+from collections.abc import Callable
+
+import pytest
+
+from streamkit import Caps, Element, Property, PropertyError, Source
+from streamkit.errors import DescriptionError
+from streamkit.graph.build import build
+from streamkit.graph.graph import Bin
+
+Register = Callable[..., None]
+
+
+def names(text: str) -> list[str]:
+    """The names of all elements, in order."""
+    return [element.name for element in build(text, {}).elements]
+
+
+def links(text: str) -> set[str]:
+    """All links as words."""
+    return {f"{src.path} -> {sink.path}" for src, sink in build(text, {}).links()}
+
+
+def test_names_given_automatically_count_per_type() -> None:
+    """GStreamer's: type and number, in textual order; a filter is an element named when its link is made."""
+    text = "fakesrc ! a/b ! queue ! identity name=i ! queue ! c/d ! fakesink"
+    with pytest.raises(DescriptionError):
+        build(text, {})
+    assert names("fakesrc ! a/b ! queue ! identity name=i ! queue ! fakesink fakesrc ! fakesink") == [
+        "fakesrc0", "queue0", "i", "queue1", "fakesink0", "fakesrc1", "fakesink1", "capsfilter0",
+    ]  # fmt: skip
+
+
+def test_a_filter_stands_between_its_neighbours() -> None:
+    """It has the caps of the text, escapes resolved."""
+    graph = build(r'fakesrc ! a/b, s=(string)"x\!y" ! fakesink', {})
+    assert graph.element("capsfilter0").settings() == {"caps": r'a/b, s=(string)"x\!y"'}
+    assert {f"{src.path} -> {sink.path}" for src, sink in graph.links()} == {
+        "fakesrc0.src -> capsfilter0.sink", "capsfilter0.src -> fakesink0.sink",
+    }  # fmt: skip
+
+
+def test_a_reference_may_come_before_its_element() -> None:
+    """Links are made when all names are known."""
+    assert links("a. ! fakesink  fakesrc ! identity name=a") == {
+        "fakesrc0.src -> a.sink",
+        "a.src -> fakesink0.sink",
+    }
+
+
+def test_automatic_names_can_be_referenced() -> None:
+    """r21: identity0 is a name like another."""
+    assert "identity0.src -> fakesink0.sink" in links("fakesrc ! identity  identity0. ! fakesink")
+
+
+def test_the_first_name_and_the_last_value_win() -> None:
+    """n04, v30: as gst-launch has it."""
+    graph = build("queue name=a name=b max-size-buffers=1 max-size-buffers=2", {})
+    assert graph.elements[0].name == "a"
+    assert graph.elements[0].settings() == {"max-size-buffers": 2}
+
+
+def test_settings_are_those_of_the_text_only() -> None:
+    """Defaults are not repeated; values are JSON values, with the name as written."""
+    (element,) = build("queue leaky=1 max_size_time=0x10", {}).elements
+    assert element.settings() == {"leaky": "upstream", "max_size_time": 16}
+
+
+def test_variables_are_filled_in() -> None:
+    """A value with blanks stays one value."""
+    graph = build("fakesrc num-buffers=${N:-3} ! identity name=${NAME} ! fakesink", {"NAME": "x"})
+    assert graph.elements[0].settings() == {"num-buffers": 3}
+    assert graph.elements[1].name == "x"
+
+
+class Texts(Element):
+    """Properties of texts, and one that refuses in its own way."""
+
+    sink = "ANY"
+    text: str = Property("")
+    secret: str = Property("", secret=True)
+    picky: int = Property(0)
+
+    def property_changed(self, name: str) -> None:
+        if name == "picky":
+            raise ZeroDivisionError("no such device")
+
+
+@pytest.mark.parametrize(
+    ("written", "value"),
+    [
+        ("plain", "plain"),
+        ('"a b"', "a b"),
+        (r"\"x\"", "x"),
+        (r'"\"x y\""', "x y"),
+        (r'"C:\\dir"', r"C:\dir"),
+        (r"t\303t", "t303t"),
+        ('""', ""),
+        ("'x", "'x"),
+    ],
+)
+def test_texts_are_unquoted_twice(register: Register, written: str, value: str) -> None:
+    """q30, q39: once as the launch line has it, once as a string value."""
+    register(texts=Texts)
+    element = build(f"texts text={written}", {}).elements[0]
+    assert element.settings() == {"text": value}
+
+
+def test_bins_group_elements() -> None:
+    """Each element and bin knows the bin it stands in; links go through."""
+    graph = build("fakesrc ! ( name=outer identity ! bin.( queue ! identity name=inner ) ) ! fakesink", {})
+    assert graph.bins == [Bin("bin0", "bin", "outer"), Bin("outer", "bin", "")]
+    assert {element.name: element.parent for element in graph.elements} == {
+        "fakesrc0": "", "identity0": "outer", "queue0": "bin0", "inner": "bin0", "fakesink0": "",
+    }  # fmt: skip
+    assert {f"{src.path} -> {sink.path}" for src, sink in graph.links()} == {
+        "fakesrc0.src -> identity0.sink", "identity0.src -> queue0.sink", "queue0.src -> inner.sink",
+        "inner.src -> fakesink0.sink",
+    }  # fmt: skip
+
+
+def test_a_bin_is_linked_by_its_last_chain() -> None:
+    """b29: outer links mean the first element of the first chain, the last of the last chain."""
+    assert links("( fakesrc name=a fakesrc name=b ) ! fakesink") == {"b.src -> fakesink0.sink"}
+
+
+def test_a_bin_may_set_properties_of_its_children() -> None:
+    """Child properties are written `child::property`."""
+    graph = build("bin.( s::num-buffers=3 fakesrc name=s )", {})
+    assert graph.element("s").settings() == {"num-buffers": 3}
+
+
+def test_an_address_is_a_source_or_a_sink(register: Register) -> None:
+    """The element named after scheme and side; percent escapes of files are decoded."""
+
+    class Fetch(Source):
+        """A source with a place."""
+
+        src = "ANY"
+        location: str = Property("")
+
+    register(filesrc=Fetch, httpsrc=Fetch)
+    assert build("http://h/a%20b ! fakesink", {}).elements[0].settings() == {"location": "http://h/a%20b"}
+    with pytest.raises(DescriptionError, match="no sink element for scheme 'gopher'"):
+        build("fakesrc ! gopher://x", {})
+    with pytest.raises(DescriptionError, match=r"no source element for the path './a'; write file://PATH"):
+        build("./a ! fakesink", {})
+
+
+def test_an_address_keeps_every_character(register: Register) -> None:
+    """Quotes and backslashes of an address are not launch-line quoting."""
+
+    class Fetch(Source):
+        """A source with a place."""
+
+        src = "ANY"
+        location: str = Property("")
+
+    register(xsrc=Fetch)
+    assert build(r"x://h/a\b\"c ! fakesink", {}).elements[0].settings() == {"location": r"x://h/a\b\"c"}
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "message", "column", "length"),
+    [
+        ("videodecod ! fakesink", "no-such-element", 'no element "videodecod"', 1, 10),
+        ("fakesrc ! queu", "no-such-element", 'no element "queu"; did you mean "queue"?', 11, 4),
+        ("queue max-size=3", "no-such-property", "queue has no property 'max-size'", 7, 10),
+        ("queue leaky=Downstream", "could-not-set-property",
+         "queue0: property leaky cannot be 'Downstream': it takes no, upstream, downstream; "
+         'did you mean "downstream"?', 7, 16),
+        ("queue max-size-buffers=-1", "could-not-set-property",
+         "queue0: property max-size-buffers cannot be -1: it takes int 0..", 7, 19),
+        ("capsfilter caps=a/b,,", "could-not-set-property",
+         "capsfilter0: property caps cannot be 'a/b,,': caps 'a/b,,', at character 4", 12, 10),
+        ("fakesrc ! a/b,x=[2,1] ! fakesink", "link", "could not parse caps: caps 'a/b,x=[2,1]'", 9, 15),
+        ("fakesrc name=a ! fakesink name=a", "link", "two elements are named 'a'; names are unique", 18, 8),
+        ("nosuch. ! fakesink", "no-such-element", "no element named 'nosuch' in the pipeline", 1, 7),
+        ("tee name=tee1 tee2. ! fakesink", "no-such-element",
+         "no element named 'tee2' in the pipeline; did you mean \"tee1\"?", 15, 5),
+        ("( )", "empty-bin", "a bin holds at least one element", 1, 1),
+        ("bim.( fakesrc )", "no-such-element", 'no bin "bim"; did you mean "bin"?', 1, 5),
+        ("( colour=red fakesrc )", "no-such-property", "bin has no property 'colour'", 3, 10),
+        ("identity @preset=x", "could-not-set-property", "identity has no presets", 10, 9),
+        ("", "empty", "the description is empty", 1, 1),
+        ("( " * 70 + "queue" + " )" * 70, "syntax", "bins nest at most 64 deep", 129, 1),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_built(text: str, code: str, message: str, column: int, length: int) -> None:
+    """The code is for programs, the message for people, the place for the caret."""
+    with pytest.raises(DescriptionError, match=f"^{re.escape(message)}") as caught:
+        build(text, {})
+    assert caught.value.code == code
+    assert (caught.value.place.column, caught.value.place.length) == (column, length or 1)
+
+
+def test_the_caret_stands_below_the_fault() -> None:
+    """The example of the design, word for word."""
+    text = "# a flight\nfakesrc\n    ! queu ! fakesink"
+    with pytest.raises(DescriptionError) as caught:
+        build(text, {})
+    assert caught.value.pointed(text, "pipelines/track.pipe") == (
+        'pipelines/track.pipe:3:7: no element "queu"; did you mean "queue"?\n'
+        "        ! queu ! fakesink\n"
+        "          ^^^^"
+    )
+
+
+def test_a_property_that_refuses_in_its_own_way(register: Register) -> None:
+    """Whatever an element raises becomes an error of the description, with its cause."""
+    register(texts=Texts)
+    with pytest.raises(
+        DescriptionError, match=r"^texts0: property picky cannot be '3': ZeroDivisionError: no such device$"
+    ) as caught:
+        build("texts picky=3", {})
+    assert caught.value.code == "could-not-set-property"
+
+
+def test_secrets_are_masked_in_the_graph(register: Register) -> None:
+    """What is exported shows that a secret is set, not what it is."""
+    register(texts=Texts)
+    (element,) = build("texts secret=hunter2", {}).elements
+    assert element.settings() == {"secret": "***"}
+    assert element.secret == "hunter2"  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("text", ["halfbaked ! fakesink", "halfbaked://x ! fakesink"])
+def test_a_broken_plugin_points_into_the_text(register: Register, text: str) -> None:
+    """Its use is an error of this description only; the cause is named."""
+    register(halfbaked="no_such_module:Thing", halfbakedsrc="no_such_module:Thing")
+    with pytest.raises(
+        DescriptionError, match="cannot be loaded: ModuleNotFoundError: No module named 'no_such_module'"
+    ) as caught:
+        build(text, {})
+    assert caught.value.code == "plugin-broken"
+    assert caught.value.place.column == 1
+    assert build("fakesrc ! fakesink", {}).elements
+
+
+def test_an_unknown_element_of_a_graph_lists_those_there() -> None:
+    """`pipeline["x"]` says what there is instead."""
+    with pytest.raises(KeyError, match="no element 'x' in the pipeline; it has fakesrc0, fakesink0"):
+        build("fakesrc ! fakesink", {}).element("x")
+
+
+def test_caps_and_properties_may_be_set_later() -> None:
+    """The elements of a graph are ordinary objects."""
+    graph = build("fakesrc ! capsfilter ! fakesink", {})
+    graph.element("capsfilter0").set_property("caps", Caps("a/b"))
+    with pytest.raises(PropertyError):
+        graph.element("fakesrc0").set_property("nosuch", 1)

@@ -1,0 +1,115 @@
+"""Chains: what stands behind a src pad, composed once, counted, timed by samples."""
+
+from collections.abc import Callable, Iterable
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from streamkit import Caps, ElementFailure, Frame, Pipeline, Transform
+from streamkit.element.registry import make_element
+from streamkit.graph.chain import SAMPLE_EVERY, Chain
+
+Register = Callable[..., None]
+ANYTHING = Caps("a/b")
+
+
+def test_a_chain_ends_at_the_first_element_that_is_no_transform() -> None:
+    """Transforms run in one loop; the queue takes the frame over."""
+    pipeline = Pipeline.parse(
+        "fakesrc ! identity name=a ! a/b,x=1 ! identity name=b ! queue ! identity ! fakesink"
+    )
+    chain = Chain(pipeline["fakesrc0"].src_pad)
+    assert [element.name for element in chain.transforms] == ["a", "capsfilter0", "b"]
+    assert chain.terminal is pipeline["queue0"]
+
+
+def test_an_open_end_is_not_linked() -> None:
+    """The signal names the pad that has no peer; nothing is counted behind it."""
+    from streamkit.flow.signals import NotLinked
+
+    source, passing = make_element("fakesrc", "s"), make_element("identity", "i")
+    source.pads["src"].link(passing.pads["sink"])
+    chain = Chain(source.pads["src"])
+    with pytest.raises(NotLinked, match=r"^i.src$"):
+        chain.compose()(Frame(b"", ANYTHING))
+    assert [element.name for element, _, _ in chain.received()] == ["i"]
+
+
+class Twice(Transform):
+    """Each frame two times, every third none."""
+
+    sink = src = "ANY"
+
+    def transform(self, frame: Frame) -> Iterable[Frame] | None:
+        return None if frame.seq % 3 == 2 else (frame, frame)
+
+
+def test_every_frame_is_counted_where_it_passes(register: Register) -> None:
+    """In and out of each element agree with what it did, several and none included."""
+    register(twice=Twice)
+    with Pipeline.parse(
+        "fakesrc num-buffers=300 ! identity silent=false ! twice ! identity ! fakesink"
+    ) as pipeline:
+        pipeline.run(timeout_s=30)
+        rows = {row.element: (row.frames_in, row.frames_out) for row in pipeline.statistics()}
+    assert rows == {
+        "fakesrc0": (0, 300), "identity0": (300, 300), "twice0": (300, 400), "identity1": (400, 400),
+        "fakesink0": (400, 0),
+    }  # fmt: skip
+
+
+def test_working_time_is_sampled(register: Register) -> None:
+    """One frame in 64 is timed and stands for all."""
+
+    class Slow(Transform):
+        """Works for a while."""
+
+        sink = src = "ANY"
+
+        def transform(self, frame: Frame) -> Frame:
+            sum(range(5000))
+            return frame
+
+    register(slow=Slow)
+    with Pipeline.parse(f"fakesrc num-buffers={SAMPLE_EVERY * 2} ! slow ! fakesink") as pipeline:
+        pipeline.run(timeout_s=30)
+        busy = {row.element: row.busy_ns for row in pipeline.statistics()}
+    assert busy["slow0"] > 128 * 5_000
+    assert busy["slow0"] > busy["fakesink0"]
+
+
+def test_an_error_downstream_is_not_renamed(register: Register) -> None:
+    """The element that failed is named, however many chains and queues the error passes on its way."""
+
+    class Fails(Transform):
+        """Fails at once."""
+
+        sink = src = "ANY"
+
+        def transform(self, frame: Frame) -> Frame:
+            raise OSError("lens cap on")
+
+    register(fails=Fails, twice=Twice)
+    with pytest.raises(ElementFailure, match=r"^f \(fails\): OSError: lens cap on \[at frame seq=0\]$"):
+        Pipeline.parse(
+            "fakesrc ! twice ! tee name=t t. ! identity ! fails name=f ! fakesink t. ! fakesink"
+        ).run(10)
+
+
+branches = st.lists(st.sampled_from(["identity", "queue", "queue max-size-buffers=1", "identity silent=false",
+                                     "tee", "capsfilter caps=a/b,x=1"]), max_size=5)  # fmt: skip
+
+
+@given(branches, st.lists(branches, min_size=1, max_size=3), st.integers(0, 70))
+@settings(max_examples=25, deadline=None, derandomize=True)
+def test_every_frame_arrives_once_and_in_order(trunk: list[str], tails: list[list[str]], count: int) -> None:
+    """Whatever queues, tees and filters stand between: each sink gets every frame, in order, then EOS."""
+    text = " ! ".join([f"fakesrc num-buffers={count}", *trunk, "tee name=t"])
+    for number, tail in enumerate(tails):
+        text += "  t. ! " + " ! ".join(["queue", *tail, f"appsink name=out{number} max-buffers=0"])
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        for number in range(len(tails)):
+            assert [frame.seq for frame in pipeline[f"out{number}"]] == list(range(count)), text
+        assert pipeline.wait(10) is not None

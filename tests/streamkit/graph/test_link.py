@@ -1,0 +1,67 @@
+"""Links: which pads two ends of a `!` mean."""
+
+import re
+
+import pytest
+
+from streamkit.errors import DescriptionError
+from streamkit.graph.build import build
+
+
+def links(text: str) -> list[str]:
+    """All links as words, in the order of the elements."""
+    return [f"{src.path} -> {sink.path}" for src, sink in build(text, {}).links()]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("fakesrc ! fakesink", ["fakesrc0.src -> fakesink0.sink"]),
+        ("fakesrc .src ! .sink fakesink", ["fakesrc0.src -> fakesink0.sink"]),
+        (
+            "tee name=t  t. ! fakesink  t. ! fakesink",
+            ["t.src_0 -> fakesink0.sink", "t.src_1 -> fakesink1.sink"],
+        ),
+        (
+            "tee name=t  t.src_7 ! fakesink  t. ! fakesink",
+            ["t.src_7 -> fakesink0.sink", "t.src_8 -> fakesink1.sink"],
+        ),
+        ("tee name=t  t.src_%u ! fakesink", ["t.src_0 -> fakesink0.sink"]),
+        ("tee name=t t.src_1,src_2 ! fakesink", ["t.src_1 -> fakesink0.sink"]),
+        ("fakesrc ! tee ! queue", ["fakesrc0.src -> tee0.sink", "tee0.src_0 -> queue0.sink"]),
+    ],
+)
+def test_links(text: str, expected: list[str]) -> None:
+    """Pads by name, the first that is free, or a new one on request."""
+    assert links(text) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("fakesrc name=a a. ! fakesink a. ! fakesink",
+         "a has no free src pad: src is linked already; put a tee before it to feed several elements"),
+        ("fakesrc name=a a.src ! fakesink a.src ! fakesink", "a.src is linked to fakesink0.sink already"),
+        ("fakesink ! fakesink", "link has no source: fakesink0 has no src pad"),
+        ("fakesrc ! fakesrc", "link has no sink: fakesrc1 has no sink pad"),
+        ("fakesrc name=a a.video ! fakesink", "a has no pad 'video'"),
+        ("fakesrc name=a a.sr ! fakesink", "a has no pad 'sr'; did you mean \"src\"?"),
+        ("identity name=a a.sink ! fakesink", "a.sink is a sink pad, here a src pad is needed"),
+        ("identity name=a a. ! a.", "a cannot be linked to itself"),
+        ("tee name=t identity name=i t.src_0,src_1 ! i.sink", "2 pads of t cannot meet 1 pads of i"),
+        ("tee name=t t.src_x ! fakesink", "t has no pad 'src_x'; did you mean \"src_%u\"?"),
+    ],
+)  # fmt: skip
+def test_links_that_cannot_be(text: str, message: str) -> None:
+    """The code is `link`; the message names elements and pads, and the remedy where there is one."""
+    with pytest.raises(DescriptionError, match=f"^{re.escape(message)}$") as caught:
+        build(text, {})
+    assert caught.value.code == "link"
+
+
+def test_the_error_stands_at_the_link() -> None:
+    """The caret is below the `!` or the filter."""
+    text = "fakesrc name=a ! fakesink\na. ! fakesink"
+    with pytest.raises(DescriptionError) as caught:
+        build(text, {})
+    assert caught.value.pointed(text).split("\n")[1:] == ["    a. ! fakesink", "       ^"]

@@ -1,0 +1,103 @@
+"""The check of all links before anything runs, and the converter put in where raw video needs one."""
+
+from collections.abc import Callable
+
+import pytest
+
+from streamkit import Frame, Sink, Source, Transform
+from streamkit.errors import DescriptionError
+from streamkit.graph.build import build
+
+Register = Callable[..., None]
+
+
+class Camera(Source):
+    """Colour pictures."""
+
+    src = "video/x-raw, format={ BGR, RGB }, width=[ 1, 640 ]"
+
+
+class Screen(Sink):
+    """Grey pictures."""
+
+    sink = "video/x-raw, format=GRAY8"
+
+
+class Wide(Sink):
+    """Wide colour pictures."""
+
+    sink = "video/x-raw, format=BGR, width=[ 1000, 2000 ]"
+
+
+class Convert(Transform):
+    """Any format."""
+
+    sink = "video/x-raw, format={ GRAY8, BGR, RGB }"
+    src = "video/x-raw, format={ BGR, GRAY8 }"
+
+    def transform(self, frame: Frame) -> Frame:
+        return frame
+
+
+def test_pads_that_can_never_agree_are_refused(register: Register) -> None:
+    """Both pads, both caps and the field in conflict, at the place of the link."""
+    register(camera=Camera, wide=Wide)
+    text = "camera !\n  identity ! wide"
+    with pytest.raises(
+        DescriptionError,
+        match=r"^could not link identity0.src to wide0.sink: they disagree on width: identity0.src offers "
+        r".*width=\(int\)\[ 1, 640 \]; wide0.sink takes .*width=\(int\)\[ 1000, 2000 \]$",
+    ) as caught:
+        build(text, {})
+    assert caught.value.code == "link"
+    assert caught.value.pointed(text).split("\n")[1:] == ["      identity ! wide", "               ^"]
+
+
+def test_a_filter_that_nobody_can_pass_is_refused() -> None:
+    """f50: the check is made while building, not when the first frame comes."""
+    with pytest.raises(DescriptionError, match="disagree on media type"):
+        build("fakesrc ! a/b ! identity ! c/d ! fakesink", {})
+
+
+def test_a_converter_joins_where_raw_formats_differ(register: Register) -> None:
+    """It is reported, listed as inserted, and stands in the source's bin with a name of its own."""
+    register(camera=Camera, screen=Screen, videoconvert=Convert)
+    graph = build("( name=b camera ) ! screen", {})
+    assert {f"{src.path} -> {sink.path}" for src, sink in graph.links()} == {
+        "camera0.src -> videoconvert0.sink", "videoconvert0.src -> screen0.sink",
+    }  # fmt: skip
+    assert [(e.name, e.factory, e.parent) for e in graph.inserted] == [("videoconvert0", "videoconvert", "b")]
+    ((code, text),) = graph.warnings
+    assert code == "converter-inserted"
+    assert text.startswith("videoconvert0 was put between camera0.src and screen0.sink: ")
+
+
+def test_nothing_is_put_between_pads_that_agree(register: Register) -> None:
+    """Formats in common need no converter."""
+    register(camera=Camera, videoconvert=Convert)
+    graph = build("camera ! video/x-raw, format=BGR ! fakesink", {})
+    assert not graph.inserted
+    assert not graph.warnings
+
+
+def test_nothing_is_scaled_unasked(register: Register) -> None:
+    """A converter changes the format only: other sizes are an error."""
+    register(camera=Camera, wide=Wide, videoconvert=Convert)
+    with pytest.raises(DescriptionError, match="disagree on width"):
+        build("camera ! wide", {})
+
+
+def test_a_converter_that_is_broken_is_an_error_of_this_description(register: Register) -> None:
+    """The plugin is named at the link that needs it; what needs none is built."""
+    register(camera=Camera, screen=Screen, videoconvert="no_such_module:Thing")
+    with pytest.raises(DescriptionError, match=r"element 'videoconvert' .* cannot be loaded") as caught:
+        build("camera ! screen", {})
+    assert (caught.value.code, caught.value.place.column) == ("plugin-broken", 8)
+    assert build("camera ! fakesink", {}).elements
+
+
+def test_a_loop_is_refused() -> None:
+    """Frames would run in it for ever."""
+    with pytest.raises(DescriptionError, match="the links form a loop") as caught:
+        build("identity name=a ! identity name=b  b. ! a.", {})
+    assert caught.value.code == "link"

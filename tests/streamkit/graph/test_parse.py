@@ -1,0 +1,209 @@
+"""Text to syntax tree, and errors that point into the text."""
+
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from streamkit.errors import DescriptionError, Place
+from streamkit.graph.parse import parse, unquote_value
+from streamkit.graph.syntax import BinNode, ChainNode, ElementNode, ReferenceNode, UrlNode
+
+
+def test_a_chain_has_nodes_and_links_between_them() -> None:
+    """Elements with their properties, filters on their links."""
+    (chain,) = parse("fakesrc num-buffers=3 ! a/b, x=1 ! queue : fakesink", {})
+    assert [node.factory for node in chain.nodes if isinstance(node, ElementNode)] == [
+        "fakesrc",
+        "queue",
+        "fakesink",
+    ]
+    assert [(link.caps, link.every_pad) for link in chain.links] == [("a/b, x=1", False), ("", True)]
+    first = chain.nodes[0]
+    assert isinstance(first, ElementNode)
+    assert [(item.name, item.value) for item in first.assignments] == [("num-buffers", "3")]
+
+
+def test_a_new_chain_begins_where_the_last_cannot_go_on() -> None:
+    """No separator is needed."""
+    assert [len(chain.nodes) for chain in parse("a ! b c t. ! d ! e. f", {})] == [2, 1, 3, 1]
+
+
+def test_pads_references_addresses_and_bins() -> None:
+    """All kinds of nodes, with the pads written on either side."""
+    chain = parse("a .s1,s2 ! .k1 b", {})[0]
+    first, second = chain.nodes
+    assert isinstance(first, ElementNode)
+    assert isinstance(second, ElementNode)
+    assert (first.src_pads, second.sink_pads) == (("s1", "s2"), ("k1",))
+    reference = parse("t.src_1,src_2 ! a", {})[0].nodes[0]
+    assert isinstance(reference, ReferenceNode)
+    assert (reference.name, reference.pads) == ("t", ("src_1", "src_2"))
+    address = parse("file:///x ! a", {})[0].nodes[0]
+    assert isinstance(address, UrlNode)
+    group = parse("pipeline.( name=p a ! b c )", {})[0].nodes[0]
+    assert isinstance(group, BinNode)
+    assert (group.factory, len(group.chains), group.assignments[0].value) == ("pipeline", 2, "p")
+
+
+@pytest.mark.parametrize(
+    ("text", "pointed"),
+    [
+        (
+            "fakesrc !",
+            "description:1:9: the description ends where an element must follow\n"
+            "    fakesrc !\n"
+            "            ^",
+        ),
+        (
+            "fakesrc ! ! fakesink",
+            "description:1:11: unexpected '!'; here may stand an element\n"
+            "    fakesrc ! ! fakesink\n"
+            "              ^",
+        ),
+        (
+            "fakesrc\n  ! identity\n  ; fakesink",
+            "description:3:3: unexpected ';'; here may stand '!', a property, an element, the end\n"
+            "      ; fakesink\n"
+            "      ^",
+        ),
+        (
+            "num-buffers=3 fakesrc",
+            "description:1:1: unexpected 'num-buffers=3'; here may stand an element, the end; "
+            "a property stands right behind the element it belongs to\n"
+            "    num-buffers=3 fakesrc\n"
+            "    ^^^^^^^^^^^^^",
+        ),
+        (
+            "fakesrc ! ( queue",
+            "description:1:17: the description ends where ')', an element must follow\n"
+            "    fakesrc ! ( queue\n"
+            "                    ^",
+        ),
+        (
+            "fakesrc ! kü",
+            "description:1:12: unexpected 'ü'; here may stand '!', a property, an element, the end; "
+            "names are ASCII; put other characters into quoted values\n"
+            "    fakesrc ! kü\n"
+            "               ^",
+        ),
+        (
+            "a. fakesrc",
+            "description:1:1: unexpected reference 'a': link it to something with '!'\n"
+            "    a. fakesrc\n"
+            "    ^^",
+        ),
+        (
+            "fakesrc .src",
+            "description:1:1: unexpected pad 'src': no link follows that could use it\n"
+            "    fakesrc .src\n"
+            "    ^^^^^^^",
+        ),
+        (
+            " \n ",
+            "description:1:1: the description is empty: write at least one element\n"
+            "     \n"
+            "    ^",
+        ),
+    ],
+)  # fmt: skip
+def test_an_error_points_into_the_text(text: str, pointed: str) -> None:
+    """Place, rule, what stands there, what may stand there; the line with carets below the fault."""
+    with pytest.raises(DescriptionError) as caught:
+        parse(text, {})
+    assert caught.value.pointed(text) == pointed
+    assert caught.value.code == ("empty" if not text.strip() else "syntax")
+
+
+def test_a_long_line_is_shown_around_the_fault() -> None:
+    """At most 120 characters, and the caret stands right."""
+    text = "queue ! " * 100 + "; " + "queue ! " * 100
+    with pytest.raises(DescriptionError) as caught:
+        parse(text, {})
+    _, shown, carets = caught.value.pointed(text, "x.pipe").split("\n")
+    assert len(shown) <= 124
+    assert shown[carets.index("^")] == ";"
+
+
+def test_what_a_terminal_would_obey_is_not_shown() -> None:
+    """Control characters of the text become blanks; lines are those that a line break ends, no others."""
+    text = "queue\x1b[2J\x0b\u2028 ;\n! x"
+    with pytest.raises(DescriptionError) as caught:
+        parse(text, {})
+    assert caught.value.pointed(text).split("\n")[1] == "    queue [2J   ;"
+
+
+def test_a_long_token_has_carets_as_far_as_it_is_shown() -> None:
+    """The error stays readable, however long the text."""
+    text = "queue name=q " + "x" * 5000 + "=1=2 ;"
+    with pytest.raises(DescriptionError) as caught:
+        parse(text, {})
+    assert max(map(len, caught.value.pointed(text).split("\n"))) < 250
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ('"a b"', "a b"),
+        (r"a\ b", "a b"),
+        (r'"say \"hi\""', 'say "hi"'),
+        (r'"C:\dir"', "C:dir"),
+        (r'"C:\\dir"', r"C:\dir"),
+        (r'"a\nb"', "anb"),
+        ('"a"b', '"a"b'),
+        ("'a b'", "'a b'"),
+        ('""', ""),
+        ('"', '"'),
+        ("x\\", "x"),
+        (r'a/b,s=(string)"x\,x"', r'a/b,s=(string)"x\,x"'),
+    ],
+)
+def test_unquoting_is_gst_launchs(text: str, value: str) -> None:
+    """One pair of quotes off, backslashes resolved, except between inner quotes."""
+    assert unquote_value(text) == value
+
+
+words = st.sampled_from(
+    ["fakesrc", "queue", "t.", "t.src_1", ".sink", "!", ":", "(", ")", "bin.(", "a=1", 'a="x y"', ",", ";",
+     "a/b", "! a/b, x={1,2} !", "file:///x", "@preset=p", "name=t", "#", "\n", "${X:-queue}", "ü", '"', "\\"]
+)  # fmt: skip
+
+
+def outcome(text: str) -> tuple[tuple[ChainNode, ...], str, Place]:
+    """The chains of a text, or its error as it is shown, and where."""
+    try:
+        return parse(text, {}), "", Place()
+    except DescriptionError as error:
+        return (), error.pointed(text), error.place
+
+
+@given(st.text(max_size=100) | st.lists(words, max_size=25).map(" ".join))
+@settings(max_examples=300, deadline=None, derandomize=True)
+def test_any_text_is_a_description_or_a_description_error(text: str) -> None:
+    """No text makes parsing raise anything else, and its error can be shown."""
+    chains, pointed, place = outcome(text)
+    assert all(len(chain.links) == len(chain.nodes) - 1 for chain in chains)
+    assert pointed.startswith(f"description:{place.line}:{place.column}: ") or (chains and not pointed)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(" * 20_000,
+        "( " * 5_000 + "queue" + " )" * 5_000,
+        "queue ! " * 3_000 + "queue",
+        "a" * 500_000,
+        "queue\n" * 3_000,
+        "a ! " + ";".join(["aa/aa"] * 40),
+        ("aaaa" * 1000 + " ${X:-}") * 30,
+        "a=" + "${X:-y}" * 3_000,
+    ],
+)
+def test_large_and_deep_texts_end_in_bounded_time(text: str) -> None:
+    """Size and nesting are no way to stop the program."""
+    begun = time.process_time()
+    chains, pointed, _ = outcome(text)
+    assert time.process_time() - begun < 10.0
+    assert bool(chains) is not bool(pointed)
+    assert len(pointed) < 1000

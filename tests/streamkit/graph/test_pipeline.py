@@ -1,0 +1,420 @@
+"""A pipeline: states, ends, errors, and stopping within bounds."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from streamkit import (
+    Caps,
+    Element,
+    ElementFailure,
+    Frame,
+    Message,
+    MessageKind,
+    NotNegotiated,
+    Pipeline,
+    ResourceError,
+    Sink,
+    Source,
+    Transform,
+)
+from streamkit.errors import StateError
+
+Register = Callable[..., None]
+ANYTHING = Caps("a/b")
+
+
+class Journal(list[str]):
+    """What happened, in order."""
+
+
+def journaling(journal: Journal, base: type[Element], **behaviour: Any) -> type[Element]:
+    """A class of the base that writes its starts and stops into the journal."""
+
+    def start(self: Element) -> None:
+        journal.append(f"start {self.name}")
+        if behaviour.get("fail_start") == self.name:
+            raise ResourceError("no such device")
+
+    def stop(self: Element) -> None:
+        journal.append(f"stop {self.name}")
+        if behaviour.get("fail_stop") == self.name:
+            raise ValueError("busy")
+
+    body = {"start": start, "stop": stop, "sink": "ANY", "src": "ANY", "__doc__": "Journals."}
+    if base is Transform:
+        body["transform"] = lambda self, frame: frame
+    elif base is Sink:
+        del body["src"]
+        body["render"] = lambda self, frame: None
+    else:
+        del body["sink"]
+        body["frames"] = lambda self: iter([Frame(b"", ANYTHING)])
+    return type(f"Journaling{base.__name__}", (base,), body)
+
+
+def register_journaling(register: Register, **behaviour: Any) -> Journal:
+    """Registers jsrc, jmid and jsink; what they do is written down."""
+    journal = Journal()
+    register(
+        jsrc=journaling(journal, Source, **behaviour),
+        jmid=journaling(journal, Transform, **behaviour),
+        jsink=journaling(journal, Sink, **behaviour),
+    )
+    return journal
+
+
+TEXT = "jsrc name=src ! jmid name=mid ! jsink name=sink"
+
+
+def test_sinks_start_first_and_stop_last(register: Register) -> None:
+    """st-order: nobody sends into an element that is not open; sinks close with all they got."""
+    journal = register_journaling(register)
+    Pipeline.parse(TEXT).run(timeout_s=10)
+    assert journal == ["start sink", "start mid", "start src", "stop src", "stop mid", "stop sink"]
+
+
+@pytest.mark.parametrize(("failing", "started"), [("sink", 1), ("mid", 2), ("src", 3)])
+def test_a_failed_start_is_taken_back(register: Register, failing: str, started: int) -> None:
+    """st-fail: every element whose start began is stopped, the failing one too, and no other."""
+    journal = register_journaling(register, fail_start=failing)
+    pipeline = Pipeline.parse(TEXT)
+    with pytest.raises(ElementFailure, match=f"^{failing} .*no such device$"):
+        pipeline.play()
+    assert [line.split()[1] for line in journal if line.startswith("start")] == ["sink", "mid", "src"][
+        :started
+    ]
+    assert sorted(line.split()[1] for line in journal if line.startswith("stop")) == sorted(
+        ["sink", "mid", "src"][:started]
+    )
+    assert str(pipeline.state) == "null"
+    pipeline.stop()
+
+
+def test_a_failed_stop_keeps_nobody_from_stopping(register: Register) -> None:
+    """The failure is a warning on the bus; all others are stopped."""
+    journal = register_journaling(register, fail_stop="mid")
+    pipeline = Pipeline.parse(TEXT)
+    pipeline.run(timeout_s=10)
+    assert journal[-3:] == ["stop src", "stop mid", "stop sink"]
+    warnings = [m for m in iter(pipeline.bus.pop, None) if m.kind is MessageKind.WARNING]
+    assert [(m.source, m.text) for m in warnings] == [("mid", "stop failed: mid (jmid): ValueError: busy")]
+
+
+def test_all_started_elements_stop_after_an_error(register: Register) -> None:
+    """An element that fails while streaming changes nothing about that."""
+    journal = register_journaling(register)
+
+    class Fails(Transform):
+        """Fails."""
+
+        sink = src = "ANY"
+
+        def transform(self, frame: Frame) -> Frame:
+            raise ValueError("bad")
+
+    register(fails=Fails)
+    with pytest.raises(ElementFailure, match=r"^fails0: ValueError: bad"):
+        Pipeline.parse("jsrc name=src ! fails ! queue ! jsink name=sink").run(timeout_s=10)
+    assert sorted(journal) == ["start sink", "start src", "stop sink", "stop src"]
+
+
+def test_one_end_for_all_sinks() -> None:
+    """eos-2sinks, eos-once: EOS comes once, when the last sink has it."""
+    text = "fakesrc num-buffers=3 ! fakesink name=a  fakesrc name=live ! fakesink name=b"
+    with Pipeline.parse(text) as pipeline:
+        ended: list[Message] = []
+        pipeline.bus.watch(lambda message: ended.append(message) if message.kind is MessageKind.EOS else None)
+        pipeline.play()
+        assert pipeline.wait(0.05) is None
+        assert not ended
+        pipeline["live"].finish()
+        assert pipeline.wait(10) is not None
+    assert len(ended) == 1
+
+
+@pytest.mark.parametrize("round_", range(5))
+def test_many_sinks_ending_at_once_end_once(round_: int) -> None:
+    """t-copies: 15 branches in threads of their own, one EOS, and none on shutdown."""
+    text = "fakesrc num-buffers=3 ! tee name=t" + "  t. ! queue ! fakesink" * 15
+    pipeline = Pipeline.parse(text)
+    kinds: list[MessageKind] = []
+    pipeline.bus.watch(lambda message: kinds.append(message.kind))
+    pipeline.run(timeout_s=20)
+    assert kinds.count(MessageKind.EOS) == 1
+    assert all(pipeline[f"fakesink{n}"].count == 3 for n in range(15))
+
+
+def test_stopping_sends_no_eos() -> None:
+    """eos-none: a stop is not an end of stream."""
+    pipeline = Pipeline.parse("fakesrc ! queue ! fakesink")
+    with pipeline:
+        pipeline.play()
+    assert all(message.kind is not MessageKind.EOS for message in iter(pipeline.bus.pop, None))
+
+
+def test_states_are_told_in_order() -> None:
+    """ready, playing, paused, playing, null, each once."""
+    pipeline = Pipeline.parse("fakesrc ! fakesink")
+    with pipeline:
+        pipeline.play()
+        pipeline.play()
+        pipeline.pause()
+        pipeline.play()
+    states = [m.text for m in iter(pipeline.bus.pop, None) if m.kind is MessageKind.STATE]
+    assert states == ["ready", "playing", "paused", "playing", "null"]
+
+
+def test_only_a_playing_pipeline_can_be_paused() -> None:
+    """The message says what it is instead."""
+    with pytest.raises(StateError, match=r"^only a playing pipeline can be paused, this one is null$"):
+        Pipeline.parse("fakesrc ! fakesink").pause()
+
+
+def test_an_error_ends_the_run_and_the_first_one_counts(register: Register) -> None:
+    """Two branches fail: one error, the other a warning."""
+    barrier = threading.Barrier(2)
+
+    class Fails(Sink):
+        """Fails together with its sibling."""
+
+        sink = "ANY"
+
+        def render(self, frame: Frame) -> None:
+            barrier.wait(10)
+            raise ValueError(self.name)
+
+    register(fails=Fails)
+    pipeline = Pipeline.parse(
+        "fakesrc num-buffers=1 ! tee name=t t. ! queue ! fails name=a t. ! queue ! fails name=b"
+    )
+    messages: list[Message] = []
+    pipeline.bus.watch(messages.append)
+    with pytest.raises(ElementFailure, match=r"ValueError: [ab]"):
+        pipeline.run(timeout_s=10)
+    kinds = [message.kind for message in messages]
+    assert kinds.count(MessageKind.ERROR) == 1
+    assert kinds.count(MessageKind.EOS) == 0
+    (error,) = [message for message in messages if message.kind is MessageKind.ERROR]
+    assert error.error is pipeline.error
+    assert error.source == pipeline.error.element  # type: ignore[union-attr]
+
+
+def test_a_failed_branch_leaves_the_other_streaming(register: Register) -> None:
+    """err-branch: behind a queue the healthy branch gets all its frames; the pipeline reports the error."""
+
+    class Fails(Sink):
+        """Fails at the third frame."""
+
+        sink = "ANY"
+
+        def render(self, frame: Frame) -> None:
+            if frame.seq == 2:
+                raise ValueError("bad")
+
+    drained = threading.Event()
+
+    class Collects(Sink):
+        """Tells when EOS has come."""
+
+        sink = "ANY"
+
+        def start(self) -> None:
+            self.seen: list[int] = []
+
+        def render(self, frame: Frame) -> None:
+            self.seen.append(frame.seq)
+
+        def drain(self) -> None:
+            drained.set()
+
+    register(fails=Fails, collects=Collects)
+    text = "fakesrc num-buffers=300 ! tee name=t t. ! queue ! fails t. ! collects name=healthy"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        message = pipeline.wait(10)
+        assert message is not None
+        assert message.source == "fails0"
+        assert drained.wait(10)
+        assert pipeline["healthy"].seen == list(range(300))
+
+
+def test_run_says_when_it_takes_too_long() -> None:
+    """A limit that passes stops everything and is an error of its own."""
+    pipeline = Pipeline.parse("appsrc ! fakesink")
+    with pytest.raises(StateError, match=r"^the pipeline has not ended within 0.05 s$"):
+        pipeline.run(timeout_s=0.05)
+    assert str(pipeline.state) == "null"
+
+
+def test_an_end_of_an_earlier_run_does_not_end_the_next() -> None:
+    """bus-null: messages that nobody read do not survive into the next run."""
+    pipeline = Pipeline.parse("fakesrc num-buffers=3 ! queue ! identity sleep-time=1000 ! fakesink name=out")
+    with pipeline:
+        pipeline.play()
+        assert pipeline.ended.wait(10)
+    pipeline.run(timeout_s=10)
+    assert pipeline["out"].count == 3
+
+
+def test_fifty_runs_leave_no_thread() -> None:
+    """Start and stop do not leak, in whatever state the frames are."""
+    before = threading.active_count()
+    pipeline = Pipeline.parse(
+        "fakesrc ! queue max-size-buffers=2 ! tee name=t t. ! queue ! fakesink t. ! queue ! fakesink"
+    )
+    for _ in range(50):
+        with pipeline:
+            pipeline.play()
+            assert threading.active_count() > before
+        assert threading.active_count() == before
+    assert str(pipeline.state) == "null"
+
+
+def test_threads_are_named_after_their_elements() -> None:
+    """One per source and per queue, and no daemon among them."""
+    with Pipeline.parse("fakesrc name=cam ! queue name=q ! identity ! fakesink") as pipeline:
+        pipeline.play()
+        ours = [thread for thread in threading.enumerate() if thread.name.startswith("streamkit:")]
+        assert sorted(thread.name for thread in ours) == ["streamkit:cam", "streamkit:q"]
+        assert not any(thread.daemon for thread in ours)
+
+
+def test_a_call_that_does_not_come_back_is_named(register: Register, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`stop` returns within its limit and says which element hangs; the others are stopped."""
+    import streamkit.graph.pipeline as module
+
+    monkeypatch.setattr(module, "STOP_LIMIT_S", 0.1)
+    release, inside = threading.Event(), threading.Event()
+
+    class Hangs(Sink):
+        """Waits for something that watches no stop."""
+
+        sink = "ANY"
+
+        def render(self, frame: Frame) -> None:
+            inside.set()
+            release.wait(30)
+
+    register(hangs=Hangs)
+    journal = register_journaling(register)
+    pipeline = Pipeline.parse("jsrc name=src ! queue name=q ! hangs")
+    pipeline.play()
+    assert inside.wait(10)
+    begun = time.monotonic()
+    try:
+        with pytest.raises(
+            StateError,
+            match=r"^q: a call has not come back within 0.1 s of the stop; its thread is left behind$",
+        ):
+            pipeline.stop()
+        assert time.monotonic() - begun < 5.0
+        assert "stop src" in journal
+        assert str(pipeline.state) == "null"
+    finally:
+        release.set()
+        for thread in threading.enumerate():
+            if thread.name == "streamkit:q":
+                thread.join(10)
+
+
+def test_a_source_without_a_sink_is_an_error() -> None:
+    """err-notlinked: the pad is named."""
+    with pytest.raises(
+        ElementFailure, match=r"^fakesrc0: pad fakesrc0.src is not linked; link it to a sink$"
+    ) as caught:
+        Pipeline.parse("fakesrc").run(timeout_s=10)
+    assert isinstance(caught.value.cause, NotNegotiated)
+
+
+def test_a_sink_without_a_source_is_an_error() -> None:
+    """It would wait for ever: the pad is named before anything starts."""
+    with pytest.raises(
+        ElementFailure, match=r"^fakesink0: nothing is linked to its pad sink, so no frame would ever come$"
+    ):
+        Pipeline.parse("fakesink").run(timeout_s=10)
+
+
+def test_an_exit_inside_an_element_is_a_failure(register: Register) -> None:
+    """A library that calls sys.exit ends its pipeline with an error, and not a thread unseen."""
+
+    class Exits(Sink):
+        """Leaves."""
+
+        sink = "ANY"
+
+        def render(self, frame: Frame) -> None:
+            raise SystemExit(3)
+
+    register(exits=Exits)
+    with pytest.raises(ElementFailure, match="SystemExit: 3"):
+        Pipeline.parse("fakesrc ! queue ! exits").run(timeout_s=10)
+
+
+def test_element_messages_and_warnings_reach_the_bus(register: Register) -> None:
+    """With their element's name; fields are for programs."""
+
+    class Talks(Sink):
+        """Tells what it sees."""
+
+        sink = "ANY"
+
+        def render(self, frame: Frame) -> None:
+            self.post_message("seen", seq=frame.seq)
+            self.post_warning("nothing in it")
+
+    register(talks=Talks)
+    pipeline = Pipeline.parse("fakesrc num-buffers=1 ! talks name=t")
+    told: list[tuple[str, str, str, Any]] = []
+    pipeline.bus.watch(
+        lambda m: told.append((str(m.kind), m.source, m.text, dict(m.fields))) if m.source else None
+    )
+    pipeline.run(timeout_s=10)
+    assert told == [
+        ("element", "t", "seen", {"name": "seen", "seq": 0}), ("warning", "t", "nothing in it", {}),
+    ]  # fmt: skip
+
+
+def test_a_block_that_fails_stops_the_pipeline() -> None:
+    """As a context manager, also when the application's own code raises."""
+    pipeline = Pipeline.parse("fakesrc ! fakesink")
+
+    def block() -> None:
+        with pipeline:
+            pipeline.play()
+            raise KeyError("mine")
+
+    with pytest.raises(KeyError, match="mine"):
+        block()
+    assert str(pipeline.state) == "null"
+
+
+def test_live_sources_end_on_finish(register: Register) -> None:
+    """`finish` wakes a source that waits, through `interrupt`; EOS then travels behind the last frames."""
+
+    class Waits(Source):
+        """One frame, then waits for an interrupt."""
+
+        src = "ANY"
+        is_live = True
+
+        def __init__(self, name: str = "", **properties: Any) -> None:
+            self.woken = threading.Event()
+            super().__init__(name, **properties)
+
+        def frames(self) -> Iterator[Frame]:
+            yield Frame(b"", ANYTHING)
+            self.woken.wait(30)
+
+        def interrupt(self) -> None:
+            self.woken.set()
+
+    register(waits=Waits)
+    with Pipeline.parse("waits ! queue ! appsink name=out") as pipeline:
+        pipeline.play()
+        assert pipeline["out"].pull() is not None
+        pipeline.finish()
+        assert pipeline["out"].pull() is None

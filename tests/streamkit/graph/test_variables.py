@@ -1,0 +1,70 @@
+"""Comments and variables, with places that point into the text as written."""
+
+import re
+
+import pytest
+
+from streamkit.errors import DescriptionError, Place
+from streamkit.graph.variables import expand
+
+
+@pytest.mark.parametrize(
+    ("text", "variables", "expanded"),
+    [
+        ("a ${X} b", {"X": "val"}, "a val b"),
+        ("a ${X:-def} b", {}, "a def b"),
+        ("a ${X:-def} b", {"X": "val"}, "a val b"),
+        ("a ${X:-} b", {}, "a  b"),
+        ("p=${X} b", {"X": "two words"}, r"p=two\ words b"),
+        ('p="${X}" b', {"X": "two words"}, 'p="two words" b'),
+        ("p=a${X}c", {"X": "b\\"}, r"p=ab\\c"),
+        ("${X}", {"X": "queue ! queue"}, "queue ! queue"),
+        ("a $X {X}", {"X": "1"}, "a $X {X}"),
+        ("a # comment ! x\nb", {}, "a" + " " * 14 + "\nb"),
+        ("p=a#b", {}, "p=a#b"),
+        ('p="# no comment" b', {}, 'p="# no comment" b'),
+        ("# ${X}\na", {}, "      \na"),
+    ],
+)
+def test_expansion(text: str, variables: dict[str, str], expanded: str) -> None:
+    """Values replace names, blanks in unquoted values are escaped, comments leave blanks."""
+    assert expand(text, variables).text == expanded
+
+
+@pytest.mark.parametrize(
+    ("text", "message", "place"),
+    [
+        ("a ! ${Y}", "variable 'Y' has no value and no default; give it with --set Y=VALUE", Place(1, 5, 4)),
+        (
+            "a\n ${NAMES}",
+            "variable 'NAMES' has no value and no default; did you mean \"NAME\"?",
+            Place(2, 2, 8),
+        ),
+        ("${} a", "'${}' names no variable: ${NAME} or ${NAME:-default}", Place(1, 1, 3)),
+        ("${1a} a", "'${1a}' names no variable: ${NAME} or ${NAME:-default}", Place(1, 1, 5)),
+    ],
+)
+def test_a_variable_without_value(text: str, message: str, place: Place) -> None:
+    """The error names it, points at it, and says how to give it."""
+    with pytest.raises(DescriptionError, match=f"^{re.escape(message)}$") as caught:
+        expand(text, {"NAME": "x"})
+    assert caught.value.place == place
+    assert caught.value.code == "syntax"
+
+
+def test_places_point_into_the_text_as_written() -> None:
+    """Behind a long or short value, and inside it, the place is the variable's own."""
+    text = "a ${LONG} bcd\nef ${LONG} g"
+    expanded = expand(text, {"LONG": "x" * 50})
+    start = expanded.text.index("bcd")
+    assert expanded.place(start, start + 3) == Place(1, 11, 3)
+    start = expanded.text.index("x")
+    assert expanded.place(start, start + 50) == Place(1, 3, 7)
+    start = expanded.text.index("g")
+    assert expanded.place(start, start + 1) == Place(2, 12, 1)
+
+
+def test_a_description_has_bounds() -> None:
+    """Variables cannot blow a text up without end."""
+    with pytest.raises(DescriptionError, match=r"^a description has at most 1000000 characters$"):
+        expand("${X}" * 1000, {"X": "x" * 10_000})

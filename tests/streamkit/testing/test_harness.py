@@ -1,0 +1,126 @@
+"""The harness that plugin authors test with."""
+
+import pytest
+
+from streamkit import (
+    Caps,
+    Direction,
+    Element,
+    EndOfStream,
+    Frame,
+    PadTemplate,
+    Presence,
+    Property,
+    PropertyError,
+    Split,
+    StreamkitError,
+    Transform,
+)
+from streamkit.flow.caps import ANY
+from streamkit.testing import Harness, ManualClock
+
+ANYTHING = Caps("a/b")
+
+
+class Lifecycle(Transform):
+    """Notes its life."""
+
+    sink = src = "ANY"
+    gain: float = Property(1.0)
+
+    def start(self) -> None:
+        self.life = [f"start at {self.clock_ns()}"]
+
+    def transform(self, frame: Frame) -> Frame:
+        self.life.append(f"frame {frame.seq}")
+        self.post_warning("careful")
+        return frame
+
+    def stop(self) -> None:
+        self.life.append(f"stop, stopping {self.stopping.is_set()}")
+
+
+def test_an_element_lives_as_in_a_pipeline() -> None:
+    """Started, fed, drained and stopped, in this thread, on the clock given; messages are collected."""
+    element = Lifecycle("l")
+    with Harness(element, clock=ManualClock(42)) as harness:
+        (out,) = harness.push(Frame(b"", ANYTHING, seq=7))
+        assert harness.drain() == []
+    assert out.seq == 7
+    assert element.life == ["start at 42", "frame 7", "stop, stopping True"]
+    assert [(message.source, message.text) for message in harness.messages] == [
+        ("l", "careful"),
+        ("collect_src", ""),
+    ]
+
+
+def test_an_element_by_its_type_takes_properties() -> None:
+    """As in a description; a wrong one is refused."""
+    with Harness("identity", drop_probability=1.0) as harness:
+        assert harness.push(Frame(b"", ANYTHING)) == []
+    with pytest.raises(PropertyError, match="identity has no property 'gain'"):
+        Harness("identity", gain=1.0)
+
+
+def test_only_live_properties_change_once_it_is_started() -> None:
+    """The rule of a playing pipeline."""
+    with Harness(Lifecycle()) as harness, pytest.raises(PropertyError, match="cannot change while playing"):
+        harness.element.set_property("gain", 2.0)
+
+
+def test_downstream_bounds_what_is_negotiated() -> None:
+    """The caps given stand behind every src pad."""
+    with Harness(Lifecycle(), downstream="a/b, x=1") as harness:
+        assert harness.element.pads["src"].peer_caps() == Caps("a/b, x=1")
+        with pytest.raises(StreamkitError, match="disagree on x"):
+            harness.push(Frame(b"", Caps("a/b, x=2")))
+
+
+def test_several_pads_are_fed_and_collected() -> None:
+    """Request pads are made; frames come out of all src pads."""
+
+    class Copies(Split):
+        """One to each output."""
+
+        sink = "ANY"
+        templates = (
+            PadTemplate("left", Direction.SRC, ANY),
+            PadTemplate("src_%u", Direction.SRC, ANY, Presence.REQUEST),
+        )
+
+        def split(self, frame: Frame) -> dict[str, Frame]:
+            return {pad.name: frame.replace(data=pad.name) for pad in self.src_pads()}
+
+    with Harness(Copies()) as harness:
+        assert [frame.data for frame in harness.push(Frame(b"", ANYTHING))] == ["left", "src_0"]
+
+
+def test_signals_reach_the_test() -> None:
+    """An element that ends the stream does so visibly."""
+    with Harness("identity", eos_after=1) as harness, pytest.raises(EndOfStream):
+        harness.push(Frame(b"", ANYTHING))
+
+
+def test_a_failed_start_is_stopped() -> None:
+    """As in a pipeline `stop` runs once `start` began, and the test sees the error."""
+
+    class Fails(Lifecycle):
+        """Cannot start."""
+
+        def start(self) -> None:
+            super().start()
+            raise OSError("no device")
+
+    element: Element = Fails()
+    with pytest.raises(OSError, match="no device"):
+        Harness(element)
+    assert element.life[-1].startswith("stop")  # type: ignore[attr-defined]
+
+
+def test_a_closed_harness_takes_nothing() -> None:
+    """Closing twice is fine, pushing is not."""
+    harness = Harness("identity")
+    harness.close()
+    harness.close()
+    with pytest.raises(StreamkitError, match=r"^the harness is closed$"):
+        harness.push(Frame(b"", ANYTHING))
