@@ -9,14 +9,14 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from streamkit import Element, Property, Sink, Source, Transform
-from streamkit.cli.main import app
+from streamkit.cli.main import make_app
 
 Register = Callable[..., None]
 
 
 def graph(*arguments: str) -> Result:
     """Runs the command in this process."""
-    return CliRunner().invoke(app, ["graph", *arguments])
+    return CliRunner().invoke(make_app(()), ["graph", *arguments])
 
 
 def as_json(text: str) -> dict[str, Any]:

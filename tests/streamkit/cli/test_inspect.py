@@ -8,14 +8,14 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from streamkit import Frame, Property, Transform
-from streamkit.cli.main import app
+from streamkit.cli.main import make_app
 
 Register = Callable[..., None]
 
 
 def inspect(*arguments: str) -> Result:
     """Runs the command in this process."""
-    return CliRunner().invoke(app, ["inspect", *arguments])
+    return CliRunner().invoke(make_app(()), ["inspect", *arguments])
 
 
 def facts(name: str) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 from streamkit import Frame, Property, Sink
 from streamkit.cli import launch as module
 from streamkit.cli.description import join_arguments
-from streamkit.cli.main import app
+from streamkit.cli.main import make_app
 
 Register = Callable[..., None]
 COMMAND = [str(Path(sys.executable).with_name("streamkit")), "launch"]
@@ -31,7 +31,7 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
     monkeypatch.setattr(module, "_leave", leave)
 
     def run(*arguments: str, **options: Any) -> Result:
-        return CliRunner().invoke(app, ["launch", *arguments], **options)
+        return CliRunner().invoke(make_app(()), ["launch", *arguments], **options)
 
     return run
 
