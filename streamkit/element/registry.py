@@ -21,14 +21,22 @@ class ElementEntry:
     Attributes:
         name: as written in descriptions.
         target: "module:Class".
-        package: name of the distribution.
-        version: of the distribution.
+        distribution: who offers it; its metadata are read only when they are asked for, which takes time.
     """
 
     name: str
     target: str
-    package: str
-    version: str
+    distribution: importlib.metadata.Distribution | None = None
+
+    @property
+    def package(self) -> str:
+        """Name of the distribution."""
+        return self.distribution.name if self.distribution else "unknown package"
+
+    @property
+    def version(self) -> str:
+        """Version of the distribution."""
+        return self.distribution.version if self.distribution else ""
 
     @property
     def where(self) -> str:
@@ -41,9 +49,7 @@ def installed_elements() -> dict[str, ElementEntry]:
     """All elements of all installed packages by name; of two with one name the first found wins."""
     found: dict[str, ElementEntry] = {}
     for entry in importlib.metadata.entry_points(group=GROUP):
-        package = entry.dist.name if entry.dist else "unknown package"
-        version = entry.dist.version if entry.dist else ""
-        found.setdefault(entry.name, ElementEntry(entry.name, entry.value, package, version))
+        found.setdefault(entry.name, ElementEntry(entry.name, entry.value, entry.dist))
     return dict(sorted(found.items()))
 
 

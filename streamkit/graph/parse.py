@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Mapping
-from importlib.resources import files
 from typing import Any
 
-from lark import Lark, Token, Transformer
+from lark import Token, Transformer
 from lark.exceptions import UnexpectedToken, VisitError
 from lark.visitors import v_args
 
 from streamkit.errors import DescriptionError
+from streamkit.graph.grammar import parser
 from streamkit.graph.syntax import (
     Assignment,
     BinNode,
@@ -24,19 +23,12 @@ from streamkit.graph.syntax import (
     UrlNode,
     with_pads,
 )
-from streamkit.graph.tokens import DescriptionLexer
 from streamkit.graph.variables import ExpandedText, expand
 
 NAMES = {
     "IDENTIFIER": "an element", "ASSIGNMENT": "a property", "CLOSE": "')'", "LINK": "'!'", "COMMA": "','",
     "$END": "the end",
 }  # fmt: skip
-
-
-@functools.cache
-def _parser() -> Lark:
-    grammar = (files("streamkit.graph") / "grammar.lark").read_text(encoding="utf-8")
-    return Lark(grammar, parser="lalr", lexer=DescriptionLexer, maybe_placeholders=False)
 
 
 def parse(text: str, variables: Mapping[str, str]) -> tuple[ChainNode, ...]:
@@ -49,7 +41,7 @@ def parse(text: str, variables: Mapping[str, str]) -> tuple[ChainNode, ...]:
     if not expanded.text.strip():
         raise DescriptionError("empty", "the description is empty: write at least one element")
     try:
-        tree = _parser().parse(expanded.text)
+        tree = parser().parse(expanded.text)
         return tuple(TreeBuilder(expanded).transform(tree))
     except UnexpectedToken as error:
         raise _syntax_error(expanded, error) from None

@@ -1,7 +1,9 @@
 """The registry: elements by entry point, imported when used, a broken one alone."""
 
+import importlib.metadata
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -24,9 +26,13 @@ def test_our_own_elements_come_through_entry_points() -> None:
     assert list(entries) == sorted(entries)
 
 
-def test_an_entry_says_where_it_is_from() -> None:
+def test_an_entry_says_where_it_is_from(tmp_path: Path) -> None:
     """Element, class, package and version in a few words."""
-    entry = ElementEntry("framediff", "some.module:FrameDiff", "some-package", "1.2")
+    (tmp_path / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: some-package\nVersion: 1.2\n", encoding="utf-8"
+    )
+    distribution = importlib.metadata.Distribution.at(tmp_path)
+    entry = ElementEntry("framediff", "some.module:FrameDiff", distribution)
     assert entry.where == "element 'framediff' (some.module:FrameDiff, some-package 1.2)"
 
 
