@@ -1,7 +1,7 @@
 """The parser of the description language: from tables made beforehand, or from the grammar itself.
 
-Making the tables takes lark 0.1 s, a third of the start of a small pipeline. `python -m streamkit.graph.grammar`
-writes them anew after a change of grammar.lark.
+Making the tables takes lark 0.1 s, much of the start of a small pipeline. After a change of grammar.lark,
+`python -m streamkit.graph.grammar` writes them anew.
 """
 
 from __future__ import annotations
