@@ -250,6 +250,6 @@ def test_reach_network_listens_to_the_network(open_test_session: Opener) -> None
 def test_errors_are_made_plain() -> None:
     """Places in zenoh's source and secrets are taken out."""
     error = RuntimeError(
-        "no way to tls/a:1#key=SECRET [x at /root/src/io/tcp.rs:61.] at /root/src/unicast.rs:338."
+        "no way to tls/a:1#key=SECRET [x at /build/src/io/tcp.rs:61.] at /build/src/unicast.rs:338."
     )
     assert plain(error) == "no way to tls/a:1#*** [x]"
