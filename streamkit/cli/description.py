@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -15,6 +15,16 @@ from streamkit.errors import DescriptionError
 
 USAGE_EXIT = 2
 SIZE_LIMIT = 1_000_000
+
+DescriptionArgument = Annotated[
+    list[str] | None, typer.Argument(help="The pipeline, in gst-launch's language.")
+]
+FileOption = Annotated[
+    Path | None, typer.Option("-f", "--file", help="Read the description from a .pipe file.")
+]
+SettingsOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A value for ${NAME}.")
+]
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import enum
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from streamkit.cli.description import fail_description, fail_usage, read_description
+from streamkit.cli.description import (
+    DescriptionArgument,
+    FileOption,
+    SettingsOption,
+    fail_description,
+    fail_usage,
+    read_description,
+)
 from streamkit.errors import DescriptionError
 
 if TYPE_CHECKING:
@@ -27,15 +33,9 @@ class GraphFormat(enum.StrEnum):
 
 
 def graph(
-    description: Annotated[
-        list[str] | None, typer.Argument(help="The pipeline, in gst-launch's language.")
-    ] = None,
-    file: Annotated[
-        Path | None, typer.Option("-f", "--file", help="Read the description from a .pipe file.")
-    ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A value for ${NAME}.")
-    ] = None,
+    description: DescriptionArgument = None,
+    file: FileOption = None,
+    settings: SettingsOption = None,
     form: Annotated[GraphFormat, typer.Option("--format", help="How to draw it.")] = GraphFormat.MERMAID,
 ) -> None:
     """Builds a pipeline without running it and draws it: elements, links, caps, converters put in."""

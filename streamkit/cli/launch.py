@@ -10,12 +10,17 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from streamkit.cli.description import fail_description, read_description
+from streamkit.cli.description import (
+    DescriptionArgument,
+    FileOption,
+    SettingsOption,
+    fail_description,
+    read_description,
+)
 from streamkit.errors import DescriptionError, StateError, StreamkitError
 from streamkit.flow.messages import Message, MessageKind
 
@@ -27,15 +32,9 @@ EOS_LIMIT_S = 10.0
 
 
 def launch(
-    description: Annotated[
-        list[str] | None, typer.Argument(help="The pipeline, in gst-launch's language.")
-    ] = None,
-    file: Annotated[
-        Path | None, typer.Option("-f", "--file", help="Read the description from a .pipe file.")
-    ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A value for ${NAME}.")
-    ] = None,
+    description: DescriptionArgument = None,
+    file: FileOption = None,
+    settings: SettingsOption = None,
     eos: Annotated[
         bool, typer.Option("-e", "--eos-on-shutdown", help="Ctrl-C sends EOS and waits for it.")
     ] = False,
