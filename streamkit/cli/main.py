@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
 from collections.abc import Sequence
 
 import typer
 
-COMMANDS = ("launch", "inspect", "graph", "subscribe")
+from streamkit.cli.commands import CORE, CommandEntry, add_command, installed_commands
 
 
 def version(show: bool = typer.Option(False, "--version", help="Print the version and leave.")) -> None:
@@ -30,9 +29,17 @@ def make_app(arguments: Sequence[str]) -> typer.Typer:
         pretty_exceptions_enable=False,
     )
     app.callback(invoke_without_command=True)(version)
-    for name in arguments[:1] if arguments[:1] and arguments[0] in COMMANDS else COMMANDS:
-        app.command(name)(getattr(importlib.import_module(f"streamkit.cli.{name}"), name))
+    for entry in wanted_commands(arguments[0] if arguments else ""):
+        add_command(app, entry)
     return app
+
+
+def wanted_commands(name: str) -> list[CommandEntry]:
+    """The command of that name, or all where there is none; packages are searched only if they must be."""
+    if name in CORE:
+        return [CommandEntry(name, CORE[name])]
+    known = installed_commands()
+    return [known[name]] if name in known else list(known.values())
 
 
 def main() -> None:

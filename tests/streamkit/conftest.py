@@ -28,7 +28,8 @@ def register(monkeypatch: pytest.MonkeyPatch) -> Iterator[Register]:
     added: list[importlib.metadata.EntryPoint] = []
 
     def with_added(**selection: str) -> list[importlib.metadata.EntryPoint]:
-        return [*added, *entry_points(**selection)]
+        mine = [entry for entry in added if entry.group == selection.get("group", entry.group)]
+        return [*mine, *entry_points(**selection)]
 
     def add(**classes: type[Element] | str) -> None:
         for name, found in classes.items():
