@@ -35,6 +35,10 @@ if TYPE_CHECKING:
     from streamkit.flow.events import DiscontinuityEvent as DiscontinuityEvent
     from streamkit.flow.events import EosEvent as EosEvent
     from streamkit.flow.events import Event as Event
+    from streamkit.flow.events import FlushStart as FlushStart
+    from streamkit.flow.events import FlushStop as FlushStop
+    from streamkit.flow.events import GapEvent as GapEvent
+    from streamkit.flow.events import SegmentEvent as SegmentEvent
     from streamkit.flow.frame import Capture as Capture
     from streamkit.flow.frame import Frame as Frame
     from streamkit.flow.frame import FrameFlags as FrameFlags
@@ -53,6 +57,7 @@ if TYPE_CHECKING:
     from streamkit.flow.record import decode_record as decode_record
     from streamkit.flow.record import encode_record as encode_record
     from streamkit.flow.record import track_record as track_record
+    from streamkit.flow.segment import Segment as Segment
     from streamkit.flow.signals import EndOfStream as EndOfStream
     from streamkit.flow.signals import Flushing as Flushing
     from streamkit.flow.video import LUMA_CAPS as LUMA_CAPS
@@ -73,7 +78,10 @@ _HOMES = {
     ),
     "streamkit.flow.caps": ("ANY", "Caps", "Structure"),
     "streamkit.flow.caps_values": ("FractionRange", "IntRange", "ValueList"),
-    "streamkit.flow.events": ("CapsEvent", "DiscontinuityEvent", "EosEvent", "Event"),
+    "streamkit.flow.events": (
+        "CapsEvent", "DiscontinuityEvent", "EosEvent", "Event", "FlushStart", "FlushStop", "GapEvent",
+        "SegmentEvent",
+    ),
     "streamkit.flow.frame": ("Capture", "Frame", "FrameFlags"),
     "streamkit.flow.messages": ("Message", "MessageKind"),
     "streamkit.flow.metadata": (
@@ -81,6 +89,7 @@ _HOMES = {
         "TrackState", "Tracks",
     ),
     "streamkit.flow.record": ("TrackRecord", "decode_record", "encode_record", "track_record"),
+    "streamkit.flow.segment": ("Segment",),
     "streamkit.flow.signals": ("EndOfStream", "Flushing"),
     "streamkit.flow.video": ("LUMA_CAPS", "luma", "raw_video_caps"),
     "streamkit.graph.pipeline": ("Pipeline",),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from streamkit.flow.caps import Caps
+from streamkit.flow.segment import Segment
 
 
 @dataclass(frozen=True, slots=True)
@@ -12,6 +13,26 @@ class CapsEvent:
     """The frames that follow have these caps."""
 
     caps: Caps
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentEvent:
+    """The timestamps that follow lie on the running time so."""
+
+    segment: Segment
+
+
+@dataclass(frozen=True, slots=True)
+class GapEvent:
+    """No frame comes for a while; it stands for one where data is waited for.
+
+    Attributes:
+        pts: start of the gap, ns; None if unknown.
+        duration: ns; None if unknown.
+    """
+
+    pts: int | None
+    duration: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,5 +48,17 @@ class EosEvent:
     """No frame follows."""
 
 
-Event = CapsEvent | DiscontinuityEvent | EosEvent
+@dataclass(frozen=True, slots=True)
+class FlushStart:
+    """Drop what is held and refuse frames until `FlushStop`; overtakes frames, in the sender's thread."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlushStop:
+    """Frames are welcome again; nothing of what came before the flush remains."""
+
+
+Event = CapsEvent | SegmentEvent | GapEvent | DiscontinuityEvent | EosEvent | FlushStart | FlushStop
 EOS = EosEvent()
+FLUSH_START = FlushStart()
+FLUSH_STOP = FlushStop()
