@@ -19,12 +19,12 @@ from streamkit import (
     Transform,
     luma,
 )
-from streamkit_stitcher.canvas import PictureArray
-from streamkit_stitcher.mosaic_file import check_location
-from streamkit_stitcher.motion_models import FitLimits
-from streamkit_stitcher.plane import Placement, PlaneTracker
-from streamkit_stitcher.recorder import MosaicRecorder, WrittenMosaic
-from streamkit_stitcher.settings import PlaneSettings
+from streamkit_stitcher.mosaic.canvas import PictureArray
+from streamkit_stitcher.mosaic.picture_file import check_location
+from streamkit_stitcher.mosaic.recorder import MosaicRecorder, WrittenMosaic
+from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.plane.tracker import Placement, PlaneTracker
+from streamkit_stitcher.registration.motion_models import FitLimits
 
 _TO_BGR = {"I420": cv2.COLOR_YUV2BGR_I420, "NV12": cv2.COLOR_YUV2BGR_NV12}
 

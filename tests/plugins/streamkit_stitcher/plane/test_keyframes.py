@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.corners import CornerDetector
 from streamkit_stitcher.homographies import IDENTITY, inverse, translation
-from streamkit_stitcher.keyframes import LEVELS, KeyframeStore, pooled_placement
-from streamkit_stitcher.motion_models import FitLimits
-from streamkit_stitcher.patches import pyramid
+from streamkit_stitcher.plane.keyframes import LEVELS, KeyframeStore, pooled_placement
+from streamkit_stitcher.registration.corners import CornerDetector
+from streamkit_stitcher.registration.motion_models import FitLimits
+from streamkit_stitcher.registration.patches import pyramid
 
 LIMITS = FitLimits(max_step=1.0)
 

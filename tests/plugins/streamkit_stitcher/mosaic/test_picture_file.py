@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.mosaic_file import check_location, is_numbered, location_of, write_picture
+from streamkit_stitcher.mosaic.picture_file import check_location, is_numbered, location_of, write_picture
 
 
 @pytest.mark.parametrize("name", ["m.png", "m.jpg", "m.JPEG", "m-%d.png", "m-%03d.png"])

@@ -7,7 +7,7 @@ from typing import Final
 
 import cv2
 
-from streamkit_stitcher.canvas import PictureArray
+from streamkit_stitcher.mosaic.canvas import PictureArray
 
 SUFFIXES: Final = (".png", ".jpg", ".jpeg")
 _JPEG_QUALITY: Final = 92

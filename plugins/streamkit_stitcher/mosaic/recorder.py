@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from streamkit_stitcher.canvas import PictureArray
-from streamkit_stitcher.mosaic import Mosaic
-from streamkit_stitcher.mosaic_file import is_numbered, location_of, write_picture
-from streamkit_stitcher.plane import Placement
+from streamkit_stitcher.mosaic.canvas import PictureArray
+from streamkit_stitcher.mosaic.mosaic import Mosaic
+from streamkit_stitcher.mosaic.picture_file import is_numbered, location_of, write_picture
+from streamkit_stitcher.plane.tracker import Placement
 
 _WORTH_ADDING: Final = 0.08
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from streamkit_stitcher.homographies import project
-from streamkit_stitcher.motion_models import (
+from streamkit_stitcher.registration.motion_models import (
     FitLimits,
     MotionModel,
     fit_affine,

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.corners import CornerDetector
 from streamkit_stitcher.homographies import project, translation
-from streamkit_stitcher.patches import align, cut_patches, prepare, pyramid, reduced_motion
+from streamkit_stitcher.registration.corners import CornerDetector
+from streamkit_stitcher.registration.patches import align, cut_patches, prepare, pyramid, reduced_motion
 
 TURN = np.array(
     [[1.1 * np.cos(0.3), -1.1 * np.sin(0.3), 90], [1.1 * np.sin(0.3), 1.1 * np.cos(0.3), -40], [0, 0, 1]]

@@ -7,7 +7,6 @@ from typing import Final
 import cv2
 import numpy as np
 
-from streamkit_stitcher.corners import CornerDetector
 from streamkit_stitcher.homographies import (
     IDENTITY,
     FloatArray,
@@ -20,7 +19,14 @@ from streamkit_stitcher.homographies import (
     to_reduced,
     translation,
 )
-from streamkit_stitcher.motion_models import NO_FIT, FitLimits, MotionFit, MotionModel, fit_motion
+from streamkit_stitcher.registration.corners import CornerDetector
+from streamkit_stitcher.registration.motion_models import (
+    NO_FIT,
+    FitLimits,
+    MotionFit,
+    MotionModel,
+    fit_motion,
+)
 
 _WINDOW: Final = (13, 13)
 _TOP_LEVEL: Final = 2

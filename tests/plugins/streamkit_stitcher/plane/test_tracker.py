@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.plane import PlaneTracker, Status
-from streamkit_stitcher.settings import PlaneSettings
+from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.plane.tracker import PlaneTracker, Status
 
 SMALL = (360, 640)
 BLACK = np.zeros(SMALL, np.uint8)

@@ -3,11 +3,16 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.corners import CornerDetector
 from streamkit_stitcher.homographies import IDENTITY, translation
-from streamkit_stitcher.motion_models import FitLimits, MotionModel
-from streamkit_stitcher.pairwise import register, thumbnail_correlation, working_image, working_level
-from streamkit_stitcher.patches import pyramid
+from streamkit_stitcher.registration.corners import CornerDetector
+from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
+from streamkit_stitcher.registration.pairwise import (
+    register,
+    thumbnail_correlation,
+    working_image,
+    working_level,
+)
+from streamkit_stitcher.registration.patches import pyramid
 
 LIMITS = FitLimits()
 

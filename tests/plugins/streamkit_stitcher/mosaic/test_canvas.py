@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.canvas import Canvas
 from streamkit_stitcher.homographies import project
+from streamkit_stitcher.mosaic.canvas import Canvas
 
 
 def paint(canvas, left, top, value):

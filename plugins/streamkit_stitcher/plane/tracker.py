@@ -7,8 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from streamkit_stitcher.anchoring import Anchored, KeyframeAnchor
-from streamkit_stitcher.corners import CornerDetector
 from streamkit_stitcher.homographies import (
     IDENTITY,
     FloatArray,
@@ -20,10 +18,18 @@ from streamkit_stitcher.homographies import (
     project,
     translation,
 )
-from streamkit_stitcher.motion_models import MotionModel
-from streamkit_stitcher.pairwise import PairwiseMotion, WorkingImage, register, working_image, working_level
-from streamkit_stitcher.patches import pyramid
-from streamkit_stitcher.settings import PlaneSettings
+from streamkit_stitcher.plane.anchoring import Anchored, KeyframeAnchor
+from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.registration.corners import CornerDetector
+from streamkit_stitcher.registration.motion_models import MotionModel
+from streamkit_stitcher.registration.pairwise import (
+    PairwiseMotion,
+    WorkingImage,
+    register,
+    working_image,
+    working_level,
+)
+from streamkit_stitcher.registration.patches import pyramid
 
 _COAST_FRAMES: Final = 5
 _MAX_LOST: Final = 25

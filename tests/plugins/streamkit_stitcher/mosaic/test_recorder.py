@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from streamkit_stitcher.homographies import translation
-from streamkit_stitcher.plane import Placement, Status
-from streamkit_stitcher.recorder import MosaicRecorder
+from streamkit_stitcher.mosaic.recorder import MosaicRecorder
+from streamkit_stitcher.plane.tracker import Placement, Status
 
 SMALL = (360, 640)
 

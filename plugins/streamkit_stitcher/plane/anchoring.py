@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from streamkit_stitcher.corners import CornerDetector
 from streamkit_stitcher.homographies import (
     FloatArray,
     GreyArray,
@@ -13,10 +12,17 @@ from streamkit_stitcher.homographies import (
     overlap,
     scale_change,
 )
-from streamkit_stitcher.keyframes import LEVELS, Keyframe, KeyframeMatch, KeyframeStore, pooled_placement
-from streamkit_stitcher.motion_models import FitLimits
-from streamkit_stitcher.patches import pyramid
-from streamkit_stitcher.settings import PlaneSettings
+from streamkit_stitcher.plane.keyframes import (
+    LEVELS,
+    Keyframe,
+    KeyframeMatch,
+    KeyframeStore,
+    pooled_placement,
+)
+from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.registration.corners import CornerDetector
+from streamkit_stitcher.registration.motion_models import FitLimits
+from streamkit_stitcher.registration.patches import pyramid
 
 _KEY_POINTS: Final = 400
 _TRACKING_POINTS: Final = 100

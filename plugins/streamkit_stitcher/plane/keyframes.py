@@ -18,8 +18,8 @@ from streamkit_stitcher.homographies import (
     project,
     scale_change,
 )
-from streamkit_stitcher.motion_models import FitLimits, MotionFit, fit_homography
-from streamkit_stitcher.patches import PatchLevel, align, cut_patches, prepare, reduced_motion
+from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit, fit_homography
+from streamkit_stitcher.registration.patches import PatchLevel, align, cut_patches, prepare, reduced_motion
 
 LEVELS: Final = 4
 _PREPARED: Final = 12

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.anchoring import KeyframeAnchor
 from streamkit_stitcher.homographies import IDENTITY, translation
-from streamkit_stitcher.settings import PlaneSettings
+from streamkit_stitcher.plane.anchoring import KeyframeAnchor
+from streamkit_stitcher.plane.settings import PlaneSettings
 
 
 def view(ground, left):

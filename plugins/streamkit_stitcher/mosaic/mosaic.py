@@ -5,9 +5,9 @@ from typing import Final
 import cv2
 import numpy as np
 
-from streamkit_stitcher.canvas import Canvas, PictureArray
 from streamkit_stitcher.homographies import FloatArray, corners, normalised, project, scale_change
-from streamkit_stitcher.patches import halved
+from streamkit_stitcher.mosaic.canvas import Canvas, PictureArray
+from streamkit_stitcher.registration.patches import halved
 
 _SCALE_RANGE: Final = (0.25, 4.0)
 _SEAM_DEPTH: Final = 24

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from streamkit_stitcher.motion_models import FitLimits
+from streamkit_stitcher.registration.motion_models import FitLimits
 
 
 @dataclass(frozen=True)

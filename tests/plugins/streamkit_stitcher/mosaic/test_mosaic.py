@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from streamkit_stitcher.homographies import inverse, project, translation
-from streamkit_stitcher.mosaic import Mosaic
-from streamkit_stitcher.plane import PlaneTracker
-from streamkit_stitcher.settings import PlaneSettings
+from streamkit_stitcher.mosaic.mosaic import Mosaic
+from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.plane.tracker import PlaneTracker
 
 SMALL = (360, 640)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.corners import CornerDetector
+from streamkit_stitcher.registration.corners import CornerDetector
 
 
 def test_corners_are_spread_over_the_picture(ground):

@@ -1,0 +1,1 @@
+"""The mosaic: tiles that grow with the flight, seams, exposure, blending, picture files."""
