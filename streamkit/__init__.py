@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from streamkit.element.base import Element as Element
     from streamkit.element.branching import Combine as Combine
     from streamkit.element.branching import Split as Split
+    from streamkit.element.choice import Choice as Choice
     from streamkit.element.pad import Direction as Direction
     from streamkit.element.pad import PadTemplate as PadTemplate
     from streamkit.element.pad import Presence as Presence
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "streamkit.element.base": ("Element",),
     "streamkit.element.branching": ("Combine", "Split"),
+    "streamkit.element.choice": ("Choice",),
     "streamkit.element.pad": ("Direction", "PadTemplate", "Presence"),
     "streamkit.element.property": ("Property",),
     "streamkit.element.sink": ("Sink",),

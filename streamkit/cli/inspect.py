@@ -83,11 +83,12 @@ def describe_element(name: str) -> dict[str, Any]:
         ],
         "properties": [
             {
-                "name": declared.name.replace("_", "-"),
+                "name": declared.spelling,
                 "type": declared.kind.__name__,
                 "values": declared.describe(),
                 "default": declared.to_json(declared.default),
                 "live": declared.live,
+                "readonly": declared.readonly,
                 "doc": declared.doc,
             }
             for declared in found.properties.values()
@@ -106,7 +107,8 @@ def as_text(facts: dict[str, Any]) -> str:
     if facts["properties"]:
         lines += ["", "Properties"]
         for item in facts["properties"]:
-            live = ", may change while playing" if item["live"] else ""
+            live = ", can only be read" if item["readonly"] else ""
+            live = live or (", may change while playing" if item["live"] else "")
             default = "none" if item["default"] is None else json.dumps(item["default"])
             lines.append(f"  {item['name']}  ({item['values']}; default {default}{live})")
             lines.append(f"      {item['doc']}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 from collections import Counter
@@ -10,16 +11,20 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import PropertyDeclaration, declared_properties
-from streamkit.errors import ElementFailure, PropertyError, StateError
+from streamkit.element.timing import Timing
+from streamkit.errors import ElementFailure, NotNegotiated, PropertyError, StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.clock import Clock, SystemClock
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.flow.signals import FlowStop
 
 if TYPE_CHECKING:
+    from streamkit.element.host import Host
     from streamkit.flow.events import Event
     from streamkit.flow.frame import Frame
 
 log = logging.getLogger("streamkit")
+LOOK_S = 0.5  # longest sleep between looks at `stopping`, should a wake-up be missed
 
 
 class Element:
@@ -34,6 +39,9 @@ class Element:
         factory: name of its type.
         stopping: set while the pipeline stops; every wait of an element watches it.
         clock: the pipeline's clock.
+        timing: the pipeline's running time.
+        waking: set while waits are to end: the pipeline stops, is paused, or flushes.
+        is_flushing: between a flush's start and its stop: frames are refused.
         drops: frames not delivered, by reason.
     """
 
@@ -54,7 +62,11 @@ class Element:
         self.parent = ""
         self.pads: dict[str, Pad] = {}
         self.stopping = threading.Event()
+        self.waking = threading.Event()
+        self.is_flushing = False
         self.clock: Clock = SystemClock()
+        self.timing = Timing(lambda: self.clock)
+        self.host: Host | None = None
         self.drops: Counter[str] = Counter()
         self.poster: Callable[[Message], None] | None = None
         self.pipeline_error: Callable[[], Exception | None] = lambda: None
@@ -101,6 +113,43 @@ class Element:
         """The pipeline's monotonic clock, ns."""
         return self.clock.monotonic_ns()
 
+    def wait_until_due(self, running_time_ns: int) -> bool:
+        """Waits for a running time; pauses are waited through. False when stopping or flushing."""
+        while not self.clock.wait_until(self.timing.due_ns(running_time_ns), self.waking):
+            if not self.wait_while_paused():
+                return False
+        return True
+
+    def wait_while_paused(self) -> bool:
+        """Waits until the pipeline plays; False when stopping or flushing."""
+        while not self.stopping.is_set() and not self.is_flushing:
+            if self.timing.running.wait(LOOK_S):
+                return not self.stopping.is_set() and not self.is_flushing
+        return False
+
+    def add_pad(self, template: str, name: str = "") -> Pad:
+        """Makes a sometimes pad: the stream turns out to have it. Links that wait for it are made now."""
+        pad = self.request_pad(self.pad_templates[template], name)
+        if self.host is not None:
+            self.host.pad_added(pad)
+        return pad
+
+    def remove_pad(self, pad: Pad) -> None:
+        """Takes a sometimes pad away."""
+        if self.host is not None:
+            self.host.pad_removed(pad)
+        self.release_pad(pad)
+
+    def no_more_pads(self) -> None:
+        """All sometimes pads are there; links that still wait for one are reported."""
+        if self.host is not None:
+            self.host.no_more_pads(self)
+
+    def reconfigure(self) -> None:
+        """What this element can take has changed: upstream is to negotiate anew before its next frame."""
+        if self.host is not None:
+            self.host.reconfigure(self)
+
     @property
     def sink_caps(self) -> Caps:
         """Caps in force on the pad `sink`; ANY before negotiation."""
@@ -124,23 +173,55 @@ class Element:
         else:
             log.warning("%s: %s", message.source, message.text)
 
+    @contextlib.contextmanager
+    def guarded(self, frame: Frame | None = None) -> Iterator[None]:
+        """Within the block any exception but the engine's own becomes a failure that names this element."""
+        try:
+            yield
+        except (FlowStop, ElementFailure, NotNegotiated):
+            raise
+        except Exception as cause:
+            raise self.failure(cause, frame) from cause
+
+    def halt(self) -> None:
+        """Ends the element's waits: the pipeline is stopping."""
+        self.waking.set()
+
+    def flush(self, *, begins: bool) -> None:
+        """A flush begins or ends: what is held is dropped and waits end; called in the flusher's thread."""
+        self.is_flushing = begins
+        if begins:
+            self.waking.set()
+        elif self.timing.running.is_set() and not self.stopping.is_set():
+            self.waking.clear()
+
+    def pads_changed(self) -> None:
+        """Pads were added, taken away or given another way to push while the graph streams."""
+
+    def latency(self) -> tuple[int, int | None]:
+        """What the element adds to a live frame's age, ns: at least, and at most (None: no bound needed)."""
+        return 0, 0
+
     def failure(self, cause: BaseException, frame: Frame | None = None) -> ElementFailure:
         """The error that names this element."""
         where = frame.describe() if frame is not None else ""
         return ElementFailure(self.name, self.factory, cause, where)
 
     def set_property(self, name: str, value: Any) -> None:
-        """Sets a property by name; dashes and underscores are the same.
+        """Sets a property by name; dashes and underscores are the same. One that can only be read warns.
 
         Raises:
             PropertyError: there is no such property, the value is refused, or it cannot change while playing.
         """
         declaration = self.find_property(name)
+        if declaration.readonly:
+            self.post_warning(f"property {declaration.spelling} can only be read; the value is ignored")
+            return
         if self.is_playing and not declaration.live:
             raise PropertyError(
                 f"{self.name}: property {name} cannot change while playing; stop the pipeline to set it"
             )
-        setattr(self, declaration.name, value)
+        setattr(self, declaration.attribute, value)
 
     @classmethod
     def find_property(cls, name: str) -> PropertyDeclaration:
@@ -164,6 +245,11 @@ class Element:
     def query_caps(self, pad: Pad) -> Caps:
         """What `pad` can carry, given what the element's other side can; the pad's template bounds it."""
         return ANY
+
+    def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
+        """Takes an event; the pad and event to go on with, where nothing else is left to do here."""
+        self.receive_event(pad, event)
+        return None
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Takes an event that arrived at a sink pad."""
@@ -193,10 +279,11 @@ class Element:
 
     def settings(self) -> dict[str, Any]:
         """The properties set in the text, as JSON values."""
-        return {
-            name: self.properties[name.replace("-", "_")].to_json(getattr(self, name.replace("-", "_")))
-            for name in self.set_in_text
-        }
+        found = {}
+        for name in self.set_in_text:
+            declaration = self.properties[name.replace("-", "_")]
+            found[name] = declaration.to_json(getattr(self, declaration.attribute))
+        return found
 
 
 def _collect_templates(cls: type[Element]) -> dict[str, PadTemplate]:

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.events import CapsEvent, Event
+from streamkit.flow.events import CapsEvent, Event, SegmentEvent
+from streamkit.flow.segment import OPEN_SEGMENT, Segment
 from streamkit.flow.signals import NotLinked
 
 if TYPE_CHECKING:
@@ -65,12 +66,13 @@ class Pad:
         name: unique in its element.
         peer: the pad it is linked to, or None.
         caps: the caps in force, or None before negotiation.
+        segment: how timestamps lie on the running time.
         push: hands a frame to the peer (src pads, while the graph plays).
         is_eos: whether EOS has passed.
         known_caps: what a query answers for the moment, or None to ask anew.
     """
 
-    __slots__ = ("caps", "element", "is_eos", "known_caps", "name", "peer", "push", "template")
+    __slots__ = ("caps", "element", "is_eos", "known_caps", "name", "peer", "push", "segment", "template")
 
     def __init__(self, element: Element, template: PadTemplate, name: str) -> None:
         self.element = element
@@ -78,6 +80,7 @@ class Pad:
         self.name = name
         self.peer: Pad | None = None
         self.caps: Caps | None = None
+        self.segment: Segment = OPEN_SEGMENT
         self.push: Callable[[Frame], None] = self.not_linked
         self.is_eos = False
         self.known_caps: Caps | None = None
@@ -121,19 +124,35 @@ class Pad:
         raise NotLinked(self.path)
 
     def send_event(self, event: Event) -> None:
-        """Sends an event downstream, in order with the frames."""
-        if isinstance(event, CapsEvent):
-            self.caps = event.caps
-        if self.peer is not None:
-            self.peer.receive_event(event)
+        """Sends an event downstream, in order with the frames.
+
+        Elements that only pass it on are walked through in a loop, so that a chain may be of any length.
+        """
+        onward: tuple[Pad, Event] | None = (self, event)
+        while onward is not None:
+            src, event = onward
+            src.note(event)
+            if src.peer is None:
+                return
+            src.peer.note(event)
+            onward = src.peer.element.pass_event(src.peer, event)
 
     def receive_event(self, event: Event) -> None:
         """Takes an event from upstream."""
+        self.note(event)
+        onward = self.element.pass_event(self, event)
+        if onward is not None:
+            onward[0].send_event(onward[1])
+
+    def note(self, event: Event) -> None:
+        """Remembers what an event says of the frames that follow."""
         if isinstance(event, CapsEvent):
             self.caps = event.caps
-        self.element.receive_event(self, event)
+        elif isinstance(event, SegmentEvent):
+            self.segment = event.segment
 
     def reset(self) -> None:
         """Forgets what a run left behind."""
         self.caps = None
+        self.segment = OPEN_SEGMENT
         self.is_eos = False

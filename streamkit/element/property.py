@@ -7,62 +7,96 @@ import math
 import sys
 import types
 import typing
+from collections.abc import Callable
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, TypeVar, cast
 
-from streamkit.element.property_text import value_from_text
+from streamkit.element.property_text import flag_word, value_from_text
 from streamkit.errors import PropertyError
 from streamkit.flow.caps import Caps
 
 T = TypeVar("T")
 
 
-class PropertyDeclaration:
-    """One declared property; made by `Property(...)` in a class body.
+@dataclass(frozen=True, slots=True)
+class Traits:
+    """What is told about a property besides its default.
 
     Attributes:
-        name: in Python, with underscores.
-        default: value of a new element.
         minimum: smallest value allowed, or None.
         maximum: largest value allowed, or None.
         unit: of the number, or "".
         doc: one sentence.
         live: whether it may change while the pipeline plays.
         secret: whether its value is never shown.
+        readonly: whether only the element itself sets it.
+        read: works the value out of the element, or None where it is stored.
     """
 
-    def __init__(
-        self, default: Any, minimum: Any, maximum: Any, unit: str, doc: str, live: bool, secret: bool
-    ) -> None:
+    minimum: Any = None
+    maximum: Any = None
+    unit: str = ""
+    doc: str = ""
+    live: bool = False
+    secret: bool = False
+    readonly: bool = False
+    read: Callable[[Any], Any] | None = None
+
+
+class PropertyDeclaration:
+    """One declared property; made by `Property(...)` in a class body.
+
+    Attributes:
+        name: as users write it, with underscores.
+        attribute: its name in the class.
+        default: value of a new element.
+        minimum, maximum, unit, doc, live, secret, readonly: see `Traits`.
+    """
+
+    def __init__(self, default: Any, name: str, traits: Traits) -> None:
         self.default = default
-        self.minimum = minimum
-        self.maximum = maximum
-        self.unit = unit
-        self.doc = doc
-        self.live = live
-        self.secret = secret
-        self.name = ""
+        self.minimum = traits.minimum
+        self.maximum = traits.maximum
+        self.unit = traits.unit
+        self.doc = traits.doc
+        self.live = traits.live
+        self.secret = traits.secret
+        self.readonly = traits.readonly
+        self.read = traits.read
+        self.name = name.replace("-", "_")
+        self.attribute = ""
         self.owner: type = object
         self._kind: tuple[type, bool] | None = None
 
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name, self.owner = name, owner
+    def __set_name__(self, owner: type, attribute: str) -> None:
+        self.owner, self.attribute = owner, attribute
+        self.name = self.name or attribute
 
     def __get__(self, instance: Any, owner: type | None = None) -> Any:
         if instance is None:
             return self
-        return instance.__dict__.get(self.name, self.default)
+        if self.read is not None:
+            return self.read(instance)
+        return instance.__dict__.get(self.attribute, self.default)
 
     def __set__(self, instance: Any, value: Any) -> None:
+        if self.read is not None:
+            raise AttributeError(f"property {self.spelling} of {self.owner.__name__} can only be read")
         checked = self.check(value, getattr(instance, "name", ""))
-        instance.__dict__[self.name] = checked
+        instance.__dict__[self.attribute] = checked
         changed = getattr(instance, "property_changed", None)
         if changed is not None:
-            changed(self.name)
+            changed(self.attribute)
+
+    @property
+    def spelling(self) -> str:
+        """The name with dashes, as descriptions have it."""
+        return self.name.replace("_", "-")
 
     @property
     def kind(self) -> type:
-        """The type of the value: int, float, bool, str, Fraction, Caps or an enum."""
+        """The type of the value: int, float, bool, str, Fraction, Caps, an enum or flags."""
         return self._resolved()[0]
 
     @property
@@ -72,7 +106,7 @@ class PropertyDeclaration:
 
     def _resolved(self) -> tuple[type, bool]:
         if self._kind is None:
-            annotation = self.owner.__annotations__.get(self.name, type(self.default))
+            annotation = self.owner.__annotations__.get(self.attribute, type(self.default))
             if isinstance(annotation, str):
                 names = vars(sys.modules[self.owner.__module__])
                 annotation = eval(annotation, dict(names))  # the author's own annotation
@@ -81,22 +115,23 @@ class PropertyDeclaration:
                 members = list(typing.get_args(annotation))
             plain = [member for member in members if member is not type(None)]
             if len(plain) != 1 or not isinstance(plain[0], type):
-                raise TypeError(
-                    f"property {self.owner.__name__}.{self.name}: annotate it with one type, or `type | None`"
-                )
+                where = f"{self.owner.__name__}.{self.attribute}"
+                raise TypeError(f"property {where}: annotate it with one type, or `type | None`")
             self._kind = (plain[0], len(plain) != len(members))
         return self._kind
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The words an enum property takes, or nothing."""
+        """The words a property of an enum or of flags takes, or nothing."""
         kind = self.kind
+        if issubclass(kind, enum.Flag):
+            return tuple(flag_word(member) for member in kind)
         return tuple(str(member.value) for member in kind) if issubclass(kind, enum.Enum) else ()
 
     def describe(self) -> str:
         """Type, range and unit in a few words."""
         kind = self.kind
-        words = " | ".join(self.choices) or kind.__name__
+        words = (" + " if issubclass(kind, enum.Flag) else " | ").join(self.choices) or kind.__name__
         if self.minimum is not None or self.maximum is not None:
             low = "" if self.minimum is None else self.minimum
             high = "" if self.maximum is None else self.maximum
@@ -114,7 +149,7 @@ class PropertyDeclaration:
             return None
         try:
             if isinstance(value, str) and kind is not str:
-                value = value_from_text(kind, value)
+                value = value_from_text(kind, value, minimum=self.minimum, maximum=self.maximum)
             elif kind is float and isinstance(value, int | float) and not isinstance(value, bool):
                 value = float(value)
             elif kind is Fraction and isinstance(value, int | float | Fraction):
@@ -135,12 +170,14 @@ class PropertyDeclaration:
         """The error for a value that the property does not take."""
         where = f"{element}: " if element else ""
         shown = "the value given" if self.secret else repr(value)
-        return PropertyError(f"{where}property {self.name.replace('_', '-')} cannot be {shown}: {rule}")
+        return PropertyError(f"{where}property {self.spelling} cannot be {shown}: {rule}")
 
     def to_json(self, value: Any) -> Any:
         """The value as JSON has it; secrets are masked."""
         if self.secret and value is not None:
             return "***"
+        if isinstance(value, enum.Flag):
+            return "+".join(flag_word(member) for member in value)
         if isinstance(value, enum.Enum):
             return value.value
         return str(value) if isinstance(value, Fraction | Caps) else value
@@ -149,32 +186,42 @@ class PropertyDeclaration:
 def Property(  # noqa: N802  reads as a declaration, like dataclasses.field
     default: T,
     *,
+    name: str = "",
     min: float | Fraction | None = None,
     max: float | Fraction | None = None,
     unit: str = "",
     doc: str = "",
     live: bool = False,
     secret: bool = False,
+    readonly: bool = False,
+    read: Callable[[Any], T] | None = None,
 ) -> T:
     """Declares a property in the body of an element class; its type is the annotation.
 
     Args:
         default: value of a new element.
+        name: what users call it where that differs from the attribute, for example "async".
         min: smallest value allowed.
-        max: largest value allowed.
+        max: largest value allowed; with `min` it also tells how many bits a whole number has.
         unit: unit of a number, for example "px".
         doc: one sentence for `inspect` and the README.
         live: whether it may be changed while the pipeline plays.
         secret: whether its value must never be shown.
+        readonly: users can only read it; the element sets the attribute.
+        read: makes it read only, and works the value out of the element each time.
     """
-    return cast("T", PropertyDeclaration(default, min, max, unit, doc, live, secret))
+    traits = Traits(min, max, unit, doc, live, secret, readonly or read is not None, read)
+    return cast("T", PropertyDeclaration(default, name, traits))
 
 
 def declared_properties(owner: type) -> dict[str, PropertyDeclaration]:
-    """All properties of an element class by name, its bases' first."""
-    found: dict[str, PropertyDeclaration] = {}
+    """All properties of an element class by the name users write, its bases' first.
+
+    An attribute that a derived class declares anew replaces the one of its base.
+    """
+    by_attribute: dict[str, PropertyDeclaration] = {}
     for base in reversed(owner.__mro__):
-        for name, item in vars(base).items():
+        for attribute, item in vars(base).items():
             if isinstance(item, PropertyDeclaration):
-                found[name] = item
-    return found
+                by_attribute[attribute] = item
+    return {item.name: item for item in by_attribute.values()}

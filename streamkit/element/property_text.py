@@ -7,22 +7,28 @@ from __future__ import annotations
 
 import enum
 import re
+import sys
 from fractions import Fraction
 from typing import Any
 
 from streamkit.flow.caps import Caps
 from streamkit.flow.caps_text import read_boolean, read_float, read_fraction, read_integer
 
-INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
+INT32_MAX, INT64_MIN, INT64_MAX = 2**31 - 1, -(2**63), 2**63 - 1
+UINT32_MAX, UINT64_MAX = 2**32 - 1, 2**64 - 1
+BYTE_ORDERS = {"little_endian": 1234, "big_endian": 4321}
 ESCAPE = re.compile(r"\\([0-3][0-7]{2}|.)", re.DOTALL)
 
 
-def value_from_text(kind: type, text: str) -> Any:
+def value_from_text(kind: type, text: str, *, minimum: Any = None, maximum: Any = None) -> Any:
     """The value that a text stands for.
 
     Args:
-        kind: int, float, bool, str, Fraction, Caps or an enum class.
+        kind: int, float, bool, str, Fraction, Caps, or a class of `enum.Enum` or `enum.Flag`.
         text: as written in a description, launch-level quotes removed.
+        minimum: smallest value of the property, or None; whether the value keeps to it is not checked here.
+        maximum: largest value of the property, or None; where it is the largest of 32 or 64 bits, a whole
+            number that fits those bits otherwise signed is taken as C takes it, -1 as the largest.
 
     Raises:
         ValueError: the text is no value of that type; says what is.
@@ -32,15 +38,17 @@ def value_from_text(kind: type, text: str) -> Any:
     if kind is bool:
         return _demand(read_boolean(text), "it takes true, yes, t, 1 or false, no, f, 0")
     if kind is int:
-        return _integer(text)
+        return _integer(text, minimum, maximum)
     if kind is float:
         if text.lower() in ("min", "max"):
-            return float("inf") if text.lower() == "max" else float("-inf")
+            return sys.float_info.max if text.lower() == "max" else -sys.float_info.max
         return _demand(read_float(text), "it takes a number such as 0.5 or 1e3")
     if kind is Fraction:
         return _demand(read_fraction(text), "it takes a fraction such as 30/1")
     if kind is Caps:
         return Caps(text)
+    if issubclass(kind, enum.Flag):
+        return _flags(kind, text)
     if issubclass(kind, enum.Enum):
         return _choice(kind, text)
     raise ValueError(f"values of type {kind.__name__} cannot be written in a description")
@@ -68,9 +76,20 @@ def _demand(value: Any, rule: str) -> Any:
     return value
 
 
-def _integer(text: str) -> int:
+def _integer(text: str, minimum: int | None, maximum: int | None) -> int:
+    word = text.lower()
+    if word == "max":
+        return INT64_MAX if maximum is None else int(maximum)
+    if word == "min":
+        return INT64_MIN if minimum is None else int(minimum)
+    if word in BYTE_ORDERS or word == "byte_order":
+        return BYTE_ORDERS.get(word, BYTE_ORDERS[f"{sys.byteorder}_endian"])
     value = int(_demand(read_integer(text), "it takes a whole number such as 12, -1 or 0x10"))
-    if not INT64_MIN <= value <= INT64_MAX:
+    if maximum in (UINT32_MAX, UINT64_MAX) and -maximum - 1 <= 2 * value < 0:
+        return value + int(maximum) + 1
+    if maximum in (INT32_MAX, INT64_MAX) and maximum < value <= 2 * maximum + 1:
+        return value - 2 * (int(maximum) + 1)
+    if not INT64_MIN <= value <= (UINT64_MAX if maximum == UINT64_MAX else INT64_MAX):
         raise ValueError("it takes a number of at most 64 bits")
     return value
 
@@ -78,6 +97,26 @@ def _integer(text: str) -> int:
 def _choice(kind: type[enum.Enum], text: str) -> enum.Enum:
     members = list(kind)
     for index, member in enumerate(members):
-        if text in (str(member.value), member.name) or text == str(index):
+        number = getattr(member, "number", index)
+        if text in (str(member.value), getattr(member, "label", None), str(number)):
             return member
     raise ValueError(f"it takes {', '.join(str(member.value) for member in members)}")
+
+
+def flag_word(member: enum.Flag) -> str:
+    """How a flag is written in a description: its name in small letters, with dashes."""
+    return (member.name or "").lower().replace("_", "-")
+
+
+def _flags(kind: type[enum.Flag], text: str) -> enum.Flag:
+    by_word = {flag_word(member): member for member in kind}
+    found = kind(0)
+    for part in text.split("+") if text else ():
+        if part in by_word:
+            found |= by_word[part]
+            continue
+        number = read_integer(part)
+        if number is None or number < 0 or number & ~sum(member.value for member in kind):
+            raise ValueError(f"it takes any of {', '.join(by_word)}, joined by +")
+        found |= kind(number)
+    return found

@@ -92,7 +92,7 @@ def test_an_element_as_json() -> None:
     leaky = next(item for item in found["properties"] if item["name"] == "leaky")
     assert leaky == {
         "name": "leaky", "type": "Leaky", "values": "no | upstream | downstream", "default": "no",
-        "live": True,
+        "live": True, "readonly": False,
         "doc": "Which frame a full queue drops instead of waiting.",
     }  # fmt: skip
 

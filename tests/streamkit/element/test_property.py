@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from streamkit import Caps, Element, Property, PropertyError
+from streamkit import Caps, Element, Message, Property, PropertyError
 
 
 class Mode(enum.StrEnum):
@@ -60,7 +60,6 @@ def test_defaults_are_those_declared() -> None:
         ("rate", 29.97002997, Fraction(30000, 1001)),
         ("caps", "video/x-raw", Caps("video/x-raw")),
         ("mode", "exact", Mode.EXACT),
-        ("mode", "EXACT", Mode.EXACT),
         ("mode", "1", Mode.EXACT),
         ("mode", Mode.EXACT, Mode.EXACT),
         ("place", "x", "x"),
@@ -214,3 +213,42 @@ def test_an_annotation_of_two_types_is_an_authors_mistake() -> None:
         TypeError, match=r"property Wrong.value: annotate it with one type, or `type \| None`"
     ):
         Wrong(value=1)
+
+
+class Renamed(Element):
+    """Properties called otherwise than their attributes, and some that can only be read."""
+
+    is_async: bool = Property(True, name="async", doc="A word Python keeps for itself.")
+    first_s: float = Property(0.0, name="start-s")
+    level: int = Property(0, readonly=True, doc="Set by the element.")
+    twice: int = Property(0, read=lambda element: 2 * element.level)
+
+
+def test_a_property_may_be_called_otherwise_than_its_attribute() -> None:
+    """Users set and read it by its own name; `property_changed` and Python use the attribute."""
+    element = Renamed()
+    element.set_property("async", "no")
+    element.set_property("start_s", 2)
+    assert (element.is_async, element.first_s) == (False, 2.0)
+    assert Renamed.properties["async"].kind is bool
+    assert Renamed.properties["start_s"].spelling == "start-s"
+    with pytest.raises(PropertyError, match=r"^renamed has no property 'is-async'"):
+        element.set_property("is-async", "no")
+
+
+def test_the_application_cannot_set_what_can_only_be_read() -> None:
+    """A warning, and the value stays; the element itself sets the attribute, or works it out."""
+    element = Renamed()
+    told: list[Message] = []
+    element.poster = told.append
+    element.set_property("level", 4)
+    element.set_property("twice", 4)
+    assert element.level == 0
+    assert [message.text for message in told] == [
+        "property level can only be read; the value is ignored",
+        "property twice can only be read; the value is ignored",
+    ]
+    element.level = 3
+    assert element.twice == 6
+    with pytest.raises(AttributeError, match=r"^property twice of Renamed can only be read$"):
+        element.twice = 1

@@ -2,6 +2,7 @@
 
 import enum
 import re
+import sys
 from fractions import Fraction
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit import Caps
+from streamkit import Caps, Choice
 from streamkit.element.property_text import unquote_string, value_from_text
 
 
@@ -18,6 +19,21 @@ class Colour(enum.Enum):
 
     RED = "r"
     GREEN = "g"
+
+
+class Size(Choice):
+    """Has numbers and labels."""
+
+    FIXED = "fixed", 4
+    RANDOM = "random", None, "Random size"
+
+
+class Parts(enum.Flag):
+    """Names of two words are written with dashes."""
+
+    VIDEO = enum.auto()
+    AUDIO = enum.auto()
+    SOFT_VOLUME = enum.auto()
 
 
 @pytest.mark.parametrize(
@@ -32,8 +48,8 @@ class Colour(enum.Enum):
         (float, ".5", 0.5),
         (float, "1e3", 1000.0),
         (float, "2", 2.0),
-        (float, "MAX", float("inf")),
-        (float, "min", float("-inf")),
+        (float, "MAX", sys.float_info.max),
+        (float, "min", -sys.float_info.max),
         (bool, "t", True),
         (bool, "YES", True),
         (bool, "0", False),
@@ -43,13 +59,43 @@ class Colour(enum.Enum):
         (str, "as it is", "as it is"),
         (str, '"quoted"', "quoted"),
         (Colour, "r", Colour.RED),
-        (Colour, "GREEN", Colour.GREEN),
+        (Size, "fixed", Size.FIXED),
+        (Size, "4", Size.FIXED),
+        (Size, "Random size", Size.RANDOM),
+        (Size, "5", Size.RANDOM),
+        (Parts, "", Parts(0)),
+        (Parts, "video+soft-volume", Parts.VIDEO | Parts.SOFT_VOLUME),
+        (Parts, "0x5", Parts.VIDEO | Parts.SOFT_VOLUME),
+        (int, "MIN", -(2**63)),
+        (int, "max", 2**63 - 1),
+        (int, "big_endian", 4321),
+        (int, "byte_order", {"little": 1234, "big": 4321}[sys.byteorder]),
         (Colour, "1", Colour.GREEN),
     ],
 )
 def test_texts(kind: type, text: str, value: Any) -> None:
-    """C integers, GStreamer's booleans, fractions, caps, and enums by word, name or number."""
+    """C integers, GStreamer's booleans, fractions, caps, flags, and enums by word, label or number."""
     assert value_from_text(kind, text) == value
+
+
+@pytest.mark.parametrize(
+    ("minimum", "maximum", "text", "value"),
+    [
+        (0, 2**32 - 1, "-1", 2**32 - 1),
+        (0, 2**64 - 1, "-1", 2**64 - 1),
+        (0, 2**64 - 1, "max", 2**64 - 1),
+        (0, 2**64 - 1, "18446744073709551615", 2**64 - 1),
+        (0, 100, "-1", -1),
+        (-1, 2**31 - 1, "0xFFFFFFFF", -1),
+        (-1, 2**31 - 1, "99999999999", 99999999999),
+        (None, None, "-1", -1),
+    ],
+)
+def test_whole_numbers_wrap_at_the_width_that_their_range_tells(
+    minimum: int | None, maximum: int | None, text: str, value: int
+) -> None:
+    """As in C, where the largest value is that of 32 or 64 bits; any other range is left to the check."""
+    assert value_from_text(int, text, minimum=minimum, maximum=maximum) == value
 
 
 @pytest.mark.parametrize(
@@ -68,6 +114,12 @@ def test_texts(kind: type, text: str, value: Any) -> None:
         (Fraction, "1/0", "it takes a fraction such as 30/1"),
         (Colour, "Red", "it takes r, g"),
         (Colour, "2", "it takes r, g"),
+        (Colour, "GREEN", "it takes r, g"),
+        (Size, "0", "it takes fixed, random"),
+        (Size, "FIXED", "it takes fixed, random"),
+        (Parts, "video+nosuch", "it takes any of video, audio, soft-volume, joined by +"),
+        (Parts, "8", "it takes any of video, audio, soft-volume, joined by +"),
+        (Parts, "video+", "it takes any of video, audio, soft-volume, joined by +"),
         (str, '"', "its quotes must be closed"),
         (str, r'"\9"', r"an octal escape has three digits, \000 to \377"),
         (list, "1", "values of type list cannot be written in a description"),
