@@ -57,6 +57,7 @@ class Queue(Element):
         self._buffers = 0
         self._bytes = 0
         self._last_in_ns = self._last_out_ns = 0
+        self.highest_level_buffers = self.highest_level_bytes = self.highest_level_time = 0
         self._stop: FlowStop | None = None
         super().__init__(name, **properties)
 
@@ -112,7 +113,15 @@ class Queue(Element):
             self._bytes += _size(frame)
             if frame.pts is not None:
                 self._last_in_ns = frame.pts + (frame.duration or 0)
+            if self._buffers > self.highest_level_buffers or self._bytes > self.highest_level_bytes:
+                self._note_highest()
             self._not_empty.notify()
+
+    def _note_highest(self) -> None:
+        """Remembers how full it has been; asked for only where frames or bytes go beyond what they were."""
+        self.highest_level_buffers = max(self.highest_level_buffers, self._buffers)
+        self.highest_level_bytes = max(self.highest_level_bytes, self._bytes)
+        self.highest_level_time = max(self.highest_level_time, self.current_level_time)
 
     def _make_room(self) -> bool:
         """Waits or drops as `leaky` says; False if the new frame is the one given up."""
@@ -150,6 +159,7 @@ class Queue(Element):
         """Forgets an earlier run."""
         self._items.clear()
         self._buffers = self._bytes = self._last_in_ns = self._last_out_ns = 0
+        self.highest_level_buffers = self.highest_level_bytes = self.highest_level_time = 0
         self._stop = None
 
     def stream(self) -> None:

@@ -7,7 +7,7 @@ that a stage has replaced is let go at once, so that `Frame.writable` can see a 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from streamkit.element.transform import Transform
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from streamkit.element.base import Element
     from streamkit.element.pad import Pad
 
-SAMPLE_EVERY = 64  # one frame in so many is timed
+SAMPLE_EVERY = 64  # at least one frame in so many is timed
+SAMPLE_NS = 5_000_000  # and one in so long a time, so that a slow stream is timed frame by frame
 
 
 class Chain:
@@ -32,23 +33,33 @@ class Chain:
         frames: frames pushed into the chain.
         swallowed: per transform, frames it did not return one frame for.
         busy_ns: per element, sampled working time, ns, scaled to all frames.
+        newest_ns: per element, arrival time of the newest frame that was timed, or 0.
+        sinks: the pads that frames come in through: one per transform, then the terminal's, if there is one.
+        due: number of the next frame to be timed; 0 asks for the very next one.
+        first_ns, last_ns: when the first and the last timed frame came, on the performance counter.
     """
 
     def __init__(self, src: Pad) -> None:
         self.src = src
         self.transforms: list[Transform] = []
         pad = src
+        self.sinks: list[Pad] = []
         while pad.peer is not None and isinstance(pad.peer.element, Transform):
             self.transforms.append(pad.peer.element)
+            self.sinks.append(pad.peer)
             pad = pad.peer.element.src_pad
         self.terminal: Element | None = None
         self._consume: Callable[[Frame], None] = pad.not_linked
         if pad.peer is not None:
+            self.sinks.append(pad.peer)
             self.terminal = pad.peer.element
             self._consume = pad.peer.element.receiver(pad.peer)
         self.frames = 0
         self.swallowed = [0] * len(self.transforms)
         self.busy_ns = [0] * (len(self.transforms) + 1)
+        self.newest_ns = [0] * (len(self.transforms) + 1)
+        self.due = 1
+        self.first_ns = self.last_ns = self._timed_frames = 0
         self._stages: list[Callable[[Frame], Any]] = []
         self._positions: dict[Callable[[Frame], Any], int] = {self._consume: len(self.transforms)}
         for position, transform in enumerate(self.transforms):
@@ -63,8 +74,10 @@ class Chain:
 
         def push(frame: Frame) -> None:
             chain.frames = count = chain.frames + 1
-            if not count % SAMPLE_EVERY:
-                timed(frame)
+            if count >= chain.due:
+                box = [frame]
+                del frame  # the box is emptied: an element may still be the sole owner
+                timed(box)
                 return
             stage: Callable[[Frame], Any] = consume
             try:
@@ -82,34 +95,58 @@ class Chain:
 
         return push
 
-    def _timed(self, frame: Frame) -> None:
-        """Sends one frame through, taking the time of each element."""
+    def _timed(self, box: list[Frame]) -> None:
+        """Sends the frame in the box through, taking the time of each element."""
         clock = time.perf_counter_ns
+        arrived_ns = box[0].arrival_ns
+        frame = box.pop()
         stage: Callable[[Frame], Any] = self._consume
         before = clock()
+        weight = self._schedule(before)
         try:
             for stage in self._stages:
                 frame = stage(frame)
                 now = clock()
-                self.busy_ns[self._positions[stage]] += (now - before) * SAMPLE_EVERY
+                self._note(stage, (now - before) * weight, arrived_ns)
                 before = now
                 if frame.__class__ is not Frame:
-                    self._odd(stage, frame)
+                    self._odd(stage, frame, weight)
                     return
             stage = self._consume
             stage(frame)
-            self.busy_ns[-1] += (clock() - before) * SAMPLE_EVERY
+            self._note(stage, (clock() - before) * weight, arrived_ns)
         except (FlowStop, ElementFailure, NotNegotiated):
             raise
         except Exception as cause:
             raise self._failed(stage, frame, cause) from cause
 
-    def _odd(self, stage: Callable[[Frame], Any], result: Any) -> None:
-        """A stage returned None or several frames, which go on behind its own src pad."""
+    def _note(self, stage: Callable[[Frame], Any], busy_ns: int, arrived_ns: int) -> None:
+        position = self._positions[stage]
+        self.busy_ns[position] += busy_ns
+        self.newest_ns[position] = arrived_ns
+
+    def _schedule(self, now_ns: int) -> int:
+        """Says which frame is timed next; how many frames this one stands for."""
+        count = self.frames
+        weight = count - self._timed_frames
+        passed_ns = now_ns - self.last_ns
+        if not self.first_ns:
+            self.first_ns, stride = now_ns, 1
+        elif passed_ns < SAMPLE_NS:
+            stride = min(SAMPLE_EVERY, 2 * weight)
+        else:
+            stride = max(1, weight * SAMPLE_NS // passed_ns)
+        self.last_ns, self._timed_frames, self.due = now_ns, count, count + stride
+        return weight
+
+    def _odd(self, stage: Callable[[Frame], Any], result: Any, weight: int = 0) -> None:
+        """A stage returned None or several frames, which go on behind its own src pad; timed if weighted."""
         position = self._positions[stage]
         self.swallowed[position] += 1
         if result is not None:
             push = self.transforms[position].src_pad.push
+            if weight:
+                result = _TimedResults(result, self.busy_ns, position, weight)
             for frame in result:
                 if not isinstance(frame, Frame):
                     raise TypeError(
@@ -134,6 +171,26 @@ class Chain:
         if self.terminal is not None:
             rows.append((self.terminal, count, self.busy_ns[-1]))
         return rows
+
+
+class _TimedResults:
+    """The frames of an iterable, whose making counts as work of its transform; it holds none of them."""
+
+    def __init__(self, results: Iterable[Frame], busy_ns: list[int], position: int, weight: int) -> None:
+        self._results = iter(results)
+        self._busy_ns = busy_ns
+        self._position = position
+        self._weight = weight
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self
+
+    def __next__(self) -> Frame:
+        before = time.perf_counter_ns()
+        try:
+            return next(self._results)
+        finally:
+            self._busy_ns[self._position] += (time.perf_counter_ns() - before) * self._weight
 
 
 def _stage(transform: Transform) -> Callable[[Frame], Any]:

@@ -19,7 +19,7 @@ from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain
 from streamkit.graph.graph import Graph
-from streamkit.graph.statistics import ElementStatistics, collect_statistics
+from streamkit.graph.statistics import ElementStatistics, Tally, collect_statistics
 from streamkit.graph.streaming import Streaming, StreamingThread
 
 STOP_LIMIT_S = 5.0
@@ -58,6 +58,8 @@ class Pipeline:
         self._threads: list[StreamingThread] = []
         self._chains: list[Chain] = []
         self._open_sinks: set[str] = set()
+        self._tally = Tally()
+        self.bus.watch(self._tally)
 
     @classmethod
     def parse(cls, text: str, variables: Mapping[str, str] | None = None, clock: Clock | None = None) -> Self:
@@ -101,6 +103,7 @@ class Pipeline:
             self.error = None
             self.ended.clear()
             self.bus.flush()
+            self._tally.counts.clear()
             for element in self.graph.from_sinks():
                 element.stopping.clear()
                 element.clock = self.clock
@@ -198,7 +201,7 @@ class Pipeline:
 
     def statistics(self) -> list[ElementStatistics]:
         """Counters of every element since streaming began."""
-        return collect_statistics(self.graph, self._chains)
+        return collect_statistics(self.graph, self._chains, self._tally.counts, self.clock.monotonic_ns())
 
     # Inside.
 

@@ -1,14 +1,65 @@
-"""Counters of a running graph: what came in, what went out, what was dropped and why, busy time."""
+"""Counters of a running graph: what came in, what went out, what was dropped and why, working time, age.
+
+Counting costs one addition for each frame and chain. Times come from samples: at least one frame in 64 is
+timed, and in a stream of few frames a second every one.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from typing import Protocol, runtime_checkable
 
 import msgspec
 
+from streamkit.element.base import Element
+from streamkit.element.pad import Pad
+from streamkit.element.source import Source
+from streamkit.element.transform import Transform
+from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.chain import Chain
 from streamkit.graph.graph import Graph
+from streamkit.graph.streaming import Streaming
+
+
+class PadStatistics(msgspec.Struct, frozen=True):
+    """Counters of one pad since streaming began.
+
+    Attributes:
+        pad: its name.
+        direction: "sink" or "src".
+        frames: frames that went through it.
+        peer: element and pad it is linked to, "queue0.sink", or None.
+        caps: the caps in force, or None before negotiation.
+    """
+
+    pad: str
+    direction: str
+    frames: int
+    peer: str | None
+    caps: str | None
+
+
+class QueueLevels(msgspec.Struct, frozen=True):
+    """What an element that holds frames holds now, and the most it held since streaming began.
+
+    Attributes:
+        buffers: frames held.
+        bytes: their size.
+        time_ns: from the oldest to the newest, ns.
+        max_buffers: the most frames it held, or None where that is not counted.
+        max_bytes: the most bytes it held, or None where that is not counted.
+        max_time_ns: the longest time it held, or None where that is not counted.
+        limit_buffers: how many frames make it full; 0 is no limit.
+    """
+
+    buffers: int
+    bytes: int
+    time_ns: int
+    max_buffers: int | None
+    max_bytes: int | None
+    max_time_ns: int | None
+    limit_buffers: int
 
 
 class ElementStatistics(msgspec.Struct, frozen=True):
@@ -16,30 +67,168 @@ class ElementStatistics(msgspec.Struct, frozen=True):
 
     Attributes:
         element: its name.
-        frames_in: frames that arrived.
+        factory: its type.
+        frames_in: frames that arrived, over all sink pads.
         frames_out: frames that left, over all src pads.
         dropped: frames not delivered, by reason.
-        busy_ns: sampled working time, ns; for a sink with all it calls, for a queue the time to hand over.
+        errors: failures of the element.
+        warnings: warnings it posted.
+        busy_ns: sampled working time, ns. Of a source: the time it took to make frames, 0 for a live one,
+            whose waiting is no work. Of a queue: what upstream took to hand frames over, waiting included.
+        age_ns: how long ago the newest frame seen arrived at its source, ns, by samples; None before a frame.
+        queue: what it holds, or None for an element that holds no frames.
+        pads: counters of each pad.
     """
 
     element: str
+    factory: str
     frames_in: int
     frames_out: int
     dropped: dict[str, int]
+    errors: int
+    warnings: int
     busy_ns: int
+    age_ns: int | None
+    queue: QueueLevels | None
+    pads: list[PadStatistics]
 
 
-def collect_statistics(graph: Graph, chains: Iterable[Chain]) -> list[ElementStatistics]:
-    """The counters of every element of a graph, in its order."""
-    came, left, busy = Counter[str](), Counter[str](), Counter[str]()
-    for chain in chains:
-        left[chain.src.element.name] += chain.frames
-        for index, (element, count, busy_ns) in enumerate(chain.received()):
-            came[element.name] += count
-            busy[element.name] += busy_ns
+@runtime_checkable
+class Levelled(Protocol):
+    """An element that holds frames and tells how many; `highest_level_...` besides, where it knows them."""
+
+    @property
+    def current_level_buffers(self) -> int:
+        """Frames held now."""
+
+    @property
+    def current_level_bytes(self) -> int:
+        """Bytes held now."""
+
+    @property
+    def current_level_time(self) -> int:
+        """Time held now, ns."""
+
+
+class Tally:
+    """Counts errors and warnings of each element, as a watcher of the bus."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[tuple[str, MessageKind]] = Counter()
+
+    def __call__(self, message: Message) -> None:
+        """Counts one message."""
+        if message.kind in (MessageKind.ERROR, MessageKind.WARNING):
+            self.counts[message.source, message.kind] += 1
+
+
+class _Sums:
+    """What the chains of a graph add up to, by pad and by element."""
+
+    def __init__(self, chains: Iterable[Chain]) -> None:
+        self.frames: Counter[Pad] = Counter()
+        self.came: Counter[str] = Counter()
+        self.left: Counter[str] = Counter()
+        self.busy_ns: Counter[str] = Counter()
+        self.newest_ns: dict[str, int] = {}
+        self._behind: dict[str, list[Chain]] = {}
+        for chain in chains:
+            self._behind.setdefault(chain.src.element.name, []).append(chain)
+            self._add(chain)
+            chain.due = 0  # whoever looks now and then sees an age that is no older than the last look
+        for owner in [behind[0].src.element for behind in self._behind.values()]:
+            self._settle(owner, self._behind[owner.name])
+
+    def _add(self, chain: Chain) -> None:
+        """Adds what one chain counted."""
+        self._leave(chain.src, chain.frames)
+        newest_ns = 0
+        for index, (element, count, busy_ns) in reversed(list(enumerate(chain.received()))):
+            newest_ns = chain.newest_ns[index] or newest_ns  # a passthrough passes what came behind it
+            self._see(element, newest_ns)
+            self.came[element.name] += count
+            self.frames[chain.sinks[index]] += count
+            self.busy_ns[element.name] += busy_ns
             if index < len(chain.transforms):
-                left[element.name] += count - chain.swallowed[index]
-    return [
-        ElementStatistics(name, came[name], left[name], dict(element.drops), busy[name])
-        for name, element in ((element.name, element) for element in graph.elements)
-    ]
+                self._leave(chain.transforms[index].src_pad, count - chain.swallowed[index])
+        self._see(chain.src.element, newest_ns)
+
+    def _leave(self, pad: Pad, count: int) -> None:
+        self.frames[pad] += count
+        self.left[pad.element.name] += count
+
+    def _see(self, element: Element, newest_ns: int) -> None:
+        self.newest_ns[element.name] = max(newest_ns, self.newest_ns.get(element.name, 0))
+
+    def _settle(self, owner: Element, behind: list[Chain]) -> None:
+        """Tells the work of an element from that of the chains it calls: a source's, a tee's."""
+        if isinstance(owner, Transform | Streaming) and not isinstance(owner, Source):
+            return
+        called_ns = sum(self._spent_ns(chain) for chain in behind)
+        if isinstance(owner, Source):
+            began_ns = min((chain.first_ns for chain in behind if chain.first_ns), default=0)
+            self.busy_ns[owner.name] = max(chain.last_ns for chain in behind) - began_ns
+        self.busy_ns[owner.name] -= called_ns
+        if isinstance(owner, Source) and owner.is_live:
+            self.busy_ns[owner.name] = 0
+
+    def _spent_ns(self, chain: Chain) -> int:
+        """Working time in a chain, with the chains of transforms that make several frames of one."""
+        nested = (beyond for transform in chain.transforms for beyond in self._behind.get(transform.name, ()))
+        return sum(chain.busy_ns) + sum(self._spent_ns(beyond) for beyond in nested)
+
+
+def collect_statistics(
+    graph: Graph, chains: Iterable[Chain], counts: Counter[tuple[str, MessageKind]], now_ns: int
+) -> list[ElementStatistics]:
+    """The counters of every element of a graph, in its order.
+
+    Args:
+        graph: its elements.
+        chains: the chains of its run.
+        counts: messages by element and kind.
+        now_ns: time of the pipeline's clock, ns.
+    """
+    sums = _Sums(chains)
+
+    def row(element: Element) -> ElementStatistics:
+        name = element.name
+        newest_ns = sums.newest_ns.get(name, 0)
+        return ElementStatistics(
+            element=name,
+            factory=element.factory,
+            frames_in=sums.came[name],
+            frames_out=sums.left[name],
+            dropped=dict(element.drops),
+            errors=counts[name, MessageKind.ERROR],
+            warnings=counts[name, MessageKind.WARNING],
+            busy_ns=max(0, sums.busy_ns[name]),
+            age_ns=max(0, now_ns - newest_ns) if newest_ns else None,
+            queue=_levels(element) if isinstance(element, Levelled) else None,
+            pads=[_pad_row(pad, sums.frames[pad]) for pad in list(element.pads.values())],
+        )
+
+    return [row(element) for element in graph.elements]
+
+
+def _pad_row(pad: Pad, frames: int) -> PadStatistics:
+    peer, caps = pad.peer, pad.caps
+    return PadStatistics(
+        pad=pad.name,
+        direction=str(pad.template.direction),
+        frames=frames,
+        peer=peer.path if peer is not None else None,
+        caps=str(caps) if caps is not None else None,
+    )
+
+
+def _levels(element: Levelled) -> QueueLevels:
+    return QueueLevels(
+        buffers=element.current_level_buffers,
+        bytes=element.current_level_bytes,
+        time_ns=element.current_level_time,
+        max_buffers=getattr(element, "highest_level_buffers", None),
+        max_bytes=getattr(element, "highest_level_bytes", None),
+        max_time_ns=getattr(element, "highest_level_time", None),
+        limit_buffers=getattr(element, "max_size_buffers", 0),
+    )

@@ -1,8 +1,17 @@
 """Counters of a running graph: every frame not delivered has a reason."""
 
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
 import pytest
 
-from streamkit import Pipeline
+from streamkit import ElementFailure, Frame, Pipeline, Property, Sink, Source, Transform
+from streamkit.flow.caps import ANY
+from streamkit.graph.statistics import PadStatistics, QueueLevels
+from streamkit.testing import ManualClock
+
+Register = Callable[..., None]
 
 
 def test_queues_and_branches_are_counted() -> None:
@@ -48,3 +57,173 @@ def test_before_a_run_everything_is_zero() -> None:
         ("fakesrc0", 0, 0),
         ("fakesink0", 0, 0),
     ]
+
+
+class Works(Transform):
+    """Takes some time for each frame."""
+
+    sink = src = "ANY"
+
+    def transform(self, frame: Frame) -> Frame:
+        spin(200_000)
+        return frame
+
+
+class WorksSparingly(Transform):
+    """The same, in a generator."""
+
+    sink = src = "ANY"
+
+    def transform(self, frame: Frame) -> Iterator[Frame]:
+        spin(200_000)
+        yield frame
+
+
+def spin(span_ns: int) -> None:
+    """Works for so many ns."""
+    end = time.perf_counter_ns() + span_ns
+    while time.perf_counter_ns() < end:
+        pass
+
+
+@pytest.mark.parametrize("kind", [Works, WorksSparingly])
+def test_a_short_run_is_timed_as_well(register: Register, kind: type[Transform]) -> None:
+    """From the first frame on; what a tee and a source call is not their own work."""
+    register(works=kind)
+    with Pipeline.parse("fakesrc num-buffers=20 ! tee name=t ! works ! fakesink") as pipeline:
+        pipeline.run(timeout_s=20)
+        rows = {row.element: row for row in pipeline.statistics()}
+    assert rows["works0"].busy_ns >= 4_000_000 * 0.7
+    for name in ("fakesrc0", "t", "fakesink0"):
+        assert rows[name].busy_ns < rows["works0"].busy_ns
+
+
+def test_a_slow_source_is_busy_and_a_live_one_is_not(register: Register) -> None:
+    """Time between frames is a source's work, unless it waits for frames that come at their own pace."""
+
+    class Makes(Source):
+        """Takes a while for each frame."""
+
+        src = "ANY"
+        live: bool = Property(False)
+
+        def frames(self) -> Iterator[Frame]:
+            self.is_live = self.live
+            for _ in range(20):
+                spin(200_000)
+                yield Frame(b"", ANY)
+
+    register(makes=Makes)
+    for text, is_busy in (("makes", True), ("makes live=true", False)):
+        with Pipeline.parse(f"{text} ! fakesink") as pipeline:
+            pipeline.run(timeout_s=20)
+            assert (pipeline.statistics()[0].busy_ns > 3_000_000) is is_busy
+
+
+def test_timing_copies_no_frame(register: Register) -> None:
+    """An element that writes into frames gets the original, timed or not."""
+
+    class Writes(Transform):
+        """Counts the frames it had to copy."""
+
+        sink = src = "ANY"
+        copied = 0
+
+        def transform(self, frame: Frame) -> Frame:
+            before = id(frame.data)
+            frame = frame.writable()
+            self.copied += id(frame.data) != before
+            return frame
+
+    class Makes(Source):
+        """Fresh arrays."""
+
+        src = "ANY"
+
+        def frames(self) -> Iterator[Frame]:
+            return (Frame(np.zeros(4, np.uint8), ANY) for _ in range(200))
+
+    register(writes=Writes, makes=Makes)
+    with Pipeline.parse("makes ! writes ! identity silent=false ! writes ! fakesink") as pipeline:
+        pipeline.run(timeout_s=20)
+        assert [pipeline[name].copied for name in ("writes0", "writes1")] == [0, 0]
+
+
+def test_the_age_is_that_of_the_newest_frame() -> None:
+    """Since its arrival, on the pipeline's clock; elements that nothing has reached have none."""
+    clock = ManualClock()
+    pipeline = Pipeline.parse(
+        "appsrc name=in ! identity ! tee name=t ! fakesink name=end  t. ! valve drop=1 ! fakesink name=dry",
+        clock=clock,
+    )
+    with pipeline:
+        pipeline.play()
+        for seconds in (2, 3):
+            pipeline["in"].push(Frame(b"", ANY, arrival_ns=clock.monotonic_ns()))
+            clock.advance(seconds)
+        pipeline["in"].end()
+        assert pipeline.wait(10) is not None
+        rows = {row.element: row for row in pipeline.statistics()}
+    for name in ("in", "identity0", "t", "end"):
+        assert rows[name].age_ns == 3_000_000_000, name
+    assert rows["dry"].age_ns is None
+    assert rows["dry"].frames_in == 0
+
+
+def test_pads_tell_frames_caps_and_peer() -> None:
+    """One row for each pad of the element."""
+    with Pipeline.parse("fakesrc num-buffers=7 ! a/b,x=1 ! tee name=t ! fakesink") as pipeline:
+        pipeline.play()
+        assert pipeline.wait(10) is not None
+        rows = {row.element: row for row in pipeline.statistics()}
+    assert rows["t"].pads == [
+        PadStatistics("sink", "sink", 7, "capsfilter0.src", "a/b, x=(int)1"),
+        PadStatistics("src_0", "src", 7, "fakesink0.sink", "a/b, x=(int)1"),
+    ]
+
+
+def test_a_queue_tells_its_levels_and_the_highest() -> None:
+    """Frames and bytes held now, and the most there were, within the limit."""
+    with Pipeline.parse("appsrc name=in ! queue name=q max-size-buffers=3 ! valve name=v ! appsink name=out "
+                        "max-buffers=1") as pipeline:  # fmt: skip
+        pipeline.play()
+        for number in range(5):  # one in the appsink, one before it, three in the queue
+            pipeline["in"].push(Frame(bytes(10), ANY, seq=number))
+        full = queue_levels(pipeline)
+        while full.buffers < 3:
+            full = queue_levels(pipeline)
+        assert (full.bytes, full.limit_buffers) == (30, 3)
+        pipeline["in"].end()
+        assert len(list(pipeline["out"])) == 5
+        rest = queue_levels(pipeline)
+    assert (rest.buffers, rest.bytes, rest.max_buffers, rest.max_bytes) == (0, 0, 3, 30)
+
+
+def queue_levels(pipeline: Pipeline) -> QueueLevels:
+    """What the queue q holds."""
+    levels = next(row.queue for row in pipeline.statistics() if row.element == "q")
+    assert levels is not None
+    return levels
+
+
+class Warns(Sink):
+    """Warns at every frame, fails at the third."""
+
+    sink = "ANY"
+
+    def render(self, frame: Frame) -> None:
+        self.post_warning("dirty lens")
+        if frame.seq == 2:
+            raise OSError("broken lens")
+
+
+def test_errors_and_warnings_are_counted(register: Register) -> None:
+    """For the element they are from, anew in each run."""
+    register(warns=Warns)
+    pipeline = Pipeline.parse("fakesrc ! warns")
+    for _ in range(2):
+        with pytest.raises(ElementFailure):
+            pipeline.run(timeout_s=20)
+        rows = {row.element: row for row in pipeline.statistics()}
+        assert (rows["warns0"].errors, rows["warns0"].warnings) == (1, 3)
+        assert (rows["fakesrc0"].errors, rows["fakesrc0"].warnings) == (0, 0)
