@@ -24,5 +24,8 @@ class Host(Protocol):
     def reconfigure(self, element: Element) -> None:
         """What the element can take has changed: caps are negotiated anew before the next frame."""
 
+    def sink_ended(self, element: Element) -> None:
+        """A sink has finished all that came before EOS."""
+
     def prerolled(self, element: Element) -> None:
         """A sink of the paused graph holds its first frame."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.events import CapsEvent, Event, SegmentEvent
+from streamkit.flow.events import CapsEvent, Event, FlushStart, FlushStop, SegmentEvent
 from streamkit.flow.segment import OPEN_SEGMENT, Segment
 from streamkit.flow.signals import NotLinked
 
@@ -150,6 +150,10 @@ class Pad:
             self.caps = event.caps
         elif isinstance(event, SegmentEvent):
             self.segment = event.segment
+        elif isinstance(event, FlushStart | FlushStop):
+            self.is_eos = False
+            if not self.is_src:
+                self.element.flush(begins=isinstance(event, FlushStart))
 
     def reset(self) -> None:
         """Forgets what a run left behind."""

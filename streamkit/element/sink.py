@@ -9,21 +9,52 @@ from streamkit.element.base import Element
 from streamkit.element.negotiation import refusal
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
-from streamkit.errors import ElementFailure, NotNegotiated
 from streamkit.flow.caps import Caps
-from streamkit.flow.events import CapsEvent, EosEvent, Event
+from streamkit.flow.events import CapsEvent, EosEvent, Event, GapEvent
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.flow.signals import FlowStop, Flushing
+from streamkit.flow.signals import Flushing
+
+MAX_NS = 2**63 - 1
 
 
 class Sink(Element):
-    """Base of sinks: override `render`, and `drain` for what is left to do at EOS."""
+    """Base of sinks: override `render`, and `drain` for what is left to do at EOS.
+
+    While the pipeline is paused a sink holds the first frame that comes: it has prerolled.
+
+    Attributes:
+        position_ns: timestamp of the last frame shown in time, or None; kept while `sync` is on.
+    """
 
     sync: bool = Property(False, doc="Wait until each frame's time has come, on the pipeline's clock.")
+    wait_for_preroll: bool = Property(
+        True,
+        name="async",
+        doc="Whether a paused pipeline counts as prerolled only when this sink holds a frame.",
+    )
+    max_lateness: int = Property(
+        -1, min=-1, max=MAX_NS, unit="ns", doc="With sync: drop frames later than this; -1 is never."
+    )
+    qos: bool = Property(False, doc="With sync: tell of each frame dropped for being late, on the bus.")
+    ts_offset: int = Property(
+        0, min=-MAX_NS, max=MAX_NS, unit="ns", doc="With sync: show each frame so much later."
+    )
+    render_delay: int = Property(
+        0, min=0, max=MAX_NS, unit="ns", doc="With sync: show each frame so much earlier."
+    )
+    throttle_time: int = Property(
+        0, min=0, max=MAX_NS, unit="ns", doc="Shortest time between two frames shown."
+    )
+    processing_deadline: int = Property(
+        20_000_000, min=0, max=MAX_NS, unit="ns", doc="What live frames are given to be worked on, with sync."
+    )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._zero: tuple[int, int] | None = None
+        self._has_prerolled = False
+        self._last_end_ns = 0
+        self._next_ns = 0
+        self.position_ns: int | None = None
         super().__init__(name, **properties)
 
     # What an author overrides.
@@ -31,6 +62,9 @@ class Sink(Element):
     def render(self, frame: Frame) -> None:
         """Takes one frame."""
         raise NotImplementedError
+
+    def preroll(self, frame: Frame | None) -> None:
+        """The first frame while the pipeline is paused, rendered later; None for a gap or EOS."""
 
     def drain(self) -> None:
         """EOS: everything that came is to be finished."""
@@ -41,30 +75,118 @@ class Sink(Element):
     # What the engine calls.
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that takes the frames of a pad."""
-        self._zero = None
-        return self._render_in_time if self.sync else self.render
+        """The function that takes the frames of a pad, as the pipeline's state and the properties stand."""
+        is_timed = self.sync or self.throttle_time > 0
+        if self.timing.running.is_set() and not is_timed:
+            return self.render
+        render = self._render_in_time if is_timed else self._render_now
 
-    def _render_in_time(self, frame: Frame) -> None:
-        if frame.pts is not None:
-            if self._zero is None or self._zero[1] != frame.epoch:
-                self._zero = (self.clock_ns() - frame.pts, frame.epoch)
-            if not self.clock.wait_until(self._zero[0] + frame.pts, self.stopping):
-                raise Flushing(self.name)
+        def receive(frame: Frame) -> None:
+            if frame.pts is not None and not pad.segment.holds(frame.pts, frame.duration):
+                self.count_drop("outside the segment")
+                return
+            if not self.timing.running.is_set():
+                self._hold(frame)
+            render(pad, frame)
+
+        return receive
+
+    def _render_now(self, pad: Pad, frame: Frame) -> None:
         self.render(frame)
+
+    def _render_in_time(self, pad: Pad, frame: Frame) -> None:
+        if frame.pts is None:
+            self.render(frame)
+            return
+        running_time_ns = pad.segment.running_time_ns(frame.pts)
+        if not self._is_throttled(running_time_ns) and self._wait_for_time(frame, running_time_ns):
+            self.position_ns = frame.pts
+            self._last_end_ns = running_time_ns + (frame.duration or 0)
+            self.render(frame)
+
+    def _is_throttled(self, running_time_ns: int) -> bool:
+        if not self.throttle_time:
+            return False
+        if running_time_ns < self._next_ns:
+            self.count_drop("throttled")
+            return True
+        self._next_ns = running_time_ns + self.throttle_time
+        return False
+
+    def _wait_for_time(self, frame: Frame, running_time_ns: int) -> bool:
+        """Waits until a frame is due, through pauses; False where it has come too late."""
+        if not self.sync:
+            return True
+        due_ns = running_time_ns + self.ts_offset - self.render_delay
+        while not self.clock.wait_until(self.timing.due_ns(due_ns), self.waking):
+            if self.stopping.is_set() or self.is_flushing:
+                raise Flushing(self.name)
+            self._hold(frame)
+        if self.max_lateness < 0:
+            return True
+        late_ns = self.clock_ns() - self.timing.due_ns(due_ns)
+        if late_ns <= self.max_lateness:
+            return True
+        self.count_drop("too late")
+        if self.qos:
+            self.post_message("qos", pts=frame.pts, late_ns=late_ns, dropped=self.drops["too late"])
+        return False
+
+    def _hold(self, frame: Frame | None) -> None:
+        """Prerolls, once a pause, and waits until the pipeline plays."""
+        if self.timing.running.is_set():
+            return
+        if not self._has_prerolled:
+            self._has_prerolled = True
+            self.preroll(frame)
+            if self.host is not None:
+                self.host.prerolled(self)
+        if not self.wait_while_paused():
+            raise Flushing(self.name)
+        self._has_prerolled = False
+
+    def prepare_run(self) -> None:
+        """Forgets an earlier run."""
+        self._has_prerolled = False
+        self._last_end_ns = self._next_ns = 0
+        self.position_ns = None
+
+    def flush(self, *, begins: bool) -> None:
+        """A flush begins or ends; the frame that is held or waited for is dropped."""
+        super().flush(begins=begins)
+        self._has_prerolled = False
+        self.position_ns = None
+
+    def latency(self) -> tuple[int, int | None]:
+        """With sync, the time frames are given to be worked on; no bound is needed above."""
+        return (self.processing_deadline + self.render_delay if self.sync else 0), None
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Takes caps and EOS; EOS is told to the pipeline once everything is drained."""
-        try:
+        with self.guarded():
             if isinstance(event, CapsEvent):
                 if (event.caps & pad.template.caps & self.query_caps(pad)).is_empty and pad.peer is not None:
                     raise refusal(pad.peer, event.caps, pad.template.caps & self.query_caps(pad))
                 self.configure(event.caps)
+            elif isinstance(event, GapEvent):
+                self._hold(None)
             elif isinstance(event, EosEvent) and not pad.is_eos:
-                self.drain()
-                pad.is_eos = True
-                self.post(Message(MessageKind.EOS, self.name))
-        except (FlowStop, ElementFailure, NotNegotiated):
-            raise
-        except Exception as cause:
-            raise self.failure(cause) from cause
+                self._end(pad)
+
+    def _end(self, pad: Pad) -> None:
+        """EOS: it waits for the end of the last frame shown, and for a paused pipeline to play."""
+        self._hold(None)
+        if self.sync and self._last_end_ns and not self.wait_until_due(self._last_end_ns + self.ts_offset):
+            raise Flushing(self.name)
+        if all(other.is_eos for other in self.sink_pads() if other is not pad and other.peer is not None):
+            self.drain()
+            pad.is_eos = True
+            self._tell_end()
+        else:
+            pad.is_eos = True
+
+    def _tell_end(self) -> None:
+        if self.host is not None:
+            self.host.sink_ended(self)
+        else:
+            self.post(Message(MessageKind.EOS, self.name))

@@ -9,11 +9,11 @@ from typing import Any
 from streamkit.element.base import Element
 from streamkit.element.negotiation import allowed_caps, demand_accepted
 from streamkit.element.pad import Pad
-from streamkit.errors import ElementFailure, NotNegotiated
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.events import EOS, CapsEvent, DiscontinuityEvent, Event
+from streamkit.flow.events import EOS, CapsEvent, DiscontinuityEvent, Event, SegmentEvent
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import EndOfStream, FlowStop, Flushing
+from streamkit.flow.segment import Segment
+from streamkit.flow.signals import EndOfStream, Flushing
 
 HELD_LOOK_S = 1.0  # a held source is woken by `hold`, `finish` or `halt`; this bounds a missed wake-up
 
@@ -37,18 +37,30 @@ class Source(Element):
         self._held.set()
         self._finishing = False
         self._check = False
+        self._renegotiates = False
+        self._flush_over = threading.Event()
+        self._flush_over.set()
         self._epochs: dict[str, int] = {}
         self._numbers: dict[str, int] = {}
+        self._segment = Segment()
+        self._segment_epoch: int | None = None
         super().__init__(name, **properties)
 
     # What an author overrides.
+
+    def duration_ns(self) -> int | None:
+        """How long the stream is; None if it has no end or cannot tell."""
+        return None
 
     def negotiate(self, allowed: Caps) -> Caps | None:
         """Chooses the fixed caps to produce out of `allowed`; None when only the data can tell."""
         return None if allowed.is_any else allowed.fixate()
 
-    def frames(self) -> Iterator[Frame | tuple[str, Frame]]:
-        """Yields frames, or (pad name, frame) where there are several pads; returning means EOS."""
+    def frames(self) -> Iterator[Frame | tuple[str, Frame] | Event]:
+        """Yields frames, or (pad name, frame) where there are several pads; returning means EOS.
+
+        An event that is yielded goes to every pad, in order with the frames.
+        """
         raise NotImplementedError
 
     # What the engine calls.
@@ -72,29 +84,41 @@ class Source(Element):
         self._held.set()
         self.interrupt()
 
+    def renegotiate(self) -> None:
+        """Makes the source agree on caps with downstream anew before its next frame."""
+        self._renegotiates = self._check = True
+
     def halt(self) -> None:
         """Makes the source leave its loop at the next frame: the pipeline is stopping."""
+        super().halt()
         self._check = True
         self._held.set()
+        self._flush_over.set()
+
+    def flush(self, *, begins: bool) -> None:
+        """Between the start and the stop of a flush the source waits; the frame on its way is dropped."""
+        super().flush(begins=begins)
+        if begins:
+            self._flush_over.clear()
+        else:
+            self._flush_over.set()
 
     def prepare_run(self) -> None:
         """Forgets an earlier run's end."""
-        self._finishing = self._check = False
+        self._finishing = self._check = self._renegotiates = False
         self._held.set()
+        self._flush_over.set()
+        self._epochs, self._numbers = {}, {}
+        self._segment_epoch = None
 
     def stream(self) -> None:
         """The body of the source's thread: negotiates, pushes every frame, then EOS."""
         try:
-            self._settle_before_data()
-            self._push_all()
+            with self.guarded():
+                self._settle_before_data()
+                self._push_all()
         except EndOfStream:
             pass
-        except FlowStop:
-            raise
-        except (ElementFailure, NotNegotiated):
-            raise
-        except Exception as cause:
-            raise self.failure(cause) from cause
         if self.stopping.is_set():
             raise Flushing(self.name)
         for pad in list(self.src_pads()):
@@ -111,13 +135,18 @@ class Source(Element):
             pad.caps = caps
 
     def _push_all(self) -> None:
+        if self._check and self._must_end():
+            return
         frames = self.frames()
         pad, advance = self.src_pad, self._advance
-        self._epochs, self._numbers = {}, {}
         try:
             while True:
-                # No name here holds the frame: downstream may then be its sole owner.
-                pad.push(advance(frames))
+                try:
+                    while True:
+                        # No name here holds the frame: downstream may then be its sole owner.
+                        pad.push(advance(frames))
+                except Flushing:
+                    self._wait_for_flush_end()
         except _Exhausted:
             return
         finally:
@@ -125,14 +154,31 @@ class Source(Element):
             if close is not None:
                 close()
 
-    def _advance(self, frames: Iterator[Frame | tuple[str, Frame]]) -> Frame:
+    def _wait_for_flush_end(self) -> None:
+        """After a flush the stream goes on; the frame that met it is lost. A stop ends it."""
+        if self.stopping.is_set():
+            raise Flushing(self.name)
+        self.count_drop("flushed")
+        while not self._flush_over.wait(HELD_LOOK_S) and not self.stopping.is_set():
+            continue
+
+    def _advance(self, frames: Iterator[Frame | tuple[str, Frame] | Event]) -> Frame:
         """The next frame for the first src pad; frames for other pads are pushed on the way."""
         main = self.src_pad
         for item in frames:
-            if self._check and self._must_end():
-                break
-            if not isinstance(item, tuple):
+            if self._check:
+                was_held = not self._held.is_set()
+                if self._must_end():
+                    break
+                if was_held and self.is_live:
+                    self.count_drop("paused")
+                    continue
+            if isinstance(item, Frame):
                 return self._prepared(main, item)
+            if not isinstance(item, tuple):
+                for pad in list(self.src_pads()):
+                    pad.send_event(item)
+                continue
             pad = self.pads[item[0]]
             if pad is main:
                 return self._prepared(pad, item[1])
@@ -148,18 +194,45 @@ class Source(Element):
             number = self._numbers.get(pad.name, -1) + 1
             self._numbers[pad.name] = number
             frame = frame.replace(seq=frame.seq or number, arrival_ns=self.clock_ns())
-        if frame.epoch != self._epochs.get(pad.name, 0):
-            self._epochs[pad.name] = frame.epoch
-            pad.send_event(DiscontinuityEvent(frame.epoch))
+        if frame.epoch != self._epochs.get(pad.name, -1):
+            self._begin_epoch(pad, frame)
         return frame
+
+    def _begin_epoch(self, pad: Pad, frame: Frame) -> None:
+        """Tells downstream where the timestamps of the first frame, or of a new epoch, lie."""
+        known = self._epochs.get(pad.name)
+        self._epochs[pad.name] = frame.epoch
+        if frame.epoch != (known or 0):
+            pad.send_event(DiscontinuityEvent(frame.epoch))
+        if self._segment_epoch != frame.epoch:
+            is_late = self.is_live or self._segment_epoch is not None
+            self._segment_epoch = frame.epoch
+            self._segment = Segment(frame.pts or 0, None, self.timing.running_time_ns() if is_late else 0)
+        pad.send_event(SegmentEvent(self._segment))
 
     def _must_end(self) -> bool:
         while not self._held.wait(HELD_LOOK_S) and not self.stopping.is_set():
             continue
         if self.stopping.is_set():
             raise Flushing(self.name)
+        if self._renegotiates:
+            self._renegotiates = False
+            self._settle_anew()
         self._check = self._finishing
         return self._finishing
+
+    def _settle_anew(self) -> None:
+        """Downstream has changed what it takes: caps are chosen again, or sent again where the data rules."""
+        pad = self.src_pad
+        caps = self.negotiate(allowed_caps(pad, ANY))
+        if caps is None or caps.is_any:
+            for other in list(self.src_pads()):
+                if other.caps is not None and other.peer is not None:
+                    demand_accepted(other, other.caps)
+                    other.send_event(CapsEvent(other.caps))
+            return
+        demand_accepted(pad, caps)
+        pad.send_event(CapsEvent(caps))
 
     def _settle(self, pad: Pad, frame: Frame) -> Frame:
         """The frame with the pad's caps, after telling downstream when they are new."""

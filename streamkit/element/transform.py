@@ -8,11 +8,9 @@ from typing import Any
 from streamkit.element.base import Element
 from streamkit.element.negotiation import allowed_caps, demand_accepted, refusal
 from streamkit.element.pad import Direction, Pad
-from streamkit.errors import ElementFailure, NotNegotiated
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import CapsEvent, EosEvent, Event
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import FlowStop
 
 Result = Frame | Iterable[Frame] | None
 
@@ -70,25 +68,34 @@ class Transform(Element):
         beyond = other.peer_caps() & other.template.caps
         return self.transform_caps(beyond, str(other.template.direction))
 
+    def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
+        """Takes an event and says what goes on; an element with its own `receive_event` sends by itself."""
+        if type(self).receive_event is not Transform.receive_event:
+            self.receive_event(pad, event)
+            return None
+        return self._take_event(event)
+
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Negotiates on new caps, drains on EOS, passes everything on in order."""
-        try:
+        onward = self._take_event(event)
+        if onward is not None:
+            onward[0].send_event(onward[1])
+
+    def _take_event(self, event: Event) -> tuple[Pad, Event] | None:
+        with self.guarded():
             if isinstance(event, CapsEvent):
-                self._negotiate(event.caps)
-                return
+                src_caps = self._negotiate(event.caps)
+                return None if src_caps is None else (self.src_pad, CapsEvent(src_caps))
             if isinstance(event, EosEvent):
                 for frame in self.drain():
                     self.src_pad.push(self.settled(frame))
                 self.src_pad.is_eos = True
             else:
                 self.event(event)
-        except (FlowStop, ElementFailure, NotNegotiated):
-            raise
-        except Exception as cause:
-            raise self.failure(cause) from cause
-        self.src_pad.send_event(event)
+        return self.src_pad, event
 
-    def _negotiate(self, sink_caps: Caps) -> None:
+    def _negotiate(self, sink_caps: Caps) -> Caps | None:
+        """The caps to send, with which the element is configured; None where only a frame can tell."""
         sink, src = self.pads["sink"], self.src_pad
         if (sink_caps & sink.template.caps).is_empty and sink.peer is not None:
             raise refusal(sink.peer, sink_caps, sink.template.caps)
@@ -100,20 +107,16 @@ class Transform(Element):
         self._sink_caps = sink_caps
         if src_caps is None:
             src.caps = None
-            return
+            return None
         if src_caps == sink_caps:
             src_caps = sink_caps
         self._configure(sink_caps, src_caps)
+        return src_caps
 
     def _configure(self, sink_caps: Caps, src_caps: Caps) -> None:
         self.src_pad.caps = src_caps
-        try:
+        with self.guarded():
             self.configure(sink_caps, src_caps)
-        except (FlowStop, ElementFailure, NotNegotiated):
-            raise
-        except Exception as cause:
-            raise self.failure(cause) from cause
-        self.src_pad.send_event(CapsEvent(src_caps))
 
     def settled(self, frame: Frame) -> Frame:
         """The frame with the src pad's caps, after telling downstream when the data changed them."""
@@ -125,4 +128,5 @@ class Transform(Element):
             return frame.replace(caps=pad.caps)
         demand_accepted(pad, caps)
         self._configure(self._sink_caps or caps, caps)
+        pad.send_event(CapsEvent(caps))
         return frame

@@ -17,7 +17,11 @@ class CapsFilter(Transform):
 
     sink = src = "ANY"
 
-    caps: Caps = Property(ANY, doc="What may pass.")
+    caps: Caps = Property(ANY, live=True, doc="What may pass; when it changes upstream negotiates anew.")
+
+    def property_changed(self, name: str) -> None:
+        """New caps: upstream is to follow."""
+        self.reconfigure()
 
     def transform_caps(self, caps: Caps, direction: str) -> Caps:
         """The caps of the other pad: the same, within the filter; the filter's order rules."""

@@ -60,6 +60,7 @@ class Chain:
         self.newest_ns = [0] * (len(self.transforms) + 1)
         self.due = 1
         self.first_ns = self.last_ns = self._timed_frames = 0
+        self._replace_consumer: Callable[[Callable[[Frame], None]], None] = lambda consume: None
         self._stages: list[Callable[[Frame], Any]] = []
         self._positions: dict[Callable[[Frame], Any], int] = {self._consume: len(self.transforms)}
         for position, transform in enumerate(self.transforms):
@@ -93,7 +94,19 @@ class Chain:
             except Exception as cause:
                 raise failed(stage, frame, cause) from cause
 
+        def replace_consumer(function: Callable[[Frame], None]) -> None:
+            nonlocal consume
+            consume = function
+
+        self._replace_consumer = replace_consumer
         return push
+
+    def refresh(self) -> None:
+        """Asks the element the chain ends in anew for the function that takes its frames."""
+        if self.terminal is not None:
+            self._consume = self.terminal.receiver(self.sinks[-1])
+            self._positions[self._consume] = len(self.transforms)
+            self._replace_consumer(self._consume)
 
     def _timed(self, box: list[Frame]) -> None:
         """Sends the frame in the box through, taking the time of each element."""

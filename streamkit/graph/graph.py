@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
@@ -25,6 +26,25 @@ class Bin:
     parent: str = ""
 
 
+class DelayedLink(Protocol):
+    """A link that waits for a pad that only the stream brings.
+
+    Attributes:
+        source: the element whose pad is waited for.
+        description: what is to be linked, for people.
+        every_pad: whether it links every pad that comes and so never is complete.
+        has_succeeded: whether it has linked a pad.
+    """
+
+    source: Element
+    description: str
+    every_pad: bool
+    has_succeeded: bool
+
+    def try_link(self, element: Element, pad: Pad) -> list[tuple[Pad, Pad]]:
+        """Tries to link a pad that has come; the links made."""
+
+
 @dataclass(slots=True)
 class Graph:
     """Elements and links.
@@ -33,12 +53,14 @@ class Graph:
         elements: in textual order.
         bins: groups of elements.
         inserted: converters that negotiation put in; they are in `elements` too.
+        delayed_links: links that wait for a pad that only the stream brings.
         warnings: (code, text) of what was done unasked.
     """
 
     elements: list[Element] = field(default_factory=list)
     bins: list[Bin] = field(default_factory=list)
     inserted: list[Element] = field(default_factory=list)
+    delayed_links: list[DelayedLink] = field(default_factory=list)
     warnings: list[tuple[str, str]] = field(default_factory=list)
 
     def element(self, name: str) -> Element:

@@ -44,20 +44,31 @@ def negotiate(graph: Graph, places: dict[str, Place]) -> None:
                 raise _conflict(src, sink, places)
 
 
+def remember_caps(graph: Graph) -> None:
+    """Asks every pad once what it can carry, from the sinks up and then down; queries then answer at once."""
+    forget_caps(graph)
+    links = _links_from_sinks(graph)
+    for _, sink in links:
+        sink.known_caps = sink.query_caps()
+    for src, _ in reversed(links):
+        src.known_caps = src.query_caps()
+
+
+def forget_caps(graph: Graph) -> None:
+    """Queries ask the whole graph anew."""
+    for element in graph.elements:
+        for pad in list(element.pads.values()):
+            pad.known_caps = None
+
+
 @contextlib.contextmanager
 def remembered_caps(graph: Graph) -> Iterator[None]:
     """Within the block each pad knows its answer to a query, else asked for along the whole graph."""
-    links = _links_from_sinks(graph)
     try:
-        for _, sink in links:
-            sink.known_caps = sink.query_caps()
-        for src, _ in reversed(links):
-            src.known_caps = src.query_caps()
+        remember_caps(graph)
         yield
     finally:
-        for element in graph.elements:
-            for pad in element.pads.values():
-                pad.known_caps = None
+        forget_caps(graph)
 
 
 def _links_from_sinks(graph: Graph) -> list[tuple[Pad, Pad]]:

@@ -11,16 +11,17 @@ from typing import Any, Self
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Presence
-from streamkit.element.sink import Sink
 from streamkit.element.source import Source
-from streamkit.errors import ElementFailure, ResourceError, StateError, StreamkitError
+from streamkit.element.timing import Timing
+from streamkit.errors import ElementFailure, StateError
 from streamkit.flow.clock import Clock, SystemClock
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.graph.branches import Branch, add_branch, remove_branch
 from streamkit.graph.bus import Bus
-from streamkit.graph.chain import Chain
 from streamkit.graph.graph import Graph
+from streamkit.graph.playback import Playback
+from streamkit.graph.queries import Latency, duration_ns, graph_latency, position_ns
 from streamkit.graph.statistics import ElementStatistics, Tally, collect_statistics
-from streamkit.graph.streaming import Streaming, StreamingThread
 
 STOP_LIMIT_S = 5.0
 
@@ -34,6 +35,17 @@ class State(enum.StrEnum):
     PLAYING = "playing"
 
 
+class StateChange(enum.StrEnum):
+    """What a change of state has come to.
+
+    ASYNC: a paused pipeline still waits for its sinks' first frames; NO_PREROLL: it is live, and none come.
+    """
+
+    SUCCESS = "success"
+    ASYNC = "async"
+    NO_PREROLL = "no-preroll"
+
+
 class Pipeline:
     """A graph of elements that streams.
 
@@ -43,6 +55,7 @@ class Pipeline:
         graph: the elements and links.
         bus: messages from the elements.
         state: null, ready, paused or playing.
+        timing: the running time.
     """
 
     def __init__(self, graph: Graph, clock: Clock | None = None) -> None:
@@ -50,16 +63,12 @@ class Pipeline:
         self.bus = Bus()
         self.state = State.NULL
         self.clock: Clock = clock or SystemClock()
-        self.error: Exception | None = None
-        self.ended = threading.Event()
+        self.timing = Timing(lambda: self.clock)
         self._lock = threading.RLock()
-        self._ending = threading.Lock()
         self._started: list[Element] = []
-        self._threads: list[StreamingThread] = []
-        self._chains: list[Chain] = []
-        self._open_sinks: set[str] = set()
         self._tally = Tally()
         self.bus.watch(self._tally)
+        self._playback = self._new_playback()
 
     @classmethod
     def parse(cls, text: str, variables: Mapping[str, str] | None = None, clock: Clock | None = None) -> Self:
@@ -88,62 +97,115 @@ class Pipeline:
     ) -> None:
         self.stop()
 
+    @property
+    def error(self) -> Exception | None:
+        """The failure that ended the run, or None."""
+        return self._playback.error
+
+    @property
+    def ended(self) -> threading.Event:
+        """Set at the end of the stream, after a failure, and after a stop."""
+        return self._playback.ended
+
+    @property
+    def is_live(self) -> bool:
+        """Whether any source is live: its frames do not wait for anybody."""
+        return self._playback.is_live
+
     # States.
 
     def ready(self) -> None:
         """Starts every element, sinks first; a failure stops those already started.
 
+        From a higher state it ends streaming and leaves the elements started.
+
         Raises:
             ElementFailure: an element could not start.
         """
         with self._lock:
+            if self.state in (State.PAUSED, State.PLAYING):
+                self.stop()
             if self.state is not State.NULL:
                 return
             self._demand_links()
-            self.error = None
-            self.ended.clear()
+            self._playback = self._new_playback()
+            self.timing.reset()
+            self.timing.running.set()
             self.bus.flush()
             self._tally.counts.clear()
-            for element in self.graph.from_sinks():
-                element.stopping.clear()
-                element.clock = self.clock
-                element.poster = self._posted
-                element.pipeline_error = lambda: self.error
-                self._started.append(element)
-                try:
-                    element.start()
-                except Exception as cause:
-                    failure = cause if isinstance(cause, ElementFailure) else element.failure(cause)
-                    self._stop_elements()
-                    raise failure from cause
+            try:
+                for element in self.graph.from_sinks():
+                    self._adopt(element)
+            except ElementFailure:
+                self._stop_elements(self._started)
+                raise
             self._change_state(State.READY)
 
-    def play(self) -> None:
+    def play(self) -> StateChange:
         """Starts streaming, or goes on after a pause.
 
         Raises:
             ElementFailure: an element could not start.
         """
         with self._lock:
-            self.ready()
+            if self.state is State.PLAYING:
+                return StateChange.SUCCESS
+            if self.state is State.NULL:
+                self.ready()
             begins = self.state is State.READY
-            for element in self.graph.elements:
-                element.is_playing = True
-                if isinstance(element, Source) and not begins:
-                    element.hold(False)
+            self._set_playing(True)
             self._change_state(State.PLAYING)
+            if self.is_live:
+                self.timing.latency_ns = self.latency().minimum_ns
+                self.timing.begin()
             if begins:
-                self._begin_streaming()
+                self._playback.begin()
+            else:
+                self._playback.go_on()
+        return StateChange.SUCCESS
 
-    def pause(self) -> None:
-        """Holds every source between two frames."""
+    def pause(self) -> StateChange:
+        """Makes sinks hold the next frame that comes, and live sources wait; running time stands still.
+
+        A pipeline that does not stream yet begins to, up to the first frame in each sink: `wait_prerolled`.
+
+        Raises:
+            ElementFailure: an element could not start.
+        """
         with self._lock:
-            if self.state is not State.PLAYING:
-                raise StateError(f"only a playing pipeline can be paused, this one is {self.state}")
-            for element in self.graph.elements:
-                if isinstance(element, Source):
-                    element.hold(True)
-            self._change_state(State.PAUSED)
+            if self.state is State.NULL:
+                self.ready()
+            if self.state is State.READY:
+                self.timing.hold()
+                self._set_playing(True)
+                self._change_state(State.PAUSED)
+                self._playback.begin()
+            elif self.state is State.PLAYING:
+                self._playback.hold()
+                self._change_state(State.PAUSED)
+            if self.is_live:
+                return StateChange.NO_PREROLL
+            return StateChange.SUCCESS if self._playback.is_prerolled.is_set() else StateChange.ASYNC
+
+    def wait_prerolled(self, timeout_s: float) -> bool:
+        """Waits until every sink of the paused pipeline holds its first frame.
+
+        Raises:
+            ElementFailure: the pipeline has failed instead.
+        """
+        deadline = time.monotonic() + timeout_s
+        while not self._playback.is_prerolled.wait(min(0.1, max(0.0, deadline - time.monotonic()))):
+            if self.error is not None:
+                raise self.error
+            if time.monotonic() >= deadline:
+                return False
+        return True
+
+    def flush(self) -> None:
+        """Drops every frame that is on its way, as a jump to the newest of a live feed needs it."""
+        with self._lock:
+            if self.state in (State.PAUSED, State.PLAYING):
+                self._playback.flush()
 
     def finish(self) -> None:
         """Makes every source end its stream; EOS then travels behind the last frames."""
@@ -155,19 +217,19 @@ class Pipeline:
         """Ends streaming and stops every element that was started; returns within bounds.
 
         Raises:
-            StateError: a thread did not end in time; names its element.
+            StateError: a thread did not end in time, which is named; or a thread of the graph itself calls.
         """
+        if self._playback.is_own_thread():
+            raise StateError(
+                "stop() was called by one of the pipeline's own streaming threads, which cannot wait for "
+                "themselves; call finish() there, or stop() from the thread that plays the pipeline"
+            )
         with self._lock:
             if self.state is State.NULL and not self._started:
                 return
-            for element in self.graph.elements:
-                element.stopping.set()
-            for element in self.graph.elements:
-                self._interrupt(element)
-            deadline = time.monotonic() + STOP_LIMIT_S
-            stuck = [thread.element.name for thread in self._threads if not thread.join(deadline)]
-            self._threads = []
-            self._stop_elements()
+            self._playback.stop()
+            stuck = self._end_streaming(self.graph.elements)
+            self._stop_elements(self._started)
             self._change_state(State.NULL)
             self.ended.set()
         if stuck:
@@ -176,7 +238,7 @@ class Pipeline:
                 "its thread is left behind"
             )
 
-    # Waiting.
+    # Waiting and looking.
 
     def wait(self, timeout_s: float | None = None) -> Message | None:
         """Waits for the end: the eos or error message, or None when the time is over."""
@@ -201,12 +263,67 @@ class Pipeline:
 
     def statistics(self) -> list[ElementStatistics]:
         """Counters of every element since streaming began."""
-        return collect_statistics(self.graph, self._chains, self._tally.counts, self.clock.monotonic_ns())
+        chains = list(self._playback.chains)
+        return collect_statistics(self.graph, chains, self._tally.counts, self.clock.monotonic_ns())
+
+    def latency(self) -> Latency:
+        """How old live frames are at the sinks at least, and for how long they can be held."""
+        found = graph_latency(self.graph)
+        if found.maximum_ns is not None and found.maximum_ns < found.minimum_ns:
+            text = (
+                f"live frames need {found.minimum_ns / 1e6:g} ms to reach the sinks in time, but can be held "
+                f"for {found.maximum_ns / 1e6:g} ms only: put a queue before the synchronised sink"
+            )
+            self.bus.post(Message(MessageKind.WARNING, "", text, {"code": "latency"}))
+        return found
+
+    def position_ns(self) -> int | None:
+        """Timestamp of the newest frame that a synchronised sink has shown; None where there is none."""
+        return position_ns(self.graph)
+
+    def duration_ns(self) -> int | None:
+        """How long the longest source streams; None where one has no end or cannot tell."""
+        return duration_ns(self.graph)
+
+    # Branches.
+
+    def add_branch(self, element: str, description: str) -> Branch:
+        """Links a description behind a request pad of an element (a tee), also while playing.
+
+        Args:
+            element: name of the element that has request pads.
+            description: begins with an element that takes frames, as "queue ! fakesink".
+
+        Raises:
+            DescriptionError: the text is wrong, or cannot be linked there.
+            ElementFailure: an element of the branch could not start; nothing of it remains.
+        """
+        with self._lock:
+            return add_branch(self.graph, element, description, self._playback if self._started else None)
+
+    def remove_branch(self, branch: Branch, timeout_s: float = 2.0) -> None:
+        """Unlinks a branch; it ends with EOS, finishes what it has within `timeout_s`, and is stopped.
+
+        Raises:
+            StateError: one of its threads did not end in time; names it.
+        """
+        with self._lock:
+            remove_branch(self.graph, branch, self._playback if self._started else None, timeout_s)
+            stuck = self._end_streaming(branch.elements)
+            self._stop_elements([element for element in self._started if element in branch.elements])
+            self._started = [element for element in self._started if element not in branch.elements]
+        if stuck:
+            raise StateError(f"{', '.join(stuck)}: a call has not come back; its thread is left behind")
 
     # Inside.
 
+    def _new_playback(self) -> Playback:
+        return Playback(self.graph, self.bus, self.timing, self._adopt)
+
     def _demand_links(self) -> None:
         """Refuses a graph with a sink pad that nothing is linked to: it would wait for ever."""
+        if self.graph.delayed_links:
+            return
         for element in self.graph.elements:
             for pad in element.sink_pads():
                 if pad.peer is None and pad.template.presence is Presence.ALWAYS:
@@ -214,49 +331,51 @@ class Pipeline:
                         StateError(f"nothing is linked to its pad {pad.name}, so no frame would ever come")
                     )
 
-    def _begin_streaming(self) -> None:
-        for element in self.graph.elements:
-            for pad in element.pads.values():
-                pad.reset()
-            element.drops.clear()
-        self._open_sinks = {element.name for element in self.graph.elements if isinstance(element, Sink)}
-        self._chains = self.compose()
-        self._threads = []
-        for element in self.graph.from_sinks():
-            if isinstance(element, Streaming):
-                element.prepare_run()
-                self._threads.append(StreamingThread(element, self._failed, self._thread_ended))
-        for thread in self._threads:
-            thread.start()
-
-    def compose(self) -> list[Chain]:
-        """Composes the chain behind every src pad."""
-        chains = []
-        for element in self.graph.elements:
-            for pad in element.src_pads():
-                chain = Chain(pad)
-                pad.push = chain.compose()
-                chains.append(chain)
-        return chains
-
-    def _interrupt(self, element: Element) -> None:
-        if isinstance(element, Source):
-            element.halt()
+    def _adopt(self, element: Element) -> None:
+        """Starts an element as one of this pipeline."""
+        element.stopping.clear()
+        element.waking.clear()
+        element.is_flushing = False
+        element.clock = self.clock
+        element.timing = self.timing
+        element.host = self._playback
+        element.poster = self._posted
+        element.pipeline_error = lambda: self.error
+        self._started.append(element)
         try:
-            element.interrupt()
+            element.start()
         except Exception as cause:
-            self._posted(Message(MessageKind.WARNING, element.name, f"interrupt failed: {cause}"))
+            raise (cause if isinstance(cause, ElementFailure) else element.failure(cause)) from cause
+        element.is_playing = self.state in (State.PAUSED, State.PLAYING)
 
-    def _stop_elements(self) -> None:
-        """Stops the started elements, sources first, so that sinks close last with all they got."""
-        while self._started:
-            element = self._started.pop()
+    def _set_playing(self, value: bool) -> None:
+        for element in self.graph.elements:
+            element.is_playing = value
+
+    def _end_streaming(self, elements: list[Element]) -> list[str]:
+        """Ends the threads of some elements; names of those that did not."""
+        for element in elements:
+            element.stopping.set()
+        for element in elements:
+            element.halt()
+            try:
+                element.interrupt()
+            except Exception as cause:
+                self._posted(Message(MessageKind.WARNING, element.name, f"interrupt failed: {cause}"))
+        return self._playback.join(time.monotonic() + STOP_LIMIT_S, elements)
+
+    def _stop_elements(self, elements: list[Element]) -> None:
+        """Stops started elements, sources first, so that sinks close last with all they got."""
+        while elements:
+            element = elements.pop()
             element.is_playing = False
             try:
                 element.stop()
             except Exception as cause:
                 failure = element.failure(cause)
                 self._posted(Message(MessageKind.WARNING, element.name, f"stop failed: {failure}"))
+            for pad in list(element.pads.values()):
+                pad.known_caps = None
 
     def _change_state(self, state: State) -> None:
         if state is not self.state:
@@ -264,36 +383,10 @@ class Pipeline:
             self.bus.post(Message(MessageKind.STATE, "", str(state), {"state": str(state)}))
 
     def _posted(self, message: Message) -> None:
-        """Takes a message of an element; the EOS of the last sink becomes the pipeline's."""
+        """Takes a message of an element; a sink's EOS counts, and only that of the last is posted."""
         if message.kind is not MessageKind.EOS:
             self.bus.post(message)
             return
-        self._open_sinks.discard(message.source)
-        if not self._open_sinks:
-            self._post_eos()
-
-    def _post_eos(self) -> None:
-        with self._ending:
-            if self.ended.is_set() or self.error is not None:
-                return
-            self.ended.set()
-        self.bus.post(Message(MessageKind.EOS, "", "end of stream"))
-
-    def _thread_ended(self) -> None:
-        """Nothing more can come once every thread has ended: that is the end even where a sink saw no EOS."""
-        stopping = any(element.stopping.is_set() for element in self.graph.elements)
-        if not stopping and all(thread.has_ended for thread in self._threads):
-            self._post_eos()
-
-    def _failed(self, error: Exception) -> None:
-        """An element's thread ended with an error: the first one is the pipeline's."""
-        source = error.element if isinstance(error, ElementFailure) else ""
-        with self._ending:
-            is_first = self.error is None
-            if is_first:
-                self.error = error if isinstance(error, StreamkitError) else ResourceError(str(error))
-        if is_first:
-            self.bus.post(Message(MessageKind.ERROR, source, str(error), error=self.error))
-            self.ended.set()
-        else:
-            self.bus.post(Message(MessageKind.WARNING, source, f"after the first error: {error}"))
+        for element in self.graph.elements:
+            if element.name == message.source:
+                self._playback.sink_ended(element)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 from streamkit.element.base import Element
-from streamkit.errors import ElementFailure, NotNegotiated
+from streamkit.errors import ElementFailure, NotNegotiated, StreamkitError
+from streamkit.flow.events import EOS
 from streamkit.flow.signals import EndOfStream, FlowStop, Flushing, NotLinked
 
 
@@ -53,6 +55,11 @@ class StreamingThread:
         self._thread.join(max(0.0, deadline - time.monotonic()))
         return not self._thread.is_alive()
 
+    @property
+    def is_current(self) -> bool:
+        """Whether the caller runs in this thread."""
+        return threading.current_thread() is self._thread
+
     def _run(self) -> None:
         try:
             self._stream()
@@ -68,16 +75,20 @@ class StreamingThread:
         except (Flushing, EndOfStream):
             return
         except NotLinked as stop:
-            self._failed(
-                ElementFailure(
-                    element.name,
-                    element.factory,
-                    NotNegotiated(f"pad {stop} is not linked; link it to a sink"),
-                )
-            )
+            cause = NotNegotiated(f"pad {stop} is not linked; link it to a sink")
+            self._fail(ElementFailure(element.name, element.factory, cause))
         except FlowStop:
             return
         except (ElementFailure, NotNegotiated) as error:
-            self._failed(error)
+            self._fail(error)
         except BaseException as cause:  # also SystemExit: a thread that ends unseen leaves the graph waiting
-            self._failed(element.failure(cause))
+            self._fail(element.failure(cause))
+
+    def _fail(self, error: Exception) -> None:
+        """Reports the error, then ends the stream: branches that are sound finish what they have."""
+        self._failed(error)
+        element = self.element
+        assert isinstance(element, Element)
+        for pad in list(element.src_pads()):
+            with contextlib.suppress(FlowStop, StreamkitError):
+                pad.send_event(EOS)

@@ -12,9 +12,10 @@ from streamkit.element.sink import Sink
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.clock import Clock
-from streamkit.flow.events import EOS, CapsEvent, DiscontinuityEvent
+from streamkit.flow.events import EOS, CapsEvent, DiscontinuityEvent, SegmentEvent
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message
+from streamkit.flow.segment import Segment
 from streamkit.graph.chain import Chain
 
 
@@ -80,7 +81,7 @@ class Harness:
         for owner in [*self._feeds.values(), self.element]:
             for pad in owner.src_pads():
                 pad.push = Chain(pad).compose()
-        self._epoch = 0
+        self._epochs: dict[str, int] = {}
         self._open = True
         try:
             self.element.start()
@@ -106,9 +107,12 @@ class Harness:
             src.send_event(CapsEvent(frame.caps))
         elif frame.caps is not src.caps:
             frame = frame.replace(caps=src.caps)
-        if frame.epoch != self._epoch:
-            self._epoch = frame.epoch
-            src.send_event(DiscontinuityEvent(frame.epoch))
+        if frame.epoch != self._epochs.get(pad):
+            if frame.epoch != self._epochs.get(pad, 0):
+                src.send_event(DiscontinuityEvent(frame.epoch))
+            self._epochs[pad] = frame.epoch
+            base_ns = self.element.timing.running_time_ns()
+            src.send_event(SegmentEvent(Segment(frame.pts or 0, None, base_ns)))
         src.push(frame)
         return self.take()
 

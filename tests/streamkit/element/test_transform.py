@@ -4,7 +4,18 @@ from collections.abc import Callable, Iterable, Iterator
 
 import pytest
 
-from streamkit import Caps, DiscontinuityEvent, ElementFailure, Event, Frame, Pipeline, Property, Transform
+from streamkit import (
+    Caps,
+    DiscontinuityEvent,
+    ElementFailure,
+    Event,
+    Frame,
+    Pipeline,
+    Property,
+    Segment,
+    SegmentEvent,
+    Transform,
+)
 from streamkit.testing import Harness
 
 RAW = Caps("video/x-raw, format=GRAY8, width=4, height=2")
@@ -62,7 +73,8 @@ def test_configure_comes_before_the_first_frame_and_again_with_new_caps() -> Non
         harness.push(frame(3, wider, epoch=1))
         told = harness.element.told  # type: ignore[attr-defined]
     assert told == [
-        (str(RAW), str(RAW)), 0, 1, (str(wider), str(wider)), 2, DiscontinuityEvent(1), 3,
+        (str(RAW), str(RAW)), SegmentEvent(Segment()), 0, 1,
+        (str(wider), str(wider)), 2, DiscontinuityEvent(1), SegmentEvent(Segment()), 3,
     ]  # fmt: skip
 
 

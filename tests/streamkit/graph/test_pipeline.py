@@ -168,12 +168,6 @@ def test_states_are_told_in_order() -> None:
     assert states == ["ready", "playing", "paused", "playing", "null"]
 
 
-def test_only_a_playing_pipeline_can_be_paused() -> None:
-    """The message says what it is instead."""
-    with pytest.raises(StateError, match=r"^only a playing pipeline can be paused, this one is null$"):
-        Pipeline.parse("fakesrc ! fakesink").pause()
-
-
 def test_an_error_ends_the_run_and_the_first_one_counts(register: Register) -> None:
     """Two branches fail: one error, the other a warning."""
     barrier = threading.Barrier(2)

@@ -1,0 +1,326 @@
+"""Playback: one streaming of a graph, from its threads' start to their end."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+
+from streamkit.element.base import Element
+from streamkit.element.pad import Pad
+from streamkit.element.sink import Sink
+from streamkit.element.source import Source
+from streamkit.element.timing import Timing
+from streamkit.errors import ElementFailure, ResourceError, StreamkitError
+from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
+from streamkit.flow.messages import Message, MessageKind
+from streamkit.graph.branches import first_push
+from streamkit.graph.bus import Bus
+from streamkit.graph.chain import Chain
+from streamkit.graph.graph import Graph
+from streamkit.graph.negotiate import remember_caps
+from streamkit.graph.streaming import Streaming, StreamingThread
+
+
+class Playback:
+    """The threads, chains and ends of a graph that streams; what its elements call as their host.
+
+    Attributes:
+        chains: one behind every src pad.
+        error: the first failure, or None.
+        ended: set at the end of the stream, after a failure, and after a stop.
+        is_streaming: whether threads have been started.
+        is_prerolled: set while every sink of a paused graph holds a frame.
+    """
+
+    def __init__(self, graph: Graph, bus: Bus, timing: Timing, adopt: Callable[[Element], None]) -> None:
+        """Nothing streams yet.
+
+        Args:
+            graph: its elements have been started.
+            bus: takes messages.
+            timing: running time of the pipeline.
+            adopt: starts an element that joins while the graph streams.
+        """
+        self.chains: list[Chain] = []
+        self.error: Exception | None = None
+        self.ended = threading.Event()
+        self.is_prerolled = threading.Event()
+        self._graph = graph
+        self._bus = bus
+        self._timing = timing
+        self.adopt = adopt
+        self.is_streaming = False
+        self._lock = threading.RLock()
+        self._sink_ended = threading.Condition(self._lock)
+        self._threads: list[StreamingThread] = []
+        self._open_sinks: set[int] = set()
+        self._waited_for: set[int] = set()
+        self._is_stopping = False
+
+    # Beginning and ending.
+
+    @property
+    def is_live(self) -> bool:
+        """Whether any source is live."""
+        return any(source.is_live for source in self._sources())
+
+    def begin(self) -> None:
+        """Composes the chains and starts a thread for every source and queue."""
+        graph = self._graph
+        for element in graph.elements:
+            for pad in element.pads.values():
+                pad.reset()
+            element.drops.clear()
+        self._open_sinks = {id(element) for element in self._sinks()}
+        self._expect_preroll()
+        remember_caps(graph)
+        self.chains = compose_chains(graph.elements)
+        for source in self._sources():
+            if self.is_live and not self._timing.running.is_set():
+                source.hold(source.is_live)
+        self.is_streaming = True
+        for thread in self.add_threads(graph.from_sinks()):
+            thread.start()
+
+    def add_threads(self, elements: Iterable[Element]) -> list[StreamingThread]:
+        """Threads for the elements that stream, not started yet."""
+        made = []
+        for element in elements:
+            if isinstance(element, Sink):
+                element.prepare_run()
+            elif isinstance(element, Streaming):
+                element.prepare_run()
+                made.append(StreamingThread(element, self.fail, self._thread_ended))
+        with self._lock:
+            self._threads += made
+        return made
+
+    def join(self, deadline: float, elements: Iterable[Element] | None = None) -> list[str]:
+        """Waits for the threads (of some elements) to end; names of the elements whose thread has not."""
+        with self._lock:
+            wanted = None if elements is None else {id(element) for element in elements}
+            threads = [thread for thread in self._threads if wanted is None or id(thread.element) in wanted]
+        stuck = [thread.element.name for thread in threads if not thread.join(deadline)]
+        with self._lock:
+            self._threads = [thread for thread in self._threads if thread not in threads]
+        return stuck
+
+    def is_own_thread(self) -> bool:
+        """Whether the calling thread is one of the graph's own."""
+        return any(thread.is_current for thread in self._threads)
+
+    def stop(self) -> None:
+        """No end is told of any more: the pipeline is stopping."""
+        self._is_stopping = True
+
+    # Pausing and flushing.
+
+    def hold(self) -> None:
+        """Running time stands still; sinks hold the next frame that comes."""
+        self._timing.hold()
+        self._expect_preroll()
+        for element in self._graph.elements:
+            element.waking.set()
+            if isinstance(element, Source) and element.is_live:
+                element.hold(True)
+        self.refresh()
+
+    def go_on(self) -> None:
+        """Frames are rendered again."""
+        for element in self._graph.elements:
+            if not element.is_flushing:
+                element.waking.clear()
+        self._timing.go_on()
+        self.refresh()
+        for source in self._sources():
+            source.hold(False)
+
+    def refresh(self) -> None:
+        """Lets every sink say anew how it takes its frames."""
+        for chain in list(self.chains):
+            if isinstance(chain.terminal, Sink):
+                chain.refresh()
+
+    def _expect_preroll(self) -> None:
+        self.is_prerolled.clear()
+        self._waited_for = {id(sink) for sink in self._sinks() if sink.wait_for_preroll}
+        if not self._waited_for or self.is_live:
+            self.is_prerolled.set()
+
+    def flush(self) -> None:
+        """Drops everything that is on its way; sources go on with their next frame."""
+        pads = [pad for source in self._sources() for pad in source.src_pads()]
+        for source in self._sources():
+            source.flush(begins=True)
+        for pad in pads:
+            pad.send_event(FLUSH_START)
+        with self._lock:
+            self._open_sinks = {id(element) for element in self._sinks()}
+            self._expect_preroll()
+        for pad in pads:
+            pad.send_event(FLUSH_STOP)
+        for source in self._sources():
+            source.flush(begins=False)
+
+    # What elements call as their host.
+
+    def prerolled(self, element: Element) -> None:
+        """A sink of the paused graph holds its first frame."""
+        with self._lock:
+            self._waited_for.discard(id(element))
+            is_last = not self._waited_for and not self.is_prerolled.is_set()
+            if is_last:
+                self.is_prerolled.set()
+        if is_last:
+            self._bus.post(Message(MessageKind.ELEMENT, "", "prerolled", {"name": "async-done"}))
+
+    def reconfigure(self, element: Element) -> None:
+        """What an element can take has changed: its sources negotiate anew before their next frame."""
+        with self._lock:
+            remember_caps(self._graph)
+        for source in _sources_above(element):
+            source.renegotiate()
+
+    def pad_added(self, pad: Pad) -> None:
+        """Tries the links that wait for the pad, and composes what then stands behind it."""
+        with self._lock:
+            known = {id(element) for element in self._graph.elements}
+            for link in list(self._graph.delayed_links):
+                link.try_link(pad.element, pad)
+            joined = [element for element in self._graph.elements if id(element) not in known]
+            for element in joined:
+                self.adopt(element)
+            self._compose(pad, joined)
+        pad.element.pads_changed()
+
+    def _compose(self, pad: Pad, joined: list[Element]) -> None:
+        remember_caps(self._graph)
+        self.chains += compose_chains(joined)
+        chain = Chain(pad)
+        pad.push = chain.compose()
+        self.chains.append(chain)
+
+    def pad_removed(self, pad: Pad) -> None:
+        """The chain behind the pad ends: EOS goes down it."""
+        pad.send_event(EOS)
+        pad.push = pad.not_linked
+
+    def no_more_pads(self, element: Element) -> None:
+        """Links still waiting are warned of; what they should have fed ends, so that the rest can."""
+        for link in list(self._graph.delayed_links):
+            if link.source is element and not link.has_succeeded and not link.every_pad:
+                text = f"{element.name}: the stream has no pad for {link.description}"
+                self._bus.post(Message(MessageKind.WARNING, element.name, text, {"code": "delayed-link"}))
+        for other in list(self._graph.elements):
+            for pad in other.sink_pads():
+                if pad.peer is None and not pad.is_eos:
+                    pad.receive_event(EOS)
+
+    # Branches that come and go.
+
+    def join_branch(self, src: Pad, elements: list[Element]) -> None:
+        """A branch of started elements begins to stream behind a request pad."""
+        with self._lock:
+            self._open_sinks |= {id(element) for element in elements if isinstance(element, Sink)}
+            for element in elements:
+                for pad in element.pads.values():
+                    pad.reset()
+            chain = Chain(src)
+            push = chain.compose()
+            self.chains += [*compose_chains(elements), chain]
+            threads = self.add_threads(elements)
+        for thread in threads:
+            thread.start()
+        src.push = first_push(src, push)
+        src.element.pads_changed()
+
+    def drain_branch(self, elements: list[Element], deadline: float) -> None:
+        """Waits until the sinks of a branch have seen EOS, or until a monotonic time."""
+        members = {id(element) for element in elements}
+        with self._sink_ended:
+            while members & self._open_sinks and self.error is None:
+                left_s = deadline - time.monotonic()
+                if left_s <= 0:
+                    return
+                self._sink_ended.wait(left_s)
+
+    def leave_branch(self, src: Pad, elements: list[Element]) -> None:
+        """A branch is gone: the stream may end without its sinks."""
+        members = {id(element) for element in elements}
+        with self._lock:
+            self.chains = [c for c in self.chains if c.src is not src and id(c.src.element) not in members]
+            had_some = bool(self._open_sinks)
+            self._open_sinks -= members
+            has_all = had_some and not self._open_sinks
+        if has_all:
+            self._post_eos()
+
+    # Ends.
+
+    def sink_ended(self, element: Element) -> None:
+        """A sink has seen EOS; that of the last is the pipeline's."""
+        with self._sink_ended:
+            self._open_sinks.discard(id(element))
+            has_all = not self._open_sinks
+            self._sink_ended.notify_all()
+        if has_all:
+            self._post_eos()
+
+    def fail(self, error: Exception) -> None:
+        """An element's thread ended with an error: the first one is the pipeline's."""
+        source = error.element if isinstance(error, ElementFailure) else ""
+        with self._lock:
+            is_first = self.error is None
+            if is_first:
+                self.error = error if isinstance(error, StreamkitError) else ResourceError(str(error))
+        if is_first:
+            self._bus.post(Message(MessageKind.ERROR, source, str(error), error=self.error))
+            self.ended.set()
+        else:
+            self._bus.post(Message(MessageKind.WARNING, source, f"after the first error: {error}"))
+
+    def _post_eos(self) -> None:
+        with self._lock:
+            if self.ended.is_set() or self.error is not None:
+                return
+            self.ended.set()
+        self._bus.post(Message(MessageKind.EOS, "", "end of stream"))
+
+    def _thread_ended(self) -> None:
+        """Nothing more can come once every thread has ended: that is the end even where a sink saw no EOS."""
+        if not self._is_stopping and all(thread.has_ended for thread in self._threads):
+            self._post_eos()
+
+    def _sinks(self) -> list[Sink]:
+        return [element for element in self._graph.elements if isinstance(element, Sink)]
+
+    def _sources(self) -> list[Source]:
+        return [element for element in self._graph.elements if isinstance(element, Source)]
+
+
+def compose_chains(elements: Iterable[Element]) -> list[Chain]:
+    """Composes the chain behind every src pad of some elements."""
+    chains = []
+    for element in elements:
+        for pad in list(element.src_pads()):
+            chain = Chain(pad)
+            pad.push = chain.compose()
+            chains.append(chain)
+        element.pads_changed()
+    return chains
+
+
+def _sources_above(element: Element) -> list[Source]:
+    found: list[Source] = []
+    seen: set[int] = set()
+    front = [element]
+    while front:
+        nearer = front.pop()
+        if id(nearer) in seen:
+            continue
+        seen.add(id(nearer))
+        if isinstance(nearer, Source):
+            found.append(nearer)
+        front += [pad.peer.element for pad in nearer.sink_pads() if pad.peer is not None]
+    return found

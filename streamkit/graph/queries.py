@@ -1,0 +1,69 @@
+"""Queries: what a graph as a whole can tell: latency, position, duration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from streamkit.element.sink import Sink
+from streamkit.element.source import Source
+from streamkit.graph.graph import Graph
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """The answer of a latency query.
+
+    Attributes:
+        is_live: whether any source is live; the times of a graph without one are 0.
+        minimum_ns: what every sink must add to be in time for the slowest path.
+        maximum_ns: for how long the path that can hold least can hold frames; None is no limit.
+    """
+
+    is_live: bool
+    minimum_ns: int = 0
+    maximum_ns: int | None = None
+
+
+def graph_latency(graph: Graph) -> Latency:
+    """The latency of a graph: the longest of its paths, and the least that any of them can hold.
+
+    Source: GStreamer's latency query.
+    """
+    if not any(isinstance(element, Source) and element.is_live for element in graph.elements):
+        return Latency(False)
+    known: dict[int, Latency] = {}
+    for element in reversed(graph.from_sinks()):
+        upstream = _joined(
+            [known[id(pad.peer.element)] for pad in element.sink_pads() if pad.peer is not None]
+        )
+        minimum_ns, maximum_ns = element.latency()
+        is_live = upstream.is_live or (isinstance(element, Source) and bool(element.is_live))
+        known[id(element)] = Latency(
+            is_live,
+            upstream.minimum_ns + minimum_ns,
+            None if upstream.maximum_ns is None or maximum_ns is None else upstream.maximum_ns + maximum_ns,
+        )
+    ends = [known[id(element)] for element in graph.elements if isinstance(element, Sink)]
+    return _joined([end for end in ends if end.is_live] or ends)
+
+
+def _joined(paths: list[Latency]) -> Latency:
+    bounds = [path.maximum_ns for path in paths if path.maximum_ns is not None]
+    return Latency(
+        any(path.is_live for path in paths),
+        max((path.minimum_ns for path in paths), default=0),
+        min(bounds) if bounds else (None if paths else 0),
+    )
+
+
+def position_ns(graph: Graph) -> int | None:
+    """Timestamp of the newest frame that a synchronised sink has shown, ns; None where there is none."""
+    sinks = (element for element in graph.elements if isinstance(element, Sink))
+    return max((sink.position_ns for sink in sinks if sink.position_ns is not None), default=None)
+
+
+def duration_ns(graph: Graph) -> int | None:
+    """How long the longest source streams, ns; None where one has no end or cannot tell."""
+    found = [element.duration_ns() for element in graph.elements if isinstance(element, Source)]
+    known = [duration for duration in found if duration is not None]
+    return max(known) if known and len(known) == len(found) else None
