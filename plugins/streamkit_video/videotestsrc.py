@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from fractions import Fraction
 
@@ -35,22 +36,40 @@ class VideoTestSrc(Source):
         """320x240 at 30 frames a second, or what is nearest to it."""
         return choose_format(allowed, tuple(formats_in(allowed)), PREFERRED, self.name)
 
+    def duration_ns(self) -> int | None:
+        """The length of `num-buffers` frames, where the rate is known."""
+        rate = self.src_caps.get("framerate")
+        if self.num_buffers < 0 or not isinstance(rate, Fraction) or rate <= 0:
+            return None
+        return int(self.num_buffers * 1_000_000_000 / rate)
+
     def frames(self) -> Iterator[Frame]:
         """Paints frame after frame; a picture that does not change is painted once."""
-        caps = self.src_caps
+        began_ns, start_ns, left = self.clock_ns(), 0, self.num_buffers
+        while left:
+            count = 0
+            for frame in self._run(self.src_caps, start_ns, began_ns):
+                yield frame
+                count += 1
+                start_ns = (frame.pts or 0) + (frame.duration or 0)
+                if count == left or self.src_caps is not frame.caps:
+                    break
+            else:
+                return
+            left -= count if left > 0 else 0
+
+    def _run(self, caps: Caps, start_ns: int, began_ns: int) -> Iterator[Frame]:
+        """Frames of one format, without end; ends early only where the pipeline stops."""
         rate = caps["framerate"]
         pace = rate if isinstance(rate, Fraction) and rate > 0 else PACE_OF_VARIABLE_RATE
         still = None if self.pattern in MOVING else self._picture(caps, 0)
-        began_ns, count = self.clock_ns(), 0
-        while self.num_buffers < 0 or count < self.num_buffers:
-            pts, end = (int(number * 1_000_000_000 / pace) for number in (count, count + 1))
+        first = round(start_ns * pace / 1_000_000_000)
+        for count in itertools.count():
+            pts, end = (start_ns + int(number * 1_000_000_000 / pace) for number in (count, count + 1))
             if self.is_live and not self.clock.wait_until(began_ns + pts, self.stopping):
                 return
-            if still is None:
-                yield self._picture(caps, count).replace(pts=pts, duration=end - pts)
-            else:
-                yield still.replace(pts=pts, duration=end - pts)
-            count += 1
+            picture = still or self._picture(caps, first + count)
+            yield picture.replace(pts=pts, duration=end - pts)
 
     def _picture(self, caps: Caps, index: int) -> Frame:
         picture = paint(self.pattern, caps.integer("width"), caps.integer("height"), index, self.seed)

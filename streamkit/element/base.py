@@ -6,7 +6,7 @@ import contextlib
 import logging
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
@@ -34,6 +34,9 @@ class Element:
     texts (always pads) or `PadTemplate`s in `templates`, properties with `Property(...)`, and override
     `start` and `stop` where they hold something.
 
+    Class attributes besides: `presets` (values of properties by the preset's name), `uri_schemes` that the
+    element's `location` takes when only an address is written, and its `rank` among those that do.
+
     Attributes:
         name: unique in its bin.
         factory: name of its type.
@@ -42,6 +45,7 @@ class Element:
         timing: the pipeline's running time.
         waking: set while waits are to end: the pipeline stops, is paused, or flushes.
         is_flushing: between a flush's start and its stop: frames are refused.
+        flushes: how many flushes have begun; a wait in which the number grew has been flushed away.
         drops: frames not delivered, by reason.
     """
 
@@ -50,6 +54,9 @@ class Element:
     templates: ClassVar[tuple[PadTemplate, ...]] = ()
     pad_templates: ClassVar[dict[str, PadTemplate]] = {}
     properties: ClassVar[dict[str, PropertyDeclaration]] = {}
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    uri_schemes: ClassVar[tuple[str, ...]] = ()
+    rank: ClassVar[int] = 0
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -64,6 +71,7 @@ class Element:
         self.stopping = threading.Event()
         self.waking = threading.Event()
         self.is_flushing = False
+        self.flushes = 0
         self.clock: Clock = SystemClock()
         self.timing = Timing(lambda: self.clock)
         self.host: Host | None = None
@@ -114,17 +122,19 @@ class Element:
         return self.clock.monotonic_ns()
 
     def wait_until_due(self, running_time_ns: int) -> bool:
-        """Waits for a running time; pauses are waited through. False when stopping or flushing."""
+        """Waits for a running time; pauses are waited through. False when stopping or flushed away."""
+        flushes = self.flushes
         while not self.clock.wait_until(self.timing.due_ns(running_time_ns), self.waking):
-            if not self.wait_while_paused():
+            if self.flushes != flushes or not self.wait_while_paused():
                 return False
         return True
 
     def wait_while_paused(self) -> bool:
-        """Waits until the pipeline plays; False when stopping or flushing."""
-        while not self.stopping.is_set() and not self.is_flushing:
+        """Waits until the pipeline plays; False when stopping or flushed away."""
+        flushes = self.flushes
+        while not self.stopping.is_set() and not self.is_flushing and self.flushes == flushes:
             if self.timing.running.wait(LOOK_S):
-                return not self.stopping.is_set() and not self.is_flushing
+                return not self.stopping.is_set() and self.flushes == flushes
         return False
 
     def add_pad(self, template: str, name: str = "") -> Pad:
@@ -191,9 +201,14 @@ class Element:
         """A flush begins or ends: what is held is dropped and waits end; called in the flusher's thread."""
         self.is_flushing = begins
         if begins:
+            self.flushes += 1
             self.waking.set()
         elif self.timing.running.is_set() and not self.stopping.is_set():
-            self.waking.clear()
+            self.rearm()
+
+    def rearm(self) -> None:
+        """Waits from now on are to last; those that were woken keep the event that woke them."""
+        self.waking = threading.Event()
 
     def pads_changed(self) -> None:
         """Pads were added, taken away or given another way to push while the graph streams."""

@@ -8,19 +8,24 @@ from typing import Any
 
 from streamkit.element.base import Element
 from streamkit.element.negotiation import demand_accepted
-from streamkit.element.pad import Pad
-from streamkit.errors import ElementFailure, NotNegotiated, StreamkitError
+from streamkit.element.pad import Pad, PadTemplate
+from streamkit.errors import StreamkitError
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.events import EOS, CapsEvent, EosEvent, Event
+from streamkit.flow.events import EOS, CapsEvent, EosEvent, Event, FlushStart, FlushStop, SegmentEvent
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import FlowStop, NotLinked
+from streamkit.flow.signals import EndOfStream, FlowStop, NotLinked
 
 
 class Combine(Element):
-    """Base of n-to-1 elements: override `combine`. Frames of all pads come one at a time."""
+    """Base of n-to-1 elements: override `combine`. Frames of all pads come one at a time.
+
+    When frames begin to come from another input, the caps and the segment of that input go before them.
+    """
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self._lock = threading.RLock()
+        self._source: Pad | None = None
+        self._has_ended = False
         super().__init__(name, **properties)
 
     def combine(self, pad_name: str, frame: Frame) -> Frame | Iterable[Frame] | None:
@@ -30,6 +35,11 @@ class Combine(Element):
     def drain(self) -> Iterable[Frame]:
         """What is still held when every input has ended."""
         return ()
+
+    def switched(self, pad: Pad) -> None:
+        """Frames come from another input than before; its segment is to go before them."""
+        if pad.segment != self.src_pad.segment:
+            self.src_pad.send_event(SegmentEvent(pad.segment))
 
     @property
     def src_pad(self) -> Pad:
@@ -51,42 +61,81 @@ class Combine(Element):
 
         def receive(frame: Frame) -> None:
             with self._lock:
+                if pad.is_eos:
+                    raise EndOfStream(self.name)
                 result = self.combine(name, frame)
                 for out in (result,) if isinstance(result, Frame) else result or ():
-                    self._push(out)
+                    self._push(out, pad)
 
         return receive
 
-    def _push(self, frame: Frame) -> None:
+    def _push(self, frame: Frame, pad: Pad | None = None) -> None:
+        """Sends a frame that came in at a pad on, after the events that must come before it."""
         src = self.src_pad
         if frame.caps is not src.caps:
             demand_accepted(src, frame.caps)
             src.send_event(CapsEvent(frame.caps))
+        if pad is not None and pad is not self._source:
+            self._source = pad
+            self.switched(pad)
         src.push(frame)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """EOS goes on when every input has ended; caps follow the frames; the rest goes on at once."""
+        """EOS goes on when every input has ended; caps and segments go with the frames; the rest at once."""
+        if isinstance(event, FlushStart | FlushStop):
+            self.src_pad.send_event(event)
+            return
         with self._lock:
             if isinstance(event, EosEvent):
                 pad.is_eos = True
-                if all(sink.is_eos for sink in self.sink_pads()):
-                    self._drain()
-                    self.src_pad.send_event(EOS)
+                self._end_if_all_have()
+            elif isinstance(event, SegmentEvent):
+                if pad is self._source:
+                    self.switched(pad)
             elif not isinstance(event, CapsEvent):
                 self.src_pad.send_event(event)
 
-    def _drain(self) -> None:
-        try:
+    def _end_if_all_have(self) -> None:
+        """Ends the stream, once, when no input can bring more."""
+        sinks = list(self.sink_pads())
+        if self._has_ended or not sinks or not all(sink.is_eos for sink in sinks):
+            return
+        self._has_ended = True
+        with self.guarded():
             for frame in self.drain():
                 self._push(frame)
-        except (FlowStop, ElementFailure, NotNegotiated):
-            raise
-        except Exception as cause:
-            raise self.failure(cause) from cause
+        self.src_pad.send_event(EOS)
+
+    def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
+        """Makes an input, also while others stream."""
+        with self._lock:
+            return super().request_pad(template, name)
+
+    def release_pad(self, pad: Pad) -> None:
+        """Takes an input away; if it was the last that had not ended, the stream ends."""
+        with self._lock:
+            super().release_pad(pad)
+            self._end_if_all_have()
+
+    def flush(self, *, begins: bool) -> None:
+        """A flush lets inputs that have ended begin anew."""
+        super().flush(begins=begins)
+        if not begins:
+            self._has_ended = False
+
+    def pads_changed(self) -> None:
+        """A run begins, or inputs have come or gone: the next frame's segment is sent anew."""
+        self._source = None
+        if not any(pad.is_eos for pad in self.sink_pads()):
+            self._has_ended = False
 
 
 class Split(Element):
     """Base of 1-to-n elements: override `split`."""
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self._pushes: tuple[Callable[[Frame], None], ...] = ()
+        super().__init__(name, **properties)
 
     def split(self, frame: Frame) -> Mapping[str, Frame]:
         """The frame for each src pad that gets one, by pad name."""
@@ -95,7 +144,7 @@ class Split(Element):
     def query_caps(self, pad: Pad) -> Caps:
         """The caps that all other pads have in common."""
         found = ANY
-        for other in self.pads.values():
+        for other in list(self.pads.values()):
             if other is not pad and other.peer is not None:
                 found = found & other.template.caps & other.peer.query_caps()
         return found
@@ -105,7 +154,9 @@ class Split(Element):
 
         def receive(frame: Frame) -> None:
             for name, out in self.split(frame).items():
-                target = self.pads[name]
+                target = self.pads.get(name)
+                if target is None:
+                    continue
                 if out.caps is not target.caps:
                     target.send_event(CapsEvent(out.caps))
                 target.push(out)
@@ -124,3 +175,18 @@ class Split(Element):
                 stop = stop or end
         if stop is not None and not isinstance(stop, NotLinked):
             raise stop
+
+    def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
+        """Makes a branch."""
+        made = super().request_pad(template, name)
+        self.pads_changed()
+        return made
+
+    def release_pad(self, pad: Pad) -> None:
+        """Takes a branch away; frames on their way reach it, later ones do not."""
+        super().release_pad(pad)
+        self.pads_changed()
+
+    def pads_changed(self) -> None:
+        """Branches have come, gone or been given another way to push."""
+        self._pushes = tuple(src.push for src in list(self.pads.values()) if src.is_src)

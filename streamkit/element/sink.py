@@ -117,9 +117,9 @@ class Sink(Element):
         """Waits until a frame is due, through pauses; False where it has come too late."""
         if not self.sync:
             return True
-        due_ns = running_time_ns + self.ts_offset - self.render_delay
+        flushes, due_ns = self.flushes, running_time_ns + self.ts_offset - self.render_delay
         while not self.clock.wait_until(self.timing.due_ns(due_ns), self.waking):
-            if self.stopping.is_set() or self.is_flushing:
+            if self.stopping.is_set() or self.flushes != flushes:
                 raise Flushing(self.name)
             self._hold(frame)
         if self.max_lateness < 0:

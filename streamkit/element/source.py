@@ -135,7 +135,7 @@ class Source(Element):
             pad.caps = caps
 
     def _push_all(self) -> None:
-        if self._check and self._must_end():
+        if self._check and self._must_end():  # a live source begins its work when the pipeline plays
             return
         frames = self.frames()
         pad, advance = self.src_pad, self._advance
@@ -164,15 +164,15 @@ class Source(Element):
 
     def _advance(self, frames: Iterator[Frame | tuple[str, Frame] | Event]) -> Frame:
         """The next frame for the first src pad; frames for other pads are pushed on the way."""
+        if self._check and self._must_end():
+            raise _Exhausted
         main = self.src_pad
         for item in frames:
-            if self._check:
-                was_held = not self._held.is_set()
+            if self._check and self.is_live and not self._held.is_set():
+                self.count_drop("paused")  # it would be old news when the pipeline goes on
                 if self._must_end():
                     break
-                if was_held and self.is_live:
-                    self.count_drop("paused")
-                    continue
+                continue
             if isinstance(item, Frame):
                 return self._prepared(main, item)
             if not isinstance(item, tuple):
@@ -222,17 +222,19 @@ class Source(Element):
         return self._finishing
 
     def _settle_anew(self) -> None:
-        """Downstream has changed what it takes: caps are chosen again, or sent again where the data rules."""
+        """Downstream has changed what it takes: caps that still do are sent again, else others are chosen."""
         pad = self.src_pad
-        caps = self.negotiate(allowed_caps(pad, ANY))
-        if caps is None or caps.is_any:
-            for other in list(self.src_pads()):
-                if other.caps is not None and other.peer is not None:
-                    demand_accepted(other, other.caps)
-                    other.send_event(CapsEvent(other.caps))
+        if pad.caps is None or pad.caps.is_any:
+            self._settle_before_data()
             return
-        demand_accepted(pad, caps)
-        pad.send_event(CapsEvent(caps))
+        if (pad.caps & pad.peer_caps()).is_empty:
+            caps = self.negotiate(allowed_caps(pad, ANY))
+            if caps is not None and not caps.is_any:
+                pad.caps = caps
+        for other in list(self.src_pads()):
+            if other.caps is not None and other.peer is not None:
+                demand_accepted(other, other.caps)
+                other.send_event(CapsEvent(other.caps))
 
     def _settle(self, pad: Pad, frame: Frame) -> Frame:
         """The frame with the pad's caps, after telling downstream when they are new."""

@@ -334,7 +334,7 @@ class Pipeline:
     def _adopt(self, element: Element) -> None:
         """Starts an element as one of this pipeline."""
         element.stopping.clear()
-        element.waking.clear()
+        element.rearm()
         element.is_flushing = False
         element.clock = self.clock
         element.timing = self.timing

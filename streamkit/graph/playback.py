@@ -130,7 +130,7 @@ class Playback:
         """Frames are rendered again."""
         for element in self._graph.elements:
             if not element.is_flushing:
-                element.waking.clear()
+                element.rearm()
         self._timing.go_on()
         self.refresh()
         for source in self._sources():

@@ -81,6 +81,9 @@ class DroneTestSrc(Source):
             pts, end = (int(number * 1_000_000_000 / pace) for number in (count, count + 1))
             if self.is_live and not self.clock.wait_until(began_ns + pts, self.stopping):
                 return
+            if self.src_caps is not caps:  # another format was agreed on: another flight begins
+                caps, planar = self.src_caps, self.src_caps["format"] == "I420"
+                world = self._make_world(caps, float(pace))
             yield _next_frame(world, planar, caps).replace(pts=pts, duration=end - pts)
             count += 1
 
