@@ -1,6 +1,23 @@
-"""Track records over zenoh: publishing, receiving, and writing them to a file.
+"""Track records over zenoh: publishing, receiving, and writing them to files.
 
-`endpoints`, `keys`, `session`, `presence`, `sender` and `mailbox` import nothing of streamkit and serve as a
-small library by themselves: a zenoh session that opens and closes within bounds, finds its partners on the
-same machine without a router, and loses no record unseen.
+    from streamkit_zenoh import TrackSubscriber
+
+`session`, `configuration`, `certificates`, `endpoints`, `keys` and `presence` open a zenoh session that finds
+its partners on the same machine without a router; `wire` is what travels, `publish` and `receive` are the two
+ends, `export` writes records for other programs.
 """
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from streamkit_zenoh.subscriber import TrackSubscriber as TrackSubscriber
+
+__all__ = ["TrackSubscriber"]
+
+
+def __getattr__(name: str) -> object:
+    if name == "TrackSubscriber":
+        from streamkit_zenoh.subscriber import TrackSubscriber
+
+        return TrackSubscriber
+    raise AttributeError(f"module 'streamkit_zenoh' has no attribute {name!r}")

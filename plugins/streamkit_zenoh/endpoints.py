@@ -54,3 +54,8 @@ def is_local(endpoint: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+def is_secure(endpoint: str) -> bool:
+    """Whether nothing travels in clear on it."""
+    return endpoint.startswith(("tls/", "quic/"))

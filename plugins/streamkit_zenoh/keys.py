@@ -1,11 +1,17 @@
-"""The keys of zenoh that streamkit uses: where records go, and who is there."""
+"""The keys of zenoh that streamkit uses: where records and pictures go, and who is there."""
 
 from urllib.parse import quote, unquote
 
 import zenoh
 
 RECORDS = "tracks"
+TRACK = "track"
+FRAME = "frame"
+MOSAIC = "mosaic"
+STATUS = "status"
+SCHEMA = "schema"
 ALIVE = "alive"
+STREAMS = (RECORDS, FRAME, MOSAIC, STATUS)
 # Receivers' tokens lie apart from the users' keys: a receiver's key may have wildcards, a token's not.
 LISTENING = "streamkit/listening"
 
@@ -17,12 +23,29 @@ class InvalidKey(ValueError):
 def records_key(key: str) -> str:
     """The key expression of the records: `uav/1` gives `uav/1/tracks`, and `uav/*` gives `uav/*/tracks`.
 
-    A text that ends in `/tracks` is taken as it is.
+    A text that ends in `/tracks` is taken as it is, and so is the key of one track, `uav/1/track/7`.
 
     Raises:
         InvalidKey: zenoh does not take it.
     """
-    expression = key if key == RECORDS or key.endswith(f"/{RECORDS}") else f"{key}/{RECORDS}"
+    words = key.split("/")
+    if len(words) > 2 and words[-2] == TRACK:
+        return _checked(key, key)
+    return stream_key(key, RECORDS)
+
+
+def stream_key(key: str, stream: str) -> str:
+    """The key expression of one of the streams below a key: `uav/1` and `frame` give `uav/1/frame`.
+
+    A text that ends in the stream's name is taken as it is.
+
+    Raises:
+        InvalidKey: zenoh does not take it.
+    """
+    return _checked(key if key == stream or key.endswith(f"/{stream}") else f"{key}/{stream}", key)
+
+
+def _checked(expression: str, key: str) -> str:
     try:
         return str(zenoh.KeyExpr(expression))
     except zenoh.ZError:
@@ -38,15 +61,24 @@ def publication_key(key: str) -> str:
     Raises:
         InvalidKey: it is none, or has wildcards.
     """
-    expression = records_key(key)
+    expression = stream_key(key, RECORDS)
     if "*" in expression:
         raise InvalidKey(f"a publisher's key must not have wildcards, got {key!r}; write for example uav/1")
     return expression
 
 
-def alive_key(records: str) -> str:
-    """Where a publisher of `records` shows that it lives: `uav/1/tracks` gives `uav/1/alive`."""
-    return records.removesuffix(RECORDS) + ALIVE
+def root_of(expression: str) -> str:
+    """What stands before the stream's own words: `uav/1/tracks` and `uav/1/track/7` give `uav/1`."""
+    words = expression.split("/")
+    if len(words) > 1 and words[-2] == TRACK:
+        return "/".join(words[:-2])
+    return "/".join(words[:-1]) if words[-1] in STREAMS else expression
+
+
+def alive_key(expression: str) -> str:
+    """Where a publisher of `expression` shows that it lives: `uav/1/tracks` gives `uav/1/alive`."""
+    root = root_of(expression)
+    return f"{root}/{ALIVE}" if root else ALIVE
 
 
 def listening_key(session: str, records: str) -> str:

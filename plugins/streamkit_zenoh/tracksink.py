@@ -4,7 +4,7 @@ from io import BufferedWriter
 from pathlib import Path
 
 from streamkit import Frame, Property, ResourceError, Sink
-from streamkit_zenoh.records import payload_of
+from streamkit_zenoh.wire.records import payload_of
 
 
 class TrackSink(Sink):

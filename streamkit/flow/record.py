@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from math import cos, isfinite, sin
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
@@ -165,7 +165,7 @@ def _pixels(frame: Frame, field: str) -> int | None:
 
 def _registration_record(registration: Registration) -> RegistrationRecord:
     rows = [(float(a), float(b), float(c)) for a, b, c in registration.to_reference.tolist()]
-    known = len(rows) == 3 and all(math.isfinite(value) for row in rows for value in row)
+    known = len(rows) == 3 and all(isfinite(value) for row in rows for value in row)
     return RegistrationRecord(
         reference=int(registration.reference),
         to_reference=(rows[0], rows[1], rows[2]) if known else None,
@@ -174,18 +174,17 @@ def _registration_record(registration: Registration) -> RegistrationRecord:
 
 
 def _target_record(track: Track) -> TargetRecord:
-    place = (track.x, track.y, track.length, track.width, track.angle, track.score)
-    if not all(math.isfinite(value) for value in place):
-        raise ValueError(
-            f"track {track.id}: x, y, length, width, angle and score must be finite, got "
-            f"{', '.join(f'{value:g}' for value in place)}; end a track whose place is not known"
-        )
-    x, y, length, width, angle, score = (float(value) for value in place)
-    vx, vy = (float(value) for value in track.velocity)
-    moving = math.isfinite(vx) and math.isfinite(vy)
+    x, y, length, width = float(track.x), float(track.y), float(track.length), float(track.width)
+    angle, score = float(track.angle), float(track.score)
+    # A sum is finite only where all its terms are: one test instead of six, at every track of every frame.
+    if not isfinite(x + y + length + width + angle + score):
+        _demand_finite(track, (x, y, length, width, angle, score))
+    vx, vy = track.velocity
+    vx, vy = float(vx), float(vy)
+    moving = isfinite(vx) and isfinite(vy)
     (xx, xy), (yx, yy) = track.covariance.tolist()
-    spread = all(math.isfinite(value) for value in (xx, xy, yx, yy))
-    cosine, sine = abs(math.cos(angle)), abs(math.sin(angle))
+    spread = isfinite(xx + xy + yx + yy)
+    cosine, sine = abs(cos(angle)), abs(sin(angle))
     half_x = (length * cosine + width * sine) / 2
     half_y = (length * sine + width * cosine) / 2
     return TargetRecord(
@@ -203,3 +202,11 @@ def _target_record(track: Track) -> TargetRecord:
         score=score,
         age_ns=int(track.age_ns),
     )
+
+
+def _demand_finite(track: Track, place: tuple[float, ...]) -> None:
+    if not all(isfinite(value) for value in place):
+        raise ValueError(
+            f"track {track.id}: x, y, length, width, angle and score must be finite, got "
+            f"{', '.join(f'{value:g}' for value in place)}; end a track whose place is not known"
+        )

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from streamkit_zenoh.configuration import MEETING_PORTS
 from streamkit_zenoh.session import (
-    MEETING_PORTS,
     Mode,
     Reach,
     SessionFailure,
@@ -164,7 +164,7 @@ def test_a_taken_endpoint_is_refused(open_test_session: Opener, endpoint: str) -
 
 def test_a_client_without_its_router_fails(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A client needs what it names; the error says what to do."""
-    monkeypatch.setattr("streamkit_zenoh.session.CLIENT_CONNECT_LIMIT_MS", 200)
+    monkeypatch.setattr("streamkit_zenoh.configuration.CLIENT_CONNECT_LIMIT_MS", 200)
     with pytest.raises(SessionFailure, match="start the router or name another endpoint"):
         open_session(SessionSettings(mode=Mode.CLIENT, connect=(endpoint,)))
 

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from streamkit import (
 )
 from streamkit_zenoh.presence import show_publisher
 from streamkit_zenoh.session import close_session
+from streamkit_zenoh.wire.numbering import Stamp
 
 Opener = Callable[..., zenoh.Session]
 
@@ -41,6 +43,7 @@ class _Publisher:
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self.session = session
+        self.run = time.time_ns()
         self.publisher = session.declare_publisher(
             f"{key}/tracks", congestion_control=zenoh.CongestionControl.BLOCK
         )
@@ -55,7 +58,7 @@ class _Publisher:
         pytest.fail("no subscriber has come within 10 s")
 
     def put(self, payload: bytes, number: int | None = None) -> None:
-        attachment = None if number is None else str(number).encode()
+        attachment = None if number is None else Stamp(self.run, number).attachment()
         self.publisher.put(payload, attachment=attachment)
 
     def close(self) -> None:

@@ -20,7 +20,7 @@ from streamkit import (
     raw_video_caps,
     track_record,
 )
-from streamkit_zenoh.records import frame_of, payload_of
+from streamkit_zenoh.wire.records import frame_of, payload_of
 
 
 def _track(number: int, velocity: tuple[float, float] = (3.0, -1.5)) -> Track:

@@ -1,11 +1,11 @@
-"""The sender keeps order, holds the stream up once at most, and counts what it drops."""
+"""The line keeps order, holds the stream up once at most, and counts what it drops."""
 
 import threading
 from collections.abc import Iterator
 
 import pytest
 
-from streamkit_zenoh.sender import RecordSender
+from streamkit_zenoh.publish.line import SendingLine
 
 
 class _Network:
@@ -32,9 +32,9 @@ def network() -> Iterator[_Network]:
     network.open.set()
 
 
-def _sender(network: _Network, capacity: int = 4) -> tuple[RecordSender, list[Exception]]:
+def _sender(network: _Network, capacity: int = 4) -> tuple[SendingLine[bytes], list[Exception]]:
     failures: list[Exception] = []
-    return RecordSender(network.send, capacity, failures.append), failures
+    return SendingLine(network.send, capacity, failures.append), failures
 
 
 NEVER = threading.Event()

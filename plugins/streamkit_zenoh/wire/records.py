@@ -1,4 +1,4 @@
-"""Between frames and the bytes of their records."""
+"""Between frames and their records."""
 
 from functools import lru_cache
 
@@ -18,6 +18,7 @@ from streamkit import (
 )
 
 TRACKS_NAME = "application/x-tracks"
+TRACKS_SCHEMA = "streamkit.tracks/1"
 TRACKS_CAPS = Caps(TRACKS_NAME)
 UNKNOWN = float("nan")
 
@@ -36,22 +37,50 @@ def payload_of(frame: Frame, source: str, published_ns: int | None, dropped: int
     return encode_record(record) if b"\n" in data else data
 
 
+def record_of(frame: Frame, source: str, published_ns: int | None, dropped: int) -> TrackRecord:
+    """The record of a frame; a frame that is a record gives that.
+
+    Raises:
+        ValueError: a track has no place.
+        StreamError: the frame says that it is a record, and is none.
+    """
+    if frame.caps.name == TRACKS_NAME:
+        return decode_record(frame.data)
+    return track_record(frame, source=source, published_ns=published_ns, dropped=dropped)
+
+
+def essence(frame: Frame) -> Frame:
+    """The frame with only what its record needs: pictures that wait to be sent would fill the memory."""
+    if frame.caps.name == TRACKS_NAME:
+        return frame
+    found = frame.metadata
+    kept: dict[type, object] = {kind: found[kind] for kind in (Tracks, Registration) if kind in found}
+    return Frame(
+        b"", frame.caps, pts=frame.pts, epoch=frame.epoch, seq=frame.seq, capture=frame.capture, metadata=kept
+    )
+
+
 def frame_of(payload: bytes, arrival_ns: int, epoch: int = 0) -> Frame:
-    """A frame that carries a record: its bytes, its times, and Tracks and Registration as metadata.
+    """A frame that carries a record in JSON: see `record_frame`.
+
+    Raises:
+        StreamError: it is no record.
+    """
+    return record_frame(decode_record(payload), payload, arrival_ns, epoch)
+
+
+def record_frame(record: TrackRecord, payload: bytes, arrival_ns: int, epoch: int = 0) -> Frame:
+    """A frame that carries a record: its JSON, its times, and Tracks and Registration as metadata.
 
     What a record does not say is NaN: a velocity, a covariance, and always the homography to the previous
     frame, which records have not.
 
     Args:
-        payload: the record.
+        record: the record.
+        payload: the same as JSON.
         arrival_ns: monotonic clock.
         epoch: added to the record's own.
-
-    Raises:
-        StreamError: it is no record.
     """
-    record = decode_record(payload)
-    origin, capture_ns = record.capture_origin, record.capture_ns
     frame = Frame(
         payload,
         _caps(record.width, record.height),
@@ -59,10 +88,17 @@ def frame_of(payload: bytes, arrival_ns: int, epoch: int = 0) -> Frame:
         epoch=epoch + record.epoch,
         seq=record.seq,
         arrival_ns=arrival_ns,
-        capture=Capture(capture_ns, origin) if capture_ns is not None and origin is not None else None,
-    ).attach(_tracks(record))
+        capture=capture_of(record),
+    ).attach(tracks_of(record))
     registration = _registration(record)
     return frame if registration is None else frame.attach(registration)
+
+
+def capture_of(record: TrackRecord) -> Capture | None:
+    """When the frame was captured, where the record says so."""
+    if record.capture_ns is None or record.capture_origin is None:
+        return None
+    return Capture(record.capture_ns, record.capture_origin)
 
 
 @lru_cache(maxsize=64)
@@ -71,7 +107,8 @@ def _caps(width: int | None, height: int | None) -> Caps:
     return TRACKS_CAPS.with_fields(**size)
 
 
-def _tracks(record: TrackRecord) -> Tracks:
+def tracks_of(record: TrackRecord) -> Tracks:
+    """The targets of a record as metadata."""
     return Tracks(
         tuple(
             Track(

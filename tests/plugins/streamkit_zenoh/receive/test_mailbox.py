@@ -2,7 +2,7 @@
 
 import threading
 
-from streamkit_zenoh.mailbox import Mailbox
+from streamkit_zenoh.receive.mailbox import Mailbox
 
 
 def test_order_is_kept() -> None:

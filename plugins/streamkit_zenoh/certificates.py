@@ -1,0 +1,57 @@
+"""Why a TLS link is refused: zenoh's own error seldom says, a plain handshake does."""
+
+import json
+import socket
+import ssl
+
+import zenoh
+
+from streamkit_zenoh.endpoints import ENDPOINT
+
+HANDSHAKE_LIMIT_S = 2.0
+
+
+def certificate_fault(endpoint: str, config: zenoh.Config) -> str | None:
+    """Tries the handshake that zenoh would do.
+
+    Args:
+        endpoint: `tls/HOST:PORT`; others have no certificates.
+        config: with the certificates under `transport/link/tls`.
+
+    Returns:
+        What is wrong with a certificate, or None where nothing is, or nobody answers.
+    """
+    match = ENDPOINT.fullmatch(endpoint)
+    if match is None or match["protocol"] != "tls":
+        return None
+    settings = json.loads(config.get_json("transport/link/tls"))
+    host = match["host"].strip("[]")
+    try:
+        context = ssl.create_default_context(cafile=settings.get("root_ca_certificate"))
+        context.check_hostname = settings.get("verify_name_on_connect") is not False
+        certificate, key = settings.get("connect_certificate"), settings.get("connect_private_key")
+        if certificate and key:
+            context.load_cert_chain(certificate, key)
+    except (OSError, ValueError) as error:
+        return f"the certificates of the configuration cannot be used: {error}"
+    return _handshake(context, host, int(match["port"]))
+
+
+def _handshake(context: ssl.SSLContext, host: str, port: int) -> str | None:
+    try:
+        with (
+            socket.create_connection((host, port), HANDSHAKE_LIMIT_S) as plain,
+            context.wrap_socket(plain, server_hostname=host) as link,
+        ):
+            # With TLS 1.3 the other side judges our certificate after the handshake.
+            link.settimeout(0.5)
+            link.recv(1)
+    except TimeoutError:
+        return None
+    except ssl.SSLCertVerificationError as error:
+        return f"its certificate is not trusted: {error.verify_message}"
+    except ssl.SSLError as error:
+        return f"TLS is refused: {error.reason or error}"
+    except OSError:
+        return None
+    return None

@@ -1,0 +1,236 @@
+"""What travels with a picture: the frame's record, and the metadata that records have not."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from streamkit import (
+    Caps,
+    Detections,
+    Frame,
+    Pose,
+    Registration,
+    RegistrationStatus,
+    TrackRecord,
+    Tracks,
+    raw_video_caps,
+)
+from streamkit_zenoh.wire.records import capture_of, record_of, tracks_of
+
+FRAME_SCHEMA: Literal["streamkit.frame/1"] = "streamkit.frame/1"
+# What a header may say a picture measures: 32768 x 32768 is more than any sensor.
+SIDE_LIMIT_PX = 32_768
+
+FloatArray = NDArray[np.float64]
+Row3 = tuple[float, float, float]
+Matrix3 = tuple[Row3, Row3, Row3]
+
+
+class DetectionRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One thing found, in pixels of the frame: see `streamkit.Detections`."""
+
+    centroid: tuple[float, float]
+    bbox: tuple[float, float, float, float]
+    area: float
+    score: float
+    label: str | None = None
+
+
+class MotionRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """A registration, whole: see `streamkit.Registration`; matrices that are not known are left out."""
+
+    reference: int
+    status: RegistrationStatus
+    to_previous: Matrix3 | None = None
+    to_reference: Matrix3 | None = None
+    reference_change: Matrix3 | None = None
+    keyframe: bool = False
+    matches: int = 0
+    inliers: int = 0
+    rmse: float | None = None
+
+
+class FrameHeader(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The second line of a picture's attachment, as JSON.
+
+    Attributes:
+        schema: name and version of this form.
+        record: times, size and tracks of the frame, in pixels of the frame before scaling.
+        format: GRAY8 or BGR: what the picture decodes to.
+        picture_width: of the picture, px; the frame's own size is in `record`.
+        picture_height: px.
+        duration_ns: of the frame.
+        motion: its registration, in pixels of the frame before scaling.
+        detections: what was found in it; None where nothing looked.
+        pose: where the camera was.
+    """
+
+    schema: Literal["streamkit.frame/1"]
+    record: TrackRecord
+    format: Literal["GRAY8", "BGR"]
+    picture_width: int
+    picture_height: int
+    duration_ns: int | None = None
+    motion: MotionRecord | None = None
+    detections: tuple[DetectionRecord, ...] | None = None
+    pose: Pose | None = None
+
+
+_ENCODER = msgspec.json.Encoder()
+_DECODER = msgspec.json.Decoder(FrameHeader)
+
+
+def frame_header(frame: Frame, source: str, published_ns: int, dropped: int, shape: tuple[int, ...]) -> bytes:
+    """The header of a frame whose picture has this array shape."""
+    registration, detections = frame.get(Registration), frame.get(Detections)
+    header = FrameHeader(
+        schema=FRAME_SCHEMA,
+        record=record_of(frame, source, published_ns, dropped),
+        format="GRAY8" if len(shape) == 2 else "BGR",
+        picture_width=shape[1],
+        picture_height=shape[0],
+        duration_ns=frame.duration,
+        motion=None if registration is None else _motion(registration),
+        detections=None if detections is None else _detections(detections),
+        pose=frame.get(Pose),
+    )
+    return _ENCODER.encode(header)
+
+
+def read_header(data: bytes) -> FrameHeader:
+    """Reads and checks a header.
+
+    Raises:
+        ValueError: it is none.
+    """
+    try:
+        header = _DECODER.decode(data)
+    except RecursionError as error:
+        raise ValueError(str(error)) from None
+    sides = (header.picture_width, header.picture_height, header.record.width, header.record.height)
+    if any(side is not None and not 0 < side <= SIDE_LIMIT_PX for side in sides):
+        raise ValueError(f"sides must be 1 to {SIDE_LIMIT_PX} px, got {sides}")
+    return header
+
+
+def picture_frame(picture: NDArray[np.uint8], header: FrameHeader, arrival_ns: int, epoch: int) -> Frame:
+    """The frame with this picture, its metadata in pixels of the picture."""
+    record = header.record
+    height, width = picture.shape[:2]
+    scaling = _scaling(record.width or width, record.height or height, width, height)
+    caps: Caps = raw_video_caps(header.format, width, height, None)
+    frame = Frame(
+        picture,
+        caps,
+        pts=record.pts_ns,
+        duration=header.duration_ns,
+        epoch=epoch + record.epoch,
+        seq=record.seq,
+        arrival_ns=arrival_ns,
+        capture=capture_of(record),
+    )
+    items: list[object] = [_scaled_tracks(tracks_of(record), scaling)] if record.tracks else []
+    if header.motion is not None:
+        items.append(_registration(header.motion, scaling))
+    if header.detections is not None:
+        items.append(_as_detections(header.detections, scaling))
+    if header.pose is not None:
+        items.append(header.pose)
+    return frame.attach(*items) if items else frame
+
+
+def _motion(item: Registration) -> MotionRecord:
+    return MotionRecord(
+        reference=int(item.reference),
+        status=item.status,
+        to_previous=_rows(item.to_previous),
+        to_reference=_rows(item.to_reference),
+        reference_change=None if item.reference_change is None else _rows(item.reference_change),
+        keyframe=bool(item.keyframe),
+        matches=int(item.matches),
+        inliers=int(item.inliers),
+        rmse=float(item.rmse) if math.isfinite(item.rmse) else None,
+    )
+
+
+def _rows(matrix: FloatArray) -> Matrix3 | None:
+    if not np.isfinite(matrix).all():
+        return None
+    first, second, third = ((float(a), float(b), float(c)) for a, b, c in np.asarray(matrix).tolist())
+    return first, second, third
+
+
+def _detections(item: Detections) -> tuple[DetectionRecord, ...]:
+    labels = item.labels or (None,) * len(item)
+    rows = zip(
+        item.centroids.tolist(), item.boxes.tolist(), item.areas.tolist(), item.scores.tolist(), labels,
+        strict=True,
+    )  # fmt: skip
+    return tuple(
+        DetectionRecord(centroid=tuple(centroid), bbox=tuple(box), area=area, score=score, label=label)
+        for centroid, box, area, score, label in rows
+    )
+
+
+def _scaling(width: int, height: int, new_width: int, new_height: int) -> FloatArray:
+    """float64[3, 3] of pixels before to pixels after: corners stay corners, pixel centres lie at integers."""
+    across, down = new_width / width, new_height / height
+    return np.array([[across, 0, (across - 1) / 2], [0, down, (down - 1) / 2], [0, 0, 1.0]])
+
+
+def _registration(item: MotionRecord, scaling: FloatArray) -> Registration:
+    back = np.linalg.inv(scaling)
+    unknown = np.full((3, 3), math.nan)
+    return Registration(
+        to_previous=scaling @ np.array(item.to_previous) @ back if item.to_previous else unknown,
+        to_reference=np.array(item.to_reference) @ back if item.to_reference else unknown,
+        reference=item.reference,
+        reference_change=np.array(item.reference_change) if item.reference_change else None,
+        status=item.status,
+        keyframe=item.keyframe,
+        matches=item.matches,
+        inliers=item.inliers,
+        rmse=math.nan if item.rmse is None else item.rmse * math.sqrt(scaling[0, 0] * scaling[1, 1]),
+    )
+
+
+def _as_detections(rows: tuple[DetectionRecord, ...], scaling: FloatArray) -> Detections:
+    factors, offsets = np.diag(scaling)[:2], scaling[:2, 2]
+    centroids = np.array([row.centroid for row in rows], dtype=np.float64).reshape(-1, 2)
+    boxes = np.array([row.bbox for row in rows], dtype=np.float64).reshape(-1, 2)
+    labels = tuple(row.label or "" for row in rows)
+    return Detections(
+        centroids=centroids * factors + offsets,
+        boxes=(boxes * factors + offsets).reshape(-1, 4),
+        areas=np.array([row.area for row in rows], dtype=np.float64) * factors[0] * factors[1],
+        scores=np.array([row.score for row in rows], dtype=np.float64),
+        labels=labels if any(labels) else (),
+    )
+
+
+def _scaled_tracks(item: Tracks, scaling: FloatArray) -> Tracks:
+    across, down = float(scaling[0, 0]), float(scaling[1, 1])
+    if across == 1.0 and down == 1.0:
+        return item
+    stretch = np.diag([across, down])
+    return Tracks(
+        tuple(
+            dataclasses.replace(
+                track,
+                x=track.x * across + float(scaling[0, 2]),
+                y=track.y * down + float(scaling[1, 2]),
+                length=track.length
+                * math.hypot(across * math.cos(track.angle), down * math.sin(track.angle)),
+                width=track.width * math.hypot(across * math.sin(track.angle), down * math.cos(track.angle)),
+                angle=math.atan2(down * math.sin(track.angle), across * math.cos(track.angle)),
+                covariance=stretch @ track.covariance @ stretch,
+            )
+            for track in item.tracks
+        )
+    )

@@ -1,0 +1,106 @@
+"""Publishers number what they publish: gaps are losses, and another run is a new publisher.
+
+Each message carries as attachment `RUN NUMBER`: when its publisher began (UTC, ns), and its number in its
+stream, from 0 on. A header may follow in a second line.
+"""
+
+import re
+from collections import OrderedDict
+from typing import NamedTuple, TypeVar
+
+# Keys come from the network: those heard longest ago are forgotten.
+KEY_LIMIT = 1024
+ATTACHMENT_LIMIT_BYTES = 4 * 1024 * 1024
+STAMP = re.compile(rb"(\d{1,19}) (\d{1,19})")
+
+
+class Stamp(NamedTuple):
+    """Which message of which publisher.
+
+    Attributes:
+        run: when the publisher began, UTC ns.
+        number: of the message in its stream.
+    """
+
+    run: int
+    number: int
+
+    def attachment(self, header: bytes = b"") -> bytes:
+        """The bytes that travel with the message."""
+        line = b"%d %d" % self
+        return line + b"\n" + header if header else line
+
+
+def read_attachment(data: bytes) -> tuple[Stamp | None, bytes]:
+    """The stamp, or None where the attachment begins with none, and the header behind it."""
+    line, _, header = data.partition(b"\n")
+    match = STAMP.fullmatch(line[:64])
+    return (Stamp(int(match[1]), int(match[2])), header) if match else (None, b"")
+
+
+class Arrival(NamedTuple):
+    """What a stamp tells on arrival.
+
+    Attributes:
+        lost: messages of this key that were missed just before this one.
+        is_new: False for a message that was here before, or is older than one that was.
+        is_restart: whether its publisher has taken over from another.
+    """
+
+    lost: int = 0
+    is_new: bool = True
+    is_restart: bool = False
+
+
+class Numbering:
+    """Follows the numbers of each publisher at each key."""
+
+    def __init__(self) -> None:
+        self._last: OrderedDict[tuple[str, int], int] = OrderedDict()
+        self._runs: OrderedDict[str, int] = OrderedDict()
+
+    def arrived(self, key: str, stamp: Stamp | None, live: bool = True) -> Arrival:
+        """Takes note of a message; one without stamp tells nothing.
+
+        What a publisher sent before the first message that arrived here is not missed, unless it took over
+        from another one heard before: then this receiver was there from its first number on.
+
+        Args:
+            key: where it was published.
+            stamp: its stamp.
+            live: False for an answer to a query, which may be of a publisher of the past.
+        """
+        if stamp is None:
+            return Arrival()
+        run, number = stamp
+        last, heard = self._last.get((key, run)), self._runs.get(key)
+        if last is not None and number <= last:
+            return Arrival(is_new=False)
+        if last is None and heard is not None and run < heard and not live:
+            return Arrival(is_new=False)
+        remember(self._last, (key, run), number)
+        remember(self._runs, key, run)
+        if last is not None:
+            return Arrival(lost=number - last - 1)
+        if heard is None:
+            return Arrival()
+        return Arrival(lost=number if run > heard else 0, is_restart=True)
+
+    def catch_up(self, key: str, run: int, next_number: int) -> int:
+        """How many were missed at the end, when a publisher says which number comes next."""
+        last = self._last.get((key, run))
+        if last is None or next_number <= last + 1:
+            return 0
+        self._last[key, run] = next_number - 1
+        return next_number - last - 1
+
+
+Key = TypeVar("Key")
+
+
+def remember(known: OrderedDict[Key, int], key: Key, value: int) -> None:
+    """Notes a number; of too many keys, the one heard longest ago is forgotten."""
+    known[key] = value
+    known.move_to_end(key)
+    if len(known) > KEY_LIMIT:
+        known.popitem(last=False)

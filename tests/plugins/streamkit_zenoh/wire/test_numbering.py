@@ -1,0 +1,96 @@
+"""Gaps in a publisher's numbers are losses; another run is a new publisher."""
+
+import pytest
+
+from streamkit_zenoh.wire.numbering import KEY_LIMIT, Arrival, Numbering, Stamp, read_attachment
+
+
+def _lost(numbering: Numbering, *numbers: int, run: int = 7, key: str = "a") -> list[int]:
+    return [numbering.arrived(key, Stamp(run, number)).lost for number in numbers]
+
+
+def test_gaps_are_counted() -> None:
+    """Whatever is missing between two numbers of a run was lost; what came before the first was not."""
+    assert _lost(Numbering(), 5, 6, 9, 10) == [0, 0, 2, 0]
+
+
+def test_keys_are_apart() -> None:
+    """Two publishers count for themselves."""
+    numbering = Numbering()
+    assert _lost(numbering, 0) + _lost(numbering, 7, key="b") + _lost(numbering, 1) == [0, 0, 0]
+
+
+def test_what_was_here_before_is_not_new() -> None:
+    """The last record, asked for, may be one that came by itself, or an older one."""
+    numbering = Numbering()
+    _lost(numbering, 3, 4)
+    assert numbering.arrived("a", Stamp(7, 4)) == Arrival(is_new=False)
+    assert numbering.arrived("a", Stamp(7, 2)) == Arrival(is_new=False)
+    assert _lost(numbering, 5) == [0]
+
+
+def test_a_new_run_is_a_restart_missed_from_its_first_number() -> None:
+    """Who has heard the publisher before was there when the next one began."""
+    numbering = Numbering()
+    _lost(numbering, 0, 1)
+    assert numbering.arrived("a", Stamp(9, 3)) == Arrival(lost=3, is_restart=True)
+    assert _lost(numbering, 4, 6, run=9) == [0, 1]
+
+
+def test_a_clock_set_back_is_a_restart_too() -> None:
+    """A publisher whose clock went back is heard all the same."""
+    numbering = Numbering()
+    _lost(numbering, 0, 1)
+    assert numbering.arrived("a", Stamp(2, 5)) == Arrival(is_restart=True)
+
+
+def test_an_answer_of_the_past_is_not_new() -> None:
+    """What an older publisher answers does not come behind what the new one has said."""
+    numbering = Numbering()
+    _lost(numbering, 0)
+    assert numbering.arrived("a", Stamp(2, 5), live=False) == Arrival(is_new=False)
+
+
+def test_two_publishers_at_one_key_cost_no_false_loss() -> None:
+    """After both are known, each is followed by its own numbers."""
+    numbering = Numbering()
+    _lost(numbering, 5)
+    _lost(numbering, 100, run=9)
+    assert _lost(numbering, 6) + _lost(numbering, 101, run=9) + _lost(numbering, 7) == [0, 0, 0]
+
+
+def test_the_end_is_caught_up_with() -> None:
+    """A publisher that says how far it is shows what was lost behind the last record heard."""
+    numbering = Numbering()
+    _lost(numbering, 0, 1)
+    assert numbering.catch_up("a", 7, 2) == 0
+    assert numbering.catch_up("a", 7, 5) == 3
+    assert numbering.catch_up("a", 7, 5) == 0
+    assert numbering.catch_up("unheard", 7, 50) == 0
+    assert _lost(numbering, 5) == [0]
+
+
+def test_a_stamp_survives_the_trip() -> None:
+    """With and without a header behind it."""
+    stamp = Stamp(1_763_690_000_171_000_000, 120)
+    assert stamp.attachment() == b"1763690000171000000 120"
+    assert read_attachment(stamp.attachment()) == (stamp, b"")
+    assert read_attachment(stamp.attachment(b"{}\n{}")) == (stamp, b"{}\n{}")
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"1", b"-1 2", b"1.5 2", b"x", b"\xff", b"9" * 20 + b" 1", "٣ ٣".encode(), b"1 2 3"]
+)
+def test_what_is_no_stamp_tells_nothing(data: bytes) -> None:
+    """Other publishers may attach what they like."""
+    assert read_attachment(data) == (None, b"")
+    assert Numbering().arrived("a", None) == Arrival()
+
+
+def test_memory_is_bounded() -> None:
+    """Keys heard longest ago are forgotten."""
+    numbering = Numbering()
+    for index in range(KEY_LIMIT + 1):
+        _lost(numbering, 0, key=str(index))
+    assert _lost(numbering, 100, key="0") == [0]
+    assert _lost(numbering, 100, key=str(KEY_LIMIT)) == [99]
