@@ -29,14 +29,25 @@ ALLOWED = {
 GLUE = {
     "streamkit_decoder.codecs",
     "streamkit_decoder.container",
-    "streamkit_decoder.packetreader",
+    "streamkit_decoder.rtsp.connection",
+    "streamkit_decoder.rtsp.packetreader",
+    "streamkit_decoder.streams",
     "streamkit_decoder.packets",
     "streamkit_decoder.videodecoder",
     "streamkit_tracker.frame_link",
     "streamkit_video.raw_caps",
     "streamkit_video.scaled_metadata",
+    "streamkit_wavelet_eigen.targets",
     "streamkit_zenoh.connection",
-    "streamkit_zenoh.records",
+    "streamkit_zenoh",
+    "streamkit_zenoh.publish.picture_feed",
+    "streamkit_zenoh.publish.publication",
+    "streamkit_zenoh.publish.records_feed",
+    "streamkit_zenoh.receive.decoding",
+    "streamkit_zenoh.subscriber",
+    "streamkit_zenoh.wire.frame_header",
+    "streamkit_zenoh.wire.records",
+    "streamkit_zenoh.wire.schemas.write",
 }
 PLUGIN_NAMES = {path.name for path in PLUGINS.iterdir() if (path / "__init__.py").exists()}
 
