@@ -53,8 +53,14 @@ class Eigenspace:
         result: FloatArray = coordinates @ self.basis + self.mean
         return result
 
+    def reconstruction_errors(self, vectors: FloatArray) -> FloatArray:
+        """Root mean square difference of each vector float64[n, d] from its reconstruction, float64[n]."""
+        missed = vectors - self.restore(self.project(vectors))
+        result: FloatArray = np.sqrt(np.mean(missed * missed, axis=1))
+        return result
 
-def learn_eigenspace(vectors: FloatArray, components: int) -> Eigenspace:
+
+def learn_eigenspace(vectors: FloatArray, components: int, energy: float = 1.0) -> Eigenspace:
     """Principal components of a batch, by the small Gram matrix.
 
     With M vectors of d values and M < d, the eigenvectors of X^T X (d x d) come from those of X X^T (M x M);
@@ -63,6 +69,7 @@ def learn_eigenspace(vectors: FloatArray, components: int) -> Eigenspace:
     Args:
         vectors: float64[m, d], m >= 1, all finite.
         components: most eigenvectors to keep, at least 1.
+        energy: share of the variance to hold, 0 < energy <= 1: the fewest eigenvectors that do are kept.
 
     Returns:
         The space; with one vector, or equal vectors, it has a mean and no eigenvector.
@@ -74,12 +81,12 @@ def learn_eigenspace(vectors: FloatArray, components: int) -> Eigenspace:
     """
     vectors = _checked(vectors)
     mean = vectors.mean(axis=0)
-    basis, singular_values = _principal_rows(vectors - mean, components)
+    basis, singular_values = _principal_rows(vectors - mean, components, energy)
     return Eigenspace(mean, basis, singular_values, float(len(vectors)))
 
 
 def update_eigenspace(
-    space: Eigenspace, vectors: FloatArray, components: int, forgetting: float = 1.0
+    space: Eigenspace, vectors: FloatArray, components: int, forgetting: float = 1.0, energy: float = 1.0
 ) -> Eigenspace:
     """Adds a batch of vectors to a space without the vectors it was made from.
 
@@ -88,6 +95,7 @@ def update_eigenspace(
         vectors: float64[m, d], m >= 1, all finite.
         components: most eigenvectors to keep, at least 1.
         forgetting: weight of what is known, 0 < forgetting <= 1; 1 forgets nothing.
+        energy: share to hold of the variance that is still known, 0 < energy <= 1.
 
     Returns:
         A new space. With forgetting 1 and enough components it equals `learn_eigenspace` of all vectors.
@@ -117,7 +125,7 @@ def update_eigenspace(
             np.sqrt(known * added / count) * shift[None],
         ]
     )
-    basis, singular_values = _principal_rows(rows, components)
+    basis, singular_values = _principal_rows(rows, components, energy)
     return Eigenspace(space.mean + (added / count) * shift, basis, singular_values, count)
 
 
@@ -130,20 +138,31 @@ def _checked(vectors: FloatArray) -> FloatArray:
     return vectors
 
 
-def _principal_rows(rows: FloatArray, components: int) -> tuple[FloatArray, FloatArray]:
+def _principal_rows(rows: FloatArray, components: int, energy: float) -> tuple[FloatArray, FloatArray]:
     """Leading right singular vectors float64[k, d] and values float64[k] of float64[m, d]."""
     if rows.shape[0] > rows.shape[1]:
-        _, singular_values, right = np.linalg.svd(rows, full_matrices=False)
+        squares, columns = np.linalg.eigh(rows.T @ rows)
+        right = columns[:, ::-1].T
+        singular_values = np.sqrt(np.maximum(squares[::-1], 0.0))
     else:
         squares, left = np.linalg.eigh(rows @ rows.T)
         singular_values = np.sqrt(np.maximum(squares[::-1], 0.0))
         right = left[:, ::-1].T @ rows
         right /= np.where(singular_values > 0, singular_values, 1.0)[:, None]
-    # The absolute floor is for rows that differ by rounding alone, where the strongest is rounding as well.
-    floor = max(RELATIVE_FLOOR * float(singular_values[0]), 1e-9 * float(np.sqrt(rows.shape[1])))
-    kept = min(components, int(np.count_nonzero(singular_values > floor)))
+    kept = _how_many(singular_values, components, energy, rows.shape[1])
     basis = right[:kept].copy()
     # Eigenvectors have no sign of their own; the largest element made positive keeps runs comparable.
     strongest = np.abs(basis).argmax(axis=1)
     basis *= np.where(basis[np.arange(kept), strongest] < 0, -1.0, 1.0)[:, None]
     return basis, singular_values[:kept].copy()
+
+
+def _how_many(singular_values: FloatArray, components: int, energy: float, length: int) -> int:
+    """How many eigenvectors to keep: no rounding noise, at most `components`, enough for the energy."""
+    # The absolute floor is for rows that differ by rounding alone, where the strongest is rounding as well.
+    floor = max(RELATIVE_FLOOR * float(singular_values[0]), 1e-9 * float(np.sqrt(length)))
+    kept = min(components, int(np.count_nonzero(singular_values > floor)))
+    if energy >= 1.0 or not kept:
+        return kept
+    held = np.cumsum(singular_values**2)
+    return min(kept, int(np.searchsorted(held, energy * held[-1])) + 1)

@@ -1,52 +1,71 @@
-"""An immutable snapshot of a learnt eigenspace that embeds windows, and its file."""
+"""An immutable snapshot of a learnt space that embeds windows."""
 
-import os
-import zipfile
-import zlib
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_wavelet_eigen.eigenspace import Eigenspace
-from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing, Threshold, prepare
+from streamkit_wavelet_eigen.blocks import cut_blocks, join_blocks
+from streamkit_wavelet_eigen.eigenspace import Eigenspace, FloatArray
+from streamkit_wavelet_eigen.preprocessing import prepare
+from streamkit_wavelet_eigen.recipe import Recipe
 from streamkit_wavelet_eigen.wavelet import FloatBatch
 
-SCHEMA = "streamkit.eigenspace/1"
-# A space of 64 components of 128x128 patches has 9 MB; the limit keeps a hostile file from filling memory.
-FILE_LIMIT_BYTES = 64 * 1024 * 1024
-# What zipfile and NumPy raise on a file that is no npz, is cut short, encrypted or lies about its sizes.
-UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError, MemoryError)
 # Grey levels; a window flatter than this shows noise, not a target.
 FLAT_DEVIATION = 4.0
 
 
-class InvalidSpaceFile(ValueError):
-    """A file is not an eigenspace that this version can read."""
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """What a space makes of n prepared windows.
+
+    Attributes:
+        vectors: float32[n, length], the feature vectors; zeros for flat windows.
+        errors: float32[n], root mean square of what the eigenvectors do not reconstruct, grey levels.
+        energy: float32[n], share of the window's difference from the mean that they do hold, 0 to 1.
+    """
+
+    vectors: FloatBatch
+    errors: FloatBatch
+    energy: FloatBatch
 
 
 @dataclass(frozen=True, eq=False)
 class WaveletEigenSpace:
-    """Embeds windows by preparing them, making them vectors and projecting them.
+    """Embeds windows by preparing them, cutting blocks, and projecting these.
 
     Vectors of different versions are coordinates on different axes: compare within one version, or embed the
     windows again.
 
     Attributes:
-        space: mean and eigenvectors over height * width values.
-        patch_size: (height, width) of the windows.
-        components: length k of an embedded vector; columns past `space.rank` are 0.
-        preprocessing: what is done to a window first.
+        spaces: one eigenspace for whole windows or for all blocks, or one for each block, row by row.
+        recipe: how windows are prepared and cut.
         version: goes up by one with each update.
+        fisher_axes: float64[blocks * components, f] of the Fisher step, or None without one.
     """
 
-    space: Eigenspace
-    patch_size: tuple[int, int]
-    components: int
-    preprocessing: Preprocessing
+    spaces: tuple[Eigenspace, ...]
+    recipe: Recipe
     version: int
+    fisher_axes: FloatArray | None = None
+
+    @property
+    def patch_size(self) -> tuple[int, int]:
+        """(height, width) of the windows that `embed` takes, px."""
+        return self.recipe.patch_size
+
+    @property
+    def rank(self) -> int:
+        """Eigenvectors held, of the space that has most."""
+        return max(space.rank for space in self.spaces)
+
+    @property
+    def length(self) -> int:
+        """Values of a feature vector."""
+        if self.fisher_axes is not None:
+            return int(self.fisher_axes.shape[1])
+        return self.recipe.blocks**2 * self.recipe.components
 
     def embed(self, patches: FloatBatch) -> FloatBatch:
         """Projects windows into the space.
@@ -55,22 +74,57 @@ class WaveletEigenSpace:
             patches: float32[n, h, w] in grey levels 0..255, (h, w) being `patch_size`.
 
         Returns:
-            float32[n, components]; a flat window (deviation below 4 grey levels) has a row of zeros.
+            float32[n, length]; a flat window (deviation below 4 grey levels) has a row of zeros.
 
         Raises:
             ValueError: windows of another size, or one with NaN or infinity.
         """
         patches = checked_patches(patches, self.patch_size)
-        flat = flat_windows(patches)
-        return self.project(prepare(patches, self.preprocessing), flat)
+        return self.project(prepare(patches, self.recipe.preprocessing), flat_windows(patches)).vectors
 
-    def project(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> FloatBatch:
-        """Projects windows that are prepared already: float32[n, h, w] to float32[n, components]."""
-        vectors = np.zeros((len(prepared), self.components), np.float32)
-        basis, mean = self.space.basis.astype(np.float32), self.space.mean.astype(np.float32)
-        vectors[:, : self.space.rank] = prepared.reshape(len(prepared), mean.size) @ basis.T - basis @ mean
-        vectors[flat] = 0.0
-        return vectors
+    def project(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> Projection:
+        """Projects windows that are prepared already, float32[n, h, w]; `flat`, bool[n], get zeros."""
+        count = len(prepared)
+        basis, offsets, means = self._stacked
+        blocks = cut_blocks(prepared, self.recipe.blocks)
+        # [b, n, d] @ [b or 1, d, k]: one product for each basis, all blocks of a shared one together.
+        if len(basis) == 1:
+            flat_blocks = blocks.reshape(-1, blocks.shape[2])
+            coordinates = (flat_blocks @ basis[0] - offsets[0]).reshape(
+                count, blocks.shape[1], basis.shape[2]
+            )
+        else:
+            coordinates = (blocks.swapaxes(0, 1) @ basis - offsets[:, None]).swapaxes(0, 1)
+        centred = blocks - means
+        total = np.einsum("nbd,nbd->n", centred, centred)
+        held = np.einsum("nbk,nbk->n", coordinates, coordinates)
+        vectors = coordinates.reshape(count, coordinates.shape[1] * coordinates.shape[2])
+        if self.fisher_axes is not None:
+            vectors = vectors @ self.fisher_axes.astype(np.float32)
+        vectors = np.where(flat[:, None], np.float32(0.0), vectors)
+        missed = np.maximum(total - held, 0.0) / max(blocks.shape[1] * blocks.shape[2], 1)
+        energy = np.divide(held, total, out=np.ones_like(total), where=total > 0)
+        return Projection(vectors, np.sqrt(missed), np.clip(energy, 0.0, 1.0))
+
+    def reconstruct(self, prepared: FloatBatch) -> FloatBatch:
+        """What the eigenvectors hold of prepared windows: float32[n, h, w] to the same, grey levels."""
+        blocks = cut_blocks(prepared, self.recipe.blocks).astype(np.float64)
+        for index in range(blocks.shape[1]):
+            space = self.spaces[index % len(self.spaces)]
+            blocks[:, index] = space.restore(space.project(blocks[:, index]))
+        return join_blocks(blocks, self.recipe.prepared_size)
+
+    @cached_property
+    def _stacked(self) -> tuple[FloatBatch, FloatBatch, FloatBatch]:
+        """float32[s, d, k] bases, their products with the means [s, k], and the means [s, d]."""
+        spaces, values, components = len(self.spaces), self.recipe.block_values, self.recipe.components
+        basis = np.zeros((spaces, values, components), np.float32)
+        means = np.stack([space.mean for space in self.spaces])
+        offsets = np.zeros((spaces, components), np.float32)
+        for index, space in enumerate(self.spaces):
+            basis[index, :, : space.rank] = space.basis.T
+            offsets[index, : space.rank] = space.basis @ space.mean
+        return basis, offsets, means.astype(np.float32)
 
 
 def checked_patches(patches: FloatBatch, patch_size: tuple[int, int]) -> FloatBatch:
@@ -95,90 +149,3 @@ def flat_windows(patches: FloatBatch) -> NDArray[np.bool_]:
     """bool[n]: which windows float32[n, h, w] show no structure."""
     result: NDArray[np.bool_] = patches.std(axis=(1, 2)) < FLAT_DEVIATION
     return result
-
-
-def save_space(space: WaveletEigenSpace, path: Path) -> None:
-    """Writes a space as an npz file with a schema field; an existing file is replaced whole or not at all.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    try:
-        with temporary.open("wb") as file:
-            np.savez_compressed(
-                file,
-                schema=np.array(SCHEMA),
-                mean=space.space.mean,
-                basis=space.space.basis,
-                singular_values=space.space.singular_values,
-                count=np.array(space.space.count),
-                patch_size=np.array(space.patch_size),
-                components=np.array(space.components),
-                version=np.array(space.version),
-                mode=np.array(str(space.preprocessing.mode)),
-                threshold=np.array(str(space.preprocessing.threshold)),
-                wavelet=np.array(space.preprocessing.wavelet),
-            )
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def load_space(path: Path) -> WaveletEigenSpace:
-    """Reads a file of `save_space`; nothing in it is executed.
-
-    Raises:
-        InvalidSpaceFile: it is no such file, is damaged, too large, or of another schema.
-        OSError: it cannot be opened.
-    """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(member.file_size for member in archive.infolist())
-        if size > FILE_LIMIT_BYTES:
-            raise InvalidSpaceFile(
-                f"{path}: an eigenspace file has at most {FILE_LIMIT_BYTES} bytes, got {size}"
-            )
-        with np.load(path, allow_pickle=False) as file:
-            fields = {name: file[name] for name in file.files}
-    except UNREADABLE as error:
-        if isinstance(error, InvalidSpaceFile):
-            raise
-        raise InvalidSpaceFile(f"{path}: not an eigenspace file (npz): {error}") from error
-    schema = str(fields.get("schema", "none"))
-    if schema != SCHEMA:
-        raise InvalidSpaceFile(
-            f'{path}: the schema must be "{SCHEMA}", got "{schema}"; learn and save it again'
-        )
-    try:
-        space = _space_of(fields)
-        space.preprocessing.check(space.patch_size)
-    except (KeyError, ValueError, TypeError, OverflowError) as error:
-        raise InvalidSpaceFile(f"{path}: damaged eigenspace file: {error}") from error
-    return space
-
-
-def _space_of(fields: dict[str, NDArray[Any]]) -> WaveletEigenSpace:
-    height, width = (int(side) for side in fields["patch_size"])
-    components = int(fields["components"])
-    values = Eigenspace(
-        np.array(fields["mean"], np.float64),
-        np.array(fields["basis"], np.float64),
-        np.array(fields["singular_values"], np.float64),
-        float(fields["count"]),
-    )
-    rank, length = values.rank, height * width
-    if min(height, width) < 1 or values.mean.shape != (length,) or values.basis.shape != (rank, length):
-        raise ValueError(
-            f"mean {values.mean.shape} and basis {values.basis.shape} do not fit {height}x{width} patches "
-            f"and {rank} singular values"
-        )
-    if values.singular_values.ndim != 1 or not rank <= components <= length:
-        raise ValueError(f"{rank} singular values do not fit {components} components of {length} values")
-    numbers = (values.mean, values.basis, values.singular_values, np.array(values.count))
-    if not all(np.isfinite(array).all() for array in numbers) or values.count <= 0:
-        raise ValueError("values must be finite and the count positive")
-    preprocessing = Preprocessing(
-        Mode(str(fields["mode"])), Threshold(str(fields["threshold"])), str(fields["wavelet"])
-    )
-    return WaveletEigenSpace(values, (height, width), components, preprocessing, int(fields["version"]))

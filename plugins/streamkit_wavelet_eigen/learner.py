@@ -1,15 +1,77 @@
-"""Learns a feature space from the windows of a stream, a bounded batch at a time."""
+"""Learns a feature space: from labelled windows in one batch, or from a stream, a bounded batch at a time."""
+
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from streamkit_wavelet_eigen.eigenspace import learn_eigenspace, update_eigenspace
-from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
-from streamkit_wavelet_eigen.preprocessing import Preprocessing
+from streamkit_wavelet_eigen.blocks import cut_blocks
+from streamkit_wavelet_eigen.eigenspace import Eigenspace, FloatArray, learn_eigenspace, update_eigenspace
+from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, checked_patches, flat_windows
+from streamkit_wavelet_eigen.fisher import learn_fisher_axes
+from streamkit_wavelet_eigen.preprocessing import prepare
+from streamkit_wavelet_eigen.recipe import Recipe
+from streamkit_wavelet_eigen.virtual_views import view_count, with_views
 from streamkit_wavelet_eigen.wavelet import FloatBatch
 
 # Two windows are the fewest that differ, so the fewest that give an eigenvector.
 FIRST_BATCH = 2
+# Values of all prepared windows together: 512 MB of float64. More would not make a better basis.
+LARGEST_BATCH_VALUES = 64 * 1024 * 1024
+
+
+def learn_space(patches: FloatBatch, recipe: Recipe, labels: Sequence[str] = ()) -> WaveletEigenSpace:
+    """Learns a space from windows in one batch.
+
+    Args:
+        patches: float32[m, h, w], grey levels 0..255; flat ones are left out.
+        recipe: what to make of them.
+        labels: m names where the recipe has a Fisher step, else not needed.
+
+    Raises:
+        ValueError: the recipe does not fit together, no window has structure, there are too many for one
+            batch, or the labels are not those a Fisher step needs.
+    """
+    recipe.check()
+    patches = checked_patches(patches, recipe.patch_size)
+    usable = ~flat_windows(patches)
+    if not usable.any():
+        raise ValueError(
+            f"learning a space: at least one window must show structure, got {len(patches)} windows, "
+            "all of them flat; give others"
+        )
+    values = int(usable.sum()) * view_count(recipe.views) * recipe.block_values * recipe.blocks**2
+    if values > LARGEST_BATCH_VALUES:
+        raise ValueError(
+            f"learning a space: windows, views and pixels make {values} values, at most "
+            f"{LARGEST_BATCH_VALUES} are taken; give fewer windows or a higher approximation"
+        )
+    prepared = prepare(with_views(patches[usable], recipe.views), recipe.preprocessing)
+    spaces = tuple(
+        learn_eigenspace(vectors, recipe.components, recipe.energy)
+        for vectors in vectors_by_space(prepared, recipe)
+    )
+    space = WaveletEigenSpace(spaces, recipe, 1)
+    if not recipe.discriminative:
+        return space
+    if len(labels) != len(patches):
+        raise ValueError(
+            f"Fisher step: each window needs a label, got {len(patches)} windows and {len(labels)} labels"
+        )
+    names = [name for name, kept in zip(labels, usable, strict=True) if kept] * view_count(recipe.views)
+    coordinates = space.project(prepared, np.zeros(len(prepared), bool)).vectors.astype(np.float64)
+    used = np.ptp(coordinates, axis=0) > 0
+    axes = np.zeros((coordinates.shape[1], min(int(used.sum()), len(set(names)) - 1)))
+    if axes.size or len(set(names)) < 2:
+        axes[used] = learn_fisher_axes(coordinates[:, used], names, recipe.shrinkage)
+    return WaveletEigenSpace(spaces, recipe, 1, axes)
+
+
+def vectors_by_space(prepared: FloatBatch, recipe: Recipe) -> list[FloatArray]:
+    """The vectors that each eigenspace learns from, float64[m, d], of prepared windows float32[n, h, w]."""
+    blocks = cut_blocks(prepared, recipe.blocks).astype(np.float64)
+    if recipe.spaces == 1:
+        return [blocks.reshape(-1, blocks.shape[2])]
+    return [blocks[:, index] for index in range(blocks.shape[1])]
 
 
 class SpaceLearner:
@@ -19,31 +81,20 @@ class SpaceLearner:
     later ones every `batch` windows. At most `batch` windows are held, and one update is made per call.
 
     Args:
-        patch: side of the square windows in pixels.
-        components: most eigenvectors.
+        recipe: how the windows were prepared and what to make of them; without a Fisher step.
         batch: windows per update, at least 2.
         forgetting: weight of the past at each update, 0 < forgetting <= 1.
-        preprocessing: how the windows were prepared; written into the snapshots.
         start: a space to go on from, or None.
     """
 
     def __init__(
-        self,
-        *,
-        patch: int,
-        components: int,
-        batch: int,
-        forgetting: float,
-        preprocessing: Preprocessing,
-        start: WaveletEigenSpace | None = None,
+        self, recipe: Recipe, *, batch: int, forgetting: float, start: WaveletEigenSpace | None = None
     ) -> None:
         self.space = start
-        self._patch_size = (patch, patch)
-        self._components = components
+        self._recipe = recipe
         self._batch = batch
         self._forgetting = forgetting
-        self._preprocessing = preprocessing
-        self._held: list[NDArray[np.float64]] = []
+        self._held: list[FloatBatch] = []
 
     def add(self, prepared: FloatBatch) -> WaveletEigenSpace | None:
         """Takes windows float32[n, h, w], and returns the newest space, None before the first.
@@ -54,18 +105,22 @@ class SpaceLearner:
         room = self._batch - len(self._held)
         if len(prepared) > room:
             prepared = prepared[np.linspace(0, len(prepared) - 1, room).round().astype(int)]
-        self._held.extend(window.astype(np.float64).ravel() for window in prepared)
+        self._held.extend(window.copy() for window in prepared)
         if len(self._held) >= (FIRST_BATCH if self.space is None else self._batch):
             self._learn(np.stack(self._held))
             self._held.clear()
         return self.space
 
-    def _learn(self, vectors: NDArray[np.float64]) -> None:
-        if self.space is None:
-            values, version = learn_eigenspace(vectors, self._components), 1
+    def _learn(self, prepared: FloatBatch) -> None:
+        recipe, known = self._recipe, self.space
+        sets = vectors_by_space(prepared, recipe)
+        if known is None:
+            spaces = tuple(learn_eigenspace(vectors, recipe.components, recipe.energy) for vectors in sets)
         else:
-            values = update_eigenspace(self.space.space, vectors, self._components, self._forgetting)
-            version = self.space.version + 1
-        self.space = WaveletEigenSpace(
-            values, self._patch_size, self._components, self._preprocessing, version
+            spaces = tuple(map(self._updated, known.spaces, sets))
+        self.space = WaveletEigenSpace(spaces, recipe, known.version + 1 if known else 1)
+
+    def _updated(self, space: Eigenspace, vectors: FloatArray) -> Eigenspace:
+        return update_eigenspace(
+            space, vectors, self._recipe.components, self._forgetting, self._recipe.energy
         )

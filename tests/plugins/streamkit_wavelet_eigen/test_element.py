@@ -17,7 +17,8 @@ from streamkit import (
     raw_video_caps,
 )
 from streamkit.testing import Harness
-from streamkit_wavelet_eigen.feature_space import load_space
+from streamkit_wavelet_eigen.model_file import load_model
+from streamkit_wavelet_eigen.windows import box_places, cut_windows
 
 
 def _detections(count: int, seed: int = 0, width: int = 320, height: int = 240) -> Detections:
@@ -66,13 +67,11 @@ def test_one_row_per_detection(pixel_format: str) -> None:
 
 def test_features_are_embeddings_in_the_attached_space() -> None:
     """Embedding the same windows again in the frame's space gives the frame's vectors."""
-    from streamkit_wavelet_eigen.windows import cut_windows
-
     with Harness("waveleteigen", components=4) as harness:
         given = _frame(7)
         (frame,) = harness.push(given)
     detections = _detections(7)
-    windows = cut_windows(given.data, detections.centroids, detections.boxes, 32)
+    windows = cut_windows(given.data, box_places(detections.centroids, detections.boxes), 32)
     np.testing.assert_allclose(_space(frame).embed(windows.patches), _vectors(frame), atol=0.05)
 
 
@@ -163,7 +162,7 @@ def test_a_saved_space_is_a_model(tmp_path: Path) -> None:
     with Harness("waveleteigen", save=str(path), patch=16, mode="denoise") as harness:
         (frame,) = harness.push(_frame(12))
         harness.drain()
-    assert load_space(path).patch_size == (16, 16)
+    assert load_model(path).space.patch_size == (16, 16)
     with Harness("waveleteigen", model=str(path), learn=False) as harness:
         (again,) = harness.push(_frame(12))
     assert _space(again).version == _space(frame).version
@@ -175,7 +174,7 @@ def test_a_stopped_stream_is_saved_too(tmp_path: Path) -> None:
     path = tmp_path / "space.npz"
     with Harness("waveleteigen", save=str(path)) as harness:
         harness.push(_frame(4))
-    assert load_space(path).version == 1
+    assert load_model(path).space.version == 1
 
 
 def test_files_that_cannot_be_used_are_errors_at_start(tmp_path: Path) -> None:
@@ -192,10 +191,16 @@ def test_files_that_cannot_be_used_are_errors_at_start(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("properties", "text"), [({"patch": 31}, "even"), ({"wavelet": "bior2.2"}, "not orthogonal")]
+    ("properties", "text"),
+    [
+        ({"patch": 31}, "even"),
+        ({"wavelet": "morl"}, "no discrete wavelet"),
+        ({"blocks": 5}, "multiple of blocks"),
+        ({"components": 17, "blocks": 8}, "values of a block"),
+    ],
 )
 def test_settings_that_do_not_fit_are_errors_at_start(properties: dict[str, Any], text: str) -> None:
-    """An odd patch and a biorthogonal wavelet are refused with the rule."""
+    """What does not fit together is refused with the rule."""
     with pytest.raises(ValueError, match=text):
         Harness("waveleteigen", **properties)
 

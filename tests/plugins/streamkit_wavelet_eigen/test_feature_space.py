@@ -1,42 +1,42 @@
-"""The snapshot embeds windows and survives its file; damaged files are refused."""
+"""The snapshot embeds windows: whole, in blocks of one basis or one each, with or without a Fisher step."""
 
-import io
-import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from streamkit_wavelet_eigen.blocks import cut_blocks
 from streamkit_wavelet_eigen.eigenspace import learn_eigenspace
-from streamkit_wavelet_eigen.feature_space import (
-    FILE_LIMIT_BYTES,
-    InvalidSpaceFile,
-    WaveletEigenSpace,
-    load_space,
-    save_space,
-)
+from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
+from streamkit_wavelet_eigen.learner import learn_space
 from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing, prepare
+from streamkit_wavelet_eigen.recipe import Basis, Recipe
 
 
 def _windows(count: int, side: int = 16, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 256, (count, side, side)).astype(np.float32)
 
 
+def _recipe(
+    mode: Mode = Mode.RAW, components: int = 4, blocks: int = 1, basis: Basis = Basis.SHARED
+) -> Recipe:
+    return Recipe(16, Preprocessing(mode), blocks, basis, components)
+
+
 def _learnt(mode: Mode = Mode.RAW, components: int = 4, count: int = 12) -> WaveletEigenSpace:
-    how = Preprocessing(mode)
-    vectors = prepare(_windows(count), how).reshape(count, -1).astype(np.float64)
-    return WaveletEigenSpace(learn_eigenspace(vectors, components), (16, 16), components, how, 3)
+    return learn_space(_windows(count), _recipe(mode, components))
 
 
 @pytest.mark.parametrize("mode", list(Mode))
 def test_embedding_is_the_projection_of_the_prepared_window(mode: Mode) -> None:
     """`embed` prepares, makes vectors and projects: float32[n, components]."""
     space, given = _learnt(mode), _windows(5, seed=8)
-    prepared = prepare(given, space.preprocessing).reshape(5, -1).astype(np.float64)
+    prepared = prepare(given, space.recipe.preprocessing).reshape(5, -1).astype(np.float64)
     embedded = space.embed(given)
     assert embedded.dtype == np.float32
-    np.testing.assert_allclose(embedded, space.space.project(prepared), atol=0.05)
+    np.testing.assert_allclose(embedded, space.spaces[0].project(prepared), atol=0.05)
 
 
 def test_missing_directions_are_zero_columns() -> None:
@@ -78,106 +78,65 @@ def test_windows_of_another_size_are_refused(shape: tuple[int, ...]) -> None:
         _learnt().embed(np.zeros(shape, np.float32))
 
 
-def test_file_round_trip(tmp_path: Path) -> None:
-    """A saved space embeds as before, and keeps version and settings."""
-    space, path = _learnt(Mode.DENOISE), tmp_path / "space.npz"
-    save_space(space, path)
-    read = load_space(path)
-    assert (read.version, read.patch_size, read.components, read.preprocessing) == (
-        space.version,
-        space.patch_size,
-        space.components,
-        space.preprocessing,
-    )
-    np.testing.assert_array_equal(read.embed(_windows(4, seed=6)), space.embed(_windows(4, seed=6)))
-    assert [entry.name for entry in tmp_path.iterdir()] == ["space.npz"]
+@pytest.mark.parametrize("basis", list(Basis))
+def test_blocks_are_projected_each(basis: Basis) -> None:
+    """The vector is the blocks' coordinates one after the other, on the shared basis or on their own."""
+    recipe = _recipe(blocks=4, components=3, basis=basis)
+    training, given = _windows(20), _windows(5, seed=3)
+    embedded = learn_space(training, recipe).embed(given)
+    assert embedded.shape == (5, 16 * 3)
+    blocks, probes = (cut_blocks(windows, 4).astype(np.float64) for windows in (training, given))
+    for index in range(16):
+        rows = blocks[:, index] if basis is Basis.PER_BLOCK else blocks.reshape(-1, 16)
+        expected = learn_eigenspace(rows, 3).project(probes[:, index])
+        np.testing.assert_allclose(embedded[:, 3 * index : 3 * index + 3], expected, atol=0.05)
 
 
-def test_a_failed_save_leaves_no_file_behind(tmp_path: Path) -> None:
-    """A folder that is not there is an OSError, and nothing half written stays."""
-    with pytest.raises(OSError, match="No such file"):
-        save_space(_learnt(), tmp_path / "missing" / "space.npz")
-    assert list(tmp_path.iterdir()) == []
+@pytest.mark.parametrize(("blocks", "basis"), [(1, Basis.SHARED), (4, Basis.SHARED), (4, Basis.PER_BLOCK)])
+def test_error_and_energy_are_those_of_the_reconstruction(blocks: int, basis: Basis) -> None:
+    """The error told with a vector is the distance to the reconstructed window; energy is the share kept."""
+    space = learn_space(_windows(30), _recipe(blocks=blocks, components=5, basis=basis))
+    given = _windows(6, seed=9)
+    projection = space.project(given, np.zeros(6, bool))
+    missed = given - space.reconstruct(given)
+    np.testing.assert_allclose(projection.errors, np.sqrt(np.mean(missed**2, axis=(1, 2))), rtol=1e-4)
+    means = space.reconstruct(given) * 0 + _mean_window(space)
+    spread = np.sum((given - means) ** 2, axis=(1, 2))
+    np.testing.assert_allclose(projection.energy, 1 - np.sum(missed**2, axis=(1, 2)) / spread, atol=1e-4)
 
 
-def _rewritten(path: Path, **changes: np.ndarray | None) -> Path:
-    save_space(_learnt(), path)
-    with np.load(path) as file:
-        fields = {name: file[name] for name in file.files}
-    fields.update({name: value for name, value in changes.items() if value is not None})
-    for name in [name for name, value in changes.items() if value is None]:
-        del fields[name]
-    np.savez(path, **fields)
-    return path
+def _mean_window(space: WaveletEigenSpace) -> np.ndarray:
+    empty = replace(space, spaces=tuple(replace(part, basis=part.basis[:0].copy(),
+                    singular_values=part.singular_values[:0].copy()) for part in space.spaces))  # fmt: skip
+    return empty.reconstruct(np.zeros((1, 16, 16), np.float32))
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"schema": np.array("streamkit.eigenspace/99")},
-        {"schema": None},
-        {"mean": np.zeros(3)},
-        {"mean": None},
-        {"mean": np.full(256, np.nan)},
-        {"basis": np.zeros((4, 9))},
-        {"singular_values": np.array(1.0)},
-        {"count": np.array(0.0)},
-        {"count": np.array(np.inf)},
-        {"patch_size": np.array([16])},
-        {"patch_size": np.array([-16, -16])},
-        {"components": np.array(10**9)},
-        {"components": np.array("many")},
-        {"mode": np.array("magic")},
-        {"wavelet": np.array("bior2.2"), "mode": np.array("paper")},
-    ],
-    ids=" ".join,
-)
-def test_damaged_fields_are_refused(tmp_path: Path, changes: dict[str, np.ndarray | None]) -> None:
-    """A field that is missing, of another shape or not finite is refused with the file's name."""
-    path = _rewritten(tmp_path / "space.npz", **changes)
-    with pytest.raises(InvalidSpaceFile, match=r"space\.npz"):
-        load_space(path)
+def test_training_windows_come_back_whole_from_all_components() -> None:
+    """With as many eigenvectors as windows there is nothing left out: error 0, energy 1."""
+    given = _windows(8)
+    space = learn_space(given, _recipe(components=16))
+    projection = space.project(given, np.zeros(8, bool))
+    assert projection.errors.max() < 0.1
+    np.testing.assert_allclose(projection.energy, 1.0, atol=1e-4)
+    np.testing.assert_allclose(space.reconstruct(given), given, atol=0.05)
 
 
-def test_pickles_are_never_read(tmp_path: Path) -> None:
-    """An array of objects would execute code on reading: refused."""
-    path = _rewritten(tmp_path / "space.npz", mean=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(InvalidSpaceFile, match="allow_pickle"):
-        load_space(path)
+def test_energy_keeps_the_fewest_eigenvectors() -> None:
+    """Half of the variance needs fewer than all of it; the length of a vector stays."""
+    given = _windows(30)
+    whole, half = (learn_space(given, replace(_recipe(components=29), energy=share)) for share in (1.0, 0.5))
+    assert whole.rank == 29
+    held = np.cumsum(whole.spaces[0].eigenvalues)
+    assert half.rank == int(np.searchsorted(held, held[-1] / 2)) + 1
+    assert half.embed(given).shape == (30, 29)
 
 
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 short", b"no archive at all" * 9])
-def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
-    """What is no npz is refused as such."""
-    path = tmp_path / "other.npz"
-    path.write_bytes(content)
-    with pytest.raises(InvalidSpaceFile, match="not an eigenspace file"):
-        load_space(path)
-
-
-def test_every_truncation_is_refused(tmp_path: Path) -> None:
-    """A file cut anywhere is refused, never half read."""
-    path = tmp_path / "space.npz"
-    save_space(_learnt(), path)
-    content = path.read_bytes()
-    for length in range(0, len(content), 97):
-        path.write_bytes(content[:length])
-        with pytest.raises(InvalidSpaceFile):
-            load_space(path)
-
-
-def test_huge_files_are_refused_unread(tmp_path: Path) -> None:
-    """An archive that unpacks to more than the limit is refused before it is unpacked."""
-    header = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        header, {"descr": "<f8", "fortran_order": False, "shape": (FILE_LIMIT_BYTES // 8,)}
-    )
-    path = tmp_path / "bomb.npz"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("mean.npy", header.getvalue() + bytes(FILE_LIMIT_BYTES))
-    assert path.stat().st_size < FILE_LIMIT_BYTES // 100
-    with pytest.raises(InvalidSpaceFile, match="at most"):
-        load_space(path)
+def test_a_fisher_step_shortens_the_vectors() -> None:
+    """With 4 labels there are 3 axes, whatever the eigenvectors."""
+    given = _windows(16)
+    labels = [f"class {number % 4}" for number in range(16)]
+    space = learn_space(given, replace(_recipe(components=8), discriminative=True), labels)
+    assert (space.length, space.embed(given).shape) == (3, (16, 3))
 
 
 @pytest.mark.parametrize(("mode", "least"), [(Mode.RAW, 0.88), (Mode.PAPER, 0.85)])
@@ -195,8 +154,7 @@ def test_faces_are_recognised(streamkit_data: Path, mode: Mode, least: float) ->
     training = np.zeros(400, bool)
     training[chosen] = True
     how = Preprocessing(mode)
-    vectors = prepare(pictures[training], how).reshape(200, -1).astype(np.float64)
-    space = WaveletEigenSpace(learn_eigenspace(vectors, 40), (64, 64), 40, how, 1)
+    space = learn_space(pictures[training], Recipe(64, how, components=40))
     gallery, probes = space.embed(pictures[training]), space.embed(pictures[~training])
     nearest = ((probes[:, None] - gallery[None]) ** 2).sum(axis=2).argmin(axis=1)
     labels = np.repeat(np.arange(40), 10)

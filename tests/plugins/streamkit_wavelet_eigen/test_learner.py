@@ -1,10 +1,16 @@
-"""The learner is bounded, starts early and numbers its snapshots."""
+"""A batch becomes a space; the stream learner is bounded, starts early and numbers its snapshots."""
+
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
-from streamkit_wavelet_eigen.learner import SpaceLearner
+from streamkit_wavelet_eigen.learner import SpaceLearner, learn_space
 from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
+from streamkit_wavelet_eigen.recipe import Basis, Recipe, Views
+
+RECIPE = Recipe(8, Preprocessing(Mode.RAW), components=3)
 
 
 def _windows(count: int, seed: int = 0) -> np.ndarray:
@@ -12,14 +18,7 @@ def _windows(count: int, seed: int = 0) -> np.ndarray:
 
 
 def _learner(batch: int = 6, start: WaveletEigenSpace | None = None) -> SpaceLearner:
-    return SpaceLearner(
-        patch=8,
-        components=3,
-        batch=batch,
-        forgetting=0.9,
-        preprocessing=Preprocessing(Mode.RAW),
-        start=start,
-    )
+    return SpaceLearner(RECIPE, batch=batch, forgetting=0.9, start=start)
 
 
 def test_first_space_needs_two_windows() -> None:
@@ -28,7 +27,7 @@ def test_first_space_needs_two_windows() -> None:
     assert under_test.add(_windows(1)) is None
     space = under_test.add(_windows(1, seed=1))
     assert space is not None
-    assert (space.version, space.space.rank) == (1, 1)
+    assert (space.version, space.rank) == (1, 1)
 
 
 def test_version_rises_with_each_full_batch() -> None:
@@ -48,7 +47,7 @@ def test_a_crowded_frame_counts_for_one_batch() -> None:
     under_test = _learner(batch=6)
     space = under_test.add(_windows(1000))
     assert space is not None
-    assert (space.version, space.space.count) == (1, 6.0)
+    assert (space.version, space.spaces[0].count) == (1, 6.0)
 
 
 def test_no_window_changes_nothing() -> None:
@@ -67,3 +66,58 @@ def test_learning_goes_on_from_a_given_space() -> None:
     space = under_test.add(_windows(6, seed=5))
     assert space is not None
     assert space.version == 2
+
+
+@pytest.mark.parametrize("basis", list(Basis))
+def test_blocks_are_learnt_from_a_stream(basis: Basis) -> None:
+    """Updates in batches reach the space that one batch of everything gives, in each block."""
+    recipe = replace(RECIPE, blocks=2, basis=basis, components=16)
+    under_test = SpaceLearner(recipe, batch=10, forgetting=1.0)
+    windows = _windows(42)
+    under_test.add(windows[:2])
+    for first in range(2, 42, 10):
+        under_test.add(windows[first : first + 10])
+    space, whole = under_test.space, learn_space(windows, recipe)
+    assert space is not None
+    assert len(space.spaces) == (4 if basis is Basis.PER_BLOCK else 1)
+    for ours, theirs in zip(space.spaces, whole.spaces, strict=True):
+        np.testing.assert_allclose(ours.mean, theirs.mean, atol=1e-6)
+        np.testing.assert_allclose(ours.singular_values, theirs.singular_values, rtol=1e-6)
+
+
+def test_flat_windows_are_not_learnt() -> None:
+    """A window without structure has nothing to teach; only flat ones are an error."""
+    windows = np.concatenate([_windows(6), np.full((3, 8, 8), 90.0, np.float32)])
+    learnt = learn_space(windows, RECIPE).spaces[0]
+    np.testing.assert_allclose(learnt.mean, learn_space(_windows(6), RECIPE).spaces[0].mean)
+    with pytest.raises(ValueError, match="all of them flat"):
+        learn_space(windows[6:], RECIPE)
+
+
+def test_one_window_is_a_mean_without_directions() -> None:
+    """A space of a single window embeds everything as zeros."""
+    space = learn_space(_windows(1), RECIPE)
+    assert space.rank == 0
+    assert (space.embed(_windows(3, seed=4)) == 0).all()
+
+
+def test_views_join_the_batch() -> None:
+    """Each window counts with its virtual views."""
+    space = learn_space(_windows(5), replace(RECIPE, views=Views.MIRRORED))
+    assert space.spaces[0].count == 5 * 18
+
+
+def test_too_many_values_are_refused() -> None:
+    """More than fits the memory set aside is refused before it is prepared."""
+    few = np.broadcast_to(_windows(1, seed=2), (70_000, 8, 8))
+    with pytest.raises(ValueError, match="fewer windows"):
+        learn_space(few, replace(RECIPE, views=Views.MIRRORED))
+
+
+def test_a_fisher_step_needs_a_label_for_each_window() -> None:
+    """Missing labels, and labels all alike, are refused with the counts."""
+    recipe = replace(RECIPE, discriminative=True)
+    with pytest.raises(ValueError, match="got 6 windows and 2 labels"):
+        learn_space(_windows(6), recipe, ["a", "b"])
+    with pytest.raises(ValueError, match="at least two labels"):
+        learn_space(_windows(6), recipe, ["a"] * 6)

@@ -6,7 +6,7 @@ import pytest
 import pywt
 
 from streamkit_wavelet_eigen.preprocessing import (
-    CHUNK,
+    CHUNK_PIXELS,
     Mode,
     Preprocessing,
     Threshold,
@@ -37,7 +37,7 @@ def _textbook(patch: np.ndarray) -> np.ndarray:
 
 def test_paper_mode_is_the_textbook_chain() -> None:
     """The batch gives what dwt2, equalizeHist, soft threshold, idwt2, equalizeHist give one by one."""
-    given = _scene(CHUNK + 5, 32)
+    given = _scene(CHUNK_PIXELS // 32**2 + 5, 32)
     ours = prepare(given, Preprocessing())
     theirs = np.stack([_textbook(patch) for patch in given]).astype(np.float32)
     # A coefficient on the edge between two grey levels may round differently in float32 and float64.
@@ -125,3 +125,29 @@ def test_odd_patch_is_refused_where_a_transform_is_needed() -> None:
     Preprocessing(Mode.RAW).check((31, 31))
     with pytest.raises(ValueError, match="even"):
         Preprocessing(Mode.PAPER).check((31, 31))
+
+
+def test_approximation_is_the_low_pass_band() -> None:
+    """Each level is PyWavelets' LL over 2, which keeps grey levels, and halves the sides."""
+    given = _scene(3, 64)
+    low = given.astype(np.float64)
+    for level in (1, 2, 3):
+        low = pywt.dwt2(low, "db8", mode="periodization", axes=(1, 2))[0] / 2
+        how = Preprocessing(Mode.RAW, approximation=level)
+        assert how.prepared_size((64, 64)) == low.shape[1:]
+        np.testing.assert_allclose(prepare(given, how), low, atol=1e-2)
+
+
+def test_approximation_follows_the_other_steps() -> None:
+    """In paper mode the equalised window is approximated, not the raw one."""
+    given = _scene(4, 32)
+    equalised = prepare(given, Preprocessing())
+    expected = prepare(equalised, Preprocessing(Mode.RAW, approximation=1))
+    np.testing.assert_allclose(prepare(given, Preprocessing(approximation=1)), expected, atol=1e-3)
+
+
+@pytest.mark.parametrize(("side", "levels"), [(32, 6), (24, 4), (32, -1)])
+def test_too_many_levels_are_refused(side: int, levels: int) -> None:
+    """A side that cannot be halved so often is refused by `check`."""
+    with pytest.raises(ValueError, match=r"even|at least 0"):
+        Preprocessing(Mode.RAW, approximation=levels).check((side, side))

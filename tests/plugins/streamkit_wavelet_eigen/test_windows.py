@@ -1,9 +1,10 @@
 """Windows are centred to a fraction of a pixel, and flagged where they cannot be trusted."""
 
+import cv2
 import numpy as np
 import pytest
 
-from streamkit_wavelet_eigen.windows import Windows, cut_windows
+from streamkit_wavelet_eigen.windows import Windows, box_places, cut_windows
 
 
 def _cut(
@@ -11,7 +12,7 @@ def _cut(
 ) -> Windows:
     x0, y0, x1, y1 = box
     centre = np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])
-    return cut_windows(image, centre, np.array([box]), patch, margin)
+    return cut_windows(image, box_places(centre, np.array([box])), patch, margin)
 
 
 def _ramp(height: int = 60, width: int = 80) -> np.ndarray:
@@ -80,7 +81,7 @@ def test_flags() -> None:
     image[:, 40:] = np.random.default_rng(2).integers(0, 256, (60, 40), np.uint8)
     boxes = np.array([[5.0, 5, 25, 25], [50, 20, 70, 40], [60, 30, 63, 34]])
     centres = (boxes[:, :2] + boxes[:, 2:]) / 2
-    result = cut_windows(image, centres, boxes, 16)
+    result = cut_windows(image, box_places(centres, boxes), 16)
     assert result.flat.tolist() == [True, False, False]
     assert result.tiny.tolist() == [False, False, True]
 
@@ -107,7 +108,7 @@ def test_senseless_boxes_give_finite_windows(box: tuple[float, float, float, flo
 
 def test_numbers_that_are_not_finite_are_flagged() -> None:
     """A detection without a place has a zero patch, flat and wholly clipped."""
-    result = cut_windows(_ramp(), np.array([[np.nan, 4.0]]), np.array([[0.0, 0, 8, 8]]), 16)
+    result = cut_windows(_ramp(), np.array([[np.nan, 4.0, 8, 8, 0]]), 16)
     assert (result.patches == 0).all()
     assert (result.flat[0], result.clipped[0]) == (True, 1.0)
 
@@ -121,6 +122,67 @@ def test_one_pixel_picture() -> None:
 
 def test_no_detections() -> None:
     """No detection gives no window."""
-    result = cut_windows(_ramp(), np.zeros((0, 2)), np.zeros((0, 4)), 16)
+    result = cut_windows(_ramp(), np.zeros((0, 5)), 16)
     assert result.patches.shape == (0, 16, 16)
     assert len(result.flat) == len(result.clipped) == len(result.tiny) == 0
+
+
+def _smooth(side: int = 120) -> np.ndarray:
+    noise = np.random.default_rng(11).integers(0, 256, (side // 8, side // 8)).astype(np.uint8)
+    return np.asarray(cv2.resize(noise, (side, side), interpolation=cv2.INTER_CUBIC))
+
+
+def _turn(places: np.ndarray, angle: float) -> np.ndarray:
+    return np.column_stack([places[:, :4], places[:, 4] + angle])
+
+
+@pytest.mark.parametrize("quarter", [1, 2, 3, -1])
+def test_a_quarter_turn_turns_the_window(quarter: int) -> None:
+    """Rows run along the angle, +x towards +y: a window turned by 90 degrees is the upright one turned."""
+    image, place = _smooth(), np.array([[59.5, 50.5, 24.0, 10.0, 0.0]])
+    upright = cut_windows(image, place, 24, 1.0).patches[0]
+    turned = cut_windows(image, _turn(place, quarter * np.pi / 2), 24, 1.0).patches[0]
+    np.testing.assert_allclose(turned, np.rot90(upright, quarter), atol=1.0)
+
+
+@pytest.mark.parametrize("angle", [0.3, -1.1, 2.7])
+@pytest.mark.parametrize("size", [20.0, 60.0])
+def test_a_turned_target_looks_as_the_upright_one(angle: float, size: float) -> None:
+    """Turning picture and target together gives the same window, enlarged or shrunk."""
+    image = _smooth()
+    # A positive angle of getRotationMatrix2D turns from +x towards -y.
+    matrix = cv2.getRotationMatrix2D((59.5, 59.5), -np.degrees(angle), 1.0)
+    turned = cv2.warpAffine(image, matrix, (120, 120), flags=cv2.INTER_CUBIC)
+    place = np.array([[59.5, 59.5, size, size / 2, 0.0]])
+    before = cut_windows(image, place, 32, 1.0).patches[0]
+    after = cut_windows(turned, _turn(place, angle), 32, 1.0).patches[0]
+    assert np.abs(before - after).mean() < 3.0
+    assert np.abs(before - cut_windows(turned, place, 32, 1.0).patches[0]).mean() > 15.0
+
+
+@pytest.mark.parametrize(("x", "share"), [(30.0, 0.0), (-0.5, 0.5), (-500.0, 1.0)])
+def test_clipped_of_turned_windows(x: float, share: float) -> None:
+    """The share outside is told for turned windows too, and the patch stays finite."""
+    result = cut_windows(_ramp(), np.array([[x, 30.0, 16.0, 16.0, 0.7]]), 16, 1.0)
+    assert result.clipped[0] == pytest.approx(share, abs=0.03)
+    assert np.isfinite(result.patches).all()
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.8, 1e9, -1e300])
+def test_huge_windows(angle: float) -> None:
+    """A target of 4000 px gives a finite window of the right size, in a small picture and in a large one."""
+    large = np.asarray(cv2.resize(_smooth(), (4000, 4000)))
+    for image in (_ramp(), large):
+        middle = np.array(image.shape[::-1]) / 2
+        result = cut_windows(image, np.array([[*middle, 4000.0, 4000.0, angle]]), 32, 1.0)
+        assert result.patches.shape == (1, 32, 32)
+        assert np.isfinite(result.patches).all()
+        assert not result.flat[0]
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5])
+def test_a_target_of_one_pixel(angle: float) -> None:
+    """A 1x1 target is enlarged, and flagged as tiny."""
+    result = cut_windows(_ramp(), np.array([[20.0, 20.0, 1.0, 1.0, angle]]), 16)
+    assert result.tiny[0]
+    assert np.isfinite(result.patches).all()

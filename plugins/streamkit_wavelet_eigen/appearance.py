@@ -1,0 +1,109 @@
+"""What a stream's windows look like: learnt, projected and recognised, frame by frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit_wavelet_eigen.feature_space import Projection, WaveletEigenSpace
+from streamkit_wavelet_eigen.gallery import Gallery, Matches, Recogniser
+from streamkit_wavelet_eigen.learner import SpaceLearner
+from streamkit_wavelet_eigen.preprocessing import prepare
+from streamkit_wavelet_eigen.recipe import Recipe
+from streamkit_wavelet_eigen.windows import Windows
+
+# A window that is mostly replicated border would teach the space streaks.
+CLIPPED_LIMIT = 0.25
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a stream is learnt.
+
+    Attributes:
+        recipe: how windows become vectors.
+        batch: windows per update of the space.
+        forgetting: weight of the past at each update.
+        gallery_limit: most windows of one label that are taught.
+    """
+
+    recipe: Recipe
+    batch: int
+    forgetting: float
+    gallery_limit: int
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The windows of one frame, in the space of that frame.
+
+    Attributes:
+        projection: their vectors, errors and energy.
+        matches: their labels, or None without a gallery.
+    """
+
+    projection: Projection
+    matches: Matches | None
+
+
+class Appearance:
+    """Holds the space, the gallery, and the recogniser that belongs to both.
+
+    A space with a Fisher step is fixed: axes learnt from labels do not fit eigenvectors that move.
+
+    Args:
+        settings: how to learn.
+        start: a space to begin with, or None.
+        gallery: labelled windows; may be empty.
+    """
+
+    def __init__(self, settings: Settings, start: WaveletEigenSpace | None, gallery: Gallery) -> None:
+        self._settings = settings
+        self._learner = SpaceLearner(
+            settings.recipe, batch=settings.batch, forgetting=settings.forgetting, start=start
+        )
+        self.gallery = gallery
+        self._recogniser: Recogniser | None = None
+
+    @property
+    def space(self) -> WaveletEigenSpace | None:
+        """The newest space, None before the first."""
+        return self._learner.space
+
+    @property
+    def patch(self) -> int:
+        """Side of the windows, px."""
+        return self._settings.recipe.patch
+
+    def look(self, windows: Windows, *, learn: bool, label: str) -> Seen | None:
+        """Takes the windows of a frame.
+
+        Args:
+            windows: of the patch size.
+            learn: whether the space may learn from them.
+            label: the name under which they join the gallery, or "".
+
+        Returns:
+            What is seen, or None while there is no space.
+        """
+        prepared = prepare(windows.patches, self._settings.recipe.preprocessing)
+        usable = ~windows.flat & (windows.clipped <= CLIPPED_LIMIT)
+        if learn and not self._settings.recipe.discriminative:
+            self._learner.add(prepared[usable])
+        if label:
+            self.gallery = self.gallery.joined(windows.patches[usable], label, self._settings.gallery_limit)
+        space = self._learner.space
+        if space is None:
+            return None
+        projection = space.project(prepared, np.asarray(windows.flat))
+        recogniser = self._current(space)
+        matches = recogniser.recognise(projection.vectors) if recogniser else None
+        return Seen(projection, matches)
+
+    def _current(self, space: WaveletEigenSpace) -> Recogniser | None:
+        """The recogniser of this space and gallery; a new one when either has changed."""
+        known = self._recogniser
+        if not len(self.gallery):
+            return None
+        if known is None or known.space is not space or known.gallery is not self.gallery:
+            self._recogniser = Recogniser(space, self.gallery)
+        return self._recogniser
