@@ -161,7 +161,8 @@ class Pose:
         sensor_angles: azimuth, elevation, roll of the sensor to the platform, rad.
         field_of_view: horizontal, vertical, rad.
         source: "misb", "dji", "exif", ...
-        gap_ns: time between the telemetry and the frame.
+        gap_ns: from the frame to the nearest measurement; negative where that is older.
+        is_stale: whether that gap is too long for the pose to be relied on.
     """
 
     latitude: float
@@ -174,3 +175,4 @@ class Pose:
     field_of_view: tuple[float, float] | None = None
     source: str = ""
     gap_ns: int = field(default=0)
+    is_stale: bool = False
