@@ -157,6 +157,8 @@ def main() -> None:
     quick = parser.parse_args().quick
     rounds, seconds = (1, 0.02) if quick else (5, 0.8)
     ours = Worker(sys.executable, "streamkit", seconds)
+    if not ours.is_ready:
+        raise SystemExit("streamkit cannot be imported")
     peer = Worker(SYSTEM_PYTHON, "gstreamer", seconds) if Path(SYSTEM_PYTHON).exists() else None
     if peer is None or not peer.is_ready:
         print("GStreamer with Python bindings is not installed: only streamkit is measured")

@@ -1,0 +1,117 @@
+"""`streamkit new`: makes a plugin package to start from, that installs and passes its own test."""
+
+from __future__ import annotations
+
+import enum
+import keyword
+import re
+import sys
+from pathlib import Path
+from string import Template
+from typing import Annotated
+
+import typer
+
+from streamkit.cli.description import fail_usage
+
+TEMPLATES = Path(__file__).with_name("plugin_template")
+NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+LONGEST_NAME = 50
+
+
+class Kind(enum.StrEnum):
+    """What the element of a new package does."""
+
+    TRANSFORM = "transform"
+    SOURCE = "source"
+    SINK = "sink"
+
+
+SUMMARIES = {
+    Kind.TRANSFORM: "Multiplies the brightness of each frame.",
+    Kind.SOURCE: "Makes a grey ramp that moves sideways.",
+    Kind.SINK: "Writes the mean brightness of each frame into a text file, one line a frame.",
+}
+LINES = {
+    Kind.TRANSFORM: "videotestsrc num-buffers=30 ! {} gain=1.5 ! fakesink",
+    Kind.SOURCE: "{} num-buffers=30 ! fakesink",
+    Kind.SINK: "videotestsrc num-buffers=30 ! {} location=means.txt",
+}
+
+
+def new(
+    name: Annotated[str, typer.Argument(help="Of the package, for example my-blur.")],
+    kind: Annotated[Kind, typer.Option(help="What its element does.")] = Kind.TRANSFORM,
+) -> None:
+    """Makes a plugin package to start from, in a new folder: it installs, and its own test passes."""
+    demand_free_name(name)
+    folder = Path(name)
+    try:
+        write_package(folder, kind)
+    except FileExistsError:
+        fail_usage(f"{folder}: the folder must not be there yet; take another name, or remove it")
+    except OSError as error:
+        fail_usage(f"{folder}: the package cannot be written: {error.strerror}")
+    typer.echo(
+        f"{folder}: a package with the element {element_name(name)}. Now:\n"
+        f'    cd {folder}\n    pip install -e ".[test]"\n    python -m pytest\n'
+        f'    streamkit launch "{LINES[kind].format(element_name(name))}"'
+    )
+
+
+def element_name(name: str) -> str:
+    """What the element of a package is called in descriptions: elements run their words together."""
+    return name.replace("-", "")
+
+
+def demand_free_name(name: str) -> None:
+    """Refuses a name that cannot be a package's, a module's and an element's; the rule and a remedy."""
+    if not NAME.fullmatch(name) or len(name) > LONGEST_NAME:
+        wanted = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-0123456789")[:LONGEST_NAME]
+        hint = f"; {wanted!r} would do" if NAME.fullmatch(wanted) else ""
+        fail_usage(
+            "a package's name has lower-case letters, digits and single dashes, begins with a letter and has "
+            f"at most {LONGEST_NAME} characters, got {name!r}{hint}"
+        )
+    package = name.replace("-", "_")
+    if keyword.iskeyword(package) or package in sys.stdlib_module_names or package in ("streamkit", "tests"):
+        fail_usage(f"{package!r} is a name of Python's or streamkit's own; take another, such as 'my-{name}'")
+    from streamkit.element.registry import installed_elements
+
+    taken = installed_elements().get(element_name(name))
+    if taken is not None:
+        fail_usage(
+            f"there is an element {taken.name!r} already, of {taken.package} {taken.version}; "
+            "take another name"
+        )
+
+
+def write_package(folder: Path, kind: Kind) -> None:
+    """Writes a package into a new folder, which gives it its name.
+
+    Raises:
+        FileExistsError: the folder is there already.
+        OSError: it cannot be written.
+    """
+    name = folder.name
+    package, element = name.replace("-", "_"), element_name(name)
+    words = {
+        "distribution": name,
+        "package": package,
+        "element": element,
+        "class_name": "".join(word.capitalize() for word in name.split("-")),
+        "summary": SUMMARIES[kind],
+        "line": LINES[kind].format(element),
+    }
+    folder.mkdir()
+    for template, target in (
+        ("pyproject.toml", "pyproject.toml"),
+        ("README.md", "README.md"),
+        ("package.py", f"src/{package}/__init__.py"),
+        (f"{kind}.py", f"src/{package}/element.py"),
+        (f"test_{kind}.py", f"tests/test_{package}.py"),
+    ):
+        text = Template((TEMPLATES / f"{template}.txt").read_text(encoding="utf-8")).substitute(words)
+        file = folder / target
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")

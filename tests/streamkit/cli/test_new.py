@@ -1,0 +1,94 @@
+"""`streamkit new`: names that will do, files that are there, nothing overwritten."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from streamkit.cli.main import make_app
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder the command runs in."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def new(*arguments: str) -> Result:
+    """Runs the command in this process."""
+    return CliRunner().invoke(make_app(["new"]), ["new", *arguments])
+
+
+@pytest.mark.parametrize("kind", ["transform", "source", "sink"])
+def test_the_package_is_whole(folder: Path, kind: str) -> None:
+    """Project file, element, test and README; the entry point names the class; the next steps are told."""
+    done = new("rolling-average", "--kind", kind)
+    assert done.exit_code == 0
+    files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    assert files == {
+        f"rolling-average/{name}"
+        for name in ("pyproject.toml", "README.md", "src/rolling_average/__init__.py",
+                     "src/rolling_average/element.py", "tests/test_rolling_average.py")
+    }  # fmt: skip
+    project = tomllib.loads((folder / "rolling-average/pyproject.toml").read_text(encoding="utf-8"))
+    assert project["project"]["entry-points"]["streamkit.elements"] == {
+        "rollingaverage": "rolling_average.element:RollingAverage"
+    }
+    source = (folder / "rolling-average/src/rolling_average/element.py").read_text(encoding="utf-8")
+    assert f"class RollingAverage({kind.capitalize()}):" in source
+    assert "$" not in source
+    assert 'pip install -e ".[test]"' in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("My_Blur", "got 'My_Blur'; 'my-blur' would do"),
+        ("9lives", "got '9lives'; 'lives' would do"),
+        ("../escape", "got '../escape'; 'escape' would do"),
+        ("-", "got '-'"),
+        ("", "got ''"),
+        ("a--b", "got 'a--b'; 'a-b' would do"),
+        ("x" * 51, "at most 50 characters"),
+        ("json", "'json' is a name of Python's or streamkit's own; take another, such as 'my-json'"),
+        ("class", "'class' is a name of Python's or streamkit's own"),
+        ("streamkit", "'streamkit' is a name of Python's or streamkit's own"),
+        (
+            "video-test-src",
+            "there is an element 'videotestsrc' already, of streamkit 0.1.0; take another name",
+        ),
+    ],
+)
+def test_a_name_that_will_not_do(folder: Path, name: str, message: str) -> None:
+    """The rule, what it got and a remedy, with code 2; nothing is written."""
+    done = new("--", name)
+    assert done.exit_code == 2
+    assert message in done.stderr
+    assert not list(folder.iterdir())
+
+
+def test_nothing_is_overwritten(folder: Path) -> None:
+    """A folder, or a file, of that name stays as it is."""
+    (folder / "mine").mkdir()
+    (folder / "mine" / "keep").write_text("x")
+    done = new("mine")
+    assert done.exit_code == 2
+    assert done.stderr == ("error: mine: the folder must not be there yet; take another name, or remove it\n")
+    assert [path.name for path in (folder / "mine").iterdir()] == ["keep"]
+    (folder / "file").write_text("x")
+    assert new("file").exit_code == 2
+
+
+def test_a_folder_that_cannot_be_written(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system's reason is told."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    done = new("mine")
+    assert (done.exit_code, done.stderr) == (
+        2, "error: mine: the package cannot be written: Permission denied\n",
+    )  # fmt: skip
