@@ -7,7 +7,7 @@ import logging
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import PropertyDeclaration, declared_properties
@@ -54,6 +54,7 @@ class Element:
     templates: ClassVar[tuple[PadTemplate, ...]] = ()
     pad_templates: ClassVar[dict[str, PadTemplate]] = {}
     properties: ClassVar[dict[str, PropertyDeclaration]] = {}
+    defaults: ClassVar[dict[str, Any]] = {}
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     uri_schemes: ClassVar[tuple[str, ...]] = ()
     rank: ClassVar[int] = 0
@@ -61,7 +62,13 @@ class Element:
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         cls.properties = declared_properties(cls)
+        cls.defaults = {item.attribute: item.default for item in cls.properties.values() if item.read is None}
         cls.pad_templates = _collect_templates(cls)
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+        self = super().__new__(cls)
+        self.__dict__.update(cls.defaults)
+        return self
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.factory = type(self).__name__.lower()

@@ -47,6 +47,9 @@ class Traits:
 class PropertyDeclaration:
     """One declared property; made by `Property(...)` in a class body.
 
+    It checks what is set, and has no `__get__`: the value lies in the instance's own dictionary, so that reading a
+    property costs no call. `Element.__new__` puts the default there.
+
     Attributes:
         name: as users write it, with underscores.
         attribute: its name in the class.
@@ -73,16 +76,7 @@ class PropertyDeclaration:
         self.owner, self.attribute = owner, attribute
         self.name = self.name or attribute
 
-    def __get__(self, instance: Any, owner: type | None = None) -> Any:
-        if instance is None:
-            return self
-        if self.read is not None:
-            return self.read(instance)
-        return instance.__dict__.get(self.attribute, self.default)
-
     def __set__(self, instance: Any, value: Any) -> None:
-        if self.read is not None:
-            raise AttributeError(f"property {self.spelling} of {self.owner.__name__} can only be read")
         checked = self.check(value, getattr(instance, "name", ""))
         instance.__dict__[self.attribute] = checked
         changed = getattr(instance, "property_changed", None)
@@ -183,6 +177,18 @@ class PropertyDeclaration:
         return str(value) if isinstance(value, Fraction | Caps) else value
 
 
+class ComputedProperty(PropertyDeclaration):
+    """A property whose value is worked out of the element each time it is read."""
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        if instance is None or self.read is None:
+            return self
+        return self.read(instance)
+
+    def __set__(self, instance: Any, value: Any) -> None:
+        raise AttributeError(f"property {self.spelling} of {self.owner.__name__} can only be read")
+
+
 def Property(  # noqa: N802  reads as a declaration, like dataclasses.field
     default: T,
     *,
@@ -211,7 +217,8 @@ def Property(  # noqa: N802  reads as a declaration, like dataclasses.field
         read: makes it read only, and works the value out of the element each time.
     """
     traits = Traits(min, max, unit, doc, live, secret, readonly or read is not None, read)
-    return cast("T", PropertyDeclaration(default, name, traits))
+    kind = PropertyDeclaration if read is None else ComputedProperty
+    return cast("T", kind(default, name, traits))
 
 
 def declared_properties(owner: type) -> dict[str, PropertyDeclaration]:

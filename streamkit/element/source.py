@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, cast
 
 from streamkit.element.base import Element
 from streamkit.element.negotiation import allowed_caps, demand_accepted
@@ -144,7 +144,7 @@ class Source(Element):
                 try:
                     while True:
                         # No name here holds the frame: downstream may then be its sole owner.
-                        pad.push(advance(frames))
+                        pad.push(advance(frames, pad))
                 except Flushing:
                     self._wait_for_flush_end()
         except _Exhausted:
@@ -162,19 +162,18 @@ class Source(Element):
         while not self._flush_over.wait(HELD_LOOK_S) and not self.stopping.is_set():
             continue
 
-    def _advance(self, frames: Iterator[Frame | tuple[str, Frame] | Event]) -> Frame:
-        """The next frame for the first src pad; frames for other pads are pushed on the way."""
+    def _advance(self, frames: Iterator[Frame | tuple[str, Frame] | Event], main: Pad) -> Frame:
+        """The next frame for the first src pad, `main`; frames for other pads are pushed on the way."""
         if self._check and self._must_end():
             raise _Exhausted
-        main = self.src_pad
         for item in frames:
             if self._check and self.is_live and not self._held.is_set():
                 self.count_drop("paused")  # it would be old news when the pipeline goes on
                 if self._must_end():
                     break
                 continue
-            if isinstance(item, Frame):
-                return self._prepared(main, item)
+            if item.__class__ is Frame:
+                return self._prepared(main, cast("Frame", item))
             if not isinstance(item, tuple):
                 for pad in list(self.src_pads()):
                     pad.send_event(item)

@@ -186,6 +186,20 @@ class Chain:
         return rows
 
 
+def composed_when_used(src: Pad, chains: list[Chain]) -> Callable[[Frame], None]:
+    """A push that composes the chain behind a pad when the first frame comes, and adds it to `chains`."""
+
+    def push(frame: Frame) -> None:
+        box = [frame]
+        del frame  # the box is emptied: an element may still be the sole owner
+        chain = Chain(src)
+        src.push = chain.compose()
+        chains.append(chain)
+        src.push(box.pop())
+
+    return push
+
+
 class _TimedResults:
     """The frames of an iterable, whose making counts as work of its transform; it holds none of them."""
 

@@ -11,12 +11,13 @@ from streamkit.element.pad import Pad
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.timing import Timing
+from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, ResourceError, StreamkitError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.branches import first_push
 from streamkit.graph.bus import Bus
-from streamkit.graph.chain import Chain
+from streamkit.graph.chain import Chain, composed_when_used
 from streamkit.graph.graph import Graph
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.streaming import Streaming, StreamingThread
@@ -75,7 +76,8 @@ class Playback:
         self._open_sinks = {id(element) for element in self._sinks()}
         self._expect_preroll()
         remember_caps(graph)
-        self.chains = compose_chains(graph.elements)
+        self.chains = []
+        compose_chains(graph.elements, self.chains)
         for source in self._sources():
             if self.is_live and not self._timing.running.is_set():
                 source.hold(source.is_live)
@@ -196,7 +198,7 @@ class Playback:
 
     def _compose(self, pad: Pad, joined: list[Element]) -> None:
         remember_caps(self._graph)
-        self.chains += compose_chains(joined)
+        compose_chains(joined, self.chains)
         chain = Chain(pad)
         pad.push = chain.compose()
         self.chains.append(chain)
@@ -228,7 +230,8 @@ class Playback:
                     pad.reset()
             chain = Chain(src)
             push = chain.compose()
-            self.chains += [*compose_chains(elements), chain]
+            compose_chains(elements, self.chains)
+            self.chains.append(chain)
             threads = self.add_threads(elements)
         for thread in threads:
             thread.start()
@@ -249,7 +252,9 @@ class Playback:
         """A branch is gone: the stream may end without its sinks."""
         members = {id(element) for element in elements}
         with self._lock:
-            self.chains = [c for c in self.chains if c.src is not src and id(c.src.element) not in members]
+            gone = [c for c in self.chains if c.src is src or id(c.src.element) in members]
+            for chain in gone:
+                self.chains.remove(chain)
             had_some = bool(self._open_sinks)
             self._open_sinks -= members
             has_all = had_some and not self._open_sinks
@@ -299,16 +304,20 @@ class Playback:
         return [element for element in self._graph.elements if isinstance(element, Source)]
 
 
-def compose_chains(elements: Iterable[Element]) -> list[Chain]:
-    """Composes the chain behind every src pad of some elements."""
-    chains = []
+def compose_chains(elements: Iterable[Element], chains: list[Chain]) -> None:
+    """Composes the chain behind every src pad of some elements and adds it to `chains`.
+
+    Behind a transform that is not needed before it makes none or several of a frame: it is composed then.
+    """
     for element in elements:
         for pad in list(element.src_pads()):
-            chain = Chain(pad)
-            pad.push = chain.compose()
-            chains.append(chain)
+            if isinstance(element, Transform):
+                pad.push = composed_when_used(pad, chains)
+            else:
+                chain = Chain(pad)
+                pad.push = chain.compose()
+                chains.append(chain)
         element.pads_changed()
-    return chains
 
 
 def _sources_above(element: Element) -> list[Source]:
