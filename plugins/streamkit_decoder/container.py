@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import av
 from av.container import InputContainer
-from av.error import FFmpegError
+from av.error import FFmpegError, HTTPForbiddenError, HTTPUnauthorizedError
 from av.video.stream import VideoStream
 
 from streamkit import ResourceError, StreamError
@@ -20,6 +20,10 @@ MAX_PIXELS = 8192 * 8192
 MEDIA_ERRORS = (FFmpegError, ValueError, OverflowError, RuntimeError, LookupError)
 # Formats that read any text as video, or make FFmpeg open other files than the one asked for.
 UNWANTED_FORMATS = frozenset({"tty", "bin", "idf", "xbin", "adf", "concat", "lavfi"})
+
+
+class AccessRefused(ResourceError):
+    """The other side wants other credentials: trying again does not help."""
 
 
 def open_container(
@@ -92,6 +96,11 @@ def check_file(location: str) -> None:
 def open_failure(location: str, error: Exception, elapsed_s: float, limit_s: float) -> ResourceError:
     """The error to raise for what PyAV raised on opening: where, what, remedy; never a password."""
     where = redact(location)
+    if isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError):
+        return AccessRefused(
+            f"{where}: the server asks for other credentials: {reason_of(error)}; "
+            "write them in the location, rtsp://user:password@host/path, or set user-id= and user-pw="
+        )
     if elapsed_s >= limit_s:
         return ResourceError(
             f"{where}: no video within {limit_s:g} s: the other side is silent or does not answer in full; "

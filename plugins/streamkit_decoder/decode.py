@@ -184,8 +184,11 @@ class Decode(Transform):
         frames = []
         for picture, origin in decoded:
             number = self._numbers.take(origin.seq)
-            if origin.get(DecodeOnly) is None:
+            hidden = origin.get(DecodeOnly)
+            if hidden is None:
                 frames.append(self._frame(picture, origin, number))
+            elif hidden.reason:
+                self.count_drop(hidden.reason)
         return frames
 
     def _frame(self, picture: VideoFrame, origin: Frame, number: int) -> Frame:

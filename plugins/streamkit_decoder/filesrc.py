@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from av.container import InputContainer
 from av.packet import Packet
+from av.stream import Stream
 from av.video.stream import VideoStream
 
 from streamkit import Caps, Frame, Property, ResourceError, Source, StreamError
@@ -108,7 +109,7 @@ class FileSrc(Source):
                 "this format may not allow seeking"
             ) from None
 
-    def _in_range(self, packet: Packet[VideoStream], stream: VideoStream) -> Frame | None:
+    def _in_range(self, packet: Packet[Stream], stream: VideoStream) -> Frame | None:
         """The packet as a frame, marked where only others need it; None once all that follow are too late."""
         frame = packet_frame(packet, self._caps)
         if not self.start_s and self.stop_s is None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 
 from av.container import InputContainer
 from av.packet import Packet
-from av.video.stream import VideoStream
+from av.stream import Stream
 
 from streamkit import Caps, Frame, FrameFlags, StreamError
 from streamkit_decoder.container import MEDIA_ERRORS, reason_of
@@ -15,8 +16,15 @@ from streamkit_decoder.container import MEDIA_ERRORS, reason_of
 SECOND_NS = 1_000_000_000
 
 
+@dataclass(frozen=True)
 class DecodeOnly:
-    """Metadata of a packet that others need for decoding but whose own picture is not to be shown."""
+    """Metadata of a packet that others need for decoding but whose own picture is not to be shown.
+
+    Attributes:
+        reason: under which its picture counts as dropped; "" where nobody asked for it.
+    """
+
+    reason: str = ""
 
 
 DECODE_ONLY = DecodeOnly()
@@ -28,7 +36,7 @@ def nanoseconds(ticks: int, time_base: Fraction) -> int:
     return (2 * numerator + denominator) // (2 * denominator)
 
 
-def packet_frame(packet: Packet[VideoStream], caps: Caps) -> Frame:
+def packet_frame(packet: Packet[Stream], caps: Caps) -> Frame:
     """A packet as a frame; its bytes are shared, not copied."""
     base = packet.time_base
     flags = FrameFlags.KEYFRAME if packet.is_keyframe else FrameFlags.NONE
@@ -44,14 +52,14 @@ def packet_frame(packet: Packet[VideoStream], caps: Caps) -> Frame:
     return frame.attach(DECODE_ONLY) if packet.is_discard else frame
 
 
-def read_packets(container: InputContainer, stream: VideoStream) -> Iterator[Packet[VideoStream]]:
-    """The stream's packets that hold data, in the order of the file.
+def read_packets(container: InputContainer, *streams: Stream) -> Iterator[Packet[Stream]]:
+    """The streams' packets that hold data, in the order of the file.
 
     Raises:
         StreamError: reading failed; packets before were good.
     """
     try:
-        for packet in container.demux(stream):
+        for packet in container.demux(*streams):
             if packet.size:
                 yield packet
     except MEDIA_ERRORS as error:

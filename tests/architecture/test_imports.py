@@ -32,6 +32,7 @@ GLUE = {
     "streamkit_decoder.rtsp.connection",
     "streamkit_decoder.rtsp.packetreader",
     "streamkit_decoder.streams",
+    "streamkit_decoder.telemetry.telemetrydecoder",
     "streamkit_decoder.packets",
     "streamkit_decoder.videodecoder",
     "streamkit_tracker.frame_link",

@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 SYSTEM_PYTHON = "/usr/bin/python3"
-RTSP_SERVER = Path(__file__).with_name("rtsp_server.py")
+RTSP_SERVER = Path(__file__).with_name("rtsp") / "gst_server.py"
 HAS_RTSP_SERVER = """
 import gi
 gi.require_version("GstRtspServer", "1.0")

@@ -10,20 +10,20 @@ from urllib.parse import urlsplit
 
 from av.container import InputContainer
 from av.packet import Packet
-from av.video.stream import VideoStream
+from av.stream import Stream
 
 from streamkit import Caps, Frame, ResourceError, StreamError, StreamkitError
-from streamkit_decoder.codecs import coded_caps, stream_parameters, stream_rate
-from streamkit_decoder.connections import cut_connections, open_sockets, refusal
-from streamkit_decoder.container import open_container, video_stream
+from streamkit_decoder.container import AccessRefused, open_container, video_stream
 from streamkit_decoder.location import redact
-from streamkit_decoder.packetring import PacketRing
 from streamkit_decoder.packets import read_packets
+from streamkit_decoder.rtsp.connections import CLAIMS, cut_connections, is_hung_up, open_sockets, refusal
+from streamkit_decoder.rtsp.packetring import PacketRing
+from streamkit_decoder.streams import StreamKind, stream_caps, streams_of
 
 DEFAULT_PORTS = {"rtsp": 554, "rtsps": 322}
 CUT_EVERY_S = 0.05
 DIAGNOSIS_LIMIT_S = 1.0
-Arrival: TypeAlias = "Callable[[Packet[VideoStream], Caps], None]"
+Arrival: TypeAlias = "Callable[[Packet[Stream], Caps, StreamKind], None]"
 
 
 class PacketReader:
@@ -34,7 +34,8 @@ class PacketReader:
         options: FFmpeg options for it.
         timeout_s: limit for opening and for each read; FFmpeg's, so the caller watches the ring as well.
         ring: told when the stream is over.
-        arrived: called with each packet and its caps, in the reader's thread.
+        arrived: called with each packet, its caps and its stream's kind, in the reader's thread.
+        kinds: streams to read; the video must be there.
     """
 
     def __init__(
@@ -44,12 +45,14 @@ class PacketReader:
         timeout_s: float,
         ring: PacketRing[Frame],
         arrived: Arrival,
+        kinds: frozenset[StreamKind] = frozenset({StreamKind.VIDEO}),
     ) -> None:
         self._location = location
         self._options = options
         self._timeout_s = timeout_s
         self._ring = ring
         self._arrived = arrived
+        self._kinds = kinds
         self._ending = threading.Event()
         self._asked = 0.0
         self._known = frozenset(open_sockets())
@@ -71,9 +74,11 @@ class PacketReader:
         """
         self._ending.set()
         deadline = time.monotonic() + limit_s
-        while self._thread.is_alive() and time.monotonic() < deadline:
-            cut_connections(port_of(self._location), self._known)
-            self._thread.join(CUT_EVERY_S)
+        while self._thread.is_alive():
+            cut_connections(port_of(self._location), self._known | CLAIMS.of_others(self))
+            self._thread.join(min(CUT_EVERY_S, max(0.0, deadline - time.monotonic())))
+            if time.monotonic() >= deadline:
+                break
         return not self._thread.is_alive()
 
     def _run(self) -> None:
@@ -85,29 +90,41 @@ class PacketReader:
         except Exception as cause:  # the thread's last word goes to who waits on the ring
             error = ResourceError(f"{redact(self._location)}: {redact(str(cause))}")
         finally:
+            CLAIMS.release(self)
             self._ring.end(None if self._ending.is_set() else error)
 
     def _read(self) -> None:
         with self._opened() as container:
-            stream = video_stream(container, self._location)
-            caps = coded_caps(stream_parameters(stream), stream_rate(stream))
+            if self._ending.is_set():
+                return
+            sockets = CLAIMS.claim(self, port_of(self._location), self._known)
+            video_stream(container, self._location)
+            streams = streams_of(container, self._kinds)
+            caps = {stream.index: stream_caps(stream, kind) for stream, kind in streams}
+            kinds = {stream.index: kind for stream, kind in streams}
             self._asked = time.monotonic()
             try:
-                self._hand_on(read_packets(container, stream), caps)
+                packets = read_packets(container, *(stream for stream, _ in streams))
+                self._hand_on(packets, caps, kinds)
             except StreamError as error:
                 if self._is_silent():
                     raise silence(self._location, self._timeout_s) from None
                 where = redact(self._location)
                 raise StreamError(f"{where}: {error}; check that the server still runs") from None
+            if is_hung_up(sockets):
+                raise hung_up(self._location)
 
-    def _hand_on(self, packets: Iterator[Packet[VideoStream]], caps: Caps) -> None:
+    def _hand_on(
+        self, packets: Iterator[Packet[Stream]], caps: Mapping[int, Caps], kinds: Mapping[int, StreamKind]
+    ) -> None:
         for packet in packets:
             if self._ending.is_set():
                 return
-            self._arrived(packet, caps)
             # At its time limit FFmpeg gives out the piece of a frame it holds, then waits as long again.
             if self._is_silent():
                 raise silence(self._location, self._timeout_s)
+            index = packet.stream_index
+            self._arrived(packet, caps[index], kinds[index])
             self._asked = time.monotonic()
 
     def _is_silent(self) -> bool:
@@ -117,6 +134,8 @@ class PacketReader:
         began = time.monotonic()
         try:
             return open_container(self._location, self._options, (self._timeout_s, self._timeout_s))
+        except AccessRefused:
+            raise
         except ResourceError:
             left = self._timeout_s - (time.monotonic() - began)
             host = urlsplit(self._location).hostname
@@ -125,6 +144,15 @@ class PacketReader:
                 if reason:
                     raise ResourceError(f"{redact(self._location)}: {reason}; check the address") from None
             raise
+
+
+class HungUp(StreamError):
+    """The server has closed the connection amid the stream."""
+
+
+def hung_up(location: str) -> HungUp:
+    """The error for a connection that the server closes."""
+    return HungUp(f"{redact(location)}: the server has closed the connection; check that it still runs")
 
 
 def silence(location: str, timeout_s: float) -> ResourceError:

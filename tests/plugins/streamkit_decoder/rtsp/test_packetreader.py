@@ -4,15 +4,15 @@ from collections.abc import Callable
 import pytest
 
 from streamkit import Frame, ResourceError
-from streamkit_decoder.packetreader import PacketReader, port_of, silence
-from streamkit_decoder.packetring import PacketRing
+from streamkit_decoder.rtsp.packetreader import PacketReader, port_of, silence
+from streamkit_decoder.rtsp.packetring import PacketRing
 
 
 def reader_of(location: str, timeout_s: float) -> tuple[PacketReader, PacketRing[Frame]]:
     """A reader over TCP and its ring."""
     ring: PacketRing[Frame] = PacketRing(8)
     options = {"rtsp_transport": "tcp"}
-    return PacketReader(location, options, timeout_s, ring, lambda packet, caps: None), ring
+    return PacketReader(location, options, timeout_s, ring, lambda packet, caps, kind: None), ring
 
 
 @pytest.mark.parametrize("answers", [0, 1])

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit_decoder.packetring import PacketRing
+from streamkit_decoder.rtsp.packetring import PacketRing
 
 
 def fill(ring: PacketRing[int], numbers: range, keyframe_every: int) -> None:
@@ -94,3 +94,23 @@ def test_a_wait_ends_when_woken_or_over() -> None:
         timer.start()
         assert ring.take(20) == (7 if act not in (ring.wake, ring.end) else None)
         timer.join()
+
+
+def test_a_packet_that_waits_too_long_makes_way_for_a_key_frame() -> None:
+    """Once the oldest has waited for a second, the next key frame takes over; without one nothing is lost."""
+    ring: PacketRing[int] = PacketRing(100, longest_wait_s=1.0)
+    for number in range(40):
+        ring.put(number, number == 0, number / 30)
+    assert ring.dropped == 0
+    ring.put(40, True, 40 / 30)
+    ring.put(41, False, 41 / 30)
+    assert (ring.received, ring.dropped) == (42, 40)
+    assert empty(ring) == [40, 41]
+
+
+def test_a_stream_without_key_frames_goes_on() -> None:
+    """Where key frames never come (gradual refresh), packets pass again after a while."""
+    ring: PacketRing[int] = PacketRing(4)
+    fill(ring, range(1, 308), 1000)
+    assert empty(ring) == [306, 307]
+    assert ring.received == ring.dropped + 2

@@ -1,7 +1,9 @@
+import re
 import signal
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import islice, pairwise
 from typing import Any
 
@@ -91,7 +93,7 @@ def test_a_real_server_plays(real_server: Any, transport: str) -> None:
     assert not any(frame.flags & FrameFlags.CORRUPT for frame in frames)
     assert [frame.seq for frame in frames] == list(range(40))
     assert all(a.pts < b.pts for a, b in pairwise(frames))
-    assert {frame.capture.origin for frame in frames} == {"arrival"}
+    assert {frame.capture.origin for frame in frames} <= {"arrival", "rtcp"}
     assert sorted(ages)[20] < 150e6
 
 
@@ -110,22 +112,28 @@ def test_a_real_servers_refusal_is_told(real_server: Any, user: str, path: str, 
 def test_a_server_that_freezes_is_noticed(real_server: Any, transport: str) -> None:
     """A server stopped amid the stream ends in an error within timeout-s + 1 s."""
     location = f"rtsp://user:secret@127.0.0.1:{real_server.port}/live"
-    text = f"rtspsrc location={location} transport={transport} timeout-s=1 ! decode ! appsink name=out"
+    source = f"rtspsrc location={location} transport={transport} timeout-s=1 reconnect=never"
+    text = f"{source} ! decode ! appsink name=out"
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
         frames = iter(pipeline["out"])
         assert len(list(islice(frames, 15))) == 15
         real_server.process.send_signal(signal.SIGSTOP)
         began = time.monotonic()
-        with pytest.raises(ElementFailure, match=r"rtsp://\*\*\*@.* the server has been silent for 1 s"):
+        with suppress(ElementFailure):
             list(frames)
         assert time.monotonic() - began < 2.2
+        message = pipeline.wait(5)
+    assert message is not None
+    assert re.search(r"rtsp://\*\*\*@.* the server has been silent for 1 s", message.text)
 
 
 def test_a_server_that_dies_ends_the_stream(real_server: Any) -> None:
     """A server killed amid the stream ends it with a warning, all frames before delivered."""
     location = f"rtsp://user:secret@127.0.0.1:{real_server.port}/live"
-    with Pipeline.parse(f"rtspsrc location={location} ! decode ! appsink name=out") as pipeline:
+    with Pipeline.parse(
+        f"rtspsrc location={location} reconnect=never ! decode ! appsink name=out"
+    ) as pipeline:
         pipeline.play()
         frames = iter(pipeline["out"])
         assert len(list(islice(frames, 15))) == 15

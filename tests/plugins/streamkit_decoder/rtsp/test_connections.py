@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from streamkit_decoder.connections import cut_connections, open_sockets, refusal
+from streamkit_decoder.rtsp.connections import cut_connections, open_sockets, refusal
 
 
 def test_a_cut_connection_ends_a_wait() -> None:

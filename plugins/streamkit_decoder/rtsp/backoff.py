@@ -1,0 +1,35 @@
+"""How long to wait before trying again."""
+
+from __future__ import annotations
+
+import random
+
+GROWTH = 2.0
+LEAST_SHARE = 0.5  # jitter: many clients of one server that restarts are not to come back at the same moment
+
+
+class Backoff:
+    """Capped exponential delays with jitter.
+
+    Args:
+        first_s: the first delay before jitter, s.
+        cap_s: none is longer, s.
+        chance: where the jitter comes from.
+
+    Source: Brooker, Exponential Backoff and Jitter, "equal jitter".
+    """
+
+    def __init__(self, first_s: float, cap_s: float, chance: random.Random) -> None:
+        self._first_s, self._cap_s, self._chance = first_s, cap_s, chance
+        self.tries = 0
+
+    def next_delay_s(self) -> float:
+        """The delay before the next try, which is counted."""
+        # Past 60 doublings every cap is reached; the power itself would overflow at a thousand.
+        longest = min(self._cap_s, self._first_s * GROWTH ** min(self.tries, 60))
+        self.tries += 1
+        return longest * self._chance.uniform(LEAST_SHARE, 1.0)
+
+    def reset(self) -> None:
+        """It worked: the next delay is the first one again."""
+        self.tries = 0

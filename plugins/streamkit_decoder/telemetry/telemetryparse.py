@@ -1,0 +1,55 @@
+"""telemetryparse: telemetry to lines of JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+from streamkit import Caps, Frame, Transform
+from streamkit_decoder.telemetry.sample import Sample
+from streamkit_decoder.telemetry.telemetrydecoder import TELEMETRY_CAPS, TelemetryDecoder
+
+
+class TelemetryParse(Transform):
+    """Decodes KLV (MISB ST 0601) and DJI subtitles to one JSON object for each position.
+
+    Angles are rad, latitudes and longitudes deg, heights m, times ns; what was not sent is left out.
+
+    Example:
+        filesrc name=s location=flight.ts  s.klv ! telemetryparse ! filesink location=poses.jsonl
+    """
+
+    sink = TELEMETRY_CAPS
+    src = "application/json"
+
+    def start(self) -> None:
+        """Begins with nothing."""
+        self._decoder = TelemetryDecoder()
+        self._caps = Caps("application/json")
+        self._last: Frame | None = None
+
+    def transform(self, frame: Frame) -> Iterable[Frame]:
+        """The samples that are complete with this packet."""
+        self._last = frame
+        samples = self._decoder.decode(frame.data, frame.pts or 0, frame.caps)
+        return [self._line(frame, sample) for sample in samples]
+
+    def drain(self) -> Iterable[Frame]:
+        """What is left; damage is told."""
+        if self._last is not None:
+            yield from [self._line(self._last, sample) for sample in self._decoder.finish()]
+        counts = self._decoder.counts()
+        self.post_message("telemetry", **counts)
+        if self._decoder.bad:
+            self.post_warning(f"{self._decoder.bad} packets refused: checksum or form is wrong")
+
+    def _line(self, frame: Frame, sample: Sample) -> Frame:
+        return frame.replace(data=json.dumps(as_json(sample)), caps=self._caps, pts=sample.pts)
+
+
+def as_json(sample: Sample) -> dict[str, Any]:
+    """A sample as JSON has it, without what was not sent."""
+    found = {name: value for name, value in asdict(sample).items() if value is not None and value != ()}
+    return {"pts_ns": found.pop("pts"), **found}
