@@ -2,6 +2,7 @@
 
     StreamkitError
     ├── CapsSyntax             a caps text that cannot be read
+    ├── CapsTooLarge           caps with more alternatives than are kept
     ├── DescriptionError       a pipeline description that cannot become a graph; points into the text
     ├── PropertyError          a property that does not exist or a value it does not take
     ├── PluginBroken           an entry point that cannot be loaded
@@ -16,7 +17,16 @@ Each message says where, the rule, what it got, and the remedy.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+
+# User and password of an address, up to the last `@` before its path.
+CREDENTIALS = re.compile(r"(?<=://)[^\s/?#\"']*(?=@)")
+
+
+def mask_credentials(text: str, mask: str = "***") -> str:
+    """The text with user and password of every address in it replaced by `mask`."""
+    return CREDENTIALS.sub(mask, text) if "://" in text else text
 
 
 class StreamkitError(Exception):
@@ -24,11 +34,27 @@ class StreamkitError(Exception):
 
 
 class CapsSyntax(StreamkitError, ValueError):
-    """A caps text that cannot be read; `position` is the offset of the fault in the text."""
+    """A caps text that cannot be read.
 
-    def __init__(self, message: str, position: int = 0) -> None:
-        super().__init__(message)
+    Attributes:
+        position: offset of the fault in the text, in characters.
+        length: how many characters are at fault, at least 1.
+        rule: what is wrong, without the text and the place.
+        hint: a remedy, or "".
+    """
+
+    def __init__(
+        self, message: str, position: int = 0, length: int = 1, *, rule: str = "", hint: str = ""
+    ) -> None:
+        super().__init__(message + (f"; {hint}" if hint else ""))
         self.position = position
+        self.length = max(1, length)
+        self.rule = rule or message
+        self.hint = hint
+
+
+class CapsTooLarge(StreamkitError, ValueError):
+    """Caps with more structures, or a field with more alternatives, than are kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +75,7 @@ class DescriptionError(StreamkitError, ValueError):
         message: what is wrong, without the place.
         place: where in the text.
         hint: a remedy, or "".
+        secrets: assignments in the text, "password=...", whose values must not be shown.
     """
 
     def __init__(self, code: str, message: str, place: Place | None = None, hint: str = "") -> None:
@@ -57,16 +84,25 @@ class DescriptionError(StreamkitError, ValueError):
         self.message = message
         self.place = place or Place()
         self.hint = hint
+        self.secrets: tuple[str, ...] = ()
 
-    def pointed(self, text: str, name: str = "description") -> str:
-        """The error with the line of the text it points into and carets below the fault."""
+    def placed(self, place: Place) -> DescriptionError:
+        """The same error, pointing elsewhere."""
+        return DescriptionError(self.code, self.message, place, self.hint)
+
+    def pointed(self, text: str, origin: str = "description") -> str:
+        """The error with the line of the text it points into and carets below the fault; no secrets."""
+        text = CREDENTIALS.sub(lambda found: "*" * len(found.group()), text)
+        for secret in self.secrets:
+            name_length = secret.find("=") + 1
+            text = text.replace(secret, secret[:name_length] + re.sub(".", "*", secret[name_length:]))
         lines = text.split("\n")
         line = lines[min(self.place.line, len(lines)) - 1]
         start = min(self.place.column - 1, len(line))
         window = max(0, start - 60)
         shown = "".join(mark if mark.isprintable() else " " for mark in line[window : window + 120])
         carets = "^" * max(1, min(self.place.length, len(shown) - (start - window)))
-        place = f"{name}:{self.place.line}:{self.place.column}"
+        place = f"{origin}:{self.place.line}:{self.place.column}"
         return f"{place}: {self}\n    {shown}\n    {' ' * (start - window)}{carets}"
 
 

@@ -4,45 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.errors import StreamkitError
-
-
-@dataclass(frozen=True, slots=True)
-class Bin:
-    """A named group of elements in the description.
-
-    Attributes:
-        name: unique.
-        factory: `bin` or the type it was given.
-        parent: name of the bin it stands in, or "".
-    """
-
-    name: str
-    factory: str = "bin"
-    parent: str = ""
-
-
-class DelayedLink(Protocol):
-    """A link that waits for a pad that only the stream brings.
-
-    Attributes:
-        source: the element whose pad is waited for.
-        description: what is to be linked, for people.
-        every_pad: whether it links every pad that comes and so never is complete.
-        has_succeeded: whether it has linked a pad.
-    """
-
-    source: Element
-    description: str
-    every_pad: bool
-    has_succeeded: bool
-
-    def try_link(self, element: Element, pad: Pad) -> list[tuple[Pad, Pad]]:
-        """Tries to link a pad that has come; the links made."""
+from streamkit.graph.bins import Bin
+from streamkit.graph.delayed_links import DelayedLink
 
 
 @dataclass(slots=True)

@@ -1,42 +1,71 @@
-"""Links: which pads two ends of a `!` mean, made in textual order."""
+"""Links: which pads two ends of a `!` mean."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from streamkit.element.base import Element
-from streamkit.element.pad import Direction, Pad, Presence
+from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.suggest import did_you_mean
-from streamkit.errors import DescriptionError, Place
+from streamkit.errors import DescriptionError, Place, StreamkitError
+from streamkit.flow.caps import Caps
+
+RAW_VIDEO = Caps("video/x-raw")
 
 
-def link_elements(
+class Ends(NamedTuple):
+    """The two elements of a link, the pad named on each or "", and where the link stands in the text."""
+
+    source: Element
+    src_name: str
+    sink: Element
+    sink_name: str
+    place: Place
+
+
+def pad_pairs(
     source: Element, src_names: Sequence[str], sink: Element, sink_names: Sequence[str], place: Place
-) -> list[tuple[Pad, Pad]]:
-    """Links two elements by the pads named, or by the first that are free.
+) -> list[Ends]:
+    """The links that a `!` with lists of pads stands for.
 
     Raises:
-        DescriptionError: code `link`, or `no-such-pad` for a name that no template has.
+        DescriptionError: code `link`, where both sides name pads, but not as many.
     """
-    if source is sink:
-        raise DescriptionError("link", f"{source.name} cannot be linked to itself", place)
-    if src_names and sink_names and len(src_names) != len(sink_names):
+    if not (src_names and sink_names):
+        return [Ends(source, "".join(src_names[:1]), sink, "".join(sink_names[:1]), place)]
+    if len(src_names) != len(sink_names):
         raise DescriptionError(
             "link",
             f"{len(src_names)} pads of {source.name} cannot meet {len(sink_names)} pads of {sink.name}",
             place,
         )
-    if src_names and sink_names:
-        pairs = list(zip(src_names, sink_names, strict=True))
-    else:
-        pairs = [(src_names[0] if src_names else "", sink_names[0] if sink_names else "")]
-    made = []
-    for src_name, sink_name in pairs:
-        src = find_pad(source, Direction.SRC, src_name, place)
-        target = find_pad(sink, Direction.SINK, sink_name, place)
-        src.link(target)
-        made.append((src, target))
-    return made
+    pairs = zip(src_names, sink_names, strict=True)
+    return [Ends(source, src_name, sink, sink_name, place) for src_name, sink_name in pairs]
+
+
+def choose_pads(ends: Ends, *, strict: bool = False) -> tuple[Pad, Pad]:
+    """The pads that a link takes: those named, else the first two that fit, new ones where none is free.
+
+    Where there is no choice, caps are left to negotiation, unless `strict`.
+
+    Raises:
+        DescriptionError: code `link`; no pad was made.
+    """
+    source, src_name, sink, sink_name, place = ends
+    if source is sink:
+        raise DescriptionError("link", f"{source.name} cannot be linked to itself", place)
+    made: list[Pad] = []
+    try:
+        srcs = [_named(source, Direction.SRC, src_name, place, made)] if src_name else None
+        sinks = [_named(sink, Direction.SINK, sink_name, place, made)] if sink_name else None
+        return _pair(ends, srcs, sinks, strict)
+    except (DescriptionError, StreamkitError) as error:
+        for pad in made:
+            pad.element.release_pad(pad)
+        if isinstance(error, DescriptionError):
+            raise
+        raise DescriptionError("link", str(error), place) from None
 
 
 def find_pad(element: Element, direction: Direction, name: str, place: Place) -> Pad:
@@ -46,33 +75,82 @@ def find_pad(element: Element, direction: Direction, name: str, place: Place) ->
         DescriptionError: there is none, or it is linked already.
     """
     if name:
-        return _named_pad(element, direction, name, place)
-    linked: list[str] = []
-    for pad in element.pads.values():
-        if pad.template.direction is direction:
-            if pad.peer is None and pad.template.presence is Presence.ALWAYS:
-                return pad
-            linked.append(pad.name)
+        return _named(element, direction, name, place, [])
+    for choice in _choices(element, direction):
+        return choice if isinstance(choice, Pad) else element.request_pad(choice)
+    raise _nothing_free(element, direction, place)
+
+
+def _pair(ends: Ends, srcs: list[Pad] | None, sinks: list[Pad] | None, strict: bool) -> tuple[Pad, Pad]:
+    """The first two that fit: pads before templates, the source's order before the sink's."""
+    src_choices = [*(srcs or _choices(ends.source, Direction.SRC))]
+    sink_choices = [*(sinks or _choices(ends.sink, Direction.SINK))]
+    for element, direction, choices in (
+        (ends.source, Direction.SRC, src_choices),
+        (ends.sink, Direction.SINK, sink_choices),
+    ):
+        if not choices:
+            raise _nothing_free(element, direction, ends.place)
+    if not strict and len(src_choices) == len(sink_choices) == 1 and not awaits_pads(ends.source):
+        return _make(ends.source, src_choices[0]), _make(ends.sink, sink_choices[0])
+    # Pads that are there go before pads to be made, on the source's side first.
+    pairs = sorted(
+        ((src, sink) for src in src_choices for sink in sink_choices),
+        key=lambda pair: (not isinstance(pair[0], Pad), not isinstance(pair[1], Pad)),
+    )
+    for fits in (_intersect,) if strict else (_intersect, _convertible):
+        for src, sink in pairs:
+            if fits(_caps(src), _caps(sink)):
+                return _make(ends.source, src), _make(ends.sink, sink)
+    raise _misfit(ends, src_choices[0], sink_choices[0])
+
+
+def awaits_pads(element: Element) -> bool:
+    """Whether the stream may bring src pads that are not there yet."""
+    return any(
+        template.presence is Presence.SOMETIMES and template.direction is Direction.SRC
+        for template in element.pad_templates.values()
+    )
+
+
+def _choices(element: Element, direction: Direction) -> Iterator[Pad | PadTemplate]:
+    """Free pads, then the templates that make pads on request."""
+    for pad in list(element.pads.values()):
+        if pad.template.direction is direction and pad.peer is None:
+            yield pad
     for template in element.pad_templates.values():
-        if template.direction is direction and template.presence is not Presence.ALWAYS:
-            return element.request_pad(template)
-    if linked:
-        raise DescriptionError(
-            "link",
-            f"{element.name} has no free {direction} pad: {', '.join(linked)} is linked already",
-            place,
-            "put a tee before it to feed several elements" if direction is Direction.SRC else "",
-        )  # fmt: skip
-    kind = "sink" if direction is Direction.SINK else "source"
-    raise DescriptionError("link", f"link has no {kind}: {element.name} has no {direction} pad", place)
+        if template.direction is direction and template.presence is Presence.REQUEST:
+            yield template
 
 
-def _named_pad(element: Element, direction: Direction, name: str, place: Place) -> Pad:
+def _caps(choice: Pad | PadTemplate) -> Caps:
+    return choice.query_caps() if isinstance(choice, Pad) else choice.caps
+
+
+def _make(element: Element, choice: Pad | PadTemplate) -> Pad:
+    return choice if isinstance(choice, Pad) else element.request_pad(choice)
+
+
+def _intersect(offered: Caps, accepted: Caps) -> bool:
+    return not (offered & accepted).is_empty
+
+
+def _convertible(offered: Caps, accepted: Caps) -> bool:
+    """Whether nothing but the format of raw video stands between the two: negotiation puts a converter in."""
+    return _intersect(offered.without_fields("format") & RAW_VIDEO, accepted.without_fields("format"))
+
+
+def _named(element: Element, direction: Direction, name: str, place: Place, made: list[Pad]) -> Pad:
+    """The pad of a name; one that had to be made is noted in `made`."""
     pad = element.pads.get(name)
     if pad is None:
         for template in element.pad_templates.values():
-            if template.direction is direction and (template.matches(name) or template.name == name):
-                return element.request_pad(template, name)
+            fits = template.matches(name) or template.name == name
+            if template.direction is direction and template.presence is not Presence.ALWAYS and fits:
+                if template.presence is Presence.SOMETIMES and "%u" in template.name:
+                    continue
+                made.append(element.request_pad(template, name))
+                return made[-1]
         known = [*element.pads, *(template.name for template in element.pad_templates.values())]
         raise DescriptionError(
             "link", f"{element.name} has no pad {name!r}", place, did_you_mean(name, known)
@@ -84,3 +162,27 @@ def _named_pad(element: Element, direction: Direction, name: str, place: Place) 
     if pad.peer is not None:
         raise DescriptionError("link", f"{pad.path} is linked to {pad.peer.path} already", place)
     return pad
+
+
+def _nothing_free(element: Element, direction: Direction, place: Place) -> DescriptionError:
+    linked = [pad.name for pad in element.pads.values() if pad.template.direction is direction]
+    if linked:
+        return DescriptionError(
+            "link",
+            f"{element.name} has no free {direction} pad: {', '.join(linked)} is linked already",
+            place,
+            "put a tee before it to feed several elements" if direction is Direction.SRC else "",
+        )
+    kind = "sink" if direction is Direction.SINK else "source"
+    return DescriptionError("link", f"link has no {kind}: {element.name} has no {direction} pad", place)
+
+
+def _misfit(ends: Ends, src: Pad | PadTemplate, sink: Pad | PadTemplate) -> DescriptionError:
+    offered, accepted = _caps(src), _caps(sink)
+    left, right = f"{ends.source.name}.{src.name}", f"{ends.sink.name}.{sink.name}"
+    return DescriptionError(
+        "link",
+        f"could not link {left} to {right}: they disagree on {offered.conflict(accepted)}: "
+        f"{left} offers {offered}; {right} takes {accepted}",
+        ends.place,
+    )

@@ -7,24 +7,30 @@ from collections.abc import Mapping
 from typing import Any
 
 from lark import Token, Transformer
-from lark.exceptions import UnexpectedToken, VisitError
+from lark.exceptions import UnexpectedToken
+from lark.parsers.lalr_interactive_parser import InteractiveParser
 from lark.visitors import v_args
 
-from streamkit.errors import DescriptionError
+from streamkit.errors import DescriptionError, mask_credentials
 from streamkit.graph.grammar import parser
 from streamkit.graph.syntax import (
     Assignment,
     BinNode,
     ChainNode,
     ElementNode,
+    FaultNode,
     LinkNode,
     Node,
     ReferenceNode,
     UrlNode,
     with_pads,
 )
+from streamkit.graph.tokens import DescriptionLexer
 from streamkit.graph.variables import ExpandedText, expand
 
+TOKEN_LIMIT = 50_000
+DEPTH_LIMIT = 64
+DEPTH_STEPS = {"OPEN": 1, "BINREF": 1, "CLOSE": -1}
 NAMES = {
     "IDENTIFIER": "an element", "ASSIGNMENT": "a property", "CLOSE": "')'", "LINK": "'!'", "COMMA": "','",
     "$END": "the end",
@@ -32,42 +38,79 @@ NAMES = {
 
 
 def parse(text: str, variables: Mapping[str, str]) -> tuple[ChainNode, ...]:
-    """The chains of a description.
+    """The chains of a description; where the text stops fitting the grammar they end in a `FaultNode`.
 
     Raises:
-        DescriptionError: the text is empty (code `empty`) or fits no rule (code `syntax`).
+        DescriptionError: the text is empty (code `empty`), or too long or too deep (code `syntax`).
     """
     expanded = expand(text, variables)
-    if not expanded.text.strip():
-        raise DescriptionError("empty", "the description is empty: write at least one element")
+    machine = parser().parse_interactive("")
+    fault: DescriptionError | None = None
+    token, depth, count = Token("$END", "", start_pos=len(expanded.text)), 0, 0
     try:
-        tree = parser().parse(expanded.text)
-        return tuple(TreeBuilder(expanded).transform(tree))
-    except UnexpectedToken as error:
-        raise _syntax_error(expanded, error) from None
-    except VisitError as error:
-        raise error.orig_exc from None
-    except RecursionError:
-        raise DescriptionError("syntax", "bins are nested too deep; use fewer brackets") from None
+        for token in DescriptionLexer(None).lex(expanded.text):
+            count, depth = count + 1, depth + DEPTH_STEPS.get(token.type, 0)
+            _demand_bounds(expanded, token, count, depth)
+            machine.feed_token(token)
+        token = Token("$END", "", start_pos=len(expanded.text))
+        if not count:
+            raise DescriptionError("empty", "the description is empty: write at least one element")
+        tree = machine.feed_token(token)
+    except UnexpectedToken:
+        fault = _fault(expanded, machine, token)
+        tree = _close(machine)
+    return tuple(TreeBuilder(expanded, fault).transform(tree))
 
 
-def _syntax_error(expanded: ExpandedText, error: UnexpectedToken) -> DescriptionError:
-    token = error.token
-    expected = ", ".join(sorted(NAMES[name] for name in error.accepts or error.expected if name in NAMES))
+def _demand_bounds(expanded: ExpandedText, token: Token, count: int, depth: int) -> None:
+    if count <= TOKEN_LIMIT and depth <= DEPTH_LIMIT:
+        return
+    what = f"bins nest at most {DEPTH_LIMIT} deep"
+    if count > TOKEN_LIMIT:
+        what = f"a description has at most {TOKEN_LIMIT} words"
+    raise DescriptionError("syntax", what, expanded.place(token.start_pos or 0, token.end_pos or 0))
+
+
+def _accepted(machine: InteractiveParser) -> set[str]:
+    return set(machine.accepts())  # type: ignore[no-untyped-call]
+
+
+def _close(machine: InteractiveParser) -> Any:
+    """Puts an element without a name where the text stops fitting, and ends all that is open."""
+    nameless = Token("IDENTIFIER", "")
+    if _accepted(machine) == {"IDENTIFIER"}:  # within a list of pads: the name of one more
+        machine.feed_token(nameless)
+    machine.feed_token(nameless)
+    while "$END" not in _accepted(machine):
+        machine.feed_token(Token("CLOSE", ")"))
+    return machine.feed_token(Token("$END", ""))
+
+
+def _fault(expanded: ExpandedText, machine: InteractiveParser, token: Token) -> DescriptionError:
+    expected = ", ".join(sorted(NAMES[name] for name in _accepted(machine) if name in NAMES))
     if token.type == "$END":
         end = len(expanded.text.rstrip())
+        last = expanded.text[:end].rsplit(maxsplit=1)[-1]
+        glued = last.endswith(")") and "=" in last and "CLOSE" in _accepted(machine)
         return DescriptionError(
             "syntax",
             f"the description ends where {expected} must follow",
             expanded.place(max(0, end - 1), end),
+            f"the ')' is part of the value {mask_credentials(last)!r}: put a blank before it"
+            if glued
+            else "",
         )
     place = expanded.place(token.start_pos or 0, token.end_pos or 0)
-    shown = str(token) if len(token) <= 40 else str(token)[:37] + "..."
+    shown = mask_credentials(str(token))
+    shown = shown if len(shown) <= 40 else shown[:37] + "..."
     hint = ""
     if token.type == "ASSIGNMENT":
+        shown = shown.partition("=")[0].strip() + "="  # a value may be a secret
         hint = "a property stands right behind the element it belongs to"
     elif token.type == "ILLEGAL" and not token.isascii():
         hint = "names are ASCII; put other characters into quoted values"
+    elif token.type == "CLOSE":
+        hint = "no '(' is open here; a ')' that touches a property's value belongs to the value"
     return DescriptionError("syntax", f"unexpected {shown!r}; here may stand {expected}", place, hint)
 
 
@@ -75,47 +118,35 @@ def _syntax_error(expanded: ExpandedText, error: UnexpectedToken) -> Description
 class TreeBuilder(Transformer[Token, Any]):
     """Makes the syntax tree out of lark's."""
 
-    def __init__(self, expanded: ExpandedText) -> None:
+    def __init__(self, expanded: ExpandedText, fault: DescriptionError | None) -> None:
         super().__init__()
         self.expanded = expanded
+        self.fault = fault
 
     def _place(self, token: Token) -> Any:
         return self.expanded.place(token.start_pos or 0, token.end_pos or 0)
 
     def start(self, *chains: ChainNode) -> list[ChainNode]:
-        """All chains; a reference alone or pads that no link uses are refused."""
+        """All chains."""
         return list(chains)
 
     def chain(self, *parts: Node | LinkNode) -> ChainNode:
         """Nodes and the links between them."""
         nodes = tuple(part for part in parts if not isinstance(part, LinkNode))
-        self._refuse_unused(nodes)
         return ChainNode(nodes, tuple(part for part in parts if isinstance(part, LinkNode)))
 
-    def _refuse_unused(self, nodes: tuple[Node, ...]) -> None:
-        if len(nodes) == 1 and isinstance(nodes[0], ReferenceNode):
-            name = nodes[0].name
-            raise DescriptionError(
-                "syntax", f"unexpected reference {name!r}: link it to something with '!'", nodes[0].place
-            )
-        last = nodes[-1]
-        if isinstance(last, ElementNode | BinNode) and last.src_pads:
-            raise DescriptionError(
-                "syntax",
-                f"unexpected pad {last.src_pads[0]!r}: no link follows that could use it",
-                last.place,
-            )
-
-    def padded(self, pads: tuple[str, ...], node: ElementNode | BinNode) -> Node:
+    def padded(self, pads: tuple[str, ...], node: Node) -> Node:
         """An element with pads named on its sink side."""
         return with_pads(node, sink=pads)
 
-    def element(self, node: ElementNode | BinNode, pads: tuple[str, ...] = ()) -> Node:
+    def element(self, node: Node, pads: tuple[str, ...] = ()) -> Node:
         """An element or bin with pads named on its src side."""
         return with_pads(node, src=pads)
 
-    def simple(self, name: Token, *settings: Token) -> ElementNode:
+    def simple(self, name: Token, *settings: Token) -> ElementNode | FaultNode:
         """An element type and what is set on it."""
+        if not name and self.fault is not None:
+            return FaultNode(self.fault)
         assignments = tuple(self._assignment(token) for token in settings if token.type == "ASSIGNMENT")
         presets = tuple(self._assignment(token) for token in settings if token.type == "PRESET")
         return ElementNode(str(name), self._place(name), assignments, presets)
@@ -129,7 +160,7 @@ class TreeBuilder(Transformer[Token, Any]):
 
     def link(self, token: Token) -> LinkNode:
         """A link with its filter."""
-        return LinkNode(self._place(token), str(token)[1:-1].strip(), every_pad=token[0] == ":")
+        return LinkNode(self._place(token), str(token)[1:-1].strip(), every_pad=":" in (token[0], token[-1]))
 
     def pads(self, first: Token, *rest: Token) -> tuple[str, ...]:
         """Pad names."""
@@ -147,7 +178,9 @@ class TreeBuilder(Transformer[Token, Any]):
 
     def _assignment(self, token: Token) -> Assignment:
         name, _, value = str(token).partition("=")
-        return Assignment(name.strip(), value.lstrip(), self._place(token))
+        # Blanks in front belong to the name of a preset, as in gst-launch.
+        value = value if token.type == "PRESET" else value.lstrip(" \t\n\r\f\v")
+        return Assignment(name.strip(), value, self._place(token))
 
 
 def unquote_value(text: str) -> str:
@@ -155,8 +188,15 @@ def unquote_value(text: str) -> str:
 
     Source: GStreamer's description of gst-launch quoting; inner quotes protect what stands between them.
     """
-    if len(text) >= 2 and text[0] == text[-1] == '"':
+    if text and text[0] == text[-1] == '"':
         text = text[1:-1]
+    return resolve_escapes(text)
+
+
+def resolve_escapes(text: str) -> str:
+    """The text with backslashes resolved, save between double quotes."""
+    if "\\" not in text:
+        return text
     kept: list[str] = []
     quoted, position = False, 0
     while position < len(text):
@@ -165,7 +205,8 @@ def unquote_value(text: str) -> str:
             position += 1
             kept.append(text[position : position + 1])
         else:
-            quoted ^= mark == '"'
+            if mark == '"' and not (quoted and text[position - 1] == "\\"):
+                quoted = not quoted
             kept.append(mark)
         position += 1
     return "".join(kept)

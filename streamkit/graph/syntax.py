@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from streamkit.errors import Place
+from streamkit.errors import DescriptionError, Place
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,15 +58,22 @@ class UrlNode:
 
 
 @dataclass(frozen=True, slots=True)
+class FaultNode:
+    """Where the text stops fitting the grammar; what stands before it may hold an earlier error."""
+
+    error: DescriptionError
+
+
+@dataclass(frozen=True, slots=True)
 class LinkNode:
-    """`!` or `:`, with caps between two of them; `every_pad` for `:`."""
+    """`!` or `:`, with caps between two of them; `every_pad` where one of them is `:`."""
 
     place: Place
     caps: str = ""
     every_pad: bool = False
 
 
-Node = ElementNode | BinNode | ReferenceNode | UrlNode
+Node = ElementNode | BinNode | ReferenceNode | UrlNode | FaultNode
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +84,8 @@ class ChainNode:
     links: tuple[LinkNode, ...] = field(default=())
 
 
-def with_pads(node: ElementNode | BinNode, *, sink: tuple[str, ...] = (), src: tuple[str, ...] = ()) -> Node:
-    """The node with pads named on its sink or src side."""
+def with_pads(node: Node, *, sink: tuple[str, ...] = (), src: tuple[str, ...] = ()) -> Node:
+    """The node with pads named on its sink or src side, where it has such sides."""
+    if not (sink or src) or not isinstance(node, ElementNode | BinNode):
+        return node
     return replace(node, sink_pads=sink or node.sink_pads, src_pads=src or node.src_pads)

@@ -5,34 +5,34 @@ A lexer of our own because lark's take the first terminal that fits, not the lon
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterator
 from typing import Any
 
 from lark.lexer import Lexer, Token
 
+BLANK = r"[ \t\n\r\f\v]"
+VISIBLE = r"[^ \t\n\r\f\v]"
 IDENTIFIER = r"[A-Za-z0-9_][A-Za-z0-9_\-%:]*"
 MIME = r"[A-Za-z0-9-]++/[A-Za-z0-9-]++"  # possessive: else a missing `!` is looked for in all splits
-CAPS = rf"{MIME}(?:\\[\s\S]|[^;!\\])*"
-BLANKS = re.compile(r"\s+")
-ASSIGNED = re.compile(rf"(?:{IDENTIFIER}|@preset)\s*=\s*", re.ASCII)
-STRINGS = (
-    re.compile(r"(?:\\[^\n]|[^\s\\])+"),
-    re.compile(r'"(?:\\"|[^"])*"'),
-    re.compile(r"'(?:\\'|[^'])*'"),
-)
-PLAIN = (
-    ("PADREF", re.compile(rf"\.{IDENTIFIER}", re.ASCII)),
-    ("REF", re.compile(rf"{IDENTIFIER}\.(?:{IDENTIFIER})?", re.ASCII)),
-    ("BINREF", re.compile(rf"{IDENTIFIER}\s*\.\s*\(", re.ASCII)),
-    ("IDENTIFIER", re.compile(IDENTIFIER, re.ASCII)),
-    ("LINK", re.compile(rf"[!:](?:\s*{CAPS}(?:;\s*{CAPS})*[!:])?", re.ASCII)),
-    ("URL", re.compile(r"(?:[A-Za-z][A-Za-z0-9+,.\-]*://|[A-Za-z._{}]/)(?:\\[^\n]|[^\s\\])*", re.ASCII)),
-    ("OPEN", re.compile(r"\(")),
-    ("CLOSE", re.compile(r"\)")),
-    ("COMMA", re.compile(r",")),
-    ("ILLEGAL", re.compile(r"[\s\S]")),
-)
+CAPS = rf"{MIME}(?:\\[;!]|[^;!])*"
+BLANKS = re.compile(rf"{BLANK}+")
+ASSIGNED = re.compile(rf"(?:{IDENTIFIER}|@preset){BLANK}*={BLANK}*")
+ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+,.\-]*://")
+PATH = re.compile(r'[."{}_identfr]?/')  # the letters are those of the word "identifier": gst-launch's slip
+# A blank belongs to the word when a backslash stands before it, whatever stands before that.
+WORD = re.compile(rf"(?:{VISIBLE}|(?<=\\)[ \t\r\f\v])+")
+QUOTED = {'"': re.compile(r'"(?:\\"|[^"])*"'), "'": re.compile(r"'(?:\\'|[^'])*'")}
+PLAIN = {
+    "PADREF": re.compile(rf"\.{IDENTIFIER}"),
+    "REF": re.compile(rf"{IDENTIFIER}\.(?:{IDENTIFIER})?"),
+    "BINREF": re.compile(rf"{IDENTIFIER}{BLANK}*\.{BLANK}*\("),
+    "IDENTIFIER": re.compile(IDENTIFIER),
+    "LINK": re.compile(rf"[!:](?:{BLANK}*{CAPS}(?:;{BLANK}*{CAPS})*[!:])?"),
+}
+NAMED = ("REF", "BINREF", "IDENTIFIER")
+MARKS = {"(": "OPEN", ")": "CLOSE", ",": "COMMA"}
 
 
 class DescriptionLexer(Lexer):
@@ -54,15 +54,49 @@ class DescriptionLexer(Lexer):
             position = end
 
 
+@functools.cache
+def _plain_kinds(first: str) -> tuple[str, ...]:
+    """The kinds of plain tokens that may begin with a character."""
+    if first == ".":
+        return ("PADREF",)
+    if first in "!:":
+        return ("LINK",)
+    return NAMED if re.match(r"[A-Za-z0-9_]", first) else ()
+
+
 def _longest(text: str, position: int) -> tuple[str, int]:
-    best, best_end = "ILLEGAL", position
-    assigned = ASSIGNED.match(text, position)
-    if assigned:
-        ends = [match.end() for match in (form.match(text, assigned.end()) for form in STRINGS) if match]
-        if ends:
-            best, best_end = ("PRESET" if text[position] == "@" else "ASSIGNMENT"), max(ends)
-    for kind, pattern in PLAIN:
-        match = pattern.match(text, position)
-        if match and match.end() > best_end:
+    first = text[position]
+    if first in MARKS:
+        return MARKS[first], position + 1
+    best, best_end = "ILLEGAL", position + 1
+    kinds = _plain_kinds(first)
+    if kinds is NAMED or first == "@":
+        assigned = ASSIGNED.match(text, position)
+        end = _value_end(text, assigned.end()) if assigned else 0
+        if end:
+            best, best_end = ("PRESET" if first == "@" else "ASSIGNMENT"), end
+    for kind in kinds:
+        match = PLAIN[kind].match(text, position)
+        if match and (match.end() > best_end or best == "ILLEGAL"):
             best, best_end = kind, match.end()
+    end = _address_end(text, position)
+    if end > best_end or (end and best == "ILLEGAL"):
+        return "URL", end
     return best, best_end
+
+
+def _value_end(text: str, position: int) -> int:
+    """Where the value that begins here ends; 0 where there is none."""
+    forms = [WORD.match(text, position)]
+    if position < len(text) and text[position] in QUOTED:
+        forms.append(QUOTED[text[position]].match(text, position))
+    return max((match.end() for match in forms if match), default=0)
+
+
+def _address_end(text: str, position: int) -> int:
+    """Where the address or path that begins here ends; 0 where none begins."""
+    address = ADDRESS.match(text, position)
+    if address:
+        return _value_end(text, address.end()) or address.end()
+    path = PATH.match(text, position)
+    return _value_end(text, path.end()) if path else 0

@@ -8,7 +8,6 @@ import pytest
 from streamkit import Caps, Element, Property, PropertyError, Source
 from streamkit.errors import DescriptionError
 from streamkit.graph.build import build
-from streamkit.graph.graph import Bin
 
 Register = Callable[..., None]
 
@@ -63,9 +62,9 @@ def test_the_first_name_and_the_last_value_win() -> None:
 
 
 def test_settings_are_those_of_the_text_only() -> None:
-    """Defaults are not repeated; values are JSON values, with the name as written."""
+    """Defaults are not repeated; values are JSON values, names have dashes."""
     (element,) = build("queue leaky=1 max_size_time=0x10", {}).elements
-    assert element.settings() == {"leaky": "upstream", "max_size_time": 16}
+    assert element.settings() == {"leaky": "upstream", "max-size-time": 16}
 
 
 def test_variables_are_filled_in() -> None:
@@ -111,10 +110,16 @@ def test_texts_are_unquoted_twice(register: Register, written: str, value: str) 
 def test_bins_group_elements() -> None:
     """Each element and bin knows the bin it stands in; links go through."""
     graph = build("fakesrc ! ( name=outer identity ! bin.( queue ! identity name=inner ) ) ! fakesink", {})
-    assert graph.bins == [Bin("bin0", "bin", "outer"), Bin("outer", "bin", "")]
+    assert [(group.name, group.factory, group.parent) for group in graph.bins] == [
+        ("bin0", "bin", "outer"), ("outer", "bin", ""),
+    ]  # fmt: skip
     assert {element.name: element.parent for element in graph.elements} == {
         "fakesrc0": "", "identity0": "outer", "queue0": "bin0", "inner": "bin0", "fakesink0": "",
     }  # fmt: skip
+    assert [group.ghost_pads for group in graph.bins] == [
+        {"ghost0": "queue0.sink", "ghost2": "inner.src"},
+        {"ghost1": "identity0.sink", "ghost3": "bin0.ghost2"},
+    ]
     assert {f"{src.path} -> {sink.path}" for src, sink in graph.links()} == {
         "fakesrc0.src -> identity0.sink", "identity0.src -> queue0.sink", "queue0.src -> inner.sink",
         "inner.src -> fakesink0.sink",
@@ -145,7 +150,7 @@ def test_an_address_is_a_source_or_a_sink(register: Register) -> None:
     assert build("http://h/a%20b ! fakesink", {}).elements[0].settings() == {"location": "http://h/a%20b"}
     with pytest.raises(DescriptionError, match="no sink element for scheme 'gopher'"):
         build("fakesrc ! gopher://x", {})
-    with pytest.raises(DescriptionError, match=r"no source element for the path './a'; write file://PATH"):
+    with pytest.raises(DescriptionError, match=r"no source element for the path './a'; write file:///PATH"):
         build("./a ! fakesink", {})
 
 
@@ -171,8 +176,8 @@ def test_an_address_keeps_every_character(register: Register) -> None:
         ("queue leaky=Downstream", "could-not-set-property",
          "queue0: property leaky cannot be 'Downstream': it takes no, upstream, downstream; "
          'did you mean "downstream"?', 7, 16),
-        ("queue max-size-buffers=-1", "could-not-set-property",
-         "queue0: property max-size-buffers cannot be -1: it takes int 0..", 7, 19),
+        ("fakesrc num-buffers=-5", "could-not-set-property",
+         "fakesrc0: property num-buffers cannot be -5: it takes int -1..", 9, 14),
         ("capsfilter caps=a/b,,", "could-not-set-property",
          "capsfilter0: property caps cannot be 'a/b,,': caps 'a/b,,', at character 4", 12, 10),
         ("fakesrc ! a/b,x=[2,1] ! fakesink", "link", "could not parse caps: caps 'a/b,x=[2,1]'", 9, 15),

@@ -8,7 +8,24 @@ from hypothesis import strategies as st
 
 from streamkit.errors import DescriptionError, Place
 from streamkit.graph.parse import parse, unquote_value
-from streamkit.graph.syntax import BinNode, ChainNode, ElementNode, ReferenceNode, UrlNode
+from streamkit.graph.syntax import BinNode, ChainNode, ElementNode, FaultNode, ReferenceNode, UrlNode
+
+
+def fault(chains: tuple[ChainNode, ...]) -> DescriptionError | None:
+    """The error where the text stops fitting, which is the last thing in the tree."""
+    last = chains[-1].nodes[-1]
+    if isinstance(last, BinNode) and last.chains:
+        return fault(last.chains)
+    return last.error if isinstance(last, FaultNode) else None
+
+
+def parsed(text: str) -> tuple[ChainNode, ...]:
+    """The chains of a text that fits the grammar; else its error is raised."""
+    chains = parse(text, {})
+    found = fault(chains)
+    if found is not None:
+        raise found
+    return chains
 
 
 def test_a_chain_has_nodes_and_links_between_them() -> None:
@@ -70,7 +87,7 @@ def test_pads_references_addresses_and_bins() -> None:
         ),
         (
             "num-buffers=3 fakesrc",
-            "description:1:1: unexpected 'num-buffers=3'; here may stand an element, the end; "
+            "description:1:1: unexpected 'num-buffers='; here may stand an element, the end; "
             "a property stands right behind the element it belongs to\n"
             "    num-buffers=3 fakesrc\n"
             "    ^^^^^^^^^^^^^",
@@ -89,16 +106,17 @@ def test_pads_references_addresses_and_bins() -> None:
             "               ^",
         ),
         (
-            "a. fakesrc",
-            "description:1:1: unexpected reference 'a': link it to something with '!'\n"
-            "    a. fakesrc\n"
-            "    ^^",
+            "fakesrc .src ,",
+            "description:1:14: the description ends where an element must follow\n"
+            "    fakesrc .src ,\n"
+            "                 ^",
         ),
         (
-            "fakesrc .src",
-            "description:1:1: unexpected pad 'src': no link follows that could use it\n"
-            "    fakesrc .src\n"
-            "    ^^^^^^^",
+            "( fakesrc location=x)",
+            "description:1:21: the description ends where ')', an element must follow; "
+            "the ')' is part of the value 'location=x)': put a blank before it\n"
+            "    ( fakesrc location=x)\n"
+            "                        ^",
         ),
         (
             " \n ",
@@ -111,7 +129,7 @@ def test_pads_references_addresses_and_bins() -> None:
 def test_an_error_points_into_the_text(text: str, pointed: str) -> None:
     """Place, rule, what stands there, what may stand there; the line with carets below the fault."""
     with pytest.raises(DescriptionError) as caught:
-        parse(text, {})
+        parsed(text)
     assert caught.value.pointed(text) == pointed
     assert caught.value.code == ("empty" if not text.strip() else "syntax")
 
@@ -120,7 +138,7 @@ def test_a_long_line_is_shown_around_the_fault() -> None:
     """At most 120 characters, and the caret stands right."""
     text = "queue ! " * 100 + "; " + "queue ! " * 100
     with pytest.raises(DescriptionError) as caught:
-        parse(text, {})
+        parsed(text)
     _, shown, carets = caught.value.pointed(text, "x.pipe").split("\n")
     assert len(shown) <= 124
     assert shown[carets.index("^")] == ";"
@@ -130,7 +148,7 @@ def test_what_a_terminal_would_obey_is_not_shown() -> None:
     """Control characters of the text become blanks; lines are those that a line break ends, no others."""
     text = "queue\x1b[2J\x0b\u2028 ;\n! x"
     with pytest.raises(DescriptionError) as caught:
-        parse(text, {})
+        parsed(text)
     assert caught.value.pointed(text).split("\n")[1] == "    queue [2J   ;"
 
 
@@ -138,7 +156,7 @@ def test_a_long_token_has_carets_as_far_as_it_is_shown() -> None:
     """The error stays readable, however long the text."""
     text = "queue name=q " + "x" * 5000 + "=1=2 ;"
     with pytest.raises(DescriptionError) as caught:
-        parse(text, {})
+        parsed(text)
     assert max(map(len, caught.value.pointed(text).split("\n"))) < 250
 
 
@@ -154,7 +172,9 @@ def test_a_long_token_has_carets_as_far_as_it_is_shown() -> None:
         ('"a"b', '"a"b'),
         ("'a b'", "'a b'"),
         ('""', ""),
-        ('"', '"'),
+        ('"', ""),
+        (r"a\"b\"c", 'a"b"c'),
+        (r'a/b,s="x\"\,y",t=\ z', r'a/b,s="x\"\,y",t= z'),
         ("x\\", "x"),
         (r'a/b,s=(string)"x\,x"', r'a/b,s=(string)"x\,x"'),
     ],
@@ -162,6 +182,15 @@ def test_a_long_token_has_carets_as_far_as_it_is_shown() -> None:
 def test_unquoting_is_gst_launchs(text: str, value: str) -> None:
     """One pair of quotes off, backslashes resolved, except between inner quotes."""
     assert unquote_value(text) == value
+
+
+def test_what_stands_before_a_fault_is_kept() -> None:
+    """It may hold an earlier error, which then counts."""
+    chains = parse("a ! b x=1 c ! ( d .p , ;", {})
+    assert [len(chain.nodes) for chain in chains] == [2, 2]
+    group = chains[1].nodes[1]
+    assert isinstance(group, BinNode)
+    assert [type(chain.nodes[0]) for chain in group.chains] == [ElementNode, FaultNode]
 
 
 words = st.sampled_from(
@@ -173,7 +202,7 @@ words = st.sampled_from(
 def outcome(text: str) -> tuple[tuple[ChainNode, ...], str, Place]:
     """The chains of a text, or its error as it is shown, and where."""
     try:
-        return parse(text, {}), "", Place()
+        return parsed(text), "", Place()
     except DescriptionError as error:
         return (), error.pointed(text), error.place
 

@@ -1,0 +1,72 @@
+"""Addresses in a description: which element reads or writes one."""
+
+from __future__ import annotations
+
+import urllib.parse
+
+from streamkit.element.base import Element
+from streamkit.element.pad import Direction
+from streamkit.element.registry import element_class, installed_elements
+from streamkit.errors import DescriptionError, Place, PluginBroken, mask_credentials
+
+LOCAL_HOSTS = ("", "localhost")
+
+
+def factory_for(url: str, *, as_source: bool, place: Place) -> str:
+    """The element for an address: named after its scheme and side, else the one of the highest rank.
+
+    Raises:
+        DescriptionError: code `no-such-element`.
+    """
+    kind = "source" if as_source else "sink"
+    scheme, mark, _ = url.partition("://")
+    if not mark:
+        raise DescriptionError(
+            "no-such-element", f"no {kind} element for the path {url!r}", place,
+            "write file:///PATH, or filesrc location=PATH",
+        )  # fmt: skip
+    scheme = scheme.lower()
+    plain = f"{scheme}{'src' if as_source else 'sink'}"
+    if plain in installed_elements():
+        return plain
+    found = max(_candidates(scheme, as_source=as_source), default=None)
+    if found is None:
+        raise DescriptionError(
+            "no-such-element", f"no {kind} element for scheme {scheme!r}: {mask_credentials(url)}", place
+        )
+    return found[1]
+
+
+def _candidates(scheme: str, *, as_source: bool) -> list[tuple[int, str]]:
+    """Rank and name of every element that declares a scheme; this imports them all."""
+    found = []
+    for name in installed_elements():
+        try:
+            known = element_class(name)
+        except (PluginBroken, DescriptionError):
+            continue
+        if scheme in known.uri_schemes and _is_source(known) is as_source:
+            found.append((known.rank, name))
+    return found
+
+
+def _is_source(known: type[Element]) -> bool:
+    directions = {template.direction for template in known.pad_templates.values()}
+    return Direction.SINK not in directions
+
+
+def location_of(url: str, place: Place) -> str:
+    """What an element's location is to be: the path of a local file, else the address as it is.
+
+    Raises:
+        DescriptionError: the file is on another host.
+    """
+    scheme, _, rest = url.partition("://")
+    if scheme.lower() != "file":
+        return url
+    host, slash, path = rest.partition("/")
+    if host not in LOCAL_HOSTS:
+        raise DescriptionError(
+            "no-such-element", f"no element for files of the host {host!r}", place, f"write file:///{rest}"
+        )
+    return urllib.parse.unquote(slash + path)

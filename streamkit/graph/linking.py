@@ -1,0 +1,144 @@
+"""Makes the links of a description in textual order, with their filters and ghost pads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from streamkit.element.base import Element
+from streamkit.element.pad import Pad, Presence
+from streamkit.element.registry import make_element
+from streamkit.element.suggest import did_you_mean
+from streamkit.errors import DescriptionError, Place, PluginBroken
+from streamkit.flow.caps import Caps
+from streamkit.graph.delayed_links import DelayedLink
+from streamkit.graph.graph import Graph
+from streamkit.graph.link import Ends, awaits_pads, choose_pads, pad_pairs
+from streamkit.graph.places import Placement
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """One end of a link: an element, or the name of one, and the pads named on it."""
+
+    element: Element | None
+    name: str
+    pads: tuple[str, ...]
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class PendingLink:
+    """A link that is made when all elements are."""
+
+    source: End
+    sink: End
+    caps: Caps | None
+    every_pad: bool
+    place: Place
+
+
+class Linker:
+    """Makes links one by one.
+
+    Attributes:
+        places: where in the text the link of a src pad stands, by the pad's path.
+    """
+
+    def __init__(self, graph: Graph, placement: Placement, auto_name: Callable[[str], str]) -> None:
+        self.places: dict[str, Place] = {}
+        self._graph = graph
+        self._placement = placement
+        self._auto_name = auto_name
+
+    def make(self, link: PendingLink) -> None:
+        """Makes a link, or arms it where the stream may bring the pad.
+
+        Raises:
+            DescriptionError: a name is unknown, or the link cannot be.
+        """
+        source, sink = self._resolve(link.source), self._resolve(link.sink)
+        both_named = bool(link.source.pads and link.sink.pads)
+        for ends in pad_pairs(source, link.source.pads, sink, link.sink.pads, link.place):
+            if link.every_pad and not both_named:
+                self._make_all(ends, link.caps)
+            else:
+                self._make_or_arm(ends, link.caps, link.every_pad)
+
+    def _make_or_arm(self, ends: Ends, caps: Caps | None, every_pad: bool) -> None:
+        try:
+            self._connect(ends, caps, strict=False)
+        except DescriptionError:
+            if not awaits_pads(ends.source):
+                raise
+            self._arm(ends, caps, every_pad)
+
+    def _make_all(self, ends: Ends, caps: Caps | None) -> None:
+        """Links whatever fits; where both sides make pads on request, once."""
+        try:
+            made = self._connect(ends, caps, strict=True)
+            while not (_on_request(made[0][0]) and _on_request(made[-1][1])):
+                made = self._connect(ends, caps, strict=True)
+        except DescriptionError:
+            pass
+        if awaits_pads(ends.source):
+            self._arm(ends, caps, every_pad=True)
+
+    def _arm(self, ends: Ends, caps: Caps | None, every_pad: bool) -> None:
+        def connect(now: Ends) -> list[tuple[Pad, Pad]]:
+            return self._connect(now, caps, strict=True)
+
+        self._graph.delayed_links.append(DelayedLink(ends, connect, every_pad))
+
+    def _connect(self, ends: Ends, caps: Caps | None, *, strict: bool) -> list[tuple[Pad, Pad]]:
+        if caps is None:
+            return [self._link(*choose_pads(ends, strict=strict), ends.place)]
+        capsfilter = self._make_filter(caps, ends.place)
+        parent = self._placement.container_of(ends.source)
+        capsfilter.parent = parent.name if parent is not None else ""
+        first = self._link(
+            *choose_pads(ends._replace(sink=capsfilter, sink_name=""), strict=strict), ends.place
+        )
+        try:
+            onward = ends._replace(source=capsfilter, src_name="")
+            second = self._link(*choose_pads(onward, strict=strict), ends.place)
+        except DescriptionError:
+            self._undo(first[0])
+            raise
+        self._placement.place(capsfilter, parent, ends.place)
+        self._graph.elements.append(capsfilter)
+        return [first, second]
+
+    def _make_filter(self, caps: Caps, place: Place) -> Element:
+        try:
+            capsfilter = make_element("capsfilter", self._auto_name("capsfilter"))
+        except PluginBroken as error:
+            raise DescriptionError("plugin-broken", str(error), place) from error
+        capsfilter.set_property("caps", caps)
+        capsfilter.set_in_text["caps"] = str(caps)
+        return capsfilter
+
+    def _link(self, src: Pad, sink: Pad, place: Place) -> tuple[Pad, Pad]:
+        src.link(sink)
+        self.places[src.path] = place
+        self._placement.cross(src, sink)
+        return src, sink
+
+    def _undo(self, src: Pad) -> None:
+        src.unlink()
+        if src.template.presence is Presence.REQUEST:
+            src.element.release_pad(src)
+
+    def _resolve(self, end: End) -> Element:
+        found = end.element or self._placement.find(end.name)
+        if found is None:
+            raise DescriptionError(
+                "no-such-element", f"no element named {end.name!r} in the pipeline", end.place,
+                did_you_mean(end.name, [element.name for element in self._graph.elements]),
+            )  # fmt: skip
+        self._placement.demand_placed(found)
+        return found
+
+
+def _on_request(pad: Pad) -> bool:
+    return pad.template.presence is Presence.REQUEST
