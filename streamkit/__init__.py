@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from streamkit.element.sink import Sink as Sink
     from streamkit.element.source import Source as Source
     from streamkit.element.transform import Transform as Transform
+    from streamkit.errors import DescriptionError as DescriptionError
     from streamkit.errors import ElementFailure as ElementFailure
     from streamkit.errors import NotNegotiated as NotNegotiated
     from streamkit.errors import PropertyError as PropertyError
@@ -76,7 +77,7 @@ _HOMES = {
     "streamkit.element.source": ("Source",),
     "streamkit.element.transform": ("Transform",),
     "streamkit.errors": (
-        "ElementFailure", "NotNegotiated", "PropertyError", "ResourceError", "StreamError", "StreamkitError",
+        "DescriptionError", "ElementFailure", "NotNegotiated", "PropertyError", "ResourceError", "StreamError", "StreamkitError",
     ),
     "streamkit.flow.caps": ("ANY", "Caps", "Structure"),
     "streamkit.flow.caps_values": ("FractionRange", "IntRange", "ValueList"),

@@ -66,6 +66,7 @@ class Element:
         cls.pad_templates = _collect_templates(cls)
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+        """A new element, its properties at their defaults."""
         self = super().__new__(cls)
         self.__dict__.update(cls.defaults)
         return self

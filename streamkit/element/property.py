@@ -47,8 +47,8 @@ class Traits:
 class PropertyDeclaration:
     """One declared property; made by `Property(...)` in a class body.
 
-    It checks what is set, and has no `__get__`: the value lies in the instance's own dictionary, so that reading a
-    property costs no call. `Element.__new__` puts the default there.
+    It checks what is set, and has no `__get__`: the value lies in the instance's own dictionary, so that
+    reading a property costs no call. `Element.__new__` puts the default there.
 
     Attributes:
         name: as users write it, with underscores.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from typing import Any, cast
+from typing import Any
 
 from streamkit.element.base import Element
 from streamkit.element.negotiation import allowed_caps, demand_accepted
@@ -126,7 +126,9 @@ class Source(Element):
             pad.send_event(EOS)
 
     def _settle_before_data(self) -> None:
-        pad = self.src_pad
+        pad = next(self.src_pads(), None)
+        if pad is None:  # the stream brings the pads, and their caps
+            return
         caps = self.negotiate(allowed_caps(pad, ANY))
         if caps is not None and not caps.is_any:
             demand_accepted(pad, caps)
@@ -138,13 +140,13 @@ class Source(Element):
         if self._check and self._must_end():  # a live source begins its work when the pipeline plays
             return
         frames = self.frames()
-        pad, advance = self.src_pad, self._advance
+        pad, advance = next(self.src_pads(), None), self._advance
         try:
             while True:
                 try:
                     while True:
                         # No name here holds the frame: downstream may then be its sole owner.
-                        pad.push(advance(frames, pad))
+                        (pad or self.src_pad).push(advance(frames, pad))
                 except Flushing:
                     self._wait_for_flush_end()
         except _Exhausted:
@@ -162,7 +164,7 @@ class Source(Element):
         while not self._flush_over.wait(HELD_LOOK_S) and not self.stopping.is_set():
             continue
 
-    def _advance(self, frames: Iterator[Frame | tuple[str, Frame] | Event], main: Pad) -> Frame:
+    def _advance(self, frames: Iterator[Frame | tuple[str, Frame] | Event], main: Pad | None) -> Frame:
         """The next frame for the first src pad, `main`; frames for other pads are pushed on the way."""
         if self._check and self._must_end():
             raise _Exhausted
@@ -172,8 +174,8 @@ class Source(Element):
                 if self._must_end():
                     break
                 continue
-            if item.__class__ is Frame:
-                return self._prepared(main, cast("Frame", item))
+            if isinstance(item, Frame):
+                return self._prepared(main or self.src_pad, item)
             if not isinstance(item, tuple):
                 for pad in list(self.src_pads()):
                     pad.send_event(item)
@@ -222,8 +224,8 @@ class Source(Element):
 
     def _settle_anew(self) -> None:
         """Downstream has changed what it takes: caps that still do are sent again, else others are chosen."""
-        pad = self.src_pad
-        if pad.caps is None or pad.caps.is_any:
+        pad = next(self.src_pads(), None)
+        if pad is None or pad.caps is None or pad.caps.is_any:
             self._settle_before_data()
             return
         if (pad.caps & pad.peer_caps()).is_empty:

@@ -1,0 +1,202 @@
+"""Branches that join and leave a playing pipeline, and pads that only the stream brings."""
+
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from streamkit import (
+    Caps,
+    DescriptionError,
+    Direction,
+    ElementFailure,
+    Frame,
+    PadTemplate,
+    Pipeline,
+    Presence,
+    ResourceError,
+    Sink,
+    Source,
+)
+
+Register = Callable[..., None]
+ANYTHING = Caps("a/b")
+
+
+class Gathering(Sink):
+    """Keeps the numbers of its frames."""
+
+    sink = "ANY"
+
+    def start(self) -> None:
+        self.numbers: list[int] = []
+        self.is_stopped = False
+        self.changed = threading.Condition()
+
+    def render(self, frame: Frame) -> None:
+        with self.changed:
+            self.numbers.append(frame.seq)
+            self.changed.notify_all()
+
+    def stop(self) -> None:
+        self.is_stopped = True
+
+    def wait_for(self, count: int) -> bool:
+        with self.changed:
+            return self.changed.wait_for(lambda: len(self.numbers) >= count, timeout=10)
+
+
+class Refusing(Sink):
+    """Cannot be started."""
+
+    sink = "ANY"
+
+    def start(self) -> None:
+        raise ResourceError("no room")
+
+    def render(self, frame: Frame) -> None:
+        raise NotImplementedError
+
+
+def push(pipeline: Pipeline, numbers: range) -> None:
+    """Gives the pipeline numbered frames."""
+    for number in numbers:
+        pipeline["in"].push(Frame(b"", ANYTHING, seq=number, arrival_ns=1))
+
+
+def test_a_branch_joins_and_leaves_while_playing(register: Register) -> None:
+    """It sees the frames from the next on, in order; leaving, it finishes what it has and is stopped."""
+    register(gathering=Gathering)
+    with Pipeline.parse("appsrc name=in ! tee name=t t. ! queue ! gathering name=a") as pipeline:
+        pipeline.play()
+        push(pipeline, range(10))
+        assert pipeline["a"].wait_for(10)
+        branch = pipeline.add_branch("t", "queue ! gathering name=b")
+        joined = pipeline["b"]
+        push(pipeline, range(10, 20))
+        assert joined.wait_for(10)
+        pipeline.remove_branch(branch)
+        assert joined.is_stopped
+        push(pipeline, range(20, 30))
+        pipeline["in"].end()
+        assert pipeline.wait(10) is not None
+        assert joined.numbers == list(range(10, 20))
+        assert pipeline["a"].numbers == list(range(30))
+        assert [pad.name for pad in pipeline["t"].src_pads()] == ["src_0"]
+        with pytest.raises(KeyError):
+            pipeline["b"]
+
+
+def test_the_end_waits_for_a_branch_that_joined(register: Register) -> None:
+    """One EOS, when the new sink has it too."""
+    register(gathering=Gathering)
+    with Pipeline.parse("appsrc name=in ! tee name=t t. ! fakesink") as pipeline:
+        pipeline.play()
+        push(pipeline, range(1))
+        pipeline.add_branch("t", "queue ! gathering name=b")
+        push(pipeline, range(1, 50))
+        pipeline["in"].end()
+        assert pipeline.wait(10) is not None
+        assert pipeline["b"].numbers == list(range(1, 50))
+
+
+def test_branches_come_and_go_without_growing(register: Register) -> None:
+    """A hundred of them, while frames flow: no thread or element is left; nothing is lost elsewhere."""
+    register(gathering=Gathering)
+    text = "videotestsrc ! video/x-raw,width=16,height=16 ! tee name=t t. ! queue ! gathering name=a"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        assert pipeline["a"].wait_for(1)
+        elements, threads = len(pipeline.graph.elements), threading.active_count()
+        for _ in range(100):
+            branch = pipeline.add_branch("t", "queue ! gathering name=b")
+            assert pipeline["b"].wait_for(1)
+            pipeline.remove_branch(branch)
+        assert len(pipeline.graph.elements) == elements
+        assert threading.active_count() == threads
+        numbers = list(pipeline["a"].numbers)
+        assert numbers == list(range(len(numbers)))
+
+
+def test_a_branch_that_cannot_start_leaves_nothing(register: Register) -> None:
+    """st-fail: the pipeline goes on as it was."""
+    register(gathering=Gathering, refusing=Refusing)
+    with Pipeline.parse("appsrc name=in ! tee name=t t. ! gathering name=a") as pipeline:
+        pipeline.play()
+        with pytest.raises(ElementFailure, match="no room"):
+            pipeline.add_branch("t", "queue ! refusing")
+        push(pipeline, range(3))
+        pipeline["in"].end()
+        assert pipeline.wait(10) is not None
+        assert pipeline["a"].numbers == [0, 1, 2]
+        assert [pad.name for pad in pipeline["t"].src_pads()] == ["src_0"]
+
+
+def test_a_branch_gets_a_converter_where_it_needs_one() -> None:
+    """Raw video of another format is converted for the new branch, and the converter leaves with it."""
+    with Pipeline.parse(
+        "videotestsrc ! video/x-raw,format=BGR ! tee name=t t. ! queue ! fakesink"
+    ) as pipeline:
+        pipeline.play()
+        branch = pipeline.add_branch("t", "queue ! video/x-raw,format=GRAY8 ! appsink name=out max-buffers=2")
+        assert next(iter(pipeline["out"])).caps["format"] == "GRAY8"
+        assert any(element.factory == "videoconvert" for element in branch.elements)
+        pipeline.remove_branch(branch)
+        assert not any(element.factory == "videoconvert" for element in pipeline.graph.elements)
+
+
+def test_only_elements_with_request_pads_take_branches() -> None:
+    """The error says what to put there."""
+    with (
+        Pipeline.parse("fakesrc ! identity name=i ! fakesink") as pipeline,
+        pytest.raises(DescriptionError, match="tee"),
+    ):
+        pipeline.add_branch("i", "fakesink")
+
+
+def test_a_name_that_is_taken_is_refused() -> None:
+    """Automatic names step aside, given ones do not."""
+    with Pipeline.parse("fakesrc ! tee name=t t. ! fakesink name=k") as pipeline:
+        branch = pipeline.add_branch("t", "queue ! fakesink")
+        assert [element.name for element in branch.elements] == ["queue0", "fakesink0"]
+        again = pipeline.add_branch("t", "queue ! fakesink")
+        assert [element.name for element in again.elements] == ["queue1", "fakesink1"]
+        with pytest.raises(DescriptionError, match="'k'"):
+            pipeline.add_branch("t", "queue ! fakesink name=k")
+
+
+class Discovering(Source):
+    """Finds out while it streams which pads it has."""
+
+    templates = (PadTemplate("stream_%u", Direction.SRC, Caps("a/b"), Presence.SOMETIMES),)
+
+    def negotiate(self, allowed: Caps) -> None:
+        return None
+
+    def frames(self) -> Iterator[tuple[str, Frame]]:
+        names = [self.add_pad("stream_%u").name for _ in range(2)]
+        self.no_more_pads()
+        for number in range(3):
+            for name in names:
+                yield name, Frame(b"", ANYTHING, seq=number, arrival_ns=1)
+
+
+def test_links_wait_for_pads_that_the_stream_brings(register: Register) -> None:
+    """y02: the link is made when the pad comes, and its frames reach the sink."""
+    register(discovering=Discovering, gathering=Gathering)
+    with Pipeline.parse("discovering name=d d.stream_1 ! queue ! gathering name=a") as pipeline:
+        pipeline.run(timeout_s=10)
+        assert pipeline["a"].numbers == [0, 1, 2]
+
+
+def test_a_pad_that_never_comes_is_warned_of(register: Register) -> None:
+    """y05: the sink that waited ends, so that the pipeline can, and the bus says what is missing."""
+    register(discovering=Discovering, gathering=Gathering)
+    text = "discovering name=d d.stream_0 ! gathering name=a d.stream_7 ! gathering name=b"
+    with Pipeline.parse(text) as pipeline:
+        warnings: list[object] = []
+        pipeline.bus.watch(lambda message: warnings.append(message.fields.get("code")))
+        pipeline.run(timeout_s=10)
+        assert "delayed-link" in warnings
+        assert pipeline["a"].numbers == [0, 1, 2]
+        assert pipeline["b"].numbers == []
