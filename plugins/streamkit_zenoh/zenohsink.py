@@ -99,7 +99,7 @@ class ZenohSink(Connection, Sink):
         self._publication = None
         self._waited = not self.wait_subscribers
         self._warned = False
-        self._drops: dict[str, int] = {}
+        self._shows_frames = bool(self.frame_rate) and "frame" not in self.pads
         try:
             settings = self._settings_of_publication()
         except (InvalidKey, InvalidQuality) as error:
@@ -137,8 +137,7 @@ class ZenohSink(Connection, Sink):
         if dropped:
             publication.records.count_lost(dropped, "queue full")
             self.count_drop("tracks: queue full", dropped)
-        publication.note_frame(frame)
-        if self.frame_rate and "frame" not in self.pads and frame.caps.name != TRACKS_NAME:
+        if self._shows_frames and frame.caps.name != TRACKS_NAME:
             self._take_picture(frame)
 
     def drain(self) -> None:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import zenoh
 
-from streamkit import Frame, TrackRecord
+from streamkit import TrackRecord
 from streamkit_zenoh.keys import FRAME, MOSAIC, RECORDS, SCHEMA, STATUS, TRACK
 from streamkit_zenoh.presence import show_publisher, watch_receivers
 from streamkit_zenoh.publish.answers import Answer, Answers, schema_answers
@@ -77,9 +77,7 @@ class Publication:
         self._utc_ns = utc_ns
         self._began_s = time.monotonic()
         self._run = utc_ns()
-        self._state: Literal["starting", "playing", "ended"] = "starting"
-        self._frames = 0
-        self._last_frame: tuple[int, int] | None = None
+        self._has_ended = False
         # Made first: where a library is missing, nothing has been declared yet.
         records = Codec(TrackRecord, TRACKS_SCHEMA, settings.form)
         self._status_codec = Codec(StatusRecord, STATUS_SCHEMA, settings.form)
@@ -95,12 +93,6 @@ class Publication:
         self._answers = self._answer(failed)
         # The token is left to the session's close: its end must not overtake the last records.
         self._alive = show_publisher(session, self.tracks.key)
-
-    def note_frame(self, frame: Frame) -> None:
-        """Counts a frame that came in."""
-        self._frames += 1
-        self._last_frame = (frame.seq, frame.epoch)
-        self._state = "playing"
 
     def flush(self, patience_s: float, cancelled: threading.Event) -> int:
         """Waits until everything is sent; how many messages are left."""
@@ -121,7 +113,7 @@ class Publication:
         for feed in (self.pictures, self.mosaics):
             if feed is not None:
                 feed.line.close()
-        self._state = "ended"
+        self._has_ended = True
         outlets = [outlet for outlet in (*self._outlets(), self._status) if outlet is not None]
         undeclare: list[Callable[[], object]] = [self._tick, self.receivers.close, self._answers.close]
         undeclare += [outlet.close for outlet in outlets]
@@ -201,17 +193,18 @@ class Publication:
             self._status.put(payload, self._status.stamp().attachment())
 
     def _status_record(self) -> StatusRecord:
-        frame = self._last_frame
+        frame, frames = self.records.last_frame, self.records.frames
+        playing: Literal["starting", "playing"] = "playing" if frames else "starting"
         return StatusRecord(
             schema=STATUS_SCHEMA,
             source=self._settings.source,
-            state=self._state,
+            state="ended" if self._has_ended else playing,
             run=self._run,
             published_ns=self._utc_ns(),
             uptime_s=round(time.monotonic() - self._began_s, 3),
-            frames=self._frames,
-            seq=None if frame is None else frame[0],
-            epoch=None if frame is None else frame[1],
+            frames=frames,
+            seq=None if frame is None else frame.seq,
+            epoch=None if frame is None else frame.epoch,
             tracks=self.records.targets,
             age_ms=self.records.age_ms,
             streams=tuple(outlet.status() for outlet in self._outlets()),

@@ -60,6 +60,7 @@ class RecordsFeed:
         fault: why a record could not be made; the stream is to end with it.
         age_ms: from capture to publishing, of the last record sent.
         targets: in the last record made.
+        frames: that came in.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class RecordsFeed:
         self.fault: Exception | None = None
         self.age_ms: float | None = None
         self.targets = 0
+        self.frames = 0
         self._session = session
         self._outlet = outlet
         self._root = outlet.key.removesuffix(f"/{RECORDS}")
@@ -104,13 +106,19 @@ class RecordsFeed:
             ValueError: the record of an earlier frame could not be made, as its tracks have no place.
             StreamError: an earlier frame said that it was a record, and was none.
         """
-        self.demand_sound()
-        item = Outgoing(essence(frame), self._outlet.stamp(), self._utc_ns())
-        self._last = item
+        if self.fault is not None:
+            self.demand_sound()
+        self.frames += 1
+        self._last = item = Outgoing(essence(frame), self._outlet.stamp(), self._utc_ns())
         if not (self._outlet.is_wanted or self._each_is_wanted):
             self._outlet.settle(item.stamp)
             return 0
         return self.line.submit(item, self._settings.patience_s, cancelled)
+
+    @property
+    def last_frame(self) -> Frame | None:
+        """The last frame that came in, without its picture."""
+        return None if self._last is None else self._last.frame
 
     def demand_sound(self) -> None:
         """Raises why a record could not be made, once."""

@@ -1,0 +1,156 @@
+"""A record is the same in every form, and what is none is refused in every form."""
+
+import random
+from typing import Any
+
+import msgspec
+import pytest
+
+from streamkit import TrackRecord, decode_record
+from streamkit_zenoh.wire.forms import RECORD_LIMIT_BYTES, BadPayload, Codec, Form, form_of
+from streamkit_zenoh.wire.records import TRACKS_SCHEMA
+from streamkit_zenoh.wire.status import STATUS_SCHEMA, DropCount, StatusRecord, StreamStatus
+
+FULL = b"""{"schema": "streamkit.tracks/1", "source": "uav/1", "seq": 120, "epoch": 2,
+ "pts_ns": -4800000000, "capture_ns": 1763690000123456789, "capture_origin": "rtcp",
+ "published_ns": 1763690000171000000, "age_ms": 47.5, "width": 1920, "height": 1080,
+ "registration": {"reference": 3, "to_reference": [[1, 0.5, 0], [0, 1, -7.25], [0, 0, 1]], "status": "weak"},
+ "tracks": [{"id": 7, "state": "confirmed", "x": 812.4, "y": 377.0, "length": 31.2,
+   "width": 14.8, "angle": 0.41, "bbox": [796.0, 366.1, 828.8, 387.9],
+   "vx": 61.0, "vy": -4.2, "position_covariance": [[1.1, 0.25], [0.25, 0.9]],
+   "score": 0.87, "age_ns": 3120000000, "geo": {"lat": 48.1, "lon": 11.5, "error_m": 3.5}}],
+ "dropped": 5}"""
+BARE = b'{"schema": "streamkit.tracks/1", "source": "", "seq": 0, "epoch": 0, "tracks": [], "dropped": 0}'
+EMPTY_TARGET = FULL.replace(
+    b'"vx": 61.0, "vy": -4.2, "position_covariance": [[1.1, 0.25], [0.25, 0.9]],', b""
+)
+
+
+def _codec(form: Form) -> Codec[TrackRecord]:
+    return Codec(TrackRecord, TRACKS_SCHEMA, form)
+
+
+@pytest.mark.parametrize("form", Form)
+@pytest.mark.parametrize("text", [FULL, BARE, EMPTY_TARGET])
+def test_a_record_survives_every_form(form: Form, text: bytes) -> None:
+    """Every number comes back exactly, and what was not said stays unsaid."""
+    record = decode_record(text)
+    codec = _codec(form)
+    assert codec.decode(codec.encode(record)) == record
+    assert form_of(codec.encoding) is form
+    assert codec.encoding.endswith(";streamkit.tracks/1")
+
+
+@pytest.mark.parametrize("form", Form)
+def test_the_status_survives_every_form(form: Form) -> None:
+    """The second kind of record goes the same ways."""
+    stream = StreamStatus(name="tracks", run=17, settled_number=5, published=4, bytes=999, has_subscriber=1)
+    status = StatusRecord(
+        schema=STATUS_SCHEMA, source="uav/1", state="playing", run=17, published_ns=18, uptime_s=1.5,
+        frames=5, seq=4, epoch=0, tracks=3, age_ms=12.5, streams=(stream,),
+        drops=(DropCount(stream="tracks", reason="queue full", count=2),),
+    )  # fmt: skip
+    codec = Codec(StatusRecord, STATUS_SCHEMA, form)
+    assert codec.decode(codec.encode(status)) == status
+
+
+def _changed(**changes: Any) -> dict[str, Any]:
+    return {**msgspec.json.decode(FULL), **changes}
+
+
+@pytest.mark.parametrize("form", [Form.MSGPACK, Form.CBOR, Form.PROTOBUF])
+def test_numbers_must_be_finite(form: Form) -> None:
+    """JSON has no NaN; the other forms have, and records may not."""
+    record = decode_record(FULL)
+    target = msgspec.structs.replace(record.tracks[0], x=float("nan"))
+    broken = msgspec.structs.replace(record, tracks=(target,))
+    codec = _codec(form)
+    with pytest.raises(BadPayload, match="finite"):
+        codec.decode(codec.encode(broken))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"schema": "streamkit.tracks/2"},
+        {"seq": -1},
+        {"seq": "x"},
+        {"tracks": [{"id": 1}]},
+        {"capture_origin": "guess"},
+    ],
+)
+@pytest.mark.parametrize("form", [Form.JSON, Form.MSGPACK, Form.CBOR])
+def test_what_breaks_the_schema_is_refused(form: Form, wrong: dict[str, Any]) -> None:
+    """The reason names what was looked for and how."""
+    import cbor2
+
+    writers = {Form.JSON: msgspec.json.encode, Form.MSGPACK: msgspec.msgpack.encode, Form.CBOR: cbor2.dumps}
+    with pytest.raises(BadPayload, match=rf"no streamkit.tracks/1 in {form}: "):
+        _codec(form).decode(writers[form](_changed(**wrong)))
+
+
+@pytest.mark.parametrize("form", Form)
+def test_mutated_payloads_are_refused_or_read(form: Form) -> None:
+    """Whatever the bytes, the answer is a record or BadPayload, never another error."""
+    codec, generator = _codec(form), random.Random(f"{form}")
+    good = codec.encode(decode_record(FULL))
+    refused = 0
+    for _ in range(2500):
+        data = bytearray(good if generator.random() < 0.7 else generator.randbytes(generator.randrange(200)))
+        for _ in range(generator.randrange(1, 6)):
+            if data:
+                data[generator.randrange(len(data))] = generator.randrange(256)
+        if generator.random() < 0.3:
+            del data[generator.randrange(len(data) + 1) :]
+        try:
+            codec.decode(bytes(data))
+        except BadPayload:
+            refused += 1
+    assert refused > 500
+
+
+@pytest.mark.parametrize("form", Form)
+def test_bombs_are_refused(form: Form) -> None:
+    """Deep nesting and lengths that lie cost no memory and no crash."""
+    codec = _codec(form)
+    for data in (
+        b"[" * 100_000,
+        b"\x81" * 100_000,
+        b"\x9b" + b"\xff" * 8,
+        b"\xdd\xff\xff\xff\xff",
+        b"\xdf" * 50_000,
+    ):
+        with pytest.raises(BadPayload):
+            codec.decode(data)
+    with pytest.raises(BadPayload, match="too many"):
+        codec.decode(bytes(RECORD_LIMIT_BYTES + 1))
+
+
+@pytest.mark.parametrize(
+    ("encoding", "form"),
+    [
+        ("zenoh/bytes", Form.JSON),
+        ("application/json", Form.JSON),
+        ("application/cbor;anything", Form.CBOR),
+        ("image/jpeg", None),
+        ("application/xml", None),
+    ],
+)
+def test_the_encoding_names_the_form(encoding: str, form: Form | None) -> None:
+    """What says nothing is taken for JSON; what says something else is not guessed at."""
+    assert form_of(encoding) is form
+
+
+@pytest.mark.parametrize(("form", "module"), [(Form.CBOR, "cbor2"), (Form.PROTOBUF, "google.protobuf")])
+def test_a_missing_library_is_named(form: Form, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The remedy is in the error."""
+    import sys
+
+    from streamkit_zenoh.wire.forms import MissingLibrary
+
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.delitem(sys.modules, "streamkit_zenoh.wire.protobuf", raising=False)
+    with pytest.raises(
+        MissingLibrary, match=rf"encoding={form} needs .* pip install 'streamkit\[encodings\]'"
+    ):
+        _codec(form)
