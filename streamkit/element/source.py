@@ -22,6 +22,17 @@ class _Exhausted(Exception):
     """The source has no more frames."""
 
 
+class _NoPad:
+    """Stands for the first src pad of a source whose pads only the stream brings."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+
+    def push(self, frame: Frame) -> None:
+        """Pushes into the pad that has come meanwhile."""
+        self.source.src_pad.push(frame)
+
+
 class Source(Element):
     """Base of sources: override `frames`, and `negotiate` where the format is yours to choose.
 
@@ -140,13 +151,13 @@ class Source(Element):
         if self._check and self._must_end():  # a live source begins its work when the pipeline plays
             return
         frames = self.frames()
-        pad, advance = next(self.src_pads(), None), self._advance
+        pad, advance = next(self.src_pads(), None) or _NoPad(self), self._advance
         try:
             while True:
                 try:
                     while True:
                         # No name here holds the frame: downstream may then be its sole owner.
-                        (pad or self.src_pad).push(advance(frames, pad))
+                        pad.push(advance(frames, pad))
                 except Flushing:
                     self._wait_for_flush_end()
         except _Exhausted:
@@ -164,7 +175,7 @@ class Source(Element):
         while not self._flush_over.wait(HELD_LOOK_S) and not self.stopping.is_set():
             continue
 
-    def _advance(self, frames: Iterator[Frame | tuple[str, Frame] | Event], main: Pad | None) -> Frame:
+    def _advance(self, frames: Iterator[Frame | tuple[str, Frame] | Event], main: Pad | _NoPad) -> Frame:
         """The next frame for the first src pad, `main`; frames for other pads are pushed on the way."""
         if self._check and self._must_end():
             raise _Exhausted
@@ -175,7 +186,7 @@ class Source(Element):
                     break
                 continue
             if isinstance(item, Frame):
-                return self._prepared(main or self.src_pad, item)
+                return self._prepared(main if isinstance(main, Pad) else self.src_pad, item)
             if not isinstance(item, tuple):
                 for pad in list(self.src_pads()):
                     pad.send_event(item)
