@@ -5,97 +5,31 @@ Source: GStreamer's documentation of GstCaps; results as GStreamer 1.22 gives th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from types import MappingProxyType
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
 
-from streamkit.flow.caps_text import CapsReader, write_value
-from streamkit.flow.caps_values import (
-    Value,
-    fixate_value,
-    intersect_values,
-    is_fixed,
-    is_subset_value,
-    same_type_equal,
-)
+from streamkit.errors import CapsTooLarge
+from streamkit.flow.caps_forms import normalize, simplify
+from streamkit.flow.caps_reader import STRUCTURE_LIMIT, WORDS, CapsReader
+from streamkit.flow.caps_structure import NO_FIELDS, Structure
+from streamkit.flow.caps_values import NestedValue, Value
 
-NO_FIELDS: Mapping[str, Value] = MappingProxyType({})
+__all__ = ["ANY", "EMPTY", "Caps", "Structure"]
+CACHED_TEXTS, CACHED_LENGTH = 512, 2_000
 
 
-@dataclass(frozen=True, slots=True)
-class Structure:
-    """One alternative of caps: a media type with features and fields."""
-
-    name: str
-    fields: Mapping[str, Value] = field(default_factory=lambda: NO_FIELDS)
-    features: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        features = f"({', '.join(self.features)})" if self.features else ""
-        fields = "".join(f", {name}={write_value(value)}" for name, value in self.fields.items())
-        return f"{self.name}{features}{fields}"
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether every field has one value."""
-        return all(is_fixed(value) for value in self.fields.values())
-
-    def same_kind(self, other: Structure) -> bool:
-        """Whether names agree and features are compatible (`ANY` matches all features)."""
-        if self.name != other.name:
-            return False
-        return self.features == other.features or ("ANY",) in (self.features, other.features)
-
-    def intersect(self, other: Structure) -> Structure | None:
-        """What both structures allow; a missing field means any value."""
-        if not self.same_kind(other):
-            return None
-        fields = dict(self.fields)
-        for name, value in other.fields.items():
-            common = intersect_values(fields[name], value) if name in fields else value
-            if common is None:
-                return None
-            fields[name] = common
-        return Structure(self.name, fields, other.features if self.features == ("ANY",) else self.features)
-
-    def conflict(self, other: Structure) -> str | None:
-        """The name of the first thing that keeps two structures apart, or None."""
-        if self.name != other.name:
-            return "media type"
-        if not self.same_kind(other):
-            return "features"
-        for name in self.fields.keys() & other.fields.keys():
-            if intersect_values(self.fields[name], other.fields[name]) is None:
-                return name
-        return None
-
-    def is_subset(self, other: Structure) -> bool:
-        """Whether everything this structure allows is allowed by the other."""
-        if self.name != other.name or other.features not in (self.features, ("ANY",)):
-            return False
-        return all(
-            name in self.fields and is_subset_value(self.fields[name], value)
-            for name, value in other.fields.items()
-        )
-
-    def equal(self, other: Structure) -> bool:
-        """Same name, features and fields, whatever their order."""
-        return (
-            self.name == other.name
-            and self.features == other.features
-            and self.fields.keys() == other.fields.keys()
-            and all(same_type_equal(value, other.fields[name]) for name, value in self.fields.items())
-        )
-
-
-class Caps:
+class Caps(NestedValue):
     """An immutable set of frame formats, in order of preference.
 
     Built from text, `Caps("video/x-raw, format=GRAY8, width=[ 1, 4096 ]")`, or from structures.
     `ANY` is everything, `EMPTY` (or `NONE`) nothing.
 
+    Operators: `a & b` what both allow in the order of `a`; `a | b` what either allows; `a <= b` whether
+    everything that `a` allows is allowed by one structure of `b`; `a == b` whether each is within the other.
+
     Raises:
         CapsSyntax: the text is no caps.
+        CapsTooLarge: an operation gives more structures, or alternatives of a field, than are kept.
     """
 
     __slots__ = ("_fixed", "_text", "is_any", "structures")
@@ -108,12 +42,8 @@ class Caps:
         if isinstance(source, Caps):
             self.is_any, self.structures = source.is_any, source.structures
         elif isinstance(source, str):
-            word = source.strip()
-            if word == "ANY":
-                self.is_any = True
-            elif word not in ("EMPTY", "NONE"):
-                texts = CapsReader(source).structures()
-                self.structures = tuple(Structure(name, fields, marks) for name, marks, fields in texts)
+            read = _read_known if len(source) <= CACHED_LENGTH else _read
+            self.is_any, self.structures = read(source)
         else:
             self.structures = tuple(source)
 
@@ -161,21 +91,33 @@ class Caps:
             return other
         if other.is_any or self is other:
             return self
-        found: list[Structure] = []
-        for mine in self.structures:
-            for theirs in other.structures:
-                common = mine.intersect(theirs)
-                if common is not None and not any(common.is_subset(known) for known in found):
-                    found.append(common)
-        return Caps(found)
+        return _met((mine, theirs) for mine in self.structures for theirs in other.structures)
+
+    def intersect(self, other: Caps) -> Caps:
+        """What both allow, in the zig-zag order of gst_caps_intersect: what either side prefers comes first.
+
+        Pairs of structures are tried by the sum of their places, among equals the earlier of `other` first.
+        """
+        if self.is_any or other.is_any or self is other:
+            return self & other
+        return _met(_zigzag(self.structures, other.structures))
+
+    def can_intersect(self, other: Caps) -> bool:
+        """Whether there is anything that both allow."""
+        if self.is_any or other.is_any:
+            return bool(self) and bool(other)
+        return any(
+            mine.name == theirs.name and mine.intersect(theirs) is not None
+            for mine in self.structures
+            for theirs in other.structures
+        )
 
     def __or__(self, other: Caps) -> Caps:
         if self.is_any or other.is_any:
             return ANY
         found = list(self.structures)
         for theirs in other.structures:
-            if not any(theirs.is_subset(known) for known in found):
-                found.append(theirs)
+            _merge(found, theirs)
         return Caps(found)
 
     def __le__(self, other: Caps) -> bool:
@@ -189,6 +131,14 @@ class Caps:
         if not isinstance(other, Caps):
             return NotImplemented
         return self is other or (self <= other <= self)
+
+    def strictly_equal(self, other: Caps) -> bool:
+        """Whether both have equal structures in the same order."""
+        return (
+            self.is_any == other.is_any
+            and len(self.structures) == len(other.structures)
+            and all(map(Structure.equal, self.structures, other.structures))
+        )
 
     def __hash__(self) -> int:
         return hash((self.is_any, frozenset(structure.name for structure in self.structures)))
@@ -209,10 +159,20 @@ class Caps:
         """One format: in the first structure each field nearest to `near`, or its first or lowest value."""
         if not self.structures:
             return self
-        first = self.structures[0]
         wanted = near.structures[0].fields if near is not None and near.structures else NO_FIELDS
-        fields = {name: fixate_value(value, wanted.get(name)) for name, value in first.fields.items()}
-        return Caps((Structure(first.name, fields, first.features),))
+        return Caps((self.structures[0].fixate(wanted),))
+
+    def truncate(self) -> Caps:
+        """The first structure only."""
+        return self if len(self.structures) < 2 else Caps(self.structures[:1])
+
+    def normalize(self) -> Caps:
+        """The same formats with a structure of its own for each entry of a list."""
+        return self if self.is_any else Caps(normalize(self.structures))
+
+    def simplify(self) -> Caps:
+        """The same formats in as few structures as may be, sorted by name."""
+        return self if self.is_any else Caps(simplify(self.structures))
 
     def with_fields(self, **fields: Value) -> Caps:
         """The same caps with these fields set in every structure."""
@@ -238,6 +198,66 @@ class Caps:
                     return str(field_name)
         return best
 
+    @property
+    def nested_fixed(self) -> bool:
+        """Caps as a value are one value, whatever they allow, as in GStreamer."""
+        return True
 
+    def nested_equal(self, other: NestedValue) -> bool:
+        """Whether the other are equal caps."""
+        return isinstance(other, Caps) and self == other
+
+    def nested_meet(self, other: NestedValue) -> Caps | None:
+        """Caps as a value meet equal caps only, as in GStreamer."""
+        return self if self.nested_equal(other) else None
+
+    def nested_within(self, other: NestedValue) -> bool:
+        """Caps as a value are within equal caps only, as in GStreamer."""
+        return self.nested_equal(other)
+
+    def nested_fixate(self) -> Caps:
+        """Caps as a value stay as they are, as in GStreamer."""
+        return self
+
+
+def _merge(found: list[Structure], structure: Structure) -> None:
+    """Appends a structure that none of those found allows already."""
+    if any(structure.is_subset(known) for known in found):
+        return
+    found.append(structure)
+    if len(found) > STRUCTURE_LIMIT:
+        raise CapsTooLarge(f"the caps would have more than {STRUCTURE_LIMIT} structures")
+
+
+def _met(pairs: Iterable[tuple[Structure, Structure]]) -> Caps:
+    found: list[Structure] = []
+    for mine, theirs in pairs:
+        if mine.name == theirs.name:
+            common = mine.intersect(theirs)
+            if common is not None:
+                _merge(found, common)
+    return Caps(found)
+
+
+def _zigzag(
+    left: tuple[Structure, ...], right: tuple[Structure, ...]
+) -> Iterator[tuple[Structure, Structure]]:
+    for total in range(len(left) + len(right) - 1):
+        for place in range(max(0, total - len(left) + 1), min(total + 1, len(right))):
+            yield left[total - place], right[place]
+
+
+def _read(text: str) -> tuple[bool, tuple[Structure, ...]]:
+    word = text.strip()
+    if word in WORDS:
+        return word == "ANY", ()
+    return False, CapsReader(text, _nested_caps).structures()
+
+
+def _nested_caps(structures: tuple[Structure, ...] | None) -> Caps:
+    return ANY if structures is None else Caps(structures)
+
+
+_read_known = lru_cache(CACHED_TEXTS)(_read)
 ANY = Caps("ANY")
 EMPTY = Caps("EMPTY")

@@ -1,201 +1,55 @@
-"""Text form of caps, read and written.
+"""Text of simple values, read: numbers, fractions, flag sets, booleans, strings, dates, bytes.
 
-Source: the caps syntax of GStreamer's documentation ("Appendices: caps syntax").
+Source: the caps syntax of GStreamer's documentation ("Appendices: caps syntax") and GStreamer's results.
 """
 
 from __future__ import annotations
 
 import math
 import re
+import struct
+import sys
 from collections.abc import Callable
+from datetime import date
 from fractions import Fraction
-from typing import Any, TypeVar
 
-from streamkit.errors import CapsSyntax
 from streamkit.flow.caps_values import (
     FRACTION_MAX,
     INT_MAX,
     INT_MIN,
-    FloatRange,
-    FractionRange,
-    IntRange,
-    Range,
+    Bitmask,
+    DateTime,
+    FlagSet,
+    Float32,
+    Int64,
+    Long,
+    MultiviewFlags,
+    NullText,
+    UChar,
+    UInt,
+    UInt64,
+    ULong,
     Value,
-    ValueArray,
-    ValueList,
 )
 
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9/_.:+*-]*")
-FIELD = re.compile(r"[A-Za-z0-9_][A-Za-z0-9/_.:+-]*")
-BARE = re.compile(r"[A-Za-z0-9_+/:.*-]+")
-QUOTED = re.compile(r'"((?:[^"\\]|\\.)*)"', re.DOTALL)
-FEATURE = re.compile(r"[A-Za-z]+(?::[A-Za-z0-9_-]+)?")
-BLANKS = re.compile(r"(?:\s|\\ )*")
 INTEGER = re.compile(r"[+-]?(?:0[xX][0-9A-Fa-f]{1,40}|0[0-7]{0,40}|[1-9][0-9]{0,40})")
 FLOAT = re.compile(r"[+-]?(?:[0-9]+\.[0-9]*|\.[0-9]+|[0-9]+)(?:[eE][+-]?[0-9]+)?")
-FRACTION = re.compile(r"([+-]?[0-9]{1,40})/([0-9]{1,40})")
+HEX_FLOAT = re.compile(r"[+-]?0[xX](?:[0-9A-Fa-f]{1,40}\.?[0-9A-Fa-f]{0,40})(?:[pP][+-]?[0-9]{1,5})?")
+FRACTION = re.compile(r"([+-]?[0-9]{1,40})/([+-]?[0-9]{1,40})")
 WHOLE = re.compile(r"[+-]?[0-9]{1,40}")
-PLAIN = re.compile(r"[A-Za-z0-9_+/:.*-]+")
-TYPES = {
-    "i": "int", "int": "int", "uint": "int", "int64": "int", "uint64": "int", "gint64": "int",
-    "guint64": "int",
-    "f": "double", "float": "double", "d": "double", "double": "double", "b": "boolean", "bool": "boolean",
-    "boolean": "boolean", "s": "string", "str": "string", "string": "string", "fraction": "fraction",
-    "buffer": "buffer", "bitmask": "int",
-}  # fmt: skip
-DEPTH_LIMIT = 16
-Number = TypeVar("Number", int, float, Fraction)
-StructureText = tuple[str, tuple[str, ...], dict[str, Value]]
-
-
-class CapsReader:
-    """Reads one caps text, left to right."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-        self.position = 0
-
-    def fail(self, rule: str) -> CapsSyntax:
-        """The error for the place where reading stands."""
-        return CapsSyntax(f"caps {self.text!r}, at character {self.position}: {rule}", position=self.position)
-
-    def skip_blanks(self) -> None:
-        """Moves over blanks."""
-        match = BLANKS.match(self.text, self.position)
-        self.position = match.end() if match else self.position
-
-    def take(self, pattern: re.Pattern[str], what: str) -> re.Match[str]:
-        """Reads one token or fails, naming what was wanted."""
-        self.skip_blanks()
-        match = pattern.match(self.text, self.position)
-        if match is None:
-            found = self.text[self.position : self.position + 12] or "the end"
-            raise self.fail(f"expected {what}, got {found!r}")
-        self.position = match.end()
-        return match
-
-    def accept(self, mark: str) -> bool:
-        """Reads a punctuation mark if it is next."""
-        self.skip_blanks()
-        if self.text.startswith(mark, self.position):
-            self.position += len(mark)
-            return True
-        return False
-
-    def structures(self) -> list[StructureText]:
-        """All structures up to the end of the text."""
-        found: list[StructureText] = []
-        while True:
-            found.append(self.structure())
-            more = self.accept(";")
-            self.skip_blanks()
-            if self.position == len(self.text):
-                return found
-            if not more:
-                raise self.fail("expected ',' or ';' between fields and structures")
-
-    def structure(self) -> StructureText:
-        """Name, features and fields of one structure."""
-        name = self.take(NAME, "a media type such as video/x-raw").group()
-        features: tuple[str, ...] = ()
-        if self.accept("("):
-            names = [self.take(FEATURE, "a caps feature such as memory:DMABuf").group()]
-            while self.accept(","):
-                names.append(self.take(FEATURE, "a caps feature").group())
-            if not self.accept(")"):
-                raise self.fail("expected ')' after the caps features")
-            features = tuple(sorted({name for name in names if name != "memory:SystemMemory"}))
-        fields: dict[str, Value] = {}
-        while self.accept(","):
-            self.skip_blanks()
-            if self.position == len(self.text) or self.text[self.position] == ";":
-                break
-            field = self.take(FIELD, "a field name").group()
-            if not self.accept("="):
-                raise self.fail(f"expected '=' after the field {field!r}")
-            fields[field] = self.value(None, 0)
-        return name, features, fields
-
-    def value(self, kind: str | None, depth: int) -> Value:
-        """One value: simple, range, list or array."""
-        if depth > DEPTH_LIMIT:
-            raise self.fail(f"values nest at most {DEPTH_LIMIT} deep")
-        if self.accept("("):
-            name = self.take(NAME, "a type name").group()
-            if name not in TYPES:
-                raise self.fail(f"no type {name!r}; types are {', '.join(sorted(set(TYPES)))}")
-            kind = TYPES[name]
-            if not self.accept(")"):
-                raise self.fail("expected ')' after the type name")
-        if self.accept("["):
-            return self.range(kind, depth)
-        if self.accept("{"):
-            return ValueList(self.items(kind, "}", depth))
-        if self.accept("<"):
-            return ValueArray(self.items(kind, ">", depth))
-        self.skip_blanks()
-        if self.text.startswith('"', self.position):
-            text = re.sub(r"\\(.)", r"\1", self.take(QUOTED, "a closing quote").group(1), flags=re.DOTALL)
-            return text if kind in (None, "string") else self.typed(kind, text)
-        return self.typed(kind, self.take(BARE, "a value").group())
-
-    def items(self, kind: str | None, closing: str, depth: int) -> tuple[Value, ...]:
-        """The members of a list or array up to its closing mark."""
-        found: list[Value] = []
-        if self.accept(","):
-            if self.accept(closing):
-                return ()
-            raise self.fail("expected a value before ','")
-        while not self.accept(closing):
-            found.append(self.value(kind, depth + 1))
-            if not self.accept(","):
-                if not self.accept(closing):
-                    raise self.fail(f"expected ',' or '{closing}'")
-                break
-        return tuple(found)
-
-    def range(self, kind: str | None, depth: int) -> Range:
-        """A range after its opening bracket."""
-        parts = self.items(kind, "]", depth)
-        if len(parts) not in (2, 3):
-            raise self.fail(f"a range has two ends and at most a step, got {len(parts)} values")
-        try:
-            return make_range(parts)
-        except (ValueError, TypeError) as error:
-            raise self.fail(str(error)) from None
-
-    def typed(self, kind: str | None, text: str) -> Value:
-        """A simple value of a given type, or of the first type that fits."""
-        value = read_simple(kind, text)
-        if value is None:
-            raise self.fail(f"{text!r} is no value of type {kind or 'double'}")
-        return value
-
-
-def make_range(parts: tuple[Value, ...]) -> Range:
-    """A range out of its two ends and step; `min` and `max` stand for the type's limits."""
-    low, high, *rest = parts
-    if any(isinstance(end, Fraction) for end in (low, high)):
-        return FractionRange(
-            _limit(low, -FRACTION_MAX, Fraction),
-            _limit(high, FRACTION_MAX, Fraction),
-        )
-    if any(isinstance(end, float) for end in (low, high)):
-        return FloatRange(
-            _limit(low, -1.7976931348623157e308, float), _limit(high, 1.7976931348623157e308, float)
-        )
-    step = rest[0] if rest else 1
-    if not isinstance(step, int):
-        raise TypeError(f"a range's step must be an integer, got {step!r}")
-    return IntRange(_limit(low, INT_MIN, int), _limit(high, INT_MAX, int), step)
-
-
-def _limit(end: Value, default: Number, kind: Callable[[Any], Number]) -> Number:
-    if isinstance(end, str) and end.lower() in ("min", "max"):
-        return default
-    if isinstance(end, bool) or not isinstance(end, int | float | Fraction):
-        raise TypeError(f"a range's ends must be numbers, got {end!r}")
-    return kind(end)
+FLAGS = re.compile(r"(?:0[xX])?([0-9A-Fa-f]{1,8}):(?:0[xX])?([0-9A-Fa-f]{1,8})(?::(?:[+/][A-Za-z0-9_-]+)*)?")
+DATE = re.compile(r"([0-9]{1,4})-([0-9]{1,2})-([0-9]{1,2})")
+DATE_TIME = re.compile(
+    r"[0-9]{4}(?:-[01][0-9](?:-[0-3][0-9](?:T[0-2][0-9]:[0-5][0-9](?::[0-5][0-9](?:\.[0-9]{1,6})?)?"
+    r"(?:Z|[+-][01][0-9](?::?[0-5][0-9])?)?)?)?)?"
+)
+BYTES = re.compile(r"(?:[0-9A-Fa-f]{2})*")
+ESCAPE = re.compile(rb"\\([0-3][0-7]{2}|[^0-3])", re.DOTALL)
+FRACTION_WORDS = {"max": FRACTION_MAX, "min": -FRACTION_MAX, "1/max": Fraction(1, INT_MAX)}
+FLOAT_MAX = sys.float_info.max
+FLOAT32_MAX = 3.4028234663852886e38
+BYTE_ORDERS = {"little_endian": 1234, "big_endian": 4321}
+BYTE_ORDERS["byte_order"] = BYTE_ORDERS[f"{sys.byteorder}_endian"]
 
 
 def read_integer(text: str) -> int | None:
@@ -207,20 +61,61 @@ def read_integer(text: str) -> int | None:
     return int(text, base)
 
 
+def read_width(text: str, bits: int, *, signed: bool) -> int | None:
+    """An integer that fits `bits` bits, signed or not, as C keeps it; `min`, `max` or a byte order."""
+    span: int = 2**bits
+    low, high = (-span // 2, span // 2 - 1) if signed else (0, span - 1)
+    number = read_integer(text)
+    if number is None:
+        word = text.lower()
+        return low if word == "min" else high if word == "max" else BYTE_ORDERS.get(word)
+    if not -(2**63) <= number < 2**64:
+        return None
+    if bits < 64 and number >= 2**63:
+        number -= 2**64
+    if not -span // 2 <= number < span:
+        return None
+    number %= span
+    return number - span if number > high else number
+
+
 def read_fraction(text: str) -> Fraction | None:
-    """A fraction `n/d` or whole number, or None."""
+    """A fraction `n/d` or whole number whose parts fit 32 bits, `min`, `max` or `1/max`, or None."""
     match = FRACTION.fullmatch(text)
-    if match:
-        return Fraction(int(match[1]), int(match[2])) if int(match[2]) else None
-    if text.lower() == "max":
-        return FRACTION_MAX
-    return Fraction(int(text)) if WHOLE.fullmatch(text) else None
+    if match or WHOLE.fullmatch(text):
+        numerator, denominator = (int(match[1]), int(match[2])) if match else (int(text), 1)
+        fits = INT_MIN <= numerator <= INT_MAX and INT_MIN <= denominator <= INT_MAX and denominator
+        value = Fraction(numerator, denominator) if fits else None
+        return value if value is not None and abs(value.numerator) <= INT_MAX else None
+    return FRACTION_WORDS.get(text.lower())
 
 
 def read_float(text: str) -> float | None:
     """A finite number, or None."""
-    value = float(text) if FLOAT.fullmatch(text) else math.inf
+    if FLOAT.fullmatch(text):
+        value = float(text)
+    elif HEX_FLOAT.fullmatch(text):
+        try:
+            value = float.fromhex(text)
+        except OverflowError:
+            return None
+    else:
+        return None
     return value if math.isfinite(value) else None
+
+
+def read_double(text: str) -> float | None:
+    """A finite number, or `min` or `max` of the type, or None."""
+    word = text.lower()
+    return FLOAT_MAX if word == "max" else -FLOAT_MAX if word == "min" else read_float(text)
+
+
+def _read_float32(text: str) -> Float32 | None:
+    word = text.lower()
+    value = FLOAT32_MAX if word == "max" else -FLOAT32_MAX if word == "min" else read_float(text)
+    if value is None or abs(value) > FLOAT32_MAX:
+        return None
+    return Float32(struct.unpack("f", struct.pack("f", value))[0])
 
 
 def read_boolean(text: str) -> bool | None:
@@ -229,70 +124,117 @@ def read_boolean(text: str) -> bool | None:
     return True if word in ("true", "yes", "t", "1") else False if word in ("false", "no", "f", "0") else None
 
 
-def read_simple(kind: str | None, text: str) -> Value | None:
-    """A simple value of the type `kind`; without a type int, double, fraction, boolean, string are tried."""
-    if kind == "string":
-        return text
-    if kind == "buffer":
-        return bytes.fromhex(text) if re.fullmatch(r"(?:[0-9A-Fa-f]{2})*", text) else None
-    if kind in (None, "int"):
-        number = read_integer(text)
-        if number is not None or kind == "int":
-            word = text.lower()
-            return word if word in ("min", "max") else number
-    if kind == "double" or (kind is None and FLOAT.fullmatch(text)):
-        word = text.lower()
-        return word if word in ("min", "max") else read_float(text)
-    if kind == "fraction" or (kind is None and "/" in text):
-        fraction = read_fraction(text)
-        if fraction is not None or kind == "fraction":
-            return fraction
+def read_flag_set(text: str) -> FlagSet | None:
+    """A flag set `flags:mask`, both hexadecimal, or None."""
+    match = FLAGS.fullmatch(text)
+    return FlagSet(int(match[1], 16), int(match[2], 16)) if match else None
+
+
+def read_string(text: str) -> str | None:
+    r"""A string: within a pair of quotes `\c` is c and `\ooo` one byte of UTF-8; None where that fails."""
+    if text == "NULL":
+        return NullText(text)
+    if text[:1] != '"' or text[-1:] != '"':
+        return text if _is_text(text) else None
+    inner = text[1:-1]
+    if "\\" not in inner:
+        return inner if len(text) > 1 and '"' not in inner and _is_text(inner) else None
+    raw = inner.encode("utf-8", "surrogatepass")
+    plain = ESCAPE.sub(b"", raw)
+    if b"\\" in plain or b'"' in plain:
+        return None
+    raw = ESCAPE.sub(lambda m: bytes((int(m[1], 8),)) if len(m[1]) == 3 else m[1], raw)
+    try:
+        return raw.decode() if b"\0" not in raw else None
+    except UnicodeDecodeError:
+        return None
+
+
+def _is_text(text: str) -> bool:
+    return (text.isascii() or not any("\ud800" <= mark <= "\udfff" for mark in text)) and "\0" not in text
+
+
+def _read_date(text: str) -> date | None:
+    match = DATE.fullmatch(text)
+    try:
+        return date(int(match[1]), int(match[2]), int(match[3])) if match else None
+    except ValueError:
+        return None
+
+
+def _read_date_time(text: str) -> DateTime | None:
+    return DateTime(text) if DATE_TIME.fullmatch(text) else None
+
+
+def _read_multiview(text: str) -> MultiviewFlags | None:
+    found = read_flag_set(text)
+    return None if found is None else MultiviewFlags(found.flags, found.mask)
+
+
+def _read_bytes(text: str) -> bytes | None:
+    text = "" if text == '""' else text
+    return bytes.fromhex(text) if BYTES.fullmatch(text) else None
+
+
+def _integers(number: type[int], bits: int, *, signed: bool) -> Callable[[str], Value | None]:
+    def read(text: str) -> Value | None:
+        found = read_width(text, bits, signed=signed)
+        return None if found is None else number(found)
+
+    return read
+
+
+read_int = _integers(int, 32, signed=True)
+READERS: dict[str, Callable[[str], Value | None]] = {
+    "int": read_int,
+    "uint": _integers(UInt, 32, signed=False),
+    "gint64": _integers(Int64, 64, signed=True),
+    "guint64": _integers(UInt64, 64, signed=False),
+    "guchar": _integers(UChar, 8, signed=False),
+    "float": _read_float32,
+    "double": read_double,
+    "boolean": read_boolean,
+    "string": read_string,
+    "fraction": read_fraction,
+    "bitmask": _integers(Bitmask, 64, signed=False),
+    "flagset": read_flag_set,
+    "buffer": _read_bytes,
+    "date": _read_date,
+    "datetime": _read_date_time,
+    "glong": _integers(Long, 64, signed=True),
+    "gulong": _integers(ULong, 64, signed=False),
+    "GstVideoMultiviewFlagsSet": _read_multiview,
+}
+TYPES: dict[str, str] = {
+    **{name: name for name in (*READERS, "structure", "GstCaps")},
+    "i": "int", "gint": "int", "u": "uint", "guint": "uint", "int64": "gint64", "uint64": "guint64",
+    "f": "float", "gfloat": "float", "d": "double", "gdouble": "double", "b": "boolean", "bool": "boolean",
+    "gboolean": "boolean", "s": "string", "str": "string", "gchararray": "string",
+    "GstFraction": "fraction", "GstBitmask": "bitmask", "GstFlagSet": "flagset", "GstBuffer": "buffer",
+    "GDate": "date", "GstDateTime": "datetime", "GstStructure": "structure",
+}  # fmt: skip
+
+
+def read_untyped(text: str, raw: str) -> Value | None:
+    """A value without a type: int, double, fraction, flag set, boolean or string, the first that fits.
+
+    Args:
+        text: what is written, without quotes and escapes.
+        raw: as it is written, with quotes and escapes.
+
+    Returns:
+        The value; None for a number, or fraction, that its type cannot hold.
+    """
+    number = read_int(text)
+    if number is not None:
+        return number
+    if FLOAT.fullmatch(text) or HEX_FLOAT.fullmatch(text):
+        return read_float(text)
+    match = FRACTION.fullmatch(text)
+    if (match and int(match[2])) or text.lower() == "1/max":
+        return read_fraction(text)
+    flags = read_flag_set(text)
+    if flags is not None:
+        return flags
     truth = read_boolean(text)
-    if kind == "boolean" or (truth is not None and not text.isdigit()):
-        return truth
-    return text
-
-
-def write_value(value: Value, *, typed: bool = True) -> str:
-    """The text of a value, with its type in front where `typed`."""
-    if isinstance(value, ValueList | ValueArray):
-        opening, closing = ("{", "}") if isinstance(value, ValueList) else ("<", ">")
-        kinds = {type_name(item) for item in value.items}
-        inner = ", ".join(write_value(item, typed=len(kinds) > 1) for item in value.items)
-        text = f"{opening} {inner} {closing}" if inner else f"{opening} {closing}"
-        return f"({kinds.pop()}){text}" if typed and len(kinds) == 1 else text
-    text = _write_plain(value)
-    return f"({type_name(value)}){text}" if typed else text
-
-
-def _write_plain(value: Value) -> str:
-    if isinstance(value, IntRange):
-        step = f", {value.step}" if value.step != 1 else ""
-        return f"[ {value.low}, {value.high}{step} ]"
-    if isinstance(value, FloatRange | FractionRange):
-        return f"[ {_write_plain(value.low)}, {_write_plain(value.high)} ]"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, bytes):
-        return value.hex() or '""'
-    if isinstance(value, Fraction):
-        return f"{value.numerator}/{value.denominator}"
-    if isinstance(value, str) and not PLAIN.fullmatch(value):
-        return '"' + re.sub(r"([^A-Za-z0-9_+/:.-])", r"\\\1", value) + '"'
-    return str(value)
-
-
-def type_name(value: Value) -> str:
-    """GStreamer's name of a value's type."""
-    if isinstance(value, ValueList | ValueArray):
-        return type_name(value.items[0]) if value.items else "list"
-    for kinds, name in (
-        (bool, "boolean"),
-        (int | IntRange, "int"),
-        (float | FloatRange, "double"),
-        (Fraction | FractionRange, "fraction"),
-        (bytes, "buffer"),
-    ):
-        if isinstance(value, kinds):
-            return name
-    return "string"
+    return read_string(raw) if truth is None else truth

@@ -1,17 +1,84 @@
-"""Values of caps fields: ranges, lists and arrays, with intersection, subset and fixation.
+"""Values of caps fields: numbers of every width, ranges, lists, arrays, flag sets, nested caps.
 
-Source: GStreamer's documentation of caps and its value functions (results, not code).
+Plain Python values stand for GStreamer's commonest types: int (32 bits), float (double), bool, str, bytes
+(buffer), Fraction, date. The other types are small classes, so that a value keeps its type through every
+operation: two values of different types are never equal, whatever Python says.
 """
 
 from __future__ import annotations
 
-import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import date
 from fractions import Fraction
-from typing import TypeGuard
+from types import MappingProxyType
+from typing import ClassVar, TypeGuard
 
 INT_MIN, INT_MAX = -(2**31), 2**31 - 1
+INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
 FRACTION_MAX = Fraction(INT_MAX, 1)
+FULL_MASK = 0xFFFFFFFF
+
+
+class Int64(int):
+    """A signed integer of 64 bits."""
+
+    __slots__ = ()
+
+
+class UInt(int):
+    """An unsigned integer of 32 bits."""
+
+    __slots__ = ()
+
+
+class UInt64(int):
+    """An unsigned integer of 64 bits."""
+
+    __slots__ = ()
+
+
+class Long(int):
+    """A signed integer of C's type long, 64 bits."""
+
+    __slots__ = ()
+
+
+class ULong(int):
+    """An unsigned integer of C's type unsigned long, 64 bits."""
+
+    __slots__ = ()
+
+
+class UChar(int):
+    """An unsigned integer of 8 bits."""
+
+    __slots__ = ()
+
+
+class Bitmask(int):
+    """64 bits without an order, such as an audio channel mask."""
+
+    __slots__ = ()
+
+
+class Float32(float):
+    """A float of 32 bits."""
+
+    __slots__ = ()
+
+
+class NullText(str):
+    """The string that is not there, written `NULL`."""
+
+    __slots__ = ()
+
+
+class DateTime(str):
+    """A point of time in ISO 8601, from the year alone down to fractions of a second."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +89,8 @@ class IntRange:
     high: int
     step: int = 1
 
+    number: ClassVar[type[int]] = int
+
     def __post_init__(self) -> None:
         if self.step < 1:
             raise ValueError(f"a range's step must be at least 1, got {self.step}")
@@ -31,13 +100,20 @@ class IntRange:
             raise ValueError(f"a range's ends must be multiples of its step {self.step}")
 
     def __contains__(self, value: object) -> bool:
-        """Whether the integer lies in the range and on its step."""
-        return is_int(value) and self.low <= value <= self.high and value % self.step == 0
+        """Whether the integer is of the range's width, lies in the range and on its step."""
+        return type(value) is self.number and self.low <= value <= self.high and value % self.step == 0
+
+
+@dataclass(frozen=True, slots=True)
+class Int64Range(IntRange):
+    """64-bit integers from `low` to `high`, both included, that are multiples of `step`."""
+
+    number: ClassVar[type[int]] = Int64
 
 
 @dataclass(frozen=True, slots=True)
 class FloatRange:
-    """Floats from `low` to `high`, both included."""
+    """Floats (doubles) from `low` to `high`, both included."""
 
     low: float
     high: float
@@ -48,7 +124,7 @@ class FloatRange:
 
     def __contains__(self, value: object) -> bool:
         """Whether the float lies in the range."""
-        return isinstance(value, float) and self.low <= value <= self.high
+        return type(value) is float and self.low <= value <= self.high
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +144,38 @@ class FractionRange:
 
 
 @dataclass(frozen=True, slots=True)
+class FlagSet:
+    """32 flags of which only those in `mask` are decided; all others may be either."""
+
+    flags: int
+    mask: int
+
+    names: ClassVar[Mapping[int, str]] = MappingProxyType({})
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.flags <= FULL_MASK and 0 <= self.mask <= FULL_MASK):
+            raise ValueError(f"flags and mask have 32 bits, got {self.flags:x}:{self.mask:x}")
+        object.__setattr__(self, "flags", self.flags & self.mask)
+
+
+@dataclass(frozen=True, slots=True)
+class MultiviewFlags(FlagSet):
+    """How the views of stereoscopic video lie in a frame, as decoders write it into their caps."""
+
+    names: ClassVar[Mapping[int, str]] = MappingProxyType(
+        {
+            0x1: "right-view-first",
+            0x2: "left-flipped",
+            0x4: "left-flopped",
+            0x8: "right-flipped",
+            0x10: "right-flopped",
+            0x4000: "half-aspect",
+            0x8000: "mixed-mono",
+        }
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class ValueList:
     """Alternatives, the preferred one first."""
 
@@ -81,124 +189,50 @@ class ValueArray:
     items: tuple[Value, ...]
 
 
+class NestedValue(ABC):
+    """A value that has fields itself: a structure, or whole caps."""
+
+    __slots__ = ()
+
+    @property
+    @abstractmethod
+    def nested_fixed(self) -> bool:
+        """Whether it counts as one value."""
+
+    @abstractmethod
+    def nested_equal(self, other: NestedValue) -> bool:
+        """Whether both are the same value."""
+
+    @abstractmethod
+    def nested_meet(self, other: NestedValue) -> NestedValue | None:
+        """What both allow, or None."""
+
+    @abstractmethod
+    def nested_within(self, other: NestedValue) -> bool:
+        """Whether everything it allows is allowed by the other."""
+
+    @abstractmethod
+    def nested_fixate(self) -> NestedValue:
+        """One value out of what it allows."""
+
+
 Range = IntRange | FloatRange | FractionRange
-Value = bool | int | float | str | bytes | Fraction | Range | ValueList | ValueArray
+RANGES = (IntRange, Int64Range, FloatRange, FractionRange)
+Simple = bool | int | float | str | bytes | Fraction | date | FlagSet
+Value = Simple | Range | ValueList | ValueArray | NestedValue
 
 
 def is_int(value: object) -> TypeGuard[int]:
-    """Whether a value is an integer of caps (booleans are a type of their own)."""
+    """Whether a value is an integer of caps, of any width (booleans are a type of their own)."""
     return isinstance(value, int) and not isinstance(value, bool)
 
 
 def is_fixed(value: Value) -> bool:
     """Whether a value is one value and not a choice."""
-    if isinstance(value, IntRange | FloatRange | FractionRange | ValueList):
+    if isinstance(value, (*RANGES, ValueList)):
         return False
-    return not isinstance(value, ValueArray) or all(is_fixed(item) for item in value.items)
-
-
-def same_type_equal(left: Value, right: Value) -> bool:
-    """Equality that keeps int, float, bool, Fraction and str apart."""
-    return type(left) is type(right) and left == right
-
-
-def intersect_values(left: Value, right: Value) -> Value | None:
-    """What both values allow, in the order of `left`; None where nothing is left."""
-    if isinstance(left, ValueList):
-        return _intersect_list(left, right, flipped=False)
-    if isinstance(right, ValueList):
-        return _intersect_list(right, left, flipped=True)
-    if isinstance(left, ValueArray) and isinstance(right, ValueArray):
-        return _intersect_arrays(left, right)
-    if isinstance(left, IntRange) and isinstance(right, IntRange):
-        return _intersect_int_ranges(left, right)
-    if isinstance(left, FloatRange) and isinstance(right, FloatRange):
-        low, high = max(left.low, right.low), min(left.high, right.high)
-        return FloatRange(low, high) if low < high else low if low == high else None
-    if isinstance(left, FractionRange) and isinstance(right, FractionRange):
-        bottom, top = max(left.low, right.low), min(left.high, right.high)
-        return FractionRange(bottom, top) if bottom < top else bottom if bottom == top else None
-    if isinstance(right, IntRange | FloatRange | FractionRange):
-        return left if not isinstance(left, IntRange | FloatRange | FractionRange) and left in right else None
-    if isinstance(left, IntRange | FloatRange | FractionRange):
-        return right if right in left else None
-    return left if same_type_equal(left, right) else None
-
-
-def _intersect_list(choices: ValueList, other: Value, *, flipped: bool) -> Value | None:
-    found: list[Value] = []
-    for item in choices.items:
-        common = intersect_values(other, item) if flipped else intersect_values(item, other)
-        for value in common.items if isinstance(common, ValueList) else (common,):
-            if value is not None and not any(same_type_equal(value, known) for known in found):
-                found.append(value)
-    if not found:
-        return None
-    return found[0] if len(found) == 1 else ValueList(tuple(found))
-
-
-def _intersect_arrays(left: ValueArray, right: ValueArray) -> Value | None:
-    if len(left.items) != len(right.items):
-        return None
-    items = [intersect_values(a, b) for a, b in zip(left.items, right.items, strict=True)]
-    if any(item is None for item in items):
-        return None
-    return ValueArray(tuple(item for item in items if item is not None))
-
-
-def _intersect_int_ranges(left: IntRange, right: IntRange) -> Value | None:
-    step = math.lcm(left.step, right.step)
-    low = -(-max(left.low, right.low) // step) * step
-    high = min(left.high, right.high) // step * step
-    if low > high:
-        return None
-    return low if low == high else IntRange(low, high, step)
-
-
-def is_subset_value(inner: Value, outer: Value) -> bool:
-    """Whether everything that `inner` allows is allowed by `outer`."""
-    if isinstance(inner, ValueList):
-        return all(is_subset_value(item, outer) for item in inner.items)
-    if isinstance(outer, ValueList):
-        return any(is_subset_value(inner, item) for item in outer.items)
-    if isinstance(inner, ValueArray) and isinstance(outer, ValueArray):
-        return len(inner.items) == len(outer.items) and all(map(is_subset_value, inner.items, outer.items))
-    if isinstance(inner, IntRange) and isinstance(outer, IntRange):
-        return outer.low <= inner.low and inner.high <= outer.high and inner.step % outer.step == 0
-    if isinstance(inner, FloatRange) and isinstance(outer, FloatRange):
-        return outer.low <= inner.low and inner.high <= outer.high
-    if isinstance(inner, FractionRange) and isinstance(outer, FractionRange):
-        return outer.low <= inner.low and inner.high <= outer.high
-    if isinstance(inner, IntRange | FloatRange | FractionRange):
-        return False
-    if isinstance(outer, IntRange | FloatRange | FractionRange):
-        return inner in outer
-    return same_type_equal(inner, outer)
-
-
-def fixate_value(value: Value, near: Value | None = None) -> Value:
-    """One value out of a choice: the one nearest to `near`, else the first entry or the low end."""
-    if isinstance(value, ValueList):
-        if not value.items:
-            return value
-        if near is not None and is_fixed(near):
-            for item in value.items:
-                if is_subset_value(near, item):
-                    return near
-            closest = [fixate_value(item, near) for item in value.items]
-            if all(is_int(item) for item in [*closest, near]):
-                return min(closest, key=lambda item: abs(item - near))  # type: ignore[operator]
-            return closest[0]
-        return fixate_value(value.items[0])
-    if isinstance(value, IntRange):
-        if not is_int(near):
-            return value.low
-        clamped = min(max(near, value.low), value.high)
-        return (clamped // value.step) * value.step
-    if isinstance(value, FloatRange):
-        return min(max(near, value.low), value.high) if isinstance(near, float) else value.low
-    if isinstance(value, FractionRange):
-        return min(max(near, value.low), value.high) if isinstance(near, Fraction) else value.low
     if isinstance(value, ValueArray):
-        return ValueArray(tuple(fixate_value(item) for item in value.items))
-    return value
+        return all(is_fixed(item) for item in value.items)
+    if isinstance(value, FlagSet):
+        return value.mask == FULL_MASK
+    return value.nested_fixed if isinstance(value, NestedValue) else True

@@ -5,6 +5,8 @@ from fractions import Fraction
 
 import pytest
 
+from streamkit.flow.caps_algebra import intersect_values, is_subset_value, same_type_equal
+from streamkit.flow.caps_fixate import fixate_value
 from streamkit.flow.caps_values import (
     FloatRange,
     FractionRange,
@@ -12,12 +14,8 @@ from streamkit.flow.caps_values import (
     Value,
     ValueArray,
     ValueList,
-    fixate_value,
-    intersect_values,
     is_fixed,
     is_int,
-    is_subset_value,
-    same_type_equal,
 )
 
 

@@ -1,0 +1,222 @@
+"""What values of caps fields share and contain: equality, intersection, subset.
+
+Source: GStreamer's documentation of its value functions, and what GStreamer 1.22 answers.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+from streamkit.errors import CapsTooLarge
+from streamkit.flow.caps_values import (
+    RANGES,
+    FlagSet,
+    FloatRange,
+    FractionRange,
+    IntRange,
+    NestedValue,
+    Range,
+    Value,
+    ValueArray,
+    ValueList,
+)
+
+MEMBER_LIMIT = 10_000
+SCALARS = frozenset((int, str, bool, float, Fraction))
+
+
+def same_type_equal(left: Value, right: Value) -> bool:
+    """Equality that keeps int, float, bool, Fraction, str and every width of number apart."""
+    if type(left) is not type(right):
+        return False
+    if isinstance(left, ValueList | ValueArray) and isinstance(right, ValueList | ValueArray):
+        return len(left.items) == len(right.items) and all(map(same_type_equal, left.items, right.items))
+    if isinstance(left, NestedValue) and isinstance(right, NestedValue):
+        return left.nested_equal(right)
+    return left == right
+
+
+def values_equal(left: Value, right: Value) -> bool:
+    """Equality as GStreamer compares: lists in any order, and a list of one value is that value."""
+    kind = type(left)
+    if kind is type(right) and kind in SCALARS:
+        return left == right
+    if isinstance(left, ValueList):
+        return _list_equal(left, right)
+    if isinstance(right, ValueList):
+        return _list_equal(right, left)
+    if isinstance(left, ValueArray) and isinstance(right, ValueArray):
+        return len(left.items) == len(right.items) and all(map(values_equal, left.items, right.items))
+    return same_type_equal(left, right)
+
+
+def _list_equal(choices: ValueList, other: Value) -> bool:
+    if not isinstance(other, ValueList):
+        return bool(choices.items) and all(values_equal(item, other) for item in choices.items)
+    if len(choices.items) != len(other.items):
+        return False
+    scalars, others = _scalar_keys(choices), _scalar_keys(other)
+    if scalars is not None and others is not None:
+        return sorted(map(repr, scalars)) == sorted(map(repr, others))
+    left = list(other.items)
+    for item in choices.items:
+        place = next((i for i, known in enumerate(left) if values_equal(item, known)), None)
+        if place is None:
+            return False
+        del left[place]
+    return True
+
+
+def _scalar_keys(choices: ValueList) -> list[tuple[type, Value]] | None:
+    """What tells the members apart, in order; None where they are not all plain values."""
+    if all(type(item) in SCALARS for item in choices.items):
+        return [(type(item), item) for item in choices.items]
+    return None
+
+
+def intersect_values(left: Value, right: Value) -> Value | None:
+    """What both values allow, in the order of `left`; None where nothing is left.
+
+    Raises:
+        CapsTooLarge: the result has too many alternatives.
+    """
+    kind = type(left)
+    if kind is type(right) and kind in SCALARS:
+        return left if left == right else None
+    if isinstance(left, ValueList):
+        return _intersect_list(left, right)
+    if isinstance(right, ValueList):
+        return _intersect_list(right, left)
+    if isinstance(left, ValueArray) and isinstance(right, ValueArray):
+        return _intersect_arrays(left, right)
+    if isinstance(left, RANGES) and isinstance(right, RANGES):
+        return _intersect_ranges(left, right)
+    if isinstance(right, RANGES):
+        return left if left in right else None
+    if isinstance(left, RANGES):
+        return right if right in left else None
+    if isinstance(left, FlagSet) and isinstance(right, FlagSet):
+        return join_flags(left, right)
+    if isinstance(left, NestedValue) and isinstance(right, NestedValue):
+        return left.nested_meet(right)
+    return left if same_type_equal(left, right) else None
+
+
+def join_flags(left: FlagSet, right: FlagSet) -> FlagSet | None:
+    """The flags that either decides; None where they disagree."""
+    if type(left) is not type(right) or (left.flags ^ right.flags) & left.mask & right.mask:
+        return None
+    return type(left)(left.flags | right.flags, left.mask | right.mask)
+
+
+def _intersect_list(choices: ValueList, other: Value) -> Value | None:
+    if isinstance(other, ValueList):
+        keys, others = _scalar_keys(choices), _scalar_keys(other)
+        if keys is not None and others is not None:
+            shared = set(others)
+            return as_choice([key[1] for key in dict.fromkeys(keys) if key in shared])
+    found: list[Value] = []
+    for item in choices.items:
+        common = intersect_values(item, other)
+        if common is not None:
+            add_choices(found, common)
+    return as_choice(found)
+
+
+def add_choices(found: list[Value], value: Value) -> None:
+    """Appends a value, or the members of a list, save those that are there already.
+
+    Raises:
+        CapsTooLarge: there are too many.
+    """
+    for item in value.items if isinstance(value, ValueList) else (value,):
+        if not any(values_equal(item, known) for known in found):
+            found.append(item)
+    if len(found) > MEMBER_LIMIT:
+        raise CapsTooLarge(f"a field of the caps has more than {MEMBER_LIMIT} alternatives")
+
+
+def as_choice(items: list[Value]) -> Value | None:
+    """A list of these alternatives; the one itself where it is alone, None where there is none."""
+    if not items:
+        return None
+    return items[0] if len(items) == 1 else ValueList(tuple(items))
+
+
+def _intersect_arrays(left: ValueArray, right: ValueArray) -> Value | None:
+    if len(left.items) != len(right.items):
+        return None
+    found: list[Value] = []
+    for mine, theirs in zip(left.items, right.items, strict=True):
+        common = intersect_values(mine, theirs)
+        if common is None:
+            return None
+        found.append(common)
+    return ValueArray(tuple(found))
+
+
+def _intersect_ranges(left: Range, right: Range) -> Value | None:
+    if type(left) is not type(right):
+        return None
+    if isinstance(left, IntRange) and isinstance(right, IntRange):
+        step = math.lcm(left.step, right.step)
+        low = -(-max(left.low, right.low) // step) * step
+        high = min(left.high, right.high) // step * step
+        number = left.number
+        return type(left)(number(low), number(high), step) if low < high else _point(low, high, number)
+    if isinstance(left, FractionRange) and isinstance(right, FractionRange):
+        bottom, top = max(left.low, right.low), min(left.high, right.high)
+        return FractionRange(bottom, top) if bottom < top else bottom if bottom == top else None
+    if isinstance(left, FloatRange) and isinstance(right, FloatRange):
+        start, end = max(left.low, right.low), min(left.high, right.high)
+        return FloatRange(start, end) if start < end else start if start == end else None
+    return None
+
+
+def _point(low: int, high: int, number: type[int]) -> Value | None:
+    return number(low) if low == high else None
+
+
+def is_subset_value(inner: Value, outer: Value) -> bool:
+    """Whether everything that `inner` allows is allowed by `outer`."""
+    kind = type(inner)
+    if kind is type(outer) and kind in SCALARS:
+        return inner == outer
+    if isinstance(inner, ValueList):
+        keys = _scalar_keys(inner)
+        others = _scalar_keys(outer) if keys is not None and isinstance(outer, ValueList) else None
+        if keys is not None and others is not None:
+            return set(keys) <= set(others)
+        return all(is_subset_value(item, outer) for item in inner.items)
+    if isinstance(outer, ValueList):
+        return any(is_subset_value(inner, item) for item in outer.items) or _covered(inner, outer)
+    if isinstance(inner, ValueArray) and isinstance(outer, ValueArray):
+        return len(inner.items) == len(outer.items) and all(map(is_subset_value, inner.items, outer.items))
+    if isinstance(inner, RANGES):
+        return isinstance(outer, RANGES) and _range_within(inner, outer)
+    if isinstance(outer, RANGES):
+        return inner in outer
+    if isinstance(inner, FlagSet) and isinstance(outer, FlagSet) and type(inner) is type(outer):
+        return outer.mask & ~inner.mask == 0 and inner.flags & outer.mask == outer.flags
+    if isinstance(inner, NestedValue) and isinstance(outer, NestedValue):
+        return inner.nested_within(outer)
+    return same_type_equal(inner, outer)
+
+
+def _range_within(inner: Range, outer: Range) -> bool:
+    if type(inner) is not type(outer):
+        return False
+    if isinstance(inner, IntRange) and isinstance(outer, IntRange) and inner.step % outer.step:
+        # Ranges of two values only may lie on a coarser step all the same.
+        return inner.high - inner.low == inner.step and inner.low in outer and inner.high in outer
+    return bool(outer.low <= inner.low and inner.high <= outer.high)
+
+
+def _covered(inner: Value, outer: ValueList) -> bool:
+    """Whether several members of a list together allow a range: `[ 1, 3 ]` lies within `{ 1, [ 2, 3 ] }`."""
+    if not isinstance(inner, RANGES) or len(outer.items) < 2:
+        return False
+    from streamkit.flow.caps_difference import subtract_values
+
+    return subtract_values(inner, outer) is None
