@@ -135,7 +135,8 @@ class RecordsFeed:
         """Deletes what is shown of each target: none is followed any more."""
         last = self._last
         if last is not None and self._shown:
-            self._delete(self._shown, last.stamp.attachment())
+            behind = last.stamp._replace(number=last.stamp.number + 1)
+            self._delete(self._shown, behind.attachment())
             self._shown = set()
 
     def answers(self, asked: zenoh.KeyExpr) -> Iterable[Answer]:

@@ -1,5 +1,6 @@
 """zenohsink: every frame's record arrives, also in another process; nothing is lost unseen."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -8,6 +9,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import zenoh
@@ -18,12 +20,17 @@ from streamkit import (
     Frame,
     Pipeline,
     ResourceError,
+    Track,
     TrackRecord,
     Tracks,
+    TrackState,
     decode_record,
     raw_video_caps,
 )
 from streamkit.testing import Harness
+from streamkit_zenoh.wire.forms import Codec, Form
+from streamkit_zenoh.wire.numbering import read_attachment
+from streamkit_zenoh.wire.status import StatusRecord
 
 Opener = Callable[..., zenoh.Session]
 RECEIVER = Path(__file__).with_name("receiver.py")
@@ -189,8 +196,6 @@ def test_drops_are_told_in_the_records_that_follow(open_test_session: Opener, ke
 
 
 def _many_tracks(count: int) -> Tracks:
-    from streamkit import Track, TrackState
-
     covariance = np.eye(2)
     return Tracks(
         tuple(
@@ -236,3 +241,182 @@ def test_no_thread_is_left(key: str) -> None:
     before = set(threading.enumerate())
     Pipeline.parse(f"videotestsrc num-buffers=3 ! zenohsink key={key}").run(timeout_s=20)
     assert set(threading.enumerate()) <= before
+
+
+def _asked(session: zenoh.Session, expression: str, limit_s: float = 10.0) -> dict[str, zenoh.Sample]:
+    """What publishers answer, by key; asked again until there is an answer."""
+    deadline_s, never = time.monotonic() + limit_s, threading.Event()
+    while time.monotonic() < deadline_s:
+        replies = [reply.ok for reply in session.get(expression, timeout=2.0)]
+        if replies:
+            return {str(sample.key_expr): sample for sample in replies if sample is not None}
+        never.wait(0.05)
+    return {}
+
+
+@pytest.mark.parametrize("encoding", ["json", "msgpack", "cbor", "protobuf"])
+def test_the_last_of_everything_is_answered(
+    open_test_session: Opener, key: str, endpoint: str, encoding: str
+) -> None:
+    """Record, targets, status and schemas: a query gets them, with their encoding and numbers."""
+    with Harness("zenohsink", key=key, listen=endpoint, encoding=encoding) as harness:
+        for seq in range(3):
+            harness.push(_frame(seq).attach(_many_tracks(2)))
+        found = _asked(open_test_session(connect=(endpoint,)), f"{key}/**")
+    keys = {"tracks", "track/0", "track/1", "status", "schema", "schema/streamkit.proto"}
+    assert {f"{key}/{name}" for name in keys} <= set(found)
+    codec = Codec(TrackRecord, "streamkit.tracks/1", Form(encoding))
+    whole, one = found[f"{key}/tracks"], found[f"{key}/track/1"]
+    assert str(whole.encoding) == f"application/{encoding};streamkit.tracks/1"
+    assert [track.id for track in codec.decode(whole.payload.to_bytes()).tracks] == [0, 1]
+    assert [track.id for track in codec.decode(one.payload.to_bytes()).tracks] == [1]
+    stamp, _ = read_attachment(whole.attachment.to_bytes())
+    assert stamp is not None
+    assert stamp.number == 2
+    status = Codec(StatusRecord, "streamkit.status/1", Form(encoding)).decode(
+        found[f"{key}/status"].payload.to_bytes()
+    )
+    assert (status.state, status.frames, status.seq, status.source) == ("playing", 3, 2, key)
+
+
+def test_status_comes_once_a_second_and_at_the_end(
+    open_test_session: Opener, key: str, endpoint: str
+) -> None:
+    """State, counters and age; the last one says that the stream has ended, and how far it was."""
+    subscriber = _Subscriber(open_test_session(listen=(endpoint,)), f"{key}/status", 3)
+    with Harness("zenohsink", key=key, connect=endpoint) as harness:
+        harness.push(_frame(0, Capture(time.time_ns() - 10**9, "rtcp")))
+        wait = threading.Event()
+        for seq in range(1, 500):
+            if len(subscriber.samples) >= 2:
+                break
+            harness.push(_frame(seq))
+            wait.wait(0.01)
+        harness.drain()
+    assert subscriber.enough.wait(10)
+    found = [json.loads(sample.payload.to_bytes()) for sample in subscriber.samples]
+    assert found[-1]["state"] == "ended"
+    assert {status["state"] for status in found[:-1]} == {"playing"}
+    times = [status["published_ns"] for status in found]
+    assert 0.8e9 < times[1] - times[0] < 3e9
+    tracks = found[-1]["streams"][0]
+    assert tracks["name"] == "tracks"
+    assert tracks["settled_number"] == found[-1]["frames"] > 1
+
+
+def test_streams_can_be_switched_off(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """What is off is neither published nor answered."""
+    with Harness("zenohsink", key=key, listen=endpoint, tracks=False, track=False, status=False) as harness:
+        subscriber = _Subscriber(open_test_session(connect=(endpoint,)), f"{key}/**", 1)
+        harness.push(_frame(0).attach(_many_tracks(2)))
+        found = _asked(open_test_session(connect=(endpoint,)), f"{key}/**")
+        harness.push(_frame(1).attach(_many_tracks(2)))
+        harness.drain()
+    assert {name.split("/")[2] for name in found} == {"schema"}
+    assert not subscriber.samples
+
+
+def test_pictures_come_at_their_rate(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """30 frames a second at a rate of 10 are every third one, scaled, with their header."""
+    subscriber = _Subscriber(open_test_session(listen=(endpoint,)), f"{key}/frame", 4)
+    text = (
+        "videotestsrc num-buffers=12 ! video/x-raw, format=GRAY8, width=64, height=48, framerate=30/1 "
+        f"! zenohsink name=z key={key} connect={endpoint} sync=true frame-rate=10 frame-width=32"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.ready()
+        assert _wait_for(lambda: pipeline["z"]._publication.pictures.outlet.is_wanted)
+        pipeline.play()
+        assert pipeline.wait(20) is not None
+    assert subscriber.enough.wait(10)
+    headers = [json.loads(sample.attachment.to_bytes().partition(b"\n")[2]) for sample in subscriber.samples]
+    assert [header["record"]["seq"] for header in headers] == [0, 3, 6, 9]
+    assert {(header["record"]["width"], header["picture_width"]) for header in headers} == {(64, 32)}
+    assert [str(sample.encoding) for sample in subscriber.samples] == ["image/jpeg;streamkit.frame/1"] * 4
+    pictures = [cv2.imdecode(np.frombuffer(s.payload.to_bytes(), np.uint8), 0) for s in subscriber.samples]
+    assert [picture.shape for picture in pictures] == [(24, 32)] * 4
+
+
+def test_the_frame_pad_publishes_other_pictures(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """What comes in at the pad `frame` is shown, a picture with tracks drawn on it for example."""
+    subscriber = _Subscriber(open_test_session(listen=(endpoint,)), f"{key}/frame", 1)
+    with Harness("zenohsink", key=key, connect=endpoint, frame_format="png") as harness:
+        assert _wait_for(lambda: harness.element._publication.pictures.outlet.is_wanted)
+        harness.push(_frame(5).replace(data=np.full((2, 4), 77, np.uint8)), "frame")
+        assert subscriber.enough.wait(10)
+        harness.drain()
+    picture = cv2.imdecode(np.frombuffer(subscriber.samples[0].payload.to_bytes(), np.uint8), 0)
+    assert (picture == 77).all()
+
+
+def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """A picture that is as the last one was is not sent again; EOS comes when both pads have ended."""
+    subscriber = _Subscriber(open_test_session(listen=(endpoint,)), f"{key}/mosaic", 2)
+    text = (
+        f"zenohsink name=z key={key} connect={endpoint} mosaic-format=png "
+        "appsrc name=main caps=video/x-raw,format=GRAY8,width=8,height=8 ! z. "
+        "appsrc name=ground caps=video/x-raw,format=GRAY8,width=8,height=8 ! z.mosaic"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        assert _wait_for(lambda: pipeline["z"]._publication.mosaics.outlet.is_wanted)
+        for number, level in enumerate((10, 10, 20)):
+            pipeline["ground"].push(np.full((8, 8), level, np.uint8))
+            assert _wait_for(lambda number=number: len(subscriber.samples) >= (1, 1, 2)[number])
+        pipeline["ground"].end()
+        pipeline["main"].end()
+        message = pipeline.wait(20)
+        assert message is not None
+        assert message.error is None
+    assert subscriber.enough.wait(5)
+    pictures = [cv2.imdecode(np.frombuffer(s.payload.to_bytes(), np.uint8), 0) for s in subscriber.samples]
+    assert [int(picture[0, 0]) for picture in pictures] == [10, 20]
+
+
+def test_a_track_without_a_place_ends_the_stream(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """The record is made in the background; its fault is the pipeline's at the next frame all the same."""
+    subscriber = _Subscriber(open_test_session(listen=(endpoint,)), f"{key}/tracks", 1)
+    with Harness("zenohsink", key=key, connect=endpoint, wait_subscribers=1) as harness:
+        covariance = np.eye(2)
+        bad = Track(
+            31, TrackState.CONFIRMED, float("nan"), 2.5, 3.0, 4.0, 0.1, (1.0, 2.0), covariance, 0.5, 7
+        )
+        harness.push(_frame(0).attach(Tracks((bad,))))
+        with pytest.raises(ElementFailure, match=r"track 31: .* must be finite"):
+            harness.drain()
+    assert not subscriber.samples
+
+
+@pytest.mark.parametrize(
+    "property_name", ["tracks_qos", "track_qos", "frame_qos", "mosaic_qos", "status_qos"]
+)
+def test_a_bad_quality_is_an_error_at_start(property_name: str, key: str) -> None:
+    """Each stream's words are checked."""
+    with pytest.raises(ResourceError, match="write for example drop,data-low"):
+        Harness("zenohsink", key=key, **{property_name: "fast"})
+
+
+def test_quality_reaches_the_subscriber(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """Congestion control, priority and express are those of the property."""
+    subscriber = _Subscriber(open_test_session(listen=(endpoint,)), f"{key}/tracks", 1)
+    with Harness(
+        "zenohsink", key=key, connect=endpoint, wait_subscribers=1, tracks_qos="drop,real-time,express"
+    ) as harness:
+        harness.push(_frame(0))
+        assert subscriber.enough.wait(10)
+        harness.drain()
+    (sample,) = subscriber.samples
+    assert (sample.priority, sample.congestion_control) == (
+        zenoh.Priority.REAL_TIME,
+        zenoh.CongestionControl.DROP,
+    )
+    assert sample.express
+
+
+def _wait_for(condition: Callable[[], bool], limit_s: float = 10.0) -> bool:
+    deadline_s, never = time.monotonic() + limit_s, threading.Event()
+    while not condition():
+        if time.monotonic() > deadline_s:
+            return False
+        never.wait(0.01)
+    return True

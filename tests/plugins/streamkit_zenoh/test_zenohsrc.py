@@ -13,19 +13,25 @@ import zenoh
 
 from streamkit import (
     Caps,
+    Detections,
     ElementFailure,
     Frame,
     Pipeline,
     Registration,
     ResourceError,
     Track,
+    TrackRecord,
     Tracks,
     TrackState,
+    decode_record,
     encode_record,
+    luma,
     track_record,
 )
+from streamkit.testing import Harness
 from streamkit_zenoh.presence import show_publisher
 from streamkit_zenoh.session import close_session
+from streamkit_zenoh.wire.forms import Codec, Form
 from streamkit_zenoh.wire.numbering import Stamp
 
 Opener = Callable[..., zenoh.Session]
@@ -254,3 +260,68 @@ def test_no_thread_is_left(publisher: _Publisher, receive: Callable[..., Pipelin
     assert len(list(pipeline["out"])) == 1
     pipeline.stop()
     assert set(threading.enumerate()) <= before
+
+
+@pytest.mark.parametrize("encoding", ["msgpack", "cbor", "protobuf"])
+def test_other_encodings_become_json(
+    open_test_session: Opener, key: str, endpoint: str, encoding: str
+) -> None:
+    """Behind zenohsrc a record is a line of JSON, however it came."""
+    record = decode_record(_payload(3))
+    codec = Codec(TrackRecord, "streamkit.tracks/1", Form(encoding))
+    with Pipeline.parse(f"zenohsrc key={key} listen={endpoint} num-buffers=1 ! appsink name=out") as pipeline:
+        pipeline.play()
+        publisher = _Publisher(open_test_session(connect=(endpoint,)), key)
+        publisher.wait()
+        publisher.publisher.put(codec.encode(record), encoding=codec.encoding)
+        (frame,) = pipeline["out"]
+    assert bytes(frame.data) == _payload(3)
+
+
+def test_the_last_record_comes_when_asked_for(key: str, endpoint: str) -> None:
+    """With last=true a source that comes late begins with the state of the publisher."""
+    with Harness("zenohsink", key=key, listen=endpoint) as sink:
+        caps = Caps("video/x-raw, format=GRAY8, width=8, height=8")
+        for seq in range(3):
+            sink.push(Frame(np.zeros((8, 8), np.uint8), caps, seq=seq, arrival_ns=1))
+        text = f"zenohsrc key={key} connect={endpoint} last=true num-buffers=1 ! appsink name=out"
+        with Pipeline.parse(text) as pipeline:
+            pipeline.play()
+            assert [frame.seq for frame in pipeline["out"]] == [2]
+
+
+def test_a_pipeline_can_be_split_over_two_machines(key: str, endpoint: str) -> None:
+    """Detections on one side, pictures with them and the registration on the other, exactly."""
+    source = Pipeline.parse(f"zenohsrc name=s key={key} listen={endpoint} receive=frame ! appsink name=out")
+    text = (
+        "dronetestsrc num-buffers=12 seed=1 ! video/x-raw, width=320, height=240 ! stitch ! framediff "
+        f"! tee name=t ! queue ! zenohsink name=z key={key} connect={endpoint} frame-rate=1000 frame-width=0 "
+        "frame-format=png frame-qos=block wait-subscribers=0 sync=true t. ! queue ! appsink name=here"
+    )
+    with source, Pipeline.parse(text) as drone:
+        source.play()
+        drone.ready()
+        never = threading.Event()
+        for _ in range(1000):
+            if drone["z"]._publication.pictures.outlet.is_wanted:
+                break
+            never.wait(0.01)
+        drone.play()
+        here = {frame.seq: frame for frame in drone["here"]}
+        assert drone.wait(30) is not None
+        there = list(source["out"])
+    assert len(there) + source["s"].drops["lost on the way"] == 12
+    assert len(there) >= 6
+    for frame in there:
+        sent = here[frame.seq]
+        np.testing.assert_array_equal(frame.data[:240], luma(sent))
+        assert frame.pts == sent.pts
+        ours, theirs = frame.get(Registration), sent.get(Registration)
+        assert ours is not None
+        assert theirs is not None
+        np.testing.assert_allclose(ours.to_previous, theirs.to_previous)
+        np.testing.assert_allclose(ours.to_reference, theirs.to_reference)
+        found, given = frame.get(Detections), sent.get(Detections)
+        assert found is not None
+        assert given is not None
+        np.testing.assert_array_equal(found.boxes, given.boxes)

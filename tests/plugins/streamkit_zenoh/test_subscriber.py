@@ -1,0 +1,218 @@
+"""TrackSubscriber: the present of every publisher, typed, and a count of all that was missed."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+import zenoh
+
+import streamkit_zenoh
+from streamkit import (
+    Frame,
+    Track,
+    Tracks,
+    TrackState,
+    encode_record,
+    raw_video_caps,
+    track_record,
+)
+from streamkit.testing import Harness
+from streamkit_zenoh.keys import InvalidKey
+from streamkit_zenoh.presence import show_publisher
+from streamkit_zenoh.subscriber import TrackSubscriber
+from streamkit_zenoh.wire.numbering import Stamp
+
+Opener = Callable[..., zenoh.Session]
+
+
+def _frame(seq: int, *states: TrackState) -> Frame:
+    tracks = tuple(
+        Track(number, state, 1.5, 2.5, 3.0, 4.0, 0.1, (1.0, 2.0), np.eye(2), 0.5, 7)
+        for number, state in enumerate(states)
+    )
+    caps = raw_video_caps("GRAY8", 8, 4)
+    return Frame(np.zeros((4, 8), np.uint8), caps, pts=seq, seq=seq, arrival_ns=1).attach(Tracks(tracks))
+
+
+@pytest.fixture
+def sink(key: str, endpoint: str) -> Iterator[Callable[..., Harness]]:
+    """Starts a zenohsink that listens; closed after the test."""
+    open_ones: list[Harness] = []
+
+    def started(**properties: object) -> Harness:
+        open_ones.append(Harness("zenohsink", key=key, listen=endpoint, **properties))
+        return open_ones[-1]
+
+    yield started
+    for harness in open_ones:
+        harness.close()
+
+
+def _wait_for(condition: Callable[[], bool], limit_s: float = 10.0) -> None:
+    never, deadline_s = threading.Event(), time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline_s, "has not come true in time"
+        never.wait(0.01)
+
+
+def test_it_is_found_in_the_package() -> None:
+    """`from streamkit_zenoh import TrackSubscriber` is what the documentation says."""
+    assert streamkit_zenoh.TrackSubscriber is TrackSubscriber
+    with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
+        streamkit_zenoh.Nothing  # noqa: B018
+
+
+@pytest.mark.parametrize("encoding", ["json", "msgpack", "cbor", "protobuf"])
+def test_records_come_in_every_encoding(
+    sink: Callable[..., Harness], key: str, endpoint: str, encoding: str
+) -> None:
+    """The encoding of each message says how to read it; iteration ends with the publisher."""
+    with TrackSubscriber(key, connect=endpoint, ring=64, ends_with_publisher=True) as subscriber:
+        harness = sink(encoding=encoding, wait_subscribers=1)
+        for seq in range(20):
+            harness.push(_frame(seq, TrackState.CONFIRMED))
+        harness.drain()
+        records = list(subscriber)
+    assert [record.seq for record in records] == list(range(20))
+    assert records[0].tracks[0].state is TrackState.CONFIRMED
+    assert (subscriber.counts.lost, subscriber.counts.bad, subscriber.counts.overwritten) == (0, 0, 0)
+
+
+def test_a_slow_reader_sees_the_newest(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
+    """One record is held; what it replaced is counted."""
+    with TrackSubscriber(key, connect=endpoint) as subscriber:
+        harness = sink(wait_subscribers=1)
+        for seq in range(50):
+            harness.push(_frame(seq))
+        _wait_for(lambda: subscriber.counts.received == 50)
+        record = subscriber.get(5)
+        assert record is not None
+        assert record.seq == 49
+        assert subscriber.counts.overwritten == 49
+        assert subscriber.get(0.0) is None
+
+
+def test_a_late_comer_has_state_at_once(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
+    """The last record comes without a new frame, and is not taken for a gap."""
+    harness = sink()
+    for seq in range(5):
+        harness.push(_frame(seq, TrackState.CONFIRMED))
+    with TrackSubscriber(key, connect=endpoint) as subscriber:
+        record = subscriber.get(10)
+        assert record is not None
+        assert (record.seq, subscriber.counts.lost, subscriber.counts.publishers) == (4, 0, 1)
+    with TrackSubscriber(f"{key}/track/*", connect=endpoint) as subscriber:
+        update = subscriber.update(10)
+        assert update is not None
+        assert update.record is not None
+        assert update.key == f"{key}/track/0"
+
+
+def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
+    """Confirmed and coasting targets have keys of their own, which are deleted when they end."""
+    with TrackSubscriber(f"{key}/track/*", connect=endpoint, ring=64) as subscriber:
+        harness = sink()
+        publication = harness.element._publication
+        _wait_for(lambda: publication.records._each_is_wanted)
+        confirmed, tentative, lost = TrackState.CONFIRMED, TrackState.TENTATIVE, TrackState.LOST
+        harness.push(_frame(0, confirmed, tentative, confirmed))
+        harness.push(_frame(1, confirmed, confirmed, lost))
+        harness.push(_frame(2, confirmed))
+        harness.drain()
+        _wait_for(lambda: subscriber.counts.publishers == 0)
+        found = []
+        while (update := subscriber.update(0.2)) is not None:
+            record = update.record
+            found.append((int(update.key.rsplit("/", 1)[1]), None if record is None else record.seq))
+            assert record is None or len(record.tracks) == 1
+    assert found == [(0, 0), (2, 0), (0, 1), (1, 1), (2, None), (0, 2), (1, None), (0, None)]
+    assert subscriber.counts.lost == 0
+
+
+def test_what_is_dropped_there_is_seen_here(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
+    """The publisher's own drops are gaps in the numbers: dropped there equals lost here, also at the end."""
+    with TrackSubscriber(key, connect=endpoint, ring=5000, ends_with_publisher=True) as subscriber:
+        harness = sink(wait_subscribers=1, max_queue=2)
+        harness.push(_frame(0))
+        _wait_for(lambda: subscriber.counts.received == 1)
+        for seq in range(1, 2000):
+            harness.push(_frame(seq))
+        harness.drain()
+        received = len(list(subscriber))
+    dropped = harness.element.drops["tracks: queue full"]
+    assert dropped > 0
+    assert (received, subscriber.counts.lost) == (2000 - dropped, dropped)
+
+
+def test_bad_data_is_counted(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """Neither what is no record nor what is too large ends the iteration."""
+    with TrackSubscriber(key, listen=endpoint, ring=64) as subscriber:
+        session = open_test_session(connect=(endpoint,))
+        publisher = session.declare_publisher(
+            f"{key}/tracks", congestion_control=zenoh.CongestionControl.BLOCK
+        )
+        _wait_for(lambda: publisher.matching_status.matching)
+        for data in (b"", b"{}", bytes(5_000_000)):
+            publisher.put(data)
+        publisher.put(b"<x/>", encoding=zenoh.Encoding.APPLICATION_XML)
+        publisher.put(encode_record(track_record(_frame(7), source="", published_ns=1)))
+        record = subscriber.get(10)
+        assert record is not None
+        assert (record.seq, subscriber.counts.bad) == (7, 4)
+
+
+def test_tail_losses_are_told_by_the_status(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """A publisher that ends says how far it was: what did not come counts as lost, with no record behind."""
+    from streamkit_zenoh.wire.forms import Codec, Form
+    from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord, StreamStatus
+
+    codec = Codec(StatusRecord, STATUS_SCHEMA, Form.JSON)
+    with TrackSubscriber(key, listen=endpoint, ring=8) as subscriber:
+        session = open_test_session(connect=(endpoint,))
+        publisher = session.declare_publisher(f"{key}/tracks")
+        _wait_for(lambda: publisher.matching_status.matching)
+        publisher.put(b"{}", attachment=Stamp(5, 0).attachment())
+        stream = StreamStatus(name="tracks", run=5, settled_number=4, published=1, bytes=2, has_subscriber=1)
+        for state, lost in (("playing", 0), ("playing", 3), ("ended", 3)):
+            status = StatusRecord(
+                schema=STATUS_SCHEMA, source=key, state=state, run=5, published_ns=1, uptime_s=1.0,
+                frames=4, tracks=0, streams=(stream,), drops=(),
+            )  # fmt: skip
+            session.put(f"{key}/status", codec.encode(status), encoding=codec.encoding)
+            _wait_for(lambda lost=lost: subscriber.counts.lost == lost)
+
+
+def test_presence_is_known(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """Publishers that come and go are counted while nothing is published."""
+    with TrackSubscriber(key, listen=endpoint) as subscriber:
+        assert subscriber.counts.publishers == 0
+        session = open_test_session(connect=(endpoint,))
+        token = show_publisher(session, f"{key}/tracks")
+        _wait_for(lambda: subscriber.counts.publishers == 1)
+        token.undeclare()
+        _wait_for(lambda: subscriber.counts.publishers == 0)
+
+
+def test_close_ends_the_iteration(key: str) -> None:
+    """Another thread may close; the iterator then ends, and closing twice does no harm."""
+    subscriber = TrackSubscriber(key)
+    ended = threading.Event()
+
+    def read() -> None:
+        list(subscriber)
+        ended.set()
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    assert subscriber.close()
+    assert ended.wait(5)
+    reader.join(5)
+    assert subscriber.close()
+
+
+def test_a_bad_key_is_refused() -> None:
+    """With an example of a good one."""
+    with pytest.raises(InvalidKey, match="for example uav/1"):
+        TrackSubscriber("/uav")
