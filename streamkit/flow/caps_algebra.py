@@ -6,6 +6,7 @@ Source: GStreamer's documentation of its value functions, and what GStreamer 1.2
 from __future__ import annotations
 
 import math
+from collections import Counter
 from fractions import Fraction
 
 from streamkit.errors import CapsTooLarge
@@ -99,7 +100,7 @@ def intersect_values(left: Value, right: Value) -> Value | None:
     if isinstance(left, FlagSet) and isinstance(right, FlagSet):
         return join_flags(left, right)
     if isinstance(left, NestedValue) and isinstance(right, NestedValue):
-        return left.nested_meet(right)
+        return left if left.nested_equal(right) else left.nested_meet(right)
     return left if same_type_equal(left, right) else None
 
 
@@ -114,14 +115,30 @@ def _intersect_list(choices: ValueList, other: Value) -> Value | None:
     if isinstance(other, ValueList):
         keys, others = _scalar_keys(choices), _scalar_keys(other)
         if keys is not None and others is not None:
-            shared = set(others)
-            return as_choice([key[1] for key in dict.fromkeys(keys) if key in shared])
+            return as_choice(_paired(keys, others))
+        if len(choices.items) > 1 and _list_equal(choices, other):
+            return choices
     found: list[Value] = []
     for item in choices.items:
         common = intersect_values(item, other)
-        if common is not None:
+        if common is not None and type(common) in SCALARS and not isinstance(other, ValueList):
+            # As in GStreamer a value that is repeated stays so, save at the beginning.
+            if len(found) != 1 or not values_equal(found[0], common):
+                found.append(common)
+        elif common is not None:
             add_choices(found, common)
     return as_choice(found)
+
+
+def _paired(keys: list[tuple[type, Value]], others: list[tuple[type, Value]]) -> list[Value]:
+    """The values of the first list that the second has too, each as often as both have it."""
+    left = Counter(others)
+    found: list[Value] = []
+    for key in keys:
+        if left[key]:
+            left[key] -= 1
+            found.append(key[1])
+    return found
 
 
 def add_choices(found: list[Value], value: Value) -> None:
@@ -147,6 +164,8 @@ def as_choice(items: list[Value]) -> Value | None:
 def _intersect_arrays(left: ValueArray, right: ValueArray) -> Value | None:
     if len(left.items) != len(right.items):
         return None
+    if values_equal(left, right):
+        return left
     found: list[Value] = []
     for mine, theirs in zip(left.items, right.items, strict=True):
         common = intersect_values(mine, theirs)

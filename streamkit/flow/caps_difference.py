@@ -16,12 +16,14 @@ from streamkit.flow.caps_algebra import (
     join_flags,
     values_equal,
 )
+from streamkit.flow.caps_serialize import type_name
 from streamkit.flow.caps_values import (
     FlagSet,
     FloatRange,
     FractionRange,
     IntRange,
     Value,
+    ValueArray,
     ValueList,
 )
 
@@ -91,6 +93,14 @@ def _subtract_from_integers(minuend: IntRange, subtrahend: Value) -> Value | Non
         elif low == high:
             pieces.append(number(low))
     return as_choice(pieces)
+
+
+def may_unite(left: Value, right: Value) -> bool:
+    """Whether two values are of one type, so that a list can hold both; arrays go with arrays only."""
+    one, other = (
+        value.items[0] if isinstance(value, ValueList) and value.items else value for value in (left, right)
+    )
+    return type_name(one) == type_name(other) and isinstance(one, ValueArray) == isinstance(other, ValueArray)
 
 
 def unite_values(left: Value, right: Value) -> Value:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from streamkit.errors import CapsTooLarge
 from streamkit.flow.caps_algebra import values_equal
-from streamkit.flow.caps_difference import subtract_values, unite_values
+from streamkit.flow.caps_difference import may_unite, subtract_values, unite_values
 from streamkit.flow.caps_structure import Structure
 from streamkit.flow.caps_values import ValueList
 
@@ -63,6 +63,12 @@ def simplify(structures: Sequence[Structure]) -> tuple[Structure, ...]:
                 continue
             if not _same_family(kept[index], kept[other]):
                 break
+            if not kept[index].same_features(kept[other]):
+                if not kept[index].is_subset(kept[other]):
+                    continue
+                del kept[index]
+                last -= 1
+                break
             rest = _without(kept[index], kept[other])
             if rest is not None and len(rest) == 1:
                 kept[index] = rest[0]
@@ -79,7 +85,7 @@ def simplify(structures: Sequence[Structure]) -> tuple[Structure, ...]:
 
 
 def _same_family(one: Structure, other: Structure) -> bool:
-    return one.name == other.name and one.same_features(other)
+    return one.same_kind(other)
 
 
 def _without(structure: Structure, other: Structure) -> list[Structure] | None:
@@ -106,4 +112,6 @@ def _joined(structure: Structure, other: Structure) -> Structure | None:
     if len(unlike) != 1:
         return None
     name = unlike[0]
+    if not may_unite(other.fields[name], structure.fields[name]):
+        return None
     return other.with_field(name, unite_values(other.fields[name], structure.fields[name]))
