@@ -5,10 +5,12 @@ from __future__ import annotations
 import stat
 import time
 from collections.abc import Mapping
+from itertools import islice
 
 import av
 from av.container import InputContainer
 from av.error import FFmpegError, HTTPForbiddenError, HTTPUnauthorizedError
+from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from streamkit import ResourceError, StreamError
@@ -20,6 +22,10 @@ MAX_PIXELS = 8192 * 8192
 MEDIA_ERRORS = (FFmpegError, ValueError, OverflowError, RuntimeError, LookupError)
 # Formats that read any text as video, or make FFmpeg open other files than the one asked for.
 UNWANTED_FORMATS = frozenset({"tty", "bin", "idf", "xbin", "adf", "concat", "lavfi"})
+
+# Only these containers can say that a picture is to be turned.
+TURNING_FORMATS = frozenset({"mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm"})
+LOOK_PACKETS = 8
 
 
 class AccessRefused(ResourceError):
@@ -150,3 +156,24 @@ def video_stream(container: InputContainer, location: str) -> VideoStream:
             "convert the file to H.264"
         )
     return stream
+
+
+def rotation_of(location: str, container: InputContainer) -> int:
+    """Degrees counter-clockwise (0, 90, 180, 270) by which a file's video is to be turned for showing.
+
+    FFmpeg tells it with a decoded picture only, so one is decoded, with a reader of its own.
+    """
+    if not TURNING_FORMATS & set(container.format.name.split(",")):
+        return 0
+    try:
+        with open_container(location) as own:
+            stream = own.streams.best("video")
+            if stream is None:
+                return 0
+            for packet in islice(own.demux(stream), LOOK_PACKETS):
+                for picture in packet.decode():
+                    if isinstance(picture, VideoFrame):
+                        return round(picture.rotation / 90) * 90 % 360
+    except (*MEDIA_ERRORS, OSError):
+        return 0
+    return 0

@@ -14,9 +14,10 @@ from streamkit import Caps, Frame, FrameFlags, Property, Source, StreamError, Tr
 from streamkit_decoder.codecs import CODED_CAPS, caps_parameters, caps_rate
 from streamkit_decoder.container import reason_of
 from streamkit_decoder.packets import SECOND_NS, DecodeOnly
-from streamkit_decoder.pictures import OddSize, PictureReader
+from streamkit_decoder.pictures import OddSize, PictureReader, turned
 from streamkit_decoder.videodecoder import AscendingNumbers, Threading, VideoDecoder
 
+SIDEWAYS = (90, 270)
 Decoded = list[tuple[VideoFrame, Frame]]
 
 
@@ -51,6 +52,7 @@ class Decode(Transform):
         self._coded_caps: Caps | None = None
         self._raw_caps: Caps | None = None
         self._framerate: Fraction | None = None
+        self._rotation = 0
         self._epoch = 0
         self._numbers = AscendingNumbers()
         self._next_pts = 0
@@ -70,7 +72,10 @@ class Decode(Transform):
         is_odd = any(
             isinstance(fields.get(name), int) and caps.integer(name) % 2 for name in ("width", "height")
         )
-        formats = "GRAY8, BGR, RGB" if is_odd else "GRAY8, I420, NV12, BGR, RGB"
+        if caps.get("rotation") in SIDEWAYS and {"width", "height"} <= fields.keys():
+            fields["width"], fields["height"] = fields["height"], fields["width"]
+        is_packed_only = is_odd or caps.get("rotation")
+        formats = "GRAY8, BGR, RGB" if is_packed_only else "GRAY8, I420, NV12, BGR, RGB"
         return Caps(f"video/x-raw, format={{ {formats} }}").with_fields(**fields)
 
     def fixate(self, sink_caps: Caps, allowed: Caps) -> Caps | None:
@@ -125,6 +130,8 @@ class Decode(Transform):
                 f"no decoder in this FFmpeg for {frame.caps}: {error}; convert to H.264"
             ) from None
         self._framerate = caps_rate(frame.caps)
+        rotation = frame.caps.get("rotation", 0)
+        self._rotation = rotation if isinstance(rotation, int) else 0
         self._coded_caps, self._epoch = frame.caps, frame.epoch
         self._next_pts = 0
         self._numbers = AscendingNumbers()
@@ -192,15 +199,17 @@ class Decode(Transform):
         return frames
 
     def _frame(self, picture: VideoFrame, origin: Frame, number: int) -> Frame:
-        caps = self._raw_caps
-        if caps is None or caps["width"] != picture.width or caps["height"] != picture.height:
-            caps = self._raw_caps = raw_video_caps(
-                self._reader.pixel_format, picture.width, picture.height, self._framerate
-            )
         try:
             pixels = self._reader.read(picture)
         except OddSize as error:
             raise StreamError(str(error)) from None
+        width, height = picture.width, picture.height
+        if self._rotation:
+            pixels = turned(pixels, self._rotation)
+            width, height = (height, width) if self._rotation in SIDEWAYS else (width, height)
+        caps = self._raw_caps
+        if caps is None or caps["width"] != width or caps["height"] != height:
+            caps = self._raw_caps = raw_video_caps(self._reader.pixel_format, width, height, self._framerate)
         flags = origin.flags & ~(FrameFlags.KEYFRAME | FrameFlags.CORRUPT)
         flags |= FrameFlags.KEYFRAME if picture.key_frame else 0
         flags |= FrameFlags.CORRUPT if picture.is_corrupt or origin.flags & FrameFlags.CORRUPT else 0

@@ -98,3 +98,13 @@ def plane_rows(picture: VideoFrame, index: int) -> Pixels:
     line = plane.line_size
     rows: Pixels = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, abs(line))[: plane.height]
     return rows[::-1] if line < 0 else rows
+
+
+def turned(pixels: Pixels, degrees: int) -> Pixels:
+    """A picture turned counter-clockwise by a multiple of 90 degrees.
+
+    Args:
+        pixels: uint8[h, w] or uint8[h, w, 3].
+        degrees: 0, 90, 180 or 270.
+    """
+    return np.ascontiguousarray(np.rot90(pixels, degrees // 90)) if degrees else pixels

@@ -33,6 +33,7 @@ GLUE = {
     "streamkit_decoder.rtsp.packetreader",
     "streamkit_decoder.streams",
     "streamkit_decoder.telemetry.telemetrydecoder",
+    "streamkit_decoder.files.playrange",
     "streamkit_decoder.packets",
     "streamkit_decoder.videodecoder",
     "streamkit_tracker.frame_link",

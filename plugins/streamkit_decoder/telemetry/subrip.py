@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-TIMES = re.compile(
-    r"^\s*(\d{1,3}):([0-5]?\d):([0-5]?\d)[,.](\d{1,3})\s*-->\s*(\d{1,3}):([0-5]?\d):([0-5]?\d)[,.](\d{1,3})"
-)
+# Some aircraft write 00:00:60,000 for the end of a minute.
+_TIME = r"(\d{1,3}):(\d{1,2}):(\d{1,2})[,.](\d{1,3})"
+TIMES = re.compile(rf"^\s*{_TIME}\s*-->\s*{_TIME}")
 LONGEST_TEXT = 4096
 
 
