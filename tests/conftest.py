@@ -1,15 +1,23 @@
 """Fixtures shared by every test."""
 
+import importlib.metadata
 import os
 import subprocess
+import sys
 import sysconfig
+import types
 import venv
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from streamkit import Element
+from streamkit.element import registry
+
 ROOT = Path(__file__).parents[1]
+MODULE = "elements_of_a_test"
+Register = Callable[..., None]
 COMMANDS = {
     "streamkit": "exec {python} -c 'from streamkit.cli.main import main; main()' \"$@\"",
     "pip": 'verb=$1; shift; exec {python} -m pip "$verb" --quiet --disable-pip-version-check '
@@ -65,3 +73,34 @@ class FreshEnvironment:
 def make_environment(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], FreshEnvironment]:
     """Makes environments that know nothing of each other."""
     return lambda: FreshEnvironment(tmp_path_factory.mktemp("environment"))
+
+
+def _forget() -> None:
+    registry.installed_elements.cache_clear()
+    registry.element_class.cache_clear()
+
+
+@pytest.fixture
+def register(monkeypatch: pytest.MonkeyPatch) -> Iterator[Register]:
+    """Makes classes usable in descriptions, `register(name=Class)`: in this test only, before all others."""
+    module = types.ModuleType(MODULE)
+    monkeypatch.setitem(sys.modules, MODULE, module)
+    entry_points = importlib.metadata.entry_points
+    added: list[importlib.metadata.EntryPoint] = []
+
+    def with_added(**selection: str) -> list[importlib.metadata.EntryPoint]:
+        mine = [entry for entry in added if entry.group == selection.get("group", entry.group)]
+        return [*mine, *entry_points(**selection)]
+
+    def add(**classes: type[Element] | str) -> None:
+        for name, found in classes.items():
+            target = found
+            if not isinstance(found, str):
+                setattr(module, name, found)
+                target = f"{MODULE}:{name}"
+            added.append(importlib.metadata.EntryPoint(name, str(target), registry.GROUP))
+        _forget()
+
+    monkeypatch.setattr(importlib.metadata, "entry_points", with_added)
+    yield add
+    _forget()

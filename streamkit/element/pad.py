@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.events import CapsEvent, Event, FlushStart, FlushStop, SegmentEvent
+from streamkit.flow.events import CapsEvent, EosEvent, Event, FlushStart, FlushStop, SegmentEvent
 from streamkit.flow.segment import OPEN_SEGMENT, Segment
 from streamkit.flow.signals import NotLinked
 
@@ -69,10 +69,13 @@ class Pad:
         segment: how timestamps lie on the running time.
         push: hands a frame to the peer (src pads, while the graph plays).
         is_eos: whether EOS has passed.
+        joins: whether it is to join a stream with the next frame; until then only EOS goes through it.
         known_caps: what a query answers for the moment, or None to ask anew.
     """
 
-    __slots__ = ("caps", "element", "is_eos", "known_caps", "name", "peer", "push", "segment", "template")
+    __slots__ = (
+        "caps", "element", "is_eos", "joins", "known_caps", "name", "peer", "push", "segment", "template",
+    )  # fmt: skip
 
     def __init__(self, element: Element, template: PadTemplate, name: str) -> None:
         self.element = element
@@ -83,6 +86,7 @@ class Pad:
         self.segment: Segment = OPEN_SEGMENT
         self.push: Callable[[Frame], None] = self.not_linked
         self.is_eos = False
+        self.joins = False
         self.known_caps: Caps | None = None
 
     def __repr__(self) -> str:
@@ -128,6 +132,8 @@ class Pad:
 
         Elements that only pass it on are walked through in a loop, so that a chain may be of any length.
         """
+        if self.joins and not isinstance(event, EosEvent):
+            return
         onward: tuple[Pad, Event] | None = (self, event)
         while onward is not None:
             src, event = onward

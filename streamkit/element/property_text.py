@@ -17,7 +17,8 @@ from streamkit.flow.caps_text import read_boolean, read_float, read_fraction, re
 INT32_MAX, INT64_MIN, INT64_MAX = 2**31 - 1, -(2**63), 2**63 - 1
 UINT32_MAX, UINT64_MAX = 2**32 - 1, 2**64 - 1
 BYTE_ORDERS = {"little_endian": 1234, "big_endian": 4321}
-ESCAPE = re.compile(r"\\([0-3][0-7]{2}|.)", re.DOTALL)
+ESCAPE = re.compile(rb"\\([0-3][0-7]{2}|.)", re.DOTALL)
+UNESCAPED_QUOTE = re.compile(r'(?:[^"\\]|\\.)*(?:"|\\$)', re.DOTALL)
 
 
 def value_from_text(kind: type, text: str, *, minimum: Any = None, maximum: Any = None) -> Any:
@@ -55,19 +56,31 @@ def value_from_text(kind: type, text: str, *, minimum: Any = None, maximum: Any 
 
 
 def unquote_string(text: str) -> str:
-    """Strips one pair of double quotes around a string and resolves the escapes inside."""
-    if len(text) < 2 or not (text.startswith('"') and text.endswith('"')):
-        if text == '"':
-            raise ValueError("its quotes must be closed")
+    """Strips one pair of double quotes around a string and resolves the escapes inside.
+
+    Raises:
+        ValueError: a quote inside is not escaped, an escape is broken, or the bytes are no UTF-8.
+    """
+    if not (text.startswith('"') and text.endswith('"')):
         return text
-    return ESCAPE.sub(_resolved, text[1:-1])
+    inner = text[1:-1]
+    if len(text) < 2 or UNESCAPED_QUOTE.match(inner):
+        raise ValueError("its quotes must be closed, and quotes inside them escaped")
+    if "\\" not in inner:
+        return inner
+    try:
+        return ESCAPE.sub(_resolved, inner.encode()).decode()
+    except UnicodeDecodeError:
+        raise ValueError("its octal escapes must make UTF-8") from None
 
 
-def _resolved(escape: re.Match[str]) -> str:
+def _resolved(escape: re.Match[bytes]) -> bytes:
     mark = escape[1]
-    if mark in "0123456789":
+    if len(mark) == 3:
+        return bytes((int(mark, 8),))
+    if mark in (b"0", b"1", b"2", b"3"):
         raise ValueError(r"an octal escape has three digits, \000 to \377")
-    return chr(int(mark, 8)) if len(mark) == 3 else mark
+    return mark
 
 
 def _demand(value: Any, rule: str) -> Any:

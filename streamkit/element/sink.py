@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -25,6 +26,7 @@ class Sink(Element):
 
     Attributes:
         position_ns: timestamp of the last frame shown in time, or None; kept while `sync` is on.
+        waited_ns: time spent waiting until frames were due, ns; it is no work.
     """
 
     sync: bool = Property(False, doc="Wait until each frame's time has come, on the pipeline's clock.")
@@ -55,6 +57,7 @@ class Sink(Element):
         self._last_end_ns = 0
         self._next_ns = 0
         self.position_ns: int | None = None
+        self.waited_ns = 0
         super().__init__(name, **properties)
 
     # What an author overrides.
@@ -118,10 +121,12 @@ class Sink(Element):
         if not self.sync:
             return True
         flushes, due_ns = self.flushes, running_time_ns + self.ts_offset - self.render_delay
+        began_ns = time.perf_counter_ns()
         while not self.clock.wait_until(self.timing.due_ns(due_ns), self.waking):
             if self.stopping.is_set() or self.flushes != flushes:
                 raise Flushing(self.name)
             self._hold(frame)
+        self.waited_ns += time.perf_counter_ns() - began_ns
         if self.max_lateness < 0:
             return True
         late_ns = self.clock_ns() - self.timing.due_ns(due_ns)
@@ -147,6 +152,7 @@ class Sink(Element):
 
     def prepare_run(self) -> None:
         """Forgets an earlier run."""
+        self.waited_ns = 0
         self._has_prerolled = False
         self._last_end_ns = self._next_ns = 0
         self.position_ns = None
@@ -158,8 +164,8 @@ class Sink(Element):
         self.position_ns = None
 
     def latency(self) -> tuple[int, int | None]:
-        """With sync, the time frames are given to be worked on; no bound is needed above."""
-        return (self.processing_deadline + self.render_delay if self.sync else 0), None
+        """With sync, the time frames are given to be worked on."""
+        return (self.processing_deadline + self.render_delay if self.sync else 0), 0
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Takes caps and EOS; EOS is told to the pipeline once everything is drained."""

@@ -132,6 +132,7 @@ def first_push(src: Pad, push: Callable[[Frame], None]) -> Callable[[Frame], Non
     """A push for a pad that joins a stream: caps and segment go before its first frame."""
 
     def begin(frame: Frame) -> None:
+        src.joins = False
         src.send_event(CapsEvent(frame.caps))
         upstream = next(src.element.sink_pads(), None)
         if upstream is not None:
@@ -140,4 +141,5 @@ def first_push(src: Pad, push: Callable[[Frame], None]) -> Callable[[Frame], Non
         src.element.pads_changed()
         push(frame)
 
+    src.joins = True
     return begin

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -51,26 +52,29 @@ class Graph:
                     yield pad, pad.peer
 
     def from_sinks(self) -> list[Element]:
-        """The elements so that each stands behind everything downstream of it.
+        """The elements so that each stands behind everything downstream of it: sinks first, sources last.
 
-        A loop of links is cut where it is first met.
+        A loop of links is cut where it is first met, from the end of the text.
         """
+        waits_for = {id(element): len(_downstream(element)) for element in self.elements}
+        ready = deque(element for element in reversed(self.elements) if not waits_for[id(element)])
+        left = deque(reversed(self.elements))
         ordered: list[Element] = []
-        visited: set[int] = set()
-        for start in reversed(self.elements):
-            stack = [(start, iter(_downstream(start)))]
-            if id(start) in visited:
+        placed: set[int] = set()
+        while len(ordered) < len(waits_for):
+            if ready:
+                element = ready.popleft()
+            else:
+                element = next(element for element in left if id(element) not in placed)
+            if id(element) in placed:
                 continue
-            visited.add(id(start))
-            while stack:
-                element, rest = stack[-1]
-                following = next((nearer for nearer in rest if id(nearer) not in visited), None)
-                if following is None:
-                    ordered.append(element)
-                    stack.pop()
-                else:
-                    visited.add(id(following))
-                    stack.append((following, iter(_downstream(following))))
+            placed.add(id(element))
+            ordered.append(element)
+            for pad in element.sink_pads():
+                if pad.peer is not None and id(pad.peer.element) in waits_for:
+                    waits_for[id(pad.peer.element)] -= 1
+                    if not waits_for[id(pad.peer.element)]:
+                        ready.append(pad.peer.element)
         return ordered
 
     def has_loop(self) -> bool:

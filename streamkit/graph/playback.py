@@ -228,6 +228,13 @@ class Playback:
             for element in elements:
                 for pad in element.pads.values():
                     pad.reset()
+            if not self._timing.running.is_set() and not self.is_live:
+                self._waited_for |= {
+                    id(element)
+                    for element in elements
+                    if isinstance(element, Sink) and element.wait_for_preroll
+                }
+                self.is_prerolled.clear() if self._waited_for else self.is_prerolled.set()
             chain = Chain(src)
             push = chain.compose()
             compose_chains(elements, self.chains)

@@ -18,6 +18,7 @@ class ManualClock:
     def __init__(self, now_ns: int = 1_000_000_000) -> None:
         self._now_ns = now_ns
         self._moved = threading.Condition()
+        self._deadlines: list[int] = []
         self.waiting = threading.Event()
 
     def monotonic_ns(self) -> int:
@@ -32,16 +33,25 @@ class ManualClock:
         """Moves the clock and wakes whoever waits."""
         with self._moved:
             self._now_ns += round(seconds * 1e9)
+            self._tell()
             self._moved.notify_all()
 
     def wait_until(self, deadline_ns: int, cancelled: threading.Event) -> bool:
         """Waits until the clock has been moved to the deadline; False if cancelled before."""
         with self._moved:
+            self._deadlines.append(deadline_ns)
+            self._tell()
             while self._now_ns < deadline_ns and not cancelled.is_set():
-                self.waiting.set()
                 self._moved.wait(POLL_S)
-        self.waiting.clear()
+            self._deadlines.remove(deadline_ns)
+            self._tell()
         return not cancelled.is_set()
+
+    def _tell(self) -> None:
+        if any(deadline_ns > self._now_ns for deadline_ns in self._deadlines):
+            self.waiting.set()
+        else:
+            self.waiting.clear()
 
     def wait_for_waiter(self, timeout_s: float = 5.0) -> bool:
         """Waits, in real time, until something waits on this clock."""
