@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
@@ -80,9 +80,9 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
         """The same frame with these attributes changed."""
         return msgspec.structs.replace(self, **changes)
 
-    def get(self, kind: type[Item]) -> Item | None:
-        """The metadata of a type, or None."""
-        return cast("Item | None", self.metadata.get(kind))
+    def get(self, kind: Callable[..., Item]) -> Item | None:
+        """The metadata of a type, which may be a protocol, or None."""
+        return cast("Item | None", self.metadata.get(cast("type", kind)))
 
     def attach(self, *items: object) -> Frame:
         """The same frame with metadata added, each item under its own type."""

@@ -72,12 +72,13 @@ def _rename(added: Graph, taken: set[str]) -> None:
         if element.name not in taken:
             taken.add(element.name)
             continue
-        if not re.fullmatch(re.escape(element.factory) + r"\d+", element.name):
+        plain = element.factory.replace("-", "")
+        if not re.fullmatch(re.escape(plain) + r"-?\d+", element.name):
             raise DescriptionError("link", f"the pipeline has an element {element.name!r} already")
         number = 0
-        while f"{element.factory}{number}" in taken:
+        while f"{plain}{number}" in taken:
             number += 1
-        element.name = f"{element.factory}{number}"
+        element.name = f"{plain}{number}"
         taken.add(element.name)
 
 
