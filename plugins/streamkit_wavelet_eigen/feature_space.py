@@ -80,31 +80,41 @@ class WaveletEigenSpace:
             ValueError: windows of another size, or one with NaN or infinity.
         """
         patches = checked_patches(patches, self.patch_size)
-        return self.project(prepare(patches, self.recipe.preprocessing), flat_windows(patches)).vectors
+        return self.vectors_of(prepare(patches, self.recipe.preprocessing), flat_windows(patches))
+
+    def vectors_of(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> FloatBatch:
+        """Vectors float32[n, length] of windows that are prepared already; `flat`, bool[n], get zeros."""
+        return self._vectors(self._coordinates(prepared)[1], flat)
 
     def project(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> Projection:
-        """Projects windows that are prepared already, float32[n, h, w]; `flat`, bool[n], get zeros."""
-        count = len(prepared)
-        basis, offsets, means = self._stacked
-        blocks = cut_blocks(prepared, self.recipe.blocks)
-        # [b, n, d] @ [b or 1, d, k]: one product for each basis, all blocks of a shared one together.
-        if len(basis) == 1:
-            flat_blocks = blocks.reshape(-1, blocks.shape[2])
-            coordinates = (flat_blocks @ basis[0] - offsets[0]).reshape(
-                count, blocks.shape[1], basis.shape[2]
-            )
-        else:
-            coordinates = (blocks.swapaxes(0, 1) @ basis - offsets[:, None]).swapaxes(0, 1)
-        centred = blocks - means
+        """Vectors of windows that are prepared already, with what they hold of them; `flat` get zeros."""
+        blocks, coordinates = self._coordinates(prepared)
+        centred = blocks - self._stacked[2]
         total = np.einsum("nbd,nbd->n", centred, centred)
         held = np.einsum("nbk,nbk->n", coordinates, coordinates)
-        vectors = coordinates.reshape(count, coordinates.shape[1] * coordinates.shape[2])
-        if self.fisher_axes is not None:
-            vectors = vectors @ self.fisher_axes.astype(np.float32)
-        vectors = np.where(flat[:, None], np.float32(0.0), vectors)
         missed = np.maximum(total - held, 0.0) / max(blocks.shape[1] * blocks.shape[2], 1)
         energy = np.divide(held, total, out=np.ones_like(total), where=total > 0)
-        return Projection(vectors, np.sqrt(missed), np.clip(energy, 0.0, 1.0))
+        return Projection(self._vectors(coordinates, flat), np.sqrt(missed), np.clip(energy, 0.0, 1.0))
+
+    def _coordinates(self, prepared: FloatBatch) -> tuple[FloatBatch, FloatBatch]:
+        """Blocks float32[n, b, d] of prepared windows and their coordinates float32[n, b, k]."""
+        basis, offsets, _ = self._stacked
+        blocks = cut_blocks(prepared, self.recipe.blocks)
+        count, parts, values = blocks.shape
+        if len(basis) == 1:
+            # All blocks of a shared basis go through one product.
+            rows = blocks.reshape(count * parts, values) @ basis[0] - offsets[0]
+            return blocks, rows.reshape(count, parts, basis.shape[2])
+        return blocks, (blocks.swapaxes(0, 1) @ basis - offsets[:, None]).swapaxes(0, 1)
+
+    def _vectors(self, coordinates: FloatBatch, flat: NDArray[np.bool_]) -> FloatBatch:
+        """float32[n, length]: the blocks' coordinates in a row, through the Fisher step if there is one."""
+        count, parts, components = coordinates.shape
+        vectors = coordinates.reshape(count, parts * components)
+        if self.fisher_axes is not None:
+            vectors = vectors @ self.fisher_axes.astype(np.float32)
+        vectors[flat] = 0.0
+        return vectors
 
     def reconstruct(self, prepared: FloatBatch) -> FloatBatch:
         """What the eigenvectors hold of prepared windows: float32[n, h, w] to the same, grey levels."""

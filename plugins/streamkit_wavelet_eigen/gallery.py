@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
+from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, flat_windows
 from streamkit_wavelet_eigen.recipe import Metric
-from streamkit_wavelet_eigen.virtual_views import view_count, with_views
+from streamkit_wavelet_eigen.virtual_views import prepared_views, view_count
 from streamkit_wavelet_eigen.wavelet import FloatBatch
 
 
@@ -68,7 +68,10 @@ class Recogniser:
     def __init__(self, space: WaveletEigenSpace, gallery: Gallery) -> None:
         recipe = space.recipe
         self.space, self.gallery = space, gallery
-        self._vectors = space.embed(with_views(gallery.patches.astype(np.float32), recipe.views))
+        patches = gallery.patches.astype(np.float32)
+        prepared = prepared_views(patches, recipe.views, recipe.preprocessing)
+        flat = np.tile(flat_windows(patches), view_count(recipe.views))
+        self._vectors = space.vectors_of(prepared, flat)
         names, index = np.unique(np.asarray(gallery.labels), return_inverse=True)
         self._names: list[str] = [str(name) for name in names]
         self._index = np.tile(index, view_count(recipe.views))

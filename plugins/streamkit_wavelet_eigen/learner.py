@@ -8,9 +8,8 @@ from streamkit_wavelet_eigen.blocks import cut_blocks
 from streamkit_wavelet_eigen.eigenspace import Eigenspace, FloatArray, learn_eigenspace, update_eigenspace
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, checked_patches, flat_windows
 from streamkit_wavelet_eigen.fisher import learn_fisher_axes
-from streamkit_wavelet_eigen.preprocessing import prepare
 from streamkit_wavelet_eigen.recipe import Recipe
-from streamkit_wavelet_eigen.virtual_views import view_count, with_views
+from streamkit_wavelet_eigen.virtual_views import prepared_views, view_count
 from streamkit_wavelet_eigen.wavelet import FloatBatch
 
 # Two windows are the fewest that differ, so the fewest that give an eigenvector.
@@ -45,7 +44,7 @@ def learn_space(patches: FloatBatch, recipe: Recipe, labels: Sequence[str] = ())
             f"learning a space: windows, views and pixels make {values} values, at most "
             f"{LARGEST_BATCH_VALUES} are taken; give fewer windows or a higher approximation"
         )
-    prepared = prepare(with_views(patches[usable], recipe.views), recipe.preprocessing)
+    prepared = prepared_views(patches[usable], recipe.views, recipe.preprocessing)
     spaces = tuple(
         learn_eigenspace(vectors, recipe.components, recipe.energy)
         for vectors in vectors_by_space(prepared, recipe)
@@ -58,7 +57,7 @@ def learn_space(patches: FloatBatch, recipe: Recipe, labels: Sequence[str] = ())
             f"Fisher step: each window needs a label, got {len(patches)} windows and {len(labels)} labels"
         )
     names = [name for name, kept in zip(labels, usable, strict=True) if kept] * view_count(recipe.views)
-    coordinates = space.project(prepared, np.zeros(len(prepared), bool)).vectors.astype(np.float64)
+    coordinates = space.vectors_of(prepared, np.zeros(len(prepared), bool)).astype(np.float64)
     used = np.ptp(coordinates, axis=0) > 0
     axes = np.zeros((coordinates.shape[1], min(int(used.sum()), len(set(names)) - 1)))
     if axes.size or len(set(names)) < 2:

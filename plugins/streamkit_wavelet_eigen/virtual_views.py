@@ -1,8 +1,11 @@
 """Virtual views: how a labelled window would look a little shifted, turned, scaled or mirrored."""
 
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 
+from streamkit_wavelet_eigen.preprocessing import Preprocessing, prepare
 from streamkit_wavelet_eigen.recipe import Views
 from streamkit_wavelet_eigen.wavelet import FloatBatch
 
@@ -28,34 +31,38 @@ def view_count(views: Views) -> int:
     return {Views.NONE: 1, Views.SHIFTED: len(_PLACES), Views.MIRRORED: 2 * len(_PLACES)}[views]
 
 
-def with_views(patches: FloatBatch, views: Views) -> FloatBatch:
-    """The windows themselves, then each other view of all of them.
+def views_of(patches: FloatBatch, views: Views) -> Iterator[FloatBatch]:
+    """The windows themselves, then each other view of all of them, one view at a time.
+
+    A view is made when it is asked for: all of them together would be 18 times the windows.
 
     Args:
         patches: float32[n, h, w].
         views: `none`; `shifted` by 1/32 of the side in four directions, turned by 5 degrees and scaled by
             5 % either way; `mirrored` those and all of them left to right.
 
-    Returns:
-        float32[n * view_count(views), h, w]: view by view, the windows in their order; uncovered pixels
-        repeat the nearest.
+    Yields:
+        float32[n, h, w], the windows in their order; uncovered pixels repeat the nearest.
 
     Source: Poggio and Vetter, Recognition and structure from one 2D model view, 1992 (virtual examples).
     """
-    if views is Views.NONE or not len(patches):
-        return patches
+    yield patches
+    if views is Views.MIRRORED:
+        yield patches[:, :, ::-1]
+    if views is Views.NONE:
+        return
     height, width = patches.shape[1:]
-    placed = [patches]
     for right, down, degrees, scale in _PLACES[1:]:
         matrix = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), degrees, scale)
         matrix[:, 2] += (right * width, down * height)
-        placed.append(
-            np.stack(
-                [
-                    cv2.warpAffine(patch, matrix, (width, height), borderMode=cv2.BORDER_REPLICATE)
-                    for patch in patches
-                ]
-            )
-        )
-    shifted = np.concatenate(placed)
-    return shifted if views is Views.SHIFTED else np.concatenate([shifted, shifted[:, :, ::-1]])
+        view = np.empty_like(patches)
+        for patch, moved in zip(patches, view, strict=True):
+            cv2.warpAffine(patch, matrix, (width, height), dst=moved, borderMode=cv2.BORDER_REPLICATE)
+        yield view
+        if views is Views.MIRRORED:
+            yield view[:, :, ::-1]
+
+
+def prepared_views(patches: FloatBatch, views: Views, how: Preprocessing) -> FloatBatch:
+    """All views of windows float32[n, h, w], prepared, view by view: n * view_count(views) of them."""
+    return np.concatenate([prepare(np.ascontiguousarray(view), how) for view in views_of(patches, views)])

@@ -1,0 +1,77 @@
+"""The two picture databases of the publication, read from a folder of the user's."""
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+VARIABLE = "STREAMKIT_DATA"
+SIDE = 64
+
+
+class MissingData(FileNotFoundError):
+    """The databases are not where they were looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class Database:
+    """Pictures of several targets.
+
+    Attributes:
+        name: `orl` or `coil20`.
+        pictures: uint8[targets, views, 64, 64].
+    """
+
+    name: str
+    pictures: NDArray[np.uint8]
+
+
+def data_folder(given: Path | None = None) -> Path:
+    """The folder that holds `orl/` and `coil20/`: the given one, or that of STREAMKIT_DATA, or `data` in it.
+
+    Raises:
+        MissingData: neither is there.
+    """
+    place = given or (Path(os.environ[VARIABLE]) if os.environ.get(VARIABLE) else None)
+    if place is None:
+        raise MissingData(f"experiments need the databases: name their folder with --data or set {VARIABLE}")
+    for folder in (place, place / "data"):
+        if (folder / "orl").is_dir() and (folder / "coil20").is_dir():
+            return folder
+    raise MissingData(
+        f"{place}: there must be folders orl (sN/M.pgm) and coil20 (objN__K.png) in it; neither database may "
+        "be shipped with this program, see docs/paper-tables.md for their origin"
+    )
+
+
+def read_orl(folder: Path) -> Database:
+    """The ORL faces: 40 people, 10 pictures each, scaled from 92x112 to 64x64 by area."""
+    names = [[f"orl/s{person}/{view}.pgm" for view in range(1, 11)] for person in range(1, 41)]
+    return Database("orl", _read(folder, names))
+
+
+def read_coil20(folder: Path) -> Database:
+    """COIL-20: 20 objects, 24 views 15 degrees apart, scaled from 128x128 to 64x64 by area."""
+    found: dict[int, list[tuple[int, str]]] = {}
+    for path in (folder / "coil20").iterdir():
+        if match := re.fullmatch(r"obj(\d+)__(\d+)\.png", path.name):
+            found.setdefault(int(match[1]), []).append((int(match[2]), f"coil20/{path.name}"))
+    names = [[name for _, name in sorted(found[target])] for target in sorted(found)]
+    if len(names) != 20 or any(len(views) != 24 for views in names):
+        raise MissingData(f"{folder / 'coil20'}: there must be 20 objects with 24 views each, objN__K.png")
+    return Database("coil20", _read(folder, names))
+
+
+def _read(folder: Path, names: list[list[str]]) -> NDArray[np.uint8]:
+    pictures = []
+    for name in (name for views in names for name in views):
+        path = folder / name
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
+        if picture is None:
+            raise MissingData(f"{path}: the database is not whole; this picture cannot be read")
+        pictures.append(cv2.resize(picture, (SIDE, SIDE), interpolation=cv2.INTER_AREA))
+    return np.asarray(np.stack(pictures), np.uint8).reshape(len(names), -1, SIDE, SIDE)

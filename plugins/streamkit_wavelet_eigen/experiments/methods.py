@@ -1,0 +1,53 @@
+"""The methods that are compared, as recipes of this package."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from streamkit_wavelet_eigen.experiments.protocol import Split
+from streamkit_wavelet_eigen.gallery import Gallery, Recogniser, share_recognised
+from streamkit_wavelet_eigen.learner import learn_space
+from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
+from streamkit_wavelet_eigen.recipe import PRESETS, Basis, Metric, Recipe, Views
+
+RAW = Preprocessing(Mode.RAW)
+PROPOSED = "paper chain, modular PCA (preset paper)"
+TRADITIONAL = "raw pixels, whole-picture PCA 40 (traditional)"
+MODULAR = "raw pixels, modular PCA (preset modular)"
+BEST = "approximation, virtual views, Fisher (preset recognition)"
+
+METHODS: dict[str, Recipe] = {
+    PROPOSED: PRESETS["paper"],
+    "paper chain, whole-picture PCA 40": Recipe(64, components=40),
+    "db8 denoising only, modular PCA": replace(PRESETS["paper"], preprocessing=Preprocessing(Mode.DENOISE)),
+    TRADITIONAL: Recipe(64, RAW, components=40),
+    MODULAR: PRESETS["modular"],
+    "raw pixels, modular PCA 5, one distance": replace(
+        PRESETS["modular"], components=5, metric=Metric.EUCLIDEAN
+    ),
+    "raw pixels, sub-pattern PCA": replace(PRESETS["modular"], basis=Basis.PER_BLOCK),
+    "raw pixels, whole-picture PCA 40, Fisher": Recipe(64, RAW, components=40, discriminative=True),
+    BEST: PRESETS["recognition"],
+}
+
+# Among these the splits of the training pictures choose.
+CANDIDATES: dict[str, Recipe] = {
+    "modular": PRESETS["modular"],
+    "no views, 40": replace(PRESETS["recognition"], views=Views.NONE, components=40),
+    "shifted, 60": replace(PRESETS["recognition"], views=Views.SHIFTED),
+    "mirrored, 40": replace(PRESETS["recognition"], components=40),
+    "mirrored, 60": PRESETS["recognition"],
+    "mirrored, 100": replace(PRESETS["recognition"], components=100),
+}
+
+
+def recognition_rate(recipe: Recipe, split: Split) -> float:
+    """Share in percent of the test pictures whose nearest training picture is of the same target."""
+    training, test = split.training, split.test
+    if len(set(training.labels)) < 2:
+        # With one target there is nothing to discriminate; every answer is right, whatever the space.
+        recipe = replace(recipe, discriminative=False)
+    space = learn_space(training.pictures.astype(np.float32), recipe, training.labels)
+    recogniser = Recogniser(space, Gallery(training.pictures, training.labels))
+    matches = recogniser.recognise(space.embed(test.pictures.astype(np.float32)))
+    return 100.0 * share_recognised(matches.labels, test.labels)

@@ -1,0 +1,109 @@
+"""Others' implementations on the same splits: scikit-learn's PCA and Fisherfaces, scikit-image's LBP.
+
+They are in the extra `experiments`; nothing else of this package needs them.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from streamkit_wavelet_eigen.experiments.figures_of_merit import Figure, figure_of
+from streamkit_wavelet_eigen.experiments.protocol import Sample, Split
+
+COMPONENTS = 40
+LBP_CELLS = 8
+LBP_POINTS = 8
+LBP_RADIUS = 2
+LBP_PATTERNS = LBP_POINTS * (LBP_POINTS - 1) + 3
+
+Rate = Callable[[Split], float]
+
+
+def peer_rates(splits: Sequence[Split]) -> dict[str, Figure]:
+    """Recognition of each peer over all targets, percent.
+
+    Raises:
+        ImportError: scikit-learn or scikit-image is not installed.
+    """
+    return {name: figure_of([rate(split) for split in splits]) for name, rate in PEERS.items()}
+
+
+def pca_rate(split: Split) -> float:
+    """scikit-learn PCA with 40 components, nearest neighbour."""
+    from sklearn.decomposition import PCA
+    from sklearn.neighbors import KNeighborsClassifier
+    from sklearn.pipeline import make_pipeline
+
+    model = make_pipeline(PCA(COMPONENTS, svd_solver="full"), KNeighborsClassifier(1))
+    return _score(model, split)
+
+
+def fisherfaces_rate(split: Split) -> float:
+    """scikit-learn PCA with 40 components, linear discriminant analysis, nearest neighbour."""
+    from sklearn.decomposition import PCA
+    from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+    from sklearn.neighbors import KNeighborsClassifier
+    from sklearn.pipeline import make_pipeline
+
+    model = make_pipeline(
+        PCA(COMPONENTS, svd_solver="full"),
+        LinearDiscriminantAnalysis(solver="eigen"),
+        KNeighborsClassifier(1),
+    )
+    return _score(model, split)
+
+
+def lbp_rate(split: Split) -> float:
+    """scikit-image uniform LBP (8 points, radius 2), histograms of 8x8 cells, nearest by chi square."""
+    known, asked = (lbp_histograms(sample.pictures) for sample in (split.training, split.test))
+    nearest = [chi_square_distances(row, known).argmin() for row in asked]
+    return float(100.0 * np.mean(np.array(split.training.labels)[nearest] == np.array(split.test.labels)))
+
+
+def chi_square_distances(row: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sum of (x - y)^2 / (x + y) between a histogram float64[k] and each of float64[m, k].
+
+    It is sum x + sum y - 4 sum xy / (x + y), so that only what is in the row has to be looked at: cells of 64
+    pixels leave most of the 59 patterns empty.
+    """
+    there = np.flatnonzero(row)
+    mine, theirs = row[there], others[:, there]
+    common = np.sum(mine * theirs / (mine + theirs), axis=1)
+    result: NDArray[np.float64] = row.sum() + others.sum(axis=1) - 4.0 * common
+    return result
+
+
+def lbp_histograms(pictures: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """float64[n, cells * patterns] of uint8[n, h, w], each cell's histogram beside the others."""
+    return np.stack([_lbp_histogram(picture.tobytes(), picture.shape) for picture in pictures])
+
+
+@cache
+def _lbp_histogram(pixels: bytes, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Of one picture; the ten splits show the same pictures again."""
+    from skimage.feature import local_binary_pattern
+
+    picture = np.frombuffer(pixels, np.uint8).reshape(shape)
+    place = np.arange(shape[1]) // (shape[1] // LBP_CELLS)
+    cells = (place[:, None] * LBP_CELLS + place) * LBP_PATTERNS
+    codes = local_binary_pattern(picture, LBP_POINTS, LBP_RADIUS, method="nri_uniform")  # type: ignore[no-untyped-call]
+    counts = np.bincount((cells + codes.astype(int)).ravel(), minlength=LBP_CELLS**2 * LBP_PATTERNS)
+    return counts.astype(np.float64)
+
+
+PEERS: dict[str, Rate] = {
+    "scikit-learn PCA 40, 1-NN": pca_rate,
+    "scikit-learn Fisherfaces (PCA 40, LDA), 1-NN": fisherfaces_rate,
+    "scikit-image LBP histograms, 1-NN chi square": lbp_rate,
+}
+
+
+def _score(model: object, split: Split) -> float:
+    fitted = model.fit(_rows(split.training), split.training.labels)  # type: ignore[attr-defined]
+    return float(100.0 * np.mean(fitted.predict(_rows(split.test)) == np.array(split.test.labels)))
+
+
+def _rows(sample: Sample) -> NDArray[np.float64]:
+    return sample.pictures.reshape(len(sample.pictures), -1).astype(np.float64)

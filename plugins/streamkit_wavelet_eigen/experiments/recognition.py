@@ -1,0 +1,81 @@
+"""Three readings of "feature extraction percentage", and recognition over all targets."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from streamkit_wavelet_eigen.experiments.figures_of_merit import Figure, figure_of
+from streamkit_wavelet_eigen.experiments.methods import METHODS, PROPOSED, RAW, recognition_rate
+from streamkit_wavelet_eigen.experiments.protocol import Split, first_targets
+from streamkit_wavelet_eigen.experiments.published import TARGETS
+from streamkit_wavelet_eigen.gallery import distances
+from streamkit_wavelet_eigen.learner import learn_space
+from streamkit_wavelet_eigen.recipe import Recipe
+
+# Reading B: as many eigenvectors as hold this share of the variance of the training pictures.
+HELD_ENERGY = 0.95
+MOST_COMPONENTS = 256
+
+
+def rates(recipe: Recipe, splits: Sequence[Split]) -> Figure:
+    """Recognition over all targets, percent, one measurement for each split."""
+    return figure_of([recognition_rate(recipe, split) for split in splits])
+
+
+def reading_a(recipe: Recipe, splits: Sequence[Split]) -> list[Figure]:
+    """Recognition with a gallery of k targets, k = 1 to 10, percent: the first k of each split's own order.
+
+    Basis and gallery are made from the training pictures of these k targets alone.
+    """
+    return _by_targets(splits, lambda split: recognition_rate(recipe, split))
+
+
+def reading_b(splits: Sequence[Split]) -> list[Figure]:
+    """Held-out reconstruction of k targets, k = 1 to 10, percent: the mean of 100 (1 - |x - x'| / |x|).
+
+    x is a test picture as it is, x' its reconstruction from the whole-picture eigenvectors of the k targets'
+    training pictures that hold 95 % of their variance.
+    """
+    return _by_targets(splits, reconstructed_share)
+
+
+def reading_c(splits: Sequence[Split]) -> list[Figure]:
+    """Recognition over all targets with the paper chain and 1 to 10 features for each block, percent."""
+    by_count: list[list[float]] = [[] for _ in range(METHODS[PROPOSED].components)]
+    for split in splits:
+        for count, rate in enumerate(rates_by_features(split)):
+            by_count[count].append(rate)
+    return [figure_of(values) for values in by_count]
+
+
+def _by_targets(splits: Sequence[Split], measure: Callable[[Split], float]) -> list[Figure]:
+    return [figure_of([measure(first_targets(split, count)) for split in splits]) for count in TARGETS]
+
+
+def reconstructed_share(split: Split) -> float:
+    """Reading B of one split, percent."""
+    components = min(len(split.training.labels), MOST_COMPONENTS)
+    recipe = Recipe(64, RAW, components=components, energy=HELD_ENERGY)
+    space = learn_space(split.training.pictures.astype(np.float32), recipe)
+    given = split.test.pictures.astype(np.float32)
+    missed = np.linalg.norm((given - space.reconstruct(given)).reshape(len(given), -1), axis=1)
+    whole = np.linalg.norm(given.reshape(len(given), -1), axis=1)
+    return float(100.0 * np.mean(1.0 - missed / whole))
+
+
+def rates_by_features(split: Split) -> list[float]:
+    """Reading C of one split: one fit, of which the leading features are taken."""
+    recipe = METHODS[PROPOSED]
+    space = learn_space(split.training.pictures.astype(np.float32), recipe)
+    blocks = recipe.blocks**2
+    known, asked = (
+        space.embed(sample.pictures.astype(np.float32)).reshape(-1, blocks, recipe.components)
+        for sample in (split.training, split.test)
+    )
+    names, truth = np.array(split.training.labels), np.array(split.test.labels)
+    found = []
+    for count in range(1, recipe.components + 1):
+        one, other = (vectors[:, :, :count].reshape(len(vectors), -1) for vectors in (asked, known))
+        nearest = distances(one, other, recipe.metric, blocks).argmin(axis=1)
+        found.append(float(100.0 * np.mean(names[nearest] == truth)))
+    return found

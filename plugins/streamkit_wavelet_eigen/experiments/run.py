@@ -1,0 +1,105 @@
+"""Runs the whole protocol: four partitions, each a task of its own, on as many processes as are asked for."""
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+
+from streamkit_wavelet_eigen.experiments.databases import read_coil20, read_orl
+from streamkit_wavelet_eigen.experiments.methods import BEST, METHODS, MODULAR, PROPOSED, TRADITIONAL
+from streamkit_wavelet_eigen.experiments.peers import peer_rates
+from streamkit_wavelet_eigen.experiments.protocol import PARTITIONS, REPETITIONS, Partition, splits
+from streamkit_wavelet_eigen.experiments.published import RUNS
+from streamkit_wavelet_eigen.experiments.recognition import rates, reading_a, reading_b, reading_c
+from streamkit_wavelet_eigen.experiments.results import SCHEMA, PartitionResult, Results
+from streamkit_wavelet_eigen.experiments.selection import choose
+from streamkit_wavelet_eigen.experiments.tracking import by_runs, tracking_errors
+
+# One thread for each process: results do not depend on how many processors a machine has.
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+READING_A_METHODS = (PROPOSED, TRADITIONAL, MODULAR, BEST)
+
+
+def run_partition(
+    partition: Partition, folder: Path, repetitions: int, tracking_runs: int
+) -> PartitionResult:
+    """Measures one partition.
+
+    Args:
+        partition: which database, and how many training pictures.
+        folder: holds the databases.
+        repetitions: random splits.
+        tracking_runs: sequences for tables 2 and 4.
+
+    Raises:
+        MissingData: the databases are not whole.
+        ImportError: a peer is not installed.
+    """
+    read = read_orl if partition.database == "orl" else read_coil20
+    parts = list(splits(read(folder).pictures, partition.training, repetitions))
+    return {
+        "training_pictures": len(parts[0].training.labels),
+        "test_pictures": len(parts[0].test.labels),
+        "recognition": {name: rates(recipe, parts) for name, recipe in METHODS.items()},
+        "peers": peer_rates(parts),
+        "selection": choose(parts, partition.training),
+        "reading_a": {name: reading_a(METHODS[name], parts) for name in READING_A_METHODS},
+        "reading_b": reading_b(parts),
+        "reading_c": reading_c(parts),
+        "tracking": by_runs(tracking_errors(parts, tracking_runs)),
+    }
+
+
+def run_all(
+    folder: Path,
+    *,
+    repetitions: int = REPETITIONS,
+    tracking_runs: int = RUNS[-1],
+    workers: int = 2,
+    told: Callable[[str], None] = lambda key: None,
+) -> Results:
+    """Measures all partitions; the same call gives the same results, whatever the number of workers.
+
+    Args:
+        folder: holds the databases.
+        repetitions: random splits of each partition.
+        tracking_runs: sequences for tables 2 and 4.
+        workers: processes.
+        told: called with the key of each partition that is done.
+    """
+    found: dict[str, PartitionResult] = {}
+    with _one_thread_each(), ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        tasks = {
+            pool.submit(run_partition, partition, folder, repetitions, tracking_runs): partition.key
+            for partition in PARTITIONS
+        }
+        try:
+            for task in as_completed(tasks):
+                found[tasks[task]] = task.result()
+                told(tasks[task])
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return {
+        "schema": SCHEMA,
+        "repetitions": repetitions,
+        "tracking_runs": tracking_runs,
+        "partitions": {partition.key: found[partition.key] for partition in PARTITIONS},
+    }
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Linear algebra in child processes runs on one thread: they read this when they start."""
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
