@@ -211,6 +211,9 @@ class Caps(NestedValue):
         """Caps as a value meet equal caps only, as in GStreamer."""
         return self if self.nested_equal(other) else None
 
+    def nested_join(self, other: NestedValue) -> None:
+        """Caps as a value join with no others."""
+
     def nested_within(self, other: NestedValue) -> bool:
         """Caps as a value are within equal caps only, as in GStreamer."""
         return self.nested_equal(other)

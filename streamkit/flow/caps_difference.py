@@ -10,18 +10,17 @@ from __future__ import annotations
 from streamkit.errors import CapsTooLarge
 from streamkit.flow.caps_algebra import (
     MEMBER_LIMIT,
-    add_choices,
     as_choice,
     is_subset_value,
     join_flags,
     values_equal,
 )
-from streamkit.flow.caps_serialize import type_name
 from streamkit.flow.caps_values import (
     FlagSet,
     FloatRange,
     FractionRange,
     IntRange,
+    NestedValue,
     Value,
     ValueArray,
     ValueList,
@@ -34,8 +33,7 @@ def subtract_values(minuend: Value, subtrahend: Value) -> Value | None:
         found: list[Value] = []
         for item in minuend.items:
             rest = subtract_values(item, subtrahend)
-            if rest is not None:
-                add_choices(found, rest)
+            found.extend(rest.items if isinstance(rest, ValueList) else () if rest is None else (rest,))
         return as_choice(found)
     if isinstance(subtrahend, ValueList):
         left: Value | None = minuend
@@ -95,67 +93,63 @@ def _subtract_from_integers(minuend: IntRange, subtrahend: Value) -> Value | Non
     return as_choice(pieces)
 
 
-def may_unite(left: Value, right: Value) -> bool:
-    """Whether two values are of one type, so that a list can hold both; arrays go with arrays only."""
-    one, other = (
-        value.items[0] if isinstance(value, ValueList) and value.items else value for value in (left, right)
-    )
-    return type_name(one) == type_name(other) and isinstance(one, ValueArray) == isinstance(other, ValueArray)
+def unite_values(left: Value, right: Value) -> Value | None:
+    """What either value allows: one range, flag set or structure where they join, a list otherwise.
 
-
-def unite_values(left: Value, right: Value) -> Value:
-    """What either value allows: one range or flag set where they join, a list otherwise.
+    Returns:
+        The union; None where the types differ, or for ranges of int and flag sets that do not join, of which
+        GStreamer makes no lists.
 
     Raises:
         CapsTooLarge: the list has too many members.
     """
-    joined = _join(left, right)
-    if joined is not None:
-        return joined
-    items = [
-        *(left.items if isinstance(left, ValueList) else (left,)),
-        *(right.items if isinstance(right, ValueList) else (right,)),
-    ]
-    if len(items) > MEMBER_LIMIT:
-        raise CapsTooLarge(f"a field of the caps has more than {MEMBER_LIMIT} alternatives")
-    found: list[Value] = []
-    for item in items:
-        if not any(values_equal(item, known) for known in found):
-            found.append(item)
-    return as_choice(found) or ValueList(())
-
-
-def _join(left: Value, right: Value) -> Value | None:
-    if isinstance(left, FlagSet) and isinstance(right, FlagSet):
-        return join_flags(left, right)
-    if isinstance(left, IntRange) and isinstance(right, IntRange):
-        return _join_ranges(left, right)
-    if isinstance(left, IntRange) and type(right) is left.number:
-        return _extend(left, int(right))
-    if isinstance(right, IntRange) and type(left) is right.number:
-        return _extend(right, int(left))
-    return None
-
-
-def _join_ranges(left: IntRange, right: IntRange) -> IntRange | None:
-    if type(left) is not type(right):
-        return None
-    if is_subset_value(left, right):
-        return right
     if is_subset_value(right, left):
         return left
-    apart = max(left.low, right.low) - min(left.high, right.high)
-    if left.step != right.step or apart > left.step:
+    if isinstance(left, FlagSet) and isinstance(right, FlagSet):
+        return join_flags(left, right)
+    if type(left) is IntRange and type(right) in (int, IntRange):
+        return _extend(left, right)
+    if type(right) is IntRange and type(left) is int:
+        return _extend(right, left)
+    if isinstance(left, NestedValue) and isinstance(right, NestedValue):
+        joined = left.nested_join(right)
+        if joined is not None:
+            return joined
+    if _member_type(left) is not _member_type(right):
         return None
-    return type(left)(min(left.low, right.low), max(left.high, right.high), left.step)
+    items = list(left.items if isinstance(left, ValueList) else (left,))
+    for item in right.items if isinstance(right, ValueList) else (right,):
+        if not any(values_equal(item, known) for known in items):
+            items.append(item)
+    if len(items) > MEMBER_LIMIT:
+        raise CapsTooLarge(f"a field of the caps has more than {MEMBER_LIMIT} alternatives")
+    return as_choice(items)
 
 
-def _extend(span: IntRange, value: int) -> IntRange | None:
-    if span.number(value) in span:
+def _member_type(value: Value) -> type:
+    """The type of a value, or of the first member of a list or array; of a range that of its ends."""
+    while isinstance(value, ValueList | ValueArray) and value.items:
+        value = value.items[0]
+    if isinstance(value, IntRange):
+        return value.number
+    return type(value.low) if isinstance(value, FloatRange | FractionRange) else type(value)
+
+
+def _extend(span: IntRange, other: Value) -> Value | None:
+    """The range with a value or a range of the same step that it holds, overlaps or borders on."""
+    if is_subset_value(other, span):
         return span
-    number = span.number
-    if value == span.low - span.step:
-        return type(span)(number(value), span.high, span.step)
-    if value == span.high + span.step:
-        return type(span)(span.low, number(value), span.step)
-    return None
+    if is_subset_value(span, other):
+        return other
+    step = span.step
+    if isinstance(other, IntRange):
+        low, high = other.low, other.high
+        if other.step != step:
+            return None
+    elif isinstance(other, int) and other % step == 0:
+        low = high = other
+    else:
+        return None
+    if max(low, span.low) - min(high, span.high) > step:
+        return None
+    return IntRange(min(low, span.low), max(high, span.high), step)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from streamkit.errors import CapsTooLarge
 from streamkit.flow.caps_algebra import values_equal
-from streamkit.flow.caps_difference import may_unite, subtract_values, unite_values
+from streamkit.flow.caps_difference import subtract_values
 from streamkit.flow.caps_structure import Structure
 from streamkit.flow.caps_values import ValueList
 
@@ -74,7 +74,7 @@ def simplify(structures: Sequence[Structure]) -> tuple[Structure, ...]:
                 kept[index] = rest[0]
                 continue
             if rest is None or len(rest) > 1:
-                joined = _joined(kept[index], kept[other])
+                joined = kept[other].join(kept[index])
                 if joined is None:
                     continue
                 kept[other] = joined
@@ -102,16 +102,3 @@ def _without(structure: Structure, other: Structure) -> list[Structure] | None:
             return None
         found.append(structure.with_field(name, rest))
     return found
-
-
-def _joined(structure: Structure, other: Structure) -> Structure | None:
-    """Both in one, where they have the same fields and all but one are equal."""
-    if structure.fields.keys() != other.fields.keys():
-        return None
-    unlike = [name for name, value in structure.fields.items() if not values_equal(value, other.fields[name])]
-    if len(unlike) != 1:
-        return None
-    name = unlike[0]
-    if not may_unite(other.fields[name], structure.fields[name]):
-        return None
-    return other.with_field(name, unite_values(other.fields[name], structure.fields[name]))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from streamkit.flow.caps_algebra import intersect_values, is_subset_value, values_equal
+from streamkit.flow.caps_difference import unite_values
 from streamkit.flow.caps_fixate import fixate_value
 from streamkit.flow.caps_serialize import write_structure
 from streamkit.flow.caps_values import NestedValue, Value, is_fixed
@@ -90,6 +91,18 @@ class Structure(NestedValue):
             and all(values_equal(value, other.fields[name]) for name, value in self.fields.items())
         )
 
+    def join(self, other: Structure) -> Structure | None:
+        """What either allows, where they have the same fields and all but one are equal; otherwise None."""
+        if self.name != other.name or not self.same_features(other):
+            return None
+        if self.fields.keys() != other.fields.keys():
+            return None
+        unlike = [name for name, value in self.fields.items() if not values_equal(value, other.fields[name])]
+        if len(unlike) != 1:
+            return None
+        both = unite_values(self.fields[unlike[0]], other.fields[unlike[0]])
+        return None if both is None else self.with_field(unlike[0], both)
+
     def with_field(self, name: str, value: Value) -> Structure:
         """The same structure with one field set."""
         return Structure(self.name, {**self.fields, name: value}, self.features)
@@ -111,6 +124,10 @@ class Structure(NestedValue):
     def nested_meet(self, other: NestedValue) -> Structure | None:
         """What both allow, as fields of caps."""
         return self.intersect(other) if isinstance(other, Structure) else None
+
+    def nested_join(self, other: NestedValue) -> Structure | None:
+        """Both in one, where one field only tells them apart."""
+        return self.join(other) if isinstance(other, Structure) else None
 
     def nested_within(self, other: NestedValue) -> bool:
         """Whether it is a subset of the other, as fields of caps."""

@@ -208,6 +208,10 @@ class NestedValue(ABC):
         """What both allow, or None."""
 
     @abstractmethod
+    def nested_join(self, other: NestedValue) -> NestedValue | None:
+        """One value that allows what either allows, or None where a list is needed."""
+
+    @abstractmethod
     def nested_within(self, other: NestedValue) -> bool:
         """Whether everything it allows is allowed by the other."""
 
