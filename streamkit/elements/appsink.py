@@ -84,6 +84,7 @@ class AppSink(Sink):
         with self._changed:
             while not self._frames:
                 if self._ended:
+                    self._raise_failure()
                     return None
                 self._raise_failure()
                 if not self.is_playing or self.stopping.is_set():

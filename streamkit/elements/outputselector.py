@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from streamkit.element.branching import Split
-from streamkit.element.pad import Direction, PadTemplate, Presence
+from streamkit.element.choice import Choice
+from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
-from streamkit.flow.caps import ANY
+from streamkit.flow.caps import ANY, Caps
+from streamkit.flow.events import CapsEvent, SegmentEvent
 from streamkit.flow.frame import Frame
+
+
+class Negotiation(Choice):
+    """Whose caps count upstream."""
+
+    NONE = "none", 0, "None"
+    ALL = "all", 1, "All"
+    ACTIVE = "active", 2, "Active"
 
 
 class OutputSelector(Split):
@@ -24,10 +35,72 @@ class OutputSelector(Split):
     active_pad: str | None = Property(
         None, live=True, doc="Name of the branch that gets frames; unset is the first."
     )
+    pad_negotiation_mode: Negotiation = Property(
+        Negotiation.ALL, doc="Whose caps upstream has to meet: nobody's, all branches', or the active one's."
+    )
+    resend_latest: bool = Property(
+        False, live=True, doc="Give the newest frame once more to a branch that becomes active."
+    )
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self._latest: Frame | None = None
+        self._switched = False
+        super().__init__(name, **properties)
+
+    def _active(self) -> Pad | None:
+        name = self.active_pad
+        if name is not None and name in self.pads:
+            return self.pads[name]
+        return next(self.src_pads(), None)
+
+    def query_caps(self, pad: Pad) -> Caps:
+        """What the mode says, for the sink pad; what comes in, for a src pad."""
+        if pad.is_src:
+            return self.pads["sink"].peer_caps()
+        if self.pad_negotiation_mode is Negotiation.NONE:
+            return ANY
+        if self.pad_negotiation_mode is Negotiation.ALL:
+            return super().query_caps(pad)
+        active = self._active()
+        return ANY if active is None else active.peer_caps()
 
     def split(self, frame: Frame) -> Mapping[str, Frame]:
         """The frame, for the active branch."""
-        name = self.active_pad
-        if name is None or name not in self.pads:
-            name = next(pad.name for pad in self.src_pads())
-        return {name: frame}
+        active = self._active()
+        return {} if active is None else {active.name: frame}
+
+    def receiver(self, pad: Pad) -> Callable[[Frame], None]:
+        """The function that takes the frames of the sink pad."""
+        receive = super().receiver(pad)
+
+        def remember(frame: Frame) -> None:
+            if self._switched:
+                self._resend()
+            self._latest = frame if self.resend_latest else None
+            receive(frame)
+
+        return remember
+
+    def _resend(self) -> None:
+        self._switched = False
+        latest, active = self._latest, self._active()
+        if latest is None or active is None:
+            return
+        if active.caps is not latest.caps:
+            active.send_event(CapsEvent(latest.caps))
+        if active.segment != self.pads["sink"].segment:
+            active.send_event(SegmentEvent(self.pads["sink"].segment))
+        active.push(latest)
+
+    def property_changed(self, name: str) -> None:
+        """Another branch gets the frames, and may have other caps."""
+        if name != "active_pad" or not self.is_playing:
+            return
+        self._switched = self.resend_latest
+        if self.pad_negotiation_mode is Negotiation.ACTIVE:
+            self.reconfigure()
+
+    def stop(self) -> None:
+        """Lets go of the newest frame."""
+        self._latest = None
+        self._switched = False

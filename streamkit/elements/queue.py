@@ -1,38 +1,45 @@
-"""queue: a bounded thread boundary."""
+"""queue: a bounded thread boundary.
+
+Frames cross without a lock: the thread upstream appends, the thread downstream takes, each counts on its own
+side (see `Levels`), and one wakes the other only when that one sleeps.
+"""
 
 from __future__ import annotations
 
-import enum
-import threading
-from collections import deque
+import sys
 from collections.abc import Callable
 from typing import Any
 
-from streamkit.element.base import Element
+from streamkit.element.choice import Choice
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
+from streamkit.elements.callbacks import Callbacks
+from streamkit.elements.levels import EMPTY
+from streamkit.elements.thread_boundary import LOOK_S, ThreadBoundary
 from streamkit.flow.caps import Caps
-from streamkit.flow.events import EOS, EosEvent, Event
-from streamkit.flow.frame import Frame
-from streamkit.flow.signals import EndOfStream, FlowStop, Flushing
+from streamkit.flow.events import EosEvent, Event, FlushStart, FlushStop, SegmentEvent
+from streamkit.flow.frame import Frame, FrameFlags
+from streamkit.flow.signals import Flushing
 
-WAIT_S = 0.5  # longest sleep between looks at `stopping`, should a wake-up be missed
+UINT = 2**32 - 1
+UINT64 = 2**64 - 1
 
 
-class Leaky(enum.StrEnum):
+class Leaky(Choice):
     """Which frame a full queue gives up."""
 
-    NO = "no"
-    UPSTREAM = "upstream"
-    DOWNSTREAM = "downstream"
+    NO = "no", 0, "Not Leaky"
+    UPSTREAM = "upstream", 1, "Leaky on upstream (new buffers)"
+    DOWNSTREAM = "downstream", 2, "Leaky on downstream (old buffers)"
 
 
-class _Drained(Exception):
-    """EOS has been handed over."""
-
-
-class Queue(Element):
+class Queue(ThreadBoundary):
     """Lets what follows run in a thread of its own; holds frames up to three limits.
+
+    It is full when any level has reached its limit, which is looked at before a frame is added.
+
+    Attributes:
+        on_overrun: called with the queue when a frame meets a full queue.
 
     Example:
         fakesrc num-buffers=100 ! queue max-size-buffers=10 ! fakesink
@@ -40,55 +47,62 @@ class Queue(Element):
 
     sink = src = "ANY"
 
-    max_size_buffers: int = Property(200, min=0, live=True, doc="Frames held at most; 0 is no limit.")
+    max_size_buffers: int = Property(
+        200, min=0, max=UINT, live=True, doc="Frames held at most; 0 is no limit."
+    )
     max_size_bytes: int = Property(
-        10485760, min=0, live=True, unit="bytes", doc="Bytes held at most; 0 is no limit."
+        10485760, min=0, max=UINT, live=True, unit="bytes", doc="Bytes held at most; 0 is no limit."
     )
     max_size_time: int = Property(
-        1_000_000_000, min=0, live=True, unit="ns", doc="Time held at most, by pts; 0 is no limit."
+        1_000_000_000,
+        min=0,
+        max=UINT64,
+        live=True,
+        unit="ns",
+        doc="Running time held at most; 0 is no limit.",
+    )
+    min_threshold_buffers: int = Property(
+        0, min=0, max=UINT, live=True, doc="Frames to be held before any is handed on; 0 is none."
+    )
+    min_threshold_bytes: int = Property(
+        0, min=0, max=UINT, live=True, unit="bytes", doc="Bytes to be held before any is handed on."
+    )
+    min_threshold_time: int = Property(
+        0, min=0, max=UINT64, live=True, unit="ns", doc="Running time to be held before any is handed on."
     )
     leaky: Leaky = Property(Leaky.NO, live=True, doc="Which frame a full queue drops instead of waiting.")
+    flush_on_eos: bool = Property(False, live=True, doc="Drop the frames held when EOS comes.")
+    silent: bool = Property(False, live=True, doc="Call none of the callbacks.")
+    current_level_buffers: int = Property(0, read=lambda q: q._levels.buffers, doc="Frames held now.")
+    current_level_bytes: int = Property(
+        0, read=lambda q: q._levels.bytes, unit="bytes", doc="Bytes held now."
+    )
+    current_level_time: int = Property(
+        0, read=lambda q: q._levels.time_ns, unit="ns", doc="Running time held now."
+    )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._items: deque[Frame | Event] = deque()
-        self._lock = threading.Lock()
-        self._not_empty = threading.Condition(self._lock)
-        self._not_full = threading.Condition(self._lock)
-        self._buffers = 0
-        self._bytes = 0
-        self._last_in_ns = self._last_out_ns = 0
-        self.highest_level_buffers = self.highest_level_bytes = self.highest_level_time = 0
-        self._stop: FlowStop | None = None
+        self.on_overrun = Callbacks()
         super().__init__(name, **properties)
+        self.property_changed("")
 
-    # Levels.
+    def _tell(self, callbacks: Callbacks) -> None:
+        """Calls callbacks, unless the queue is to be silent."""
+        if callbacks and not self.silent:
+            callbacks.emit(self)
 
-    @property
-    def current_level_buffers(self) -> int:
-        """Frames held now."""
-        return self._buffers
-
-    @property
-    def current_level_bytes(self) -> int:
-        """Bytes held now."""
-        return self._bytes
-
-    @property
-    def current_level_time(self) -> int:
-        """Time between the oldest and the newest frame held, ns."""
-        return max(0, self._last_in_ns - self._last_out_ns) if self._buffers else 0
-
-    def _is_full(self) -> bool:
-        return bool(
-            (self.max_size_buffers and self._buffers >= self.max_size_buffers)
-            or (self.max_size_bytes and self._bytes >= self.max_size_bytes)
-            or (self.max_size_time and self.current_level_time >= self.max_size_time)
-        )
+    def latency(self) -> tuple[int, int | None]:
+        """It waits for its threshold, and can hold frames up to its limit."""
+        return self.min_threshold_time, self.max_size_time or None
 
     def property_changed(self, name: str) -> None:
-        """A limit raised makes room for who waits."""
-        with self._lock:
-            self._not_full.notify_all()
+        """Limits and thresholds count at once: both sides look again."""
+        thresholds = (self.min_threshold_buffers, self.min_threshold_bytes, self.min_threshold_time)
+        self._levels.limit_bytes = self.max_size_bytes or sys.maxsize
+        self._levels.limit_ns = self.max_size_time or sys.maxsize
+        self._limit_buffers = self.max_size_buffers or sys.maxsize
+        self._set(_thresholded=any(thresholds))
+        self._wake()
 
     # The upstream side.
 
@@ -98,144 +112,123 @@ class Queue(Element):
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
         """The function that takes the frames of the sink pad."""
-        return self._put
+        items, levels, append = self._items, self._levels, self._items.append
 
-    def _put(self, frame: Frame) -> None:
-        with self._lock:
-            if self._stop is not None:
-                raise type(self._stop)(self.name)
-            if self._is_full() and not self._make_room():
+        def put(frame: Frame) -> None:
+            held = len(items)
+            if held >= levels.most:
+                admitted = self._admit(frame)
+                if admitted is None:
+                    return
+                frame = admitted
+            if (frame.data is not EMPTY or frame.pts is not None) and not self._weigh(frame):
                 return
-            if not self._buffers and frame.pts is not None:
-                self._last_out_ns = frame.pts
-            self._items.append(frame)
-            self._buffers += 1
-            self._bytes += _size(frame)
-            if frame.pts is not None:
-                self._last_in_ns = frame.pts + (frame.duration or 0)
-            if self._buffers > self.highest_level_buffers or self._bytes > self.highest_level_bytes:
-                self._note_highest()
-            self._not_empty.notify()
+            if held >= levels.highest_buffers:
+                levels.highest_buffers = levels.buffers + 1
+            append(frame)
+            if self._downstream_sleeps:
+                self._downstream_sleeps = False
+                self._filled.set()
 
-    def _note_highest(self) -> None:
-        """Remembers how full it has been; asked for only where frames or bytes go beyond what they were."""
-        self.highest_level_buffers = max(self.highest_level_buffers, self._buffers)
-        self.highest_level_bytes = max(self.highest_level_bytes, self._bytes)
-        self.highest_level_time = max(self.highest_level_time, self.current_level_time)
+        return put
+
+    def _admit(self, frame: Frame) -> Frame | None:
+        """The frame if it may go in, perhaps after a wait; None where it was dropped."""
+        if self._refusal is not None:
+            raise type(self._refusal)(self.name)
+        if self._is_full() and not self._make_room():
+            return None
+        if self._tail_gap:
+            self._set(_tail_gap=False)
+            return frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
+        return frame
+
+    def _weigh(self, frame: Frame) -> bool:
+        """Counts bytes and time, once there is room for them; False where the frame was dropped."""
+        levels = self._levels
+        is_full = levels.bytes >= levels.limit_bytes or levels.in_ns - levels.out_ns >= levels.limit_ns
+        if is_full and self._is_full() and not self._make_room():
+            return False
+        levels.weigh_in(frame)
+        return True
+
+    def _is_full(self, taken: int = 0) -> bool:
+        levels = self._levels
+        return (
+            levels.buffers + taken >= self._limit_buffers
+            or levels.bytes >= levels.limit_bytes
+            or levels.time_ns >= levels.limit_ns
+        )
 
     def _make_room(self) -> bool:
         """Waits or drops as `leaky` says; False if the new frame is the one given up."""
+        self._tell(self.on_overrun)
         if self.leaky is Leaky.UPSTREAM:
             self.count_drop("queue full, newest dropped")
+            self._set(_tail_gap=True)
             return False
         while self._is_full():
-            if self.leaky is Leaky.DOWNSTREAM:
-                self._drop_oldest()
-                continue
-            self._not_full.wait(WAIT_S)
-            if self._stop is not None:
-                raise type(self._stop)(self.name)
-            if self.stopping.is_set():
-                raise Flushing(self.name)
+            if self.leaky is not Leaky.DOWNSTREAM or not self._drop_oldest():
+                self._wait_for_room()
         return True
 
-    def _drop_oldest(self) -> None:
-        for index, item in enumerate(self._items):
-            if isinstance(item, Frame):
-                del self._items[index]
-                self._count_out(item)
-                self.count_drop("queue full, oldest dropped")
-                return
+    def _drop_oldest(self) -> bool:
+        """Drops the oldest frame, never an event; False if the other side has just taken it."""
+        oldest = next((item for item in tuple(self._items) if isinstance(item, Frame)), None)
+        if oldest is None or not self._take_away(oldest):
+            return False
+        self._set(_head_gap=True)
+        self.count_drop("queue full, oldest dropped")
+        return True
+
+    def _take_away(self, frame: Frame) -> bool:
+        """Removes a frame in the upstream thread; False if the other side was quicker."""
+        try:
+            self._items.remove(frame)
+        except (ValueError, IndexError):  # it is gone, or something was taken during the search
+            return False
+        self._levels.drop(frame)
+        return True
+
+    def _wait_for_room(self) -> None:
+        self._room.clear()
+        self._set(_upstream_sleeps=True)
+        if self._is_full() and self._refusal is None and not self.stopping.is_set():
+            self._room.wait(LOOK_S)
+        self._set(_upstream_sleeps=False)
+        if self._refusal is not None:
+            raise type(self._refusal)(self.name)
+        if self.stopping.is_set():
+            raise Flushing(self.name)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Lines the event up behind the frames; events do not count against the limits."""
-        with self._lock:
-            self._items.append(event)
-            self._not_empty.notify()
-
-    # The downstream side.
-
-    def prepare_run(self) -> None:
-        """Forgets an earlier run."""
-        self._items.clear()
-        self._buffers = self._bytes = self._last_in_ns = self._last_out_ns = 0
-        self.highest_level_buffers = self.highest_level_bytes = self.highest_level_time = 0
-        self._stop = None
-
-    def stream(self) -> None:
-        """The body of the queue's thread: hands over frames and events in order, until EOS."""
-        src = self.pads["src"]
-        try:
-            while True:
-                # No name here holds the frame: downstream may then be its sole owner.
-                src.push(self._next_frame(src))
-        except _Drained:
+        """Lines the event up behind the frames, without counting it; a flush overtakes them."""
+        if isinstance(event, FlushStart):
+            self.pads["src"].send_event(event)
             return
-        except EndOfStream as stop:
-            self._refuse(stop)
-            src.send_event(EOS)
-        except FlowStop as stop:
-            self._refuse(stop)
-            raise
-        except Exception:
-            self._refuse(EndOfStream(self.name))
-            raise
+        if isinstance(event, FlushStop):
+            self._finish_flush(event)
+            return
+        if self._refusal is not None and not self.is_flushing:
+            return
+        if isinstance(event, SegmentEvent):
+            self._levels.in_offset_ns = event.segment.running_time_ns(0)
+        elif isinstance(event, EosEvent) and self.flush_on_eos:
+            held = [item for item in tuple(self._items) if isinstance(item, Frame)]
+            self.count_drop("dropped at EOS", sum(self._take_away(frame) for frame in held))
+        self._levels.in_events += 1
+        self._items.append(event)
+        self._filled.set()
 
-    def _next_frame(self, src: Pad) -> Frame:
-        """The oldest frame; events before it are sent on, EOS ends the stream."""
-        while True:
-            item = self._get()
-            if isinstance(item, Frame):
-                return item
-            src.send_event(item)
-            if isinstance(item, EosEvent):
-                raise _Drained
-
-    def _get(self) -> Frame | Event:
-        with self._lock:
-            while not self._items:
-                if self.stopping.is_set():
-                    raise Flushing(self.name)
-                self._not_empty.wait(WAIT_S)
-            if self.stopping.is_set():
-                raise Flushing(self.name)
-            item = self._items.popleft()
-            if isinstance(item, Frame):
-                self._count_out(item)
-                self._not_full.notify()
-            return item
-
-    def _count_out(self, frame: Frame) -> None:
-        self._buffers -= 1
-        self._bytes -= _size(frame)
-        if frame.pts is not None:
-            self._last_out_ns = frame.pts + (frame.duration or 0)
-
-    def _refuse(self, stop: FlowStop) -> None:
-        """Drops what is held and answers every later push with the reason why streaming ended."""
-        with self._lock:
-            self._stop = stop
-            self._items.clear()
-            self._buffers = self._bytes = 0
-            self._not_full.notify_all()
-
-    def interrupt(self) -> None:
-        """Wakes both sides."""
-        with self._lock:
-            self._not_empty.notify_all()
-            self._not_full.notify_all()
-
-    def stop(self) -> None:
-        """Lets go of what is still held."""
-        self._items.clear()
-        self._buffers = self._bytes = 0
-
-
-def _size(frame: Frame) -> int:
-    data = frame.data
-    size = getattr(data, "nbytes", None)
-    if size is None:
-        size = getattr(data, "size", None)
-    if isinstance(size, int):
-        return size
-    return len(data) if isinstance(data, bytes | bytearray | str) else 0
+    def _may_read(self, taken: int = 0) -> bool:
+        """Whether something may be handed on: past the thresholds, or full, or with an event at the tail."""
+        levels, tail = self._levels, next(reversed(tuple(self._items)), None)
+        if tail is None and not taken:
+            return False
+        if not self._thresholded or self._is_full(taken) or not (tail is None or isinstance(tail, Frame)):
+            return True
+        return (
+            levels.buffers + taken >= self.min_threshold_buffers
+            and levels.bytes >= self.min_threshold_bytes
+            and levels.time_ns >= self.min_threshold_time
+        )

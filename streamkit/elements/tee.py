@@ -5,15 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from streamkit.element.branching import Split
+from streamkit.element.choice import Choice
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
 from streamkit.flow.caps import ANY
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import EndOfStream, NotLinked
+from streamkit.flow.signals import NotLinked
+
+
+class PullMode(Choice):
+    """Whether branches may pull; frames are pushed here, so there is nothing to choose."""
+
+    NEVER = "never", 0, "Never activate in pull mode"
+    SINGLE = "single", 1, "Only one src pad can be active in pull mode"
 
 
 class Tee(Split):
     """Hands every frame to each of its branches, shared and not copied; put a queue into each branch.
+
+    A branch that ends or fails ends the tee's stream; one that is not linked counts only where all are.
 
     Example:
         fakesrc num-buffers=3 ! tee name=t  t. ! queue ! fakesink  t. ! queue ! fakesink
@@ -23,6 +33,11 @@ class Tee(Split):
     templates = (PadTemplate("src_%u", Direction.SRC, ANY, Presence.REQUEST),)
 
     allow_not_linked: bool = Property(False, live=True, doc="Go on where no branch is linked.")
+    num_src_pads: int = Property(0, read=lambda tee: sum(1 for _ in tee.src_pads()), doc="Branches now.")
+    silent: bool = Property(True, live=True, doc="Keep no text in last-message.")
+    last_message: str | None = Property(None, readonly=True, doc="What was last done.")
+    has_chain: bool = Property(True, doc="Accepted, without effect: frames are always pushed.")
+    pull_mode: PullMode = Property(PullMode.NEVER, doc="Accepted, without effect: frames are always pushed.")
 
     def split(self, frame: Frame) -> Mapping[str, Frame]:
         """The frame, for every branch."""
@@ -30,24 +45,31 @@ class Tee(Split):
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
         """The function that takes the frames of the sink pad."""
-        ended: set[str] = set()
+        self.pads_changed()
 
         def receive(frame: Frame) -> None:
-            taken = 0
-            for src in tuple(self.pads.values()):
-                if src is pad or src.name in ended:
-                    continue
+            not_linked = 0
+            pushes = self._pushes
+            for push in pushes:
                 try:
-                    src.push(frame)
-                    taken += 1
+                    push(frame)
                 except NotLinked:
-                    self.count_drop("branch not linked")
-                except EndOfStream:
-                    ended.add(src.name)
-            if not taken:
-                if ended:
-                    raise EndOfStream(self.name)
-                if not self.allow_not_linked:
-                    raise NotLinked(f"{self.name}.src_%u")
+                    not_linked += 1
+            if not_linked or not pushes:
+                self._some_not_linked(not_linked, len(pushes))
+            if self._speaks:
+                self.last_message = f"chain ******* ({pad.path}) {frame.describe()}"
 
         return receive
+
+    def _some_not_linked(self, count: int, branches: int) -> None:
+        self.count_drop("branch not linked", count)
+        if count == branches and not self.allow_not_linked:
+            raise NotLinked(f"{self.name}.src_%u")
+
+    def property_changed(self, name: str) -> None:
+        """Whether to keep a text of each frame."""
+        if name == "silent":
+            self._speaks = not self.silent
+
+    _speaks = False

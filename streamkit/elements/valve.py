@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-import enum
+from typing import Any
 
+from streamkit.element.choice import Choice
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.transform import Transform
-from streamkit.flow.events import CapsEvent, Event
+from streamkit.flow.events import CapsEvent, Event, FlushStart, FlushStop, GapEvent, SegmentEvent
 from streamkit.flow.frame import Frame, FrameFlags
 
 
-class DropMode(enum.StrEnum):
+class DropMode(Choice):
     """What a closed valve holds back."""
 
-    DROP_ALL = "drop-all"
-    FORWARD_STICKY_EVENTS = "forward-sticky-events"
+    DROP_ALL = "drop-all", 0, "Drop all buffers and events"
+    FORWARD_STICKY_EVENTS = "forward-sticky-events", 1, "Drop all buffers but forward sticky events"
+    TRANSFORM_TO_GAP = (
+        "transform-to-gap",
+        2,
+        "Convert all dropped buffers into gap events and forward sticky events",
+    )
 
 
 class Valve(Transform):
@@ -29,32 +35,46 @@ class Valve(Transform):
 
     drop: bool = Property(False, live=True, doc="Let no frame through.")
     drop_mode: DropMode = Property(
-        DropMode.DROP_ALL, doc="Hold back events too (drop-all), or let caps and EOS through."
+        DropMode.DROP_ALL,
+        doc="Hold back events too, hold back frames only, or turn frames into gaps.",
     )
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self._is_closed = self._was_closed = False
+        self._held: dict[type, Event] = {}
+        super().__init__(name, **properties)
 
     def start(self) -> None:
         """Begins as if it had always been open."""
         self._was_closed = False
-        self._held: Event | None = None
+        self._held = {}
+
+    def property_changed(self, name: str) -> None:
+        """Opens or closes from the next frame on."""
+        self._is_closed = self.drop
 
     def transform(self, frame: Frame) -> Frame | None:
         """The frame while open; the events held back go first."""
-        if self.drop:
+        if self._is_closed:
             self._was_closed = True
             self.count_drop("valve closed")
+            if self.drop_mode is DropMode.TRANSFORM_TO_GAP:
+                self.src_pad.send_event(GapEvent(frame.pts, frame.duration))
             return None
-        if self._held is not None:
-            held, self._held = self._held, None
-            super().receive_event(self.pads["sink"], held)
         if self._was_closed:
             self._was_closed = False
-            return frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
+            for kind in (CapsEvent, SegmentEvent):
+                if kind in self._held:
+                    super().receive_event(self.pads["sink"], self._held.pop(kind))
+            return frame.replace(caps=self.src_caps, flags=frame.flags | FrameFlags.DISCONTINUITY)
         return frame
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Passes events on; a closed valve keeps the latest caps for later and loses the rest."""
-        if self.drop and self.drop_mode is DropMode.DROP_ALL:
-            if isinstance(event, CapsEvent):
-                self._held = event
+        """Passes events on; one closed to all keeps the latest caps and segment and loses the rest."""
+        is_flush = isinstance(event, FlushStart | FlushStop)
+        if self._is_closed and self.drop_mode is DropMode.DROP_ALL and not is_flush:
+            self._was_closed = True
+            if isinstance(event, CapsEvent | SegmentEvent):
+                self._held[type(event)] = event
             return
         super().receive_event(pad, event)
