@@ -85,6 +85,16 @@ class TrackSubscriber:
         """What became of the messages so far."""
         return self._reception.counts()
 
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing is held and nothing follows."""
+        return self._box.is_over
+
+    @property
+    def has_vanished(self) -> bool:
+        """Whether the last publisher has gone without an end of its stream: killed, or the way to it cut."""
+        return self._reception.has_vanished
+
     def __iter__(self) -> Iterator[TrackRecord]:
         """Records as they come, until `close` is called or the last publisher has gone."""
         return (update.record for update in self.updates() if update.record is not None)

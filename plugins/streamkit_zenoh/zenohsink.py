@@ -6,8 +6,6 @@ from collections.abc import Callable
 from streamkit import (
     Caps,
     Direction,
-    EosEvent,
-    Event,
     Flushing,
     Frame,
     PadTemplate,
@@ -117,15 +115,6 @@ class ZenohSink(Connection, Sink):
         if name == "sink":
             return super().receiver(pad)  # type: ignore[arg-type]
         return self._take_mosaic if name == "mosaic" else self._take_picture
-
-    def receive_event(self, pad: object, event: Event) -> None:
-        """EOS is told, and everything finished, when the last pad has ended."""
-        if isinstance(event, EosEvent):
-            others = [other for other in self.sink_pads() if other is not pad and not other.is_eos]
-            if others:
-                pad.is_eos = True  # type: ignore[attr-defined]
-                return
-        super().receive_event(pad, event)  # type: ignore[arg-type]
 
     def render(self, frame: Frame) -> None:
         """Lines up the frame's record, and the frame where a picture is due."""

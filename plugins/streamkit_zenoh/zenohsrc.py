@@ -97,6 +97,10 @@ class ZenohSrc(Connection, Source):
                 passed += 1
                 yield frame
             elif item is None and self._box.is_over:
+                if self._reception is not None and self._reception.has_vanished:
+                    self.post_warning(
+                        f"the publisher of {self._expression} has gone without ending its stream"
+                    )
                 return
             elif self.timeout_s and (self.clock_ns() - heard_ns) / 1e9 > self.timeout_s:
                 raise ResourceError(

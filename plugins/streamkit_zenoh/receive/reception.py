@@ -92,14 +92,14 @@ class Reception:
         self._lock = threading.Lock()
         self._counts: Counter[str] = Counter()
         self._publishers = 0
+        self._states: OrderedDict[str, int] = OrderedDict()
         self._codecs: dict[str, Codec[StatusRecord]] = {}
         self._settled: OrderedDict[tuple[str, int], int] = OrderedDict()
         # Called in zenoh's own thread: what waits in the box is all that waits.
         direct = zenoh.handlers.Callback
         subscriber = session.declare_subscriber(expression, direct(self._arrived, indirect=False))
-        status = session.declare_subscriber(
-            f"{root_of(expression)}/{STATUS}", direct(self._status_arrived, indirect=False)
-        )
+        self._status_key = f"{root_of(expression)}/{STATUS}"
+        status = session.declare_subscriber(self._status_key, direct(self._status_arrived, indirect=False))
         alive = Watch(session, alive_key(expression), self._alive_changed)
         shown = show_receiver(session, expression)
         self.declared: list[Callable[[], object]] = [
@@ -122,6 +122,12 @@ class Reception:
                 restarts=found["restarts"],
                 publishers=self._publishers,
             )
+
+    @property
+    def has_vanished(self) -> bool:
+        """Whether nobody publishes any more, and one that told how it is has not told that it ends."""
+        with self._lock:
+            return not self._publishers and any(self._states.values())
 
     def count_bad(self) -> None:
         """Counts a message that turned out not to be what it should be."""
@@ -158,7 +164,14 @@ class Reception:
         if appeared and self._ask_last:
             handler = zenoh.handlers.Callback(self._answered, indirect=False)
             self._session.get(self._expression, handler, timeout=LAST_LIMIT_S)
+        if appeared:
+            handler = zenoh.handlers.Callback(self._status_answered, indirect=False)
+            self._session.get(self._status_key, handler, timeout=LAST_LIMIT_S)
         self._publishers_changed(count)
+
+    def _status_answered(self, reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            self._status_arrived(reply.ok)
 
     def _status_arrived(self, sample: zenoh.Sample) -> None:
         """A publisher says how far it is: what was lost at the end shows without a record behind it."""
@@ -170,6 +183,7 @@ class Reception:
         name = self._expression.rsplit("/", 1)[-1]
         key = f"{str(sample.key_expr).removesuffix(STATUS)}{name}"
         with self._lock:
+            remember(self._states, status.source, int(status.state != "ended"))
             for stream in status.streams:
                 if stream.name == name:
                     # A status may overtake records: what it says counts when the next one comes.

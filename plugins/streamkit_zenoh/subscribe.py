@@ -1,0 +1,131 @@
+"""`streamkit subscribe`: prints tracks as they come from zenoh."""
+
+from __future__ import annotations
+
+import enum
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    from streamkit_zenoh.subscribe_output import Printer
+    from streamkit_zenoh.subscriber import TrackSubscriber, Update
+
+LOOK_EVERY_S = 0.2
+HELD_RECORDS = 4096
+
+
+class RecordFormat(enum.StrEnum):
+    """How records are shown."""
+
+    TEXT = "text"
+    JSONL = "jsonl"
+
+
+def subscribe(
+    key: Annotated[str, typer.Argument(help="What zenohsink was given as key=, for example uav/1.")],
+    connect: Annotated[str | None, typer.Option(help="Endpoint to connect to, tcp/HOST:PORT.")] = None,
+    listen: Annotated[str | None, typer.Option(help="Endpoint to listen on, tcp/0.0.0.0:7447.")] = None,
+    mode: Annotated[str, typer.Option(help="auto, peer or client.")] = "auto",
+    config: Annotated[
+        str | None, typer.Option(help="zenoh configuration file, for TLS and passwords.")
+    ] = None,
+    form: Annotated[
+        RecordFormat, typer.Option("--format", help="text: a live table, or a line each where piped; jsonl.")
+    ] = RecordFormat.TEXT,
+    count: Annotated[int | None, typer.Option(min=1, help="Records to print before leaving.")] = None,
+    timeout: Annotated[
+        float | None, typer.Option(min=0.0, help="Leave with 1 after so many s of silence.")
+    ] = None,
+    gaps: Annotated[bool, typer.Option("--gaps", help="Tell what was missed, and sums at the end.")] = False,
+    age: Annotated[bool, typer.Option("--age", help="Tell how old records are on arrival.")] = False,
+    newest: Annotated[bool, typer.Option("--newest", help="Skip to the newest record when slow.")] = False,
+    stay: Annotated[
+        bool, typer.Option("--stay", help="Wait for the next publisher when one has gone.")
+    ] = False,
+) -> None:
+    """Prints the tracks that a zenohsink publishes, until it ends, Ctrl-C, the count or the timeout.
+
+    Exit code 0 at the end of the stream, the count or an interrupt; 1 for silence, or where the publisher
+    has gone without an end: killed, or the router between lost.
+    """
+    from streamkit_zenoh.subscribe_output import printer_for
+    from streamkit_zenoh.subscriber import TrackSubscriber
+
+    stopped: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _: stopped.append(received))
+    try:
+        subscriber = TrackSubscriber(
+            key,
+            connect=connect,
+            listen=listen,
+            mode=mode,
+            config=config,
+            ring=1 if newest else HELD_RECORDS,
+            ends_with_publisher=not stay,
+        )
+    except (OSError, ValueError) as error:
+        _fail(str(error))
+    code, message = 0, ""
+    try:
+        with printer_for(form.value, subscriber, gaps, age) as printer:
+            code, message = _print_all(subscriber, printer, count, timeout, lambda: bool(stopped))
+    except BrokenPipeError:
+        # Whoever read has had enough. Python would complain when it flushes stdout on its way out.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        code, message = 1, f"a record was not printed: {error.strerror}; free some space"
+    finally:
+        subscriber.close()
+    if message:
+        typer.echo(f"error: {message}", err=True)
+    _leave(code)
+
+
+def _print_all(
+    subscriber: TrackSubscriber,
+    printer: Printer,
+    count: int | None,
+    timeout_s: float | None,
+    stopped: Callable[[], bool],
+) -> tuple[int, str]:
+    """Exit code and error."""
+    printed, heard_s = 0, time.monotonic()
+    while not stopped() and (count is None or printed < count):
+        update: Update | None = subscriber.update(LOOK_EVERY_S)
+        printer.look()
+        if update is None and subscriber.is_over:
+            if subscriber.has_vanished:
+                return 1, "the publisher has gone without ending its stream: killed, or the way to it is cut"
+            return 0, ""
+        if update is None:
+            if timeout_s is not None and time.monotonic() - heard_s > timeout_s:
+                return 1, f"no record has come within {timeout_s:g} s"
+            continue
+        heard_s = time.monotonic()
+        if update.record is not None:
+            printed += 1
+            printer.show(update.record)
+    return 0, ""
+
+
+def _fail(message: str) -> NoReturn:
+    typer.echo(f"error: {message}", err=True)
+    raise typer.Exit(1)
+
+
+def _leave(code: int) -> NoReturn:
+    """Ends the process, even where zenoh has left a thread that does not end."""
+    left = [t for t in threading.enumerate() if t is not threading.main_thread() and not t.daemon]
+    if left:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    raise typer.Exit(code)

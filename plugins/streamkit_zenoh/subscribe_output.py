@@ -1,0 +1,199 @@
+"""How `streamkit subscribe` shows records: lines of words, lines of JSON, or a live table."""
+
+from __future__ import annotations
+
+import sys
+import time
+from statistics import median, quantiles
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from streamkit import TrackRecord, TrackState, encode_record
+
+if TYPE_CHECKING:
+    from rich.live import Live
+    from rich.table import Table
+
+    from streamkit_zenoh.subscriber import TrackSubscriber
+
+REDRAW_EVERY_S = 0.1
+# Ages kept for the sums at the end: of the last hour at 30 records a second.
+AGE_LIMIT = 108_000
+OFF = (TrackState.TENTATIVE,)
+
+
+class Printer:
+    """Shows records as lines; gaps and sums on stderr.
+
+    Args:
+        subscriber: what they come from, for its counts.
+        gaps: tell what was missed.
+        age: tell how old records are on arrival.
+    """
+
+    def __init__(self, subscriber: TrackSubscriber, gaps: bool, age: bool) -> None:
+        self.gaps = gaps
+        self.age = age
+        self._subscriber = subscriber
+        self._missed = 0
+        self._ages_ms: list[float] = []
+
+    def show(self, record: TrackRecord) -> None:
+        """Shows a record that has just come."""
+        age_ms = arrival_age_ms(record, time.time_ns())
+        if age_ms is not None and len(self._ages_ms) < AGE_LIMIT:
+            self._ages_ms.append(age_ms)
+        sys.stdout.write(self.line(record, age_ms if self.age else None) + "\n")
+        sys.stdout.flush()
+
+    def line(self, record: TrackRecord, age_ms: float | None) -> str:
+        """A record as one line."""
+        return as_text(record, age_ms)
+
+    def look(self) -> None:
+        """Tells what was missed since the last look."""
+        missed = self.missed()
+        if self.gaps and missed > self._missed:
+            sys.stderr.write(f"gap: {missed - self._missed} records missed, {missed} in all\n")
+            sys.stderr.flush()
+        self._missed = missed
+
+    def missed(self) -> int:
+        """Records lost on the way or dropped here."""
+        counts = self._subscriber.counts
+        return counts.lost + counts.overwritten
+
+    def sums(self) -> str:
+        """What was received and missed, and how old it was."""
+        words = []
+        if self.gaps:
+            counts = self._subscriber.counts
+            words.append(
+                f"received {counts.received}, lost {counts.lost}, overwritten {counts.overwritten}, "
+                f"bad {counts.bad}, restarts {counts.restarts}"
+            )
+        if self.age and len(self._ages_ms) > 1:
+            last = quantiles(self._ages_ms, n=100)[98]
+            words.append(
+                f"age on arrival: median {median(self._ages_ms):.1f} ms, 99th percentile {last:.1f} ms"
+            )
+        return "\n".join(words)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.look()
+        if sums := self.sums():
+            sys.stderr.write(sums + "\n")
+
+
+class JsonPrinter(Printer):
+    """Shows records as lines of JSON; with `age`, one more field, `arrival_age_ms`."""
+
+    def line(self, record: TrackRecord, age_ms: float | None) -> str:
+        """The record as published, whatever its encoding was."""
+        text = encode_record(record).decode()
+        return text if age_ms is None else f'{text[:-1]},"arrival_age_ms":{age_ms:.3f}}}'
+
+
+class TablePrinter(Printer):
+    """A table that is drawn anew for each record: one row a target."""
+
+    def __init__(self, subscriber: TrackSubscriber, gaps: bool, age: bool) -> None:
+        super().__init__(subscriber, gaps, age)
+        self._live: Live | None = None
+        self._record: TrackRecord | None = None
+        self._drawn_s = 0.0
+
+    def show(self, record: TrackRecord) -> None:
+        """Draws the table, at most ten times a second."""
+        self._record = record
+        age_ms = arrival_age_ms(record, time.time_ns())
+        if age_ms is not None and len(self._ages_ms) < AGE_LIMIT:
+            self._ages_ms.append(age_ms)
+
+    def look(self) -> None:
+        """Draws what is new."""
+        if self._live is not None and self._record and time.monotonic() - self._drawn_s > REDRAW_EVERY_S:
+            self._drawn_s = time.monotonic()
+            self._live.update(self._table(self._record), refresh=True)
+
+    def _table(self, record: TrackRecord) -> Table:
+        age_ms = self._ages_ms[-1] if self.age and self._ages_ms else None
+        return as_table(record, age_ms, self.missed() if self.gaps else None)
+
+    def __enter__(self) -> Self:
+        from rich.live import Live
+
+        self._live = Live(auto_refresh=False)
+        self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live is not None:
+            if self._record is not None:
+                self._live.update(self._table(self._record), refresh=True)
+            self._live.stop()
+        if sums := self.sums():
+            sys.stderr.write(sums + "\n")
+
+
+def printer_for(form: str, subscriber: TrackSubscriber, gaps: bool, age: bool) -> Printer:
+    """The printer of a format: `jsonl`, or `text`, which on a terminal is the table."""
+    if form == "jsonl":
+        return JsonPrinter(subscriber, gaps, age)
+    return (TablePrinter if sys.stdout.isatty() else Printer)(subscriber, gaps, age)
+
+
+def arrival_age_ms(record: TrackRecord, now_ns: int) -> float | None:
+    """How old a record is now: from the frame's capture, else from publishing; None where it has neither."""
+    began_ns = record.published_ns if record.capture_ns is None else record.capture_ns
+    return None if began_ns is None else (now_ns - began_ns) / 1e6
+
+
+def as_text(record: TrackRecord, age_ms: float | None = None) -> str:
+    """A record in words, on one line; tentative targets are left out."""
+    time_s = f"{record.pts_ns / 1e9:8.3f} s" if record.pts_ns is not None else "       ? s"
+    rows = [
+        f"#{track.id} {track.state} ({track.x:.1f}, {track.y:.1f}) {track.length:.0f}x{track.width:.0f} px"
+        for track in record.tracks
+        if track.state not in OFF
+    ]
+    age = "" if age_ms is None else f"  age {age_ms:.1f} ms"
+    return f"{record.source} seq {record.seq} {time_s}{age}  {len(rows)} tracks  {'  '.join(rows)}".rstrip()
+
+
+def as_table(record: TrackRecord, age_ms: float | None = None, missed: int | None = None) -> Table:
+    """A record as a table, one row a target; tentative targets are left out."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    title = f"{record.source}  seq {record.seq}"
+    title += "" if record.pts_ns is None else f"  {record.pts_ns / 1e9:.3f} s"
+    title += "" if age_ms is None else f"  age {age_ms:.1f} ms"
+    title += "" if missed is None else f"  missed {missed}"
+    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
+    for name in ("id", "state", "x px", "y px", "size px", "vx px/s", "vy px/s", "score", "age s", "place"):
+        table.add_column(name, justify="left" if name == "state" else "right", no_wrap=True)
+    for track in record.tracks:
+        if track.state in OFF:
+            continue
+        geo = track.geo
+        table.add_row(
+            str(track.id),
+            str(track.state),
+            f"{track.x:.1f}",
+            f"{track.y:.1f}",
+            f"{track.length:.0f}x{track.width:.0f}",
+            "" if track.vx is None else f"{track.vx:.1f}",
+            "" if track.vy is None else f"{track.vy:.1f}",
+            f"{track.score:.2f}",
+            f"{track.age_ns / 1e9:.1f}",
+            "" if geo is None else f"{geo.lat:.6f} {geo.lon:.6f}",
+        )
+    return table

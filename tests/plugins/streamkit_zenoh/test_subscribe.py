@@ -1,0 +1,165 @@
+"""streamkit subscribe: records as lines or a table, the right exit code, and an end within three seconds."""
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from streamkit import Frame, Track, Tracks, TrackState, raw_video_caps, track_record
+from streamkit.testing import Harness
+from streamkit_zenoh.subscribe_output import as_table, as_text
+
+BINARY = Path(sys.executable).with_name("streamkit")
+PUBLISHER = Path(__file__).with_name("endless_publisher.py")
+Starter = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def subscribe(key: str, endpoint: str) -> Iterator[Starter]:
+    """Starts `streamkit subscribe`, which listens; killed after the test if it has not ended."""
+    processes: list[subprocess.Popen[str]] = []
+
+    def started(*arguments: str, **options: object) -> subprocess.Popen[str]:
+        command = [str(BINARY), "subscribe", key, "--listen", endpoint, *arguments]
+        streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
+        processes.append(subprocess.Popen(command, text=True, **streams))  # type: ignore[call-overload]
+        return processes[-1]
+
+    yield started
+    for process in processes:
+        process.kill()
+        process.communicate(timeout=10)
+
+
+def _frame(seq: int) -> Frame:
+    track = Track(7, TrackState.CONFIRMED, 1.5, 2.5, 30.0, 14.0, 0.1, (1.0, 2.0), np.eye(2), 0.5, 7 * 10**9)
+    young = Track(8, TrackState.TENTATIVE, 1.5, 2.5, 30.0, 14.0, 0.1, (1.0, 2.0), np.eye(2), 0.5, 7)
+    caps = raw_video_caps("GRAY8", 8, 4)
+    frame = Frame(np.zeros((4, 8), np.uint8), caps, pts=seq * 40_000_000, seq=seq, arrival_ns=1)
+    return frame.attach(Tracks((track, young)))
+
+
+def _publish(key: str, endpoint: str, count: int, **properties: object) -> None:
+    with Harness("zenohsink", key=key, connect=endpoint, wait_subscribers=1, **properties) as harness:
+        for seq in range(count):
+            harness.push(_frame(seq))
+        harness.drain()
+
+
+def test_jsonl_is_the_record_whatever_its_encoding(subscribe: Starter, key: str, endpoint: str) -> None:
+    """One JSON object a line; with --age how old it was here; sums at the end on stderr."""
+    process = subscribe("--format", "jsonl", "--age", "--gaps", "--timeout", "30")
+    _publish(key, endpoint, 20, encoding="protobuf")
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 0, err
+    records = [json.loads(line) for line in out.splitlines()]
+    assert [record["seq"] for record in records] == list(range(20))
+    assert all(0 < record["arrival_age_ms"] < 20_000 for record in records)
+    assert "received 20, lost 0, overwritten 0, bad 0, restarts 0" in err
+    assert "age on arrival: median" in err
+
+
+def test_text_is_a_line_each_where_piped(subscribe: Starter, key: str, endpoint: str) -> None:
+    """Source, number, time and confirmed targets; the count ends it."""
+    process = subscribe("--count", "2", "--timeout", "30")
+    _publish(key, endpoint, 3)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 0, err
+    lines = out.splitlines()
+    assert len(lines) == 2
+    assert lines[1] == f"{key} seq 1    0.040 s  1 tracks  #7 confirmed (1.5, 2.5) 30x14 px"
+
+
+def test_a_killed_publisher_is_an_error_within_three_seconds(
+    subscribe: Starter, key: str, endpoint: str
+) -> None:
+    """Who did not say that the stream ends has not ended it: exit code 1, and why."""
+    process = subscribe("--format", "jsonl", "--timeout", "60")
+    publisher = subprocess.Popen([sys.executable, str(PUBLISHER), key, endpoint])
+    try:
+        assert process.stdout is not None
+        for _ in range(5):
+            assert json.loads(process.stdout.readline())["source"] == key
+    finally:
+        publisher.kill()
+        publisher.wait(10)
+    killed_s = time.monotonic()
+    _, err = process.communicate(timeout=20)
+    assert time.monotonic() - killed_s < 3.0
+    assert process.returncode == 1
+    assert "has gone without ending its stream" in err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_ends_it_within_three_seconds(
+    subscribe: Starter, key: str, endpoint: str, number: int
+) -> None:
+    """Exit code 0, whether or not anybody publishes."""
+    process = subscribe("--format", "jsonl", "--stay")
+    _publish(key, endpoint, 1)
+    assert process.stdout is not None
+    assert json.loads(process.stdout.readline())["seq"] == 0
+    process.send_signal(number)
+    began_s = time.monotonic()
+    _, err = process.communicate(timeout=20)
+    assert time.monotonic() - began_s < 3.0
+    assert (process.returncode, err) == (0, "")
+
+
+def test_silence_is_an_error_when_asked(subscribe: Starter) -> None:
+    """--timeout ends it with 1."""
+    process = subscribe("--timeout", "0.2")
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert err == "error: no record has come within 0.2 s\n"
+
+
+def test_a_full_disk_is_told(subscribe: Starter, key: str, endpoint: str) -> None:
+    """What cannot be written is an error, not silence."""
+    with Path("/dev/full").open("w") as full:
+        process = subscribe("--format", "jsonl", stdout=full)
+        publisher = threading.Thread(target=_publish, args=(key, endpoint, 3))
+        publisher.start()
+        _, err = process.communicate(timeout=20)
+        publisher.join(20)
+    assert process.returncode == 1
+    assert "a record was not printed: No space left on device; free some space" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [(("/uav",), "for example uav/1"), (("uav/1", "--connect", "here"), "PROTOCOL/HOST:PORT")],
+)
+def test_what_cannot_work_is_an_error(arguments: tuple[str, ...], text: str) -> None:
+    """Exit code 1 and a remedy, at once."""
+    done = subprocess.run(
+        [str(BINARY), "subscribe", *arguments], capture_output=True, text=True, timeout=30, check=False
+    )
+    assert done.returncode == 1
+    assert text in done.stderr
+
+
+def test_the_table_has_a_row_a_target() -> None:
+    """Id, state, place, size, speed, score and age; what was missed in the title."""
+    record = track_record(_frame(5), source="uav/1", published_ns=1)
+    console = Console(width=120, record=True, file=None, force_terminal=False)
+    with console.capture() as captured:
+        console.print(as_table(record, 12.34, 3))
+    text = captured.get()
+    assert "uav/1  seq 5  0.200 s  age 12.3 ms  missed 3" in text
+    (row,) = [line for line in text.splitlines() if "confirmed" in line]
+    assert row.split() == ["7", "confirmed", "1.5", "2.5", "30x14", "1.0", "2.0", "0.50", "7.0"]
+
+
+def test_words_for_a_record_without_time() -> None:
+    """What is not known is a question mark, not a zero."""
+    record = track_record(_frame(5).replace(pts=None), source="uav/1", published_ns=1)
+    assert as_text(record).startswith("uav/1 seq 5        ? s  1 tracks")
