@@ -14,7 +14,7 @@ from streamkit.flow.caps_reader import STRUCTURE_LIMIT, WORDS, CapsReader
 from streamkit.flow.caps_structure import NO_FIELDS, Structure
 from streamkit.flow.caps_values import NestedValue, Value
 
-__all__ = ["ANY", "EMPTY", "Caps", "Structure"]
+__all__ = ["ANY", "EMPTY", "Caps", "Structure", "read_value"]
 CACHED_TEXTS, CACHED_LENGTH = 512, 2_000
 
 
@@ -248,6 +248,15 @@ def _zigzag(
     for total in range(len(left) + len(right) - 1):
         for place in range(max(0, total - len(left) + 1), min(total + 1, len(right))):
             yield left[total - place], right[place]
+
+
+def read_value(text: str) -> Value:
+    """One value as it stands in a field of caps.
+
+    Raises:
+        CapsSyntax: the text is no value.
+    """
+    return CapsReader(text, _nested_caps).only_value()
 
 
 def _read(text: str) -> tuple[bool, tuple[Structure, ...]]:

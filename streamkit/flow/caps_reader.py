@@ -121,6 +121,13 @@ class CapsReader:
             raise self.fail(f"expected {closing or 'the end'!r} after the structure {found.name!r}")
         return found
 
+    def only_value(self) -> Value:
+        """One value up to the end of the text."""
+        found = self.value(None)
+        if not self.ended(""):
+            raise self.fail("expected the end after the value")
+        return found
+
     def ended(self, closing: str) -> bool:
         """Reads the closing mark if it is next; without one, whether the text ends here."""
         if closing:

@@ -1,0 +1,183 @@
+"""`streamkit caps`: reads caps, computes with them, and prints the result as JSON."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, NoReturn
+
+import typer
+from typer.core import TyperCommand
+
+from streamkit.cli.caps_json import describe_caps, describe_value
+from streamkit.cli.commands import parsed_by
+from streamkit.errors import CapsSyntax, CapsTooLarge
+from streamkit.flow.caps import Caps, read_value
+from streamkit.flow.caps_algebra import intersect_values, is_subset_value, values_equal
+from streamkit.flow.caps_difference import unite_values
+from streamkit.flow.caps_text import READERS, TYPES
+from streamkit.flow.caps_values import Value
+
+USAGE_EXIT = 2
+
+
+class CapsCommand(TyperCommand):
+    """Takes texts that begin with a dash, such as -1, as they are."""
+
+    ignore_unknown_options = True
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One thing to compute: how many texts it takes (`most` None for any number), and what it gives."""
+
+    least: int
+    most: int | None
+    compute: Callable[[Sequence[str]], dict[str, Any]]
+
+
+def _on_caps(function: Callable[[Caps], Caps]) -> Operation:
+    return Operation(1, 1, lambda texts: describe_caps(function(Caps(texts[0]))))
+
+
+def _folded(function: Callable[[Caps, Caps], Caps]) -> Operation:
+    return Operation(2, None, lambda texts: describe_caps(functools.reduce(function, map(Caps, texts))))
+
+
+def _asked(function: Callable[..., bool], count: int = 2) -> Operation:
+    return Operation(count, count, lambda texts: {"result": function(*map(Caps, texts))})
+
+
+def _asked_of_values(function: Callable[[Value, Value], bool]) -> Operation:
+    return Operation(2, 2, lambda texts: {"result": function(read_value(texts[0]), read_value(texts[1]))})
+
+
+def _on_values(function: Callable[[Value, Value], Value | None]) -> Operation:
+    def compute(texts: Sequence[str]) -> dict[str, Any]:
+        return _value_result(function(read_value(texts[0]), read_value(texts[1])))
+
+    return Operation(2, 2, compute)
+
+
+def _value_result(found: Value | None) -> dict[str, Any]:
+    if found is None:
+        return {"result": None}
+    from streamkit.flow.caps_serialize import write_plain
+
+    return {"result": write_plain(found), **describe_value(found)}
+
+
+def _deserialize(texts: Sequence[str]) -> dict[str, Any]:
+    kind, text = texts
+    name = TYPES.get(kind)
+    if name is None or name not in READERS:
+        raise CapsSyntax(
+            f"no type {kind!r} of simple values", 0, len(kind), hint=f"types are {', '.join(READERS)}"
+        )
+    found = READERS[name](text)
+    if found is None:
+        raise CapsSyntax(f"{text!r} is no value of type {name}", 0, len(text))
+    return _value_result(found)
+
+
+def _relation(texts: Sequence[str]) -> dict[str, Any]:
+    one, other = map(Caps, texts)
+    return {
+        "equal": one == other,
+        "strictly_equal": one.strictly_equal(other),
+        "subset": one <= other,
+        "superset": other <= one,
+        "can_intersect": one.can_intersect(other),
+    }
+
+
+def _fixate(caps: Caps) -> Caps:
+    if caps.is_any:
+        raise CapsSyntax("ANY allows every format: there is none to pick", 0, 3, hint="give caps with a name")
+    return caps.fixate()
+
+
+OPERATIONS: dict[str, Operation] = {
+    "parse": _on_caps(lambda caps: caps),
+    "intersect": _folded(Caps.intersect),
+    "union": _folded(lambda one, other: one | other),
+    "subset": _asked(lambda one, other: one <= other),
+    "equal": _asked(lambda one, other: one == other),
+    "strictly-equal": _asked(Caps.strictly_equal),
+    "can-intersect": _asked(Caps.can_intersect),
+    "is-fixed": _asked(lambda caps: caps.is_fixed, 1),
+    "relate": Operation(2, 2, _relation),
+    "fixate": _on_caps(_fixate),
+    "normalize": _on_caps(Caps.normalize),
+    "simplify": _on_caps(Caps.simplify),
+    "truncate": _on_caps(Caps.truncate),
+    "deserialize": Operation(2, 2, _deserialize),
+    "value": Operation(1, 1, lambda texts: _value_result(read_value(texts[0]))),
+    "value-intersect": _on_values(intersect_values),
+    "value-union": _on_values(unite_values),
+    "value-subset": _asked_of_values(is_subset_value),
+    "value-equal": _asked_of_values(values_equal),
+}
+FIRST = _folded(lambda one, other: one & other)
+SYNONYMS = {"normalise": "normalize", "merge": "union", "fixed": "is-fixed"}
+
+
+@parsed_by(CapsCommand)
+def caps(
+    operation: Annotated[str, typer.Argument(metavar="OP", help=f"One of {', '.join(OPERATIONS)}.")],
+    texts: Annotated[list[str], typer.Argument(metavar="CAPS...", help="What it works on, as text.")],
+    mode: Annotated[
+        str,
+        typer.Option(help="Order of an intersection: zigzag as gst_caps_intersect, or first as the first's."),
+    ] = "zigzag",
+) -> None:
+    """Computes with caps and prints the result as a JSON object.
+
+    Caps are printed as {"caps", "any", "empty", "size", "fixed", "structures"}, where "caps" is the text and
+    a structure is {"name", "features", "fields": {name: {"type", "value"}}}. What can be true or false is
+    {"result"}. The value operations work on single values, as they stand in a field; deserialize takes a
+    type and a text. A bad text prints {"error": {"code", "message", "line", "column", "length", "hint"}} on
+    stderr and ends with exit code 2.
+    """
+    name = operation.replace("_", "-")
+    found = OPERATIONS.get(SYNONYMS.get(name, name))
+    if mode not in ("zigzag", "first"):
+        _fail("usage", f"--mode takes zigzag or first, got {mode!r}")
+    if found is None:
+        _fail("usage", f"no operation {operation!r}", hint=f"operations are {', '.join(OPERATIONS)}")
+    if mode == "first" and name == "intersect":
+        found = FIRST
+    if len(texts) < found.least or (found.most is not None and len(texts) > found.most):
+        wanted = f"{found.least}" if found.most == found.least else f"{found.least} or more"
+        _fail("usage", f"{name} takes {wanted} texts, got {len(texts)}")
+    try:
+        result = found.compute(texts)
+    except CapsSyntax as error:
+        text = next((text for text in texts if repr(text) in str(error)), texts[0])
+        _fail_syntax(error, text)
+    except CapsTooLarge as error:
+        _fail("too-large", str(error))
+    typer.echo(json.dumps(result, indent=2))
+
+
+def _fail_syntax(error: CapsSyntax, text: str) -> NoReturn:
+    before = text[: error.position]
+    line, column = before.count("\n") + 1, error.position - (before.rfind("\n") + 1) + 1
+    _fail("syntax", error.rule, line=line, column=column, length=error.length, hint=error.hint)
+
+
+def _fail(
+    code: str, message: str, *, line: int = 1, column: int = 1, length: int = 1, hint: str = ""
+) -> NoReturn:
+    content = {
+        "code": code,
+        "message": message,
+        "line": line,
+        "column": column,
+        "length": length,
+        "hint": hint,
+    }
+    typer.echo(json.dumps({"error": content}), err=True)
+    raise typer.Exit(USAGE_EXIT)
