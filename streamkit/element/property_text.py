@@ -17,6 +17,7 @@ from streamkit.flow.caps_text import read_boolean, read_float, read_fraction, re
 INT32_MAX, INT64_MIN, INT64_MAX = 2**31 - 1, -(2**63), 2**63 - 1
 UINT32_MAX, UINT64_MAX = 2**32 - 1, 2**64 - 1
 BYTE_ORDERS = {"little_endian": 1234, "big_endian": 4321}
+BLANKS = " \t\n\r\f\v"  # C's functions skip them in front of a number
 ESCAPE = re.compile(rb"\\([0-3][0-7]{2}|.)", re.DOTALL)
 UNESCAPED_QUOTE = re.compile(r'(?:[^"\\]|\\.)*(?:"|\\$)', re.DOTALL)
 
@@ -43,11 +44,11 @@ def value_from_text(kind: type, text: str, *, minimum: Any = None, maximum: Any 
     if kind is float:
         if text.lower() in ("min", "max"):
             return sys.float_info.max if text.lower() == "max" else -sys.float_info.max
-        return _demand(read_float(text), "it takes a number such as 0.5 or 1e3")
+        return _demand(read_float(text.lstrip(BLANKS)), "it takes a number such as 0.5 or 1e3")
     if kind is Fraction:
         return _demand(read_fraction(text), "it takes a fraction such as 30/1")
     if kind is Caps:
-        return Caps(text)
+        return Caps(text) if text.strip() else Caps()
     if issubclass(kind, enum.Flag):
         return _flags(kind, text)
     if issubclass(kind, enum.Enum):
@@ -97,9 +98,12 @@ def _integer(text: str, minimum: int | None, maximum: int | None) -> int:
         return INT64_MIN if minimum is None else int(minimum)
     if word in BYTE_ORDERS or word == "byte_order":
         return BYTE_ORDERS.get(word, BYTE_ORDERS[f"{sys.byteorder}_endian"])
-    value = int(_demand(read_integer(text), "it takes a whole number such as 12, -1 or 0x10"))
+    rule = "it takes a whole number such as 12, -1 or 0x10"
+    value = int(_demand(read_integer(text.lstrip(BLANKS)), rule))
     if maximum in (UINT32_MAX, UINT64_MAX) and -maximum - 1 <= 2 * value < 0:
         return value + int(maximum) + 1
+    if maximum in (INT32_MAX, INT64_MAX) and INT64_MAX < value <= UINT64_MAX:
+        value -= UINT64_MAX + 1
     if maximum in (INT32_MAX, INT64_MAX) and maximum < value <= 2 * maximum + 1:
         return value - 2 * (int(maximum) + 1)
     if not INT64_MIN <= value <= (UINT64_MAX if maximum == UINT64_MAX else INT64_MAX):
@@ -109,9 +113,11 @@ def _integer(text: str, minimum: int | None, maximum: int | None) -> int:
 
 def _choice(kind: type[enum.Enum], text: str) -> enum.Enum:
     members = list(kind)
+    number = read_integer(text.lstrip(BLANKS))
     for index, member in enumerate(members):
-        number = getattr(member, "number", index)
-        if text in (str(member.value), getattr(member, "label", None), str(number)):
+        if text in (str(member.value), getattr(member, "label", None)):
+            return member
+        if number is not None and number == getattr(member, "number", index):
             return member
     raise ValueError(f"it takes {', '.join(str(member.value) for member in members)}")
 

@@ -87,7 +87,9 @@ def set_text(
     try:
         value: str | None = text
         if declaration.kind is str:
-            value = None if text == "NULL" and declaration.optional else unquote_string(text)
+            value = unquote_string(text)
+            if text == "NULL":  # how GStreamer writes a text that is not there
+                value = None if declaration.optional else ""
         element.set_property(declaration.name, value)
     except Exception as error:
         if not isinstance(error, StreamkitError):

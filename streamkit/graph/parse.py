@@ -174,7 +174,7 @@ class TreeBuilder(Transformer[Token, Any]):
 
     def url(self, token: Token) -> UrlNode:
         """An address."""
-        return UrlNode(str(token), self._place(token))
+        return UrlNode(resolve_escapes(str(token)), self._place(token))
 
     def _assignment(self, token: Token) -> Assignment:
         name, _, value = str(token).partition("=")

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import bisect
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from streamkit.element.suggest import did_you_mean
 from streamkit.errors import DescriptionError, Place
 
-PIECE = re.compile(r"(?P<comment>(?<!\S)#[^\n]*)|\$\{(?P<name>[^}:\s]*)(?::-(?P<default>[^}\n]*))?\}")
+VARIABLE = r"\$\{(?P<name>[^}:\s]*)(?::-(?P<default>[^}\n]*))?\}"
+# What stands in quotes or behind a backslash begins no comment; variables in quotes are filled in.
+COMMENT = r"(?P<comment>(?<!\S)(?<!\\[ \t])\#[^\n]*)"
+QUOTED = r"""(?P<quoted>"(?:\\"|[^"])*"|(?<==)'(?:\\'|[^'])*')"""
+PIECE = re.compile(rf"{VARIABLE}|{COMMENT}|{QUOTED}|\\[^\n]")
+INSIDE = re.compile(VARIABLE)
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 LENGTH_LIMIT = 1_000_000
 
@@ -47,8 +52,8 @@ class ExpandedText:
 def expand(text: str, variables: Mapping[str, str]) -> ExpandedText:
     """Blanks comments and replaces `${NAME}` and `${NAME:-default}`.
 
-    A comment begins with `#` at the start of a word, outside quotes, and ends with its line. A variable
-    inside a property's value may hold blanks: they are escaped.
+    A comment begins with `#` at the start of a word, outside quotes, and ends with its line; a text of one
+    line has none, as in gst-launch. A variable inside a property's value may hold blanks: they are escaped.
 
     Raises:
         DescriptionError: a variable has no value and no default, or the text is too long.
@@ -56,16 +61,9 @@ def expand(text: str, variables: Mapping[str, str]) -> ExpandedText:
     pieces: list[str] = []
     offsets: list[tuple[int, int]] = [(0, 0)]
     length, position = 0, 0
-    for match in PIECE.finditer(text):
-        if match["comment"] is not None and _in_quotes(text, match.start()):
-            continue
+    for match in _pieces(text):
         before = text[position : match.start()]
-        if match["comment"] is not None:
-            inserted = " " * len(match.group())
-        else:
-            inserted = _value(text, match, variables)
-            if _in_value(text, match.start()):
-                inserted = re.sub(r"([\s\\])", r"\\\1", inserted)
+        inserted = _inserted(text, match, variables)
         pieces += [before, inserted]
         length += len(before)
         offsets.append((length, match.start()))
@@ -78,6 +76,26 @@ def expand(text: str, variables: Mapping[str, str]) -> ExpandedText:
     if len(expanded) > LENGTH_LIMIT:
         raise DescriptionError("syntax", f"a description has at most {LENGTH_LIMIT} characters")
     return ExpandedText(expanded, text, tuple(offsets), _line_starts(text))
+
+
+def _pieces(text: str) -> Iterator[re.Match[str]]:
+    """The comments and variables of a text, in order."""
+    if "#" not in text and "${" not in text:
+        return
+    has_comments = "\n" in text
+    for match in PIECE.finditer(text):
+        if match["quoted"] is not None:
+            yield from INSIDE.finditer(text, match.start(), match.end())
+        elif match["name"] is not None or (match["comment"] is not None and has_comments):
+            yield match
+
+
+def _inserted(text: str, match: re.Match[str], variables: Mapping[str, str]) -> str:
+    """What stands in place of a comment or a variable."""
+    if match["name"] is None:
+        return " " * len(match.group())
+    value = _value(text, match, variables)
+    return re.sub(r"([\s\\])", r"\\\1", value) if _in_value(text, match.start()) else value
 
 
 def _line_starts(text: str) -> tuple[int, ...]:
@@ -112,8 +130,3 @@ def _in_value(text: str, offset: int) -> bool:
         return False
     _, mark, value = before.split()[-1].partition("=")
     return bool(mark) and not value.startswith('"')
-
-
-def _in_quotes(text: str, offset: int) -> bool:
-    line = text[text.rfind("\n", 0, offset) + 1 : offset]
-    return len(re.findall(r'(?<!\\)"', line)) % 2 == 1

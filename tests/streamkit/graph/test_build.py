@@ -154,8 +154,8 @@ def test_an_address_is_a_source_or_a_sink(register: Register) -> None:
         build("./a ! fakesink", {})
 
 
-def test_an_address_keeps_every_character(register: Register) -> None:
-    """Quotes and backslashes of an address are not launch-line quoting."""
+def test_backslashes_of_an_address_are_resolved(register: Register) -> None:
+    """As in a value: a blank may stand behind one."""
 
     class Fetch(Source):
         """A source with a place."""
@@ -164,7 +164,7 @@ def test_an_address_keeps_every_character(register: Register) -> None:
         location: str = Property("")
 
     register(xsrc=Fetch)
-    assert build(r"x://h/a\b\"c ! fakesink", {}).elements[0].settings() == {"location": r"x://h/a\b\"c"}
+    assert build(r"x://h/a\ b\"c ! fakesink", {}).elements[0].settings() == {"location": 'x://h/a b"c'}
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,11 @@ from streamkit.graph.variables import expand
         ("p=a#b", {}, "p=a#b"),
         ('p="# no comment" b', {}, 'p="# no comment" b'),
         ("# ${X}\na", {}, "      \na"),
+        ("a # no comment in one line", {}, "a # no comment in one line"),
+        ('p="x\n# y ${X}\n" b # c', {"X": "1"}, 'p="x\n# y 1\n" b    '),
+        ("p='x\n# y' # c", {}, "p='x\n# y'    "),
+        ("p=a\\ # b\n", {}, "p=a\\ # b\n"),
+        ("# don't \"quote\n# ${X:-1}'\na", {}, "              \n          \na"),
     ],
 )
 def test_expansion(text: str, variables: dict[str, str], expanded: str) -> None:
