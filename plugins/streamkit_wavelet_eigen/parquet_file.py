@@ -58,7 +58,8 @@ class ParquetFeatureWriter:
         Raises:
             OSError: it cannot be written.
         """
-        self._write_group()
+        if self._waiting or self._writer is None:
+            self._write_group()
         self._writer.close()
         self._temporary.replace(self._path)
 

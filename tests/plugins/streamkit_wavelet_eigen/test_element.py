@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -14,10 +15,14 @@ from streamkit import (
     Frame,
     Pipeline,
     ResourceError,
+    Track,
+    Tracks,
+    TrackState,
     raw_video_caps,
 )
 from streamkit.testing import Harness
 from streamkit_wavelet_eigen.model_file import load_model
+from streamkit_wavelet_eigen.target_features import TargetFeatures
 from streamkit_wavelet_eigen.windows import box_places, cut_windows
 
 
@@ -229,3 +234,173 @@ def test_pipeline_reports_a_bad_model(tmp_path: Path) -> None:
     """The error names the element and the file."""
     with pytest.raises(ElementFailure, match=r"waveleteigen0: model: .*missing\.npz"):
         Pipeline.parse(f"appsrc ! waveleteigen model={tmp_path}/missing.npz ! fakesink").run(timeout_s=5)
+
+
+def _picture(seed: int, side: int = 24) -> np.ndarray:
+    coarse = np.random.default_rng(seed).integers(20, 230, (6, 6)).astype(np.uint8)
+    return np.asarray(cv2.resize(coarse, (side, side), interpolation=cv2.INTER_CUBIC))
+
+
+def _scene(names: str, angle: float = 0.0, noise_seed: int = 0) -> Frame:
+    """Targets in a row, one for each letter, turned about their middles."""
+    image = np.random.default_rng(noise_seed).integers(90, 110, (120, 320)).astype(np.uint8)
+    centres = np.array([[40.0 + 60 * index, 60.0] for index in range(len(names))])
+    for name, (x, y) in zip(names, centres, strict=True):
+        matrix = cv2.getRotationMatrix2D((23.5, 23.5), -np.degrees(angle), 1.0)
+        turned = cv2.warpAffine(_picture(ord(name), 48), matrix, (48, 48), borderMode=cv2.BORDER_REPLICATE)
+        image[int(y) - 24 : int(y) + 24, int(x) - 24 : int(x) + 24] = turned
+    centres -= 0.5
+    boxes = np.hstack([centres - 12, centres + 12])
+    ones = np.ones(len(names))
+    tracks = tuple(
+        Track(ord(name), TrackState.CONFIRMED, x, y, 24.0, 20.0, angle, (0.0, 0.0), np.eye(2), 1.0, 0)
+        for name, (x, y) in zip(names, centres, strict=True)
+    )
+    frame = Frame(image, raw_video_caps("GRAY8", 320, 120))
+    return frame.attach(Detections(centres, boxes, ones, ones), Tracks(tracks))
+
+
+def _facts(frame: Frame) -> TargetFeatures:
+    facts = frame.get(TargetFeatures)
+    assert facts is not None
+    return facts
+
+
+def test_tracks_are_looked_at_along_their_angle() -> None:
+    """A turned track has nearly the vector it had upright; as an upright detection it has another."""
+    with Harness("waveleteigen", targets="tracks", mode="raw", learn=True, batch=1000, margin=1.0) as harness:
+        (upright,) = harness.push(_scene("abcd"))
+        harness.element.set_property("learn", False)
+        (turned,) = harness.push(_scene("abcd", angle=0.9))
+    assert _facts(upright).kind == "tracks"
+    assert _facts(turned).ids.tolist() == [97, 98, 99, 100]
+    distances = np.linalg.norm(_vectors(upright)[:, None] - _vectors(turned)[None], axis=2)
+    assert distances.argmin(axis=1).tolist() == [0, 1, 2, 3]
+    assert np.diag(distances).max() < 0.25 * (distances + 1e9 * np.eye(4)).min()
+
+
+def test_a_given_window_has_one_row() -> None:
+    """Whatever is detected, the given place is looked at in each frame."""
+    with Harness("waveleteigen", window="16,36,48,48", mode="raw") as harness:
+        for seed in range(3):
+            (frame,) = harness.push(_scene("ab", noise_seed=seed))
+    assert _facts(frame).kind == "window"
+    assert _vectors(frame).shape == (1, 16)
+
+
+def test_facts_tell_what_a_window_was_like() -> None:
+    """Flags, reconstruction error and energy, row by row with the vectors."""
+    with Harness("waveleteigen", components=2, batch=1000) as harness:
+        harness.push(_frame(6))
+        (frame,) = harness.push(_frame(9, 1))
+    facts = _facts(frame)
+    assert len(facts.flat) == len(facts.clipped) == len(facts.errors) == len(facts.energy) == 9
+    assert (facts.errors > 1).all()
+    assert ((facts.energy > 0) & (facts.energy < 1)).all()
+    assert facts.version == _space(frame).version
+    assert facts.labels == ()
+
+
+@pytest.mark.parametrize(
+    "properties", [{"blocks": 4}, {"blocks": 2, "basis": "per-block"}, {"approximation": 1}]
+)
+def test_blocks_learn_from_the_stream(properties: dict[str, Any]) -> None:
+    """Vectors have the blocks' components one after the other, in a space that goes on learning."""
+    with Harness("waveleteigen", components=5, batch=4, **properties) as harness:
+        versions = [_space(harness.push(_frame(5, seed))[0]).version for seed in range(3)]
+        (frame,) = harness.push(_frame(5, 9))
+    assert versions == [1, 2, 3]
+    assert _vectors(frame).shape == (5, 5 * properties.get("blocks", 1) ** 2)
+
+
+def _gallery(folder: Path, names: str = "abcd", views: int = 4) -> Path:
+    for name in names:
+        (folder / name).mkdir(parents=True)
+        for view in range(views):
+            noise = np.random.default_rng(view).normal(0, 6, (48, 48))
+            picture = np.clip(_picture(ord(name), 48) + noise, 0, 255).astype(np.uint8)
+            cv2.imwrite(str(folder / name / f"{view}.png"), picture)
+    return folder
+
+
+@pytest.mark.parametrize(
+    "properties",
+    [{"preset": "recognition"}, {"preset": "modular"}, {"preset": "paper"}, {"mode": "raw"},
+     {"mode": "raw", "discriminative": True, "components": 8}],
+)  # fmt: skip
+def test_targets_are_recognised_by_a_gallery(tmp_path: Path, properties: dict[str, Any]) -> None:
+    """A folder of pictures is space and gallery; each detection gets the label of its nearest neighbour."""
+    gallery = str(_gallery(tmp_path / "gallery"))
+    with Harness("waveleteigen", gallery=gallery, learn=False, margin=2.0, **properties) as harness:
+        (frame,) = harness.push(_scene("dbca"))
+    detections = frame.get(Detections)
+    assert detections is not None
+    assert detections.labels == _facts(frame).labels == ("d", "b", "c", "a")
+    assert (_facts(frame).margins > 0).all()
+
+
+def test_targets_that_are_not_sure_have_no_label(tmp_path: Path) -> None:
+    """`min-margin` asks for a distance from the next label; a stranger does not reach it."""
+    gallery = str(_gallery(tmp_path / "gallery"))
+    properties = {"preset": "recognition", "gallery": gallery, "margin": 2.0, "min_margin": 0.5}
+    with Harness("waveleteigen", **properties) as harness:
+        (frame,) = harness.push(_scene("axcy"))
+    assert _facts(frame).labels == ("a", "", "c", "")
+
+
+def test_a_label_is_taught_and_saved(tmp_path: Path) -> None:
+    """While `label` is set windows join the gallery; the model file brings it to the next stream."""
+    path = str(tmp_path / "model.npz")
+    with Harness("waveleteigen", mode="raw", window="16,36,48,48", margin=1.0, batch=3, save=path) as harness:
+        for name in "ab":
+            harness.element.set_property("label", name)
+            for seed in range(3):
+                (frame,) = harness.push(_scene(name, noise_seed=seed))
+        harness.element.set_property("label", "")
+        assert _facts(frame).labels == ("b",)
+        harness.drain()
+    with Harness("waveleteigen", model=path, window="16,36,48,48", margin=1.0, learn=False) as harness:
+        assert [_facts(harness.push(_scene(name, noise_seed=9))[0]).labels[0] for name in "ab"] == ["a", "b"]
+
+
+def test_the_gallery_of_a_label_is_bounded(tmp_path: Path) -> None:
+    """However long it is taught, a label keeps at most `gallery-limit` windows."""
+    path = tmp_path / "model.npz"
+    with Harness("waveleteigen", label="car", gallery_limit=7, save=str(path)) as harness:
+        for seed in range(5):
+            harness.push(_frame(5, seed))
+    assert load_model(path).gallery.labels == ("car",) * 7
+
+
+def test_a_fisher_space_needs_labels(tmp_path: Path) -> None:
+    """Without labelled windows, or with one label, the element does not start."""
+    with pytest.raises(ResourceError, match="discriminative needs labelled windows"):
+        Harness("waveleteigen", discriminative=True)
+    with pytest.raises(ResourceError, match="gallery: Fisher step: at least two labels"):
+        Harness("waveleteigen", discriminative=True, gallery=str(_gallery(tmp_path / "gallery", "a")))
+
+
+def test_a_fisher_space_stays(tmp_path: Path) -> None:
+    """Axes learnt from labels are kept: the version does not rise with the stream."""
+    gallery = str(_gallery(tmp_path / "gallery"))
+    with Harness("waveleteigen", preset="recognition", gallery=gallery, batch=2) as harness:
+        versions = {_space(harness.push(_frame(9, seed))[0]).version for seed in range(3)}
+    assert versions == {1}
+
+
+def test_a_broken_gallery_is_an_error_at_start(tmp_path: Path) -> None:
+    """A folder that is not there or empty is refused with its name."""
+    for folder in (tmp_path / "missing", tmp_path):
+        with pytest.raises(ResourceError, match=f"gallery: .*{folder.name}"):
+            Harness("waveleteigen", gallery=str(folder))
+
+
+def test_a_frame_of_4000_px() -> None:
+    """A window as large as a 4000x4000 frame passes, with a finite vector."""
+    image = np.asarray(cv2.resize(_picture(3), (4000, 4000)))
+    box = np.array([[0.0, 0, 4000, 4000], [1000, 1000, 1800, 1900]])
+    detections = Detections((box[:, :2] + box[:, 2:]) / 2, box, np.ones(2), np.ones(2))
+    with Harness("waveleteigen") as harness:
+        (frame,) = harness.push(Frame(image, raw_video_caps("GRAY8", 4000, 4000)).attach(detections))
+    assert np.isfinite(_vectors(frame)).all()
+    assert _facts(frame).clipped[0] < 0.4
