@@ -3,12 +3,14 @@
 import json
 import socket
 import ssl
+import time
 
 import zenoh
 
 from streamkit_zenoh.endpoints import ENDPOINT
 
 HANDSHAKE_LIMIT_S = 2.0
+ANSWER_LIMIT_S = 0.2
 
 
 def certificate_fault(endpoint: str, config: zenoh.Config) -> str | None:
@@ -24,13 +26,13 @@ def certificate_fault(endpoint: str, config: zenoh.Config) -> str | None:
     match = ENDPOINT.fullmatch(endpoint)
     if match is None or match["protocol"] != "tls":
         return None
-    settings = json.loads(config.get_json("transport/link/tls"))
+    settings = json.loads(config.get_json("transport/link/tls")) or {}
     host = match["host"].strip("[]")
     try:
         context = ssl.create_default_context(cafile=settings.get("root_ca_certificate"))
         context.check_hostname = settings.get("verify_name_on_connect") is not False
         certificate, key = settings.get("connect_certificate"), settings.get("connect_private_key")
-        if certificate and key:
+        if certificate and key and settings.get("enable_mtls"):
             context.load_cert_chain(certificate, key)
     except (OSError, ValueError) as error:
         return f"the certificates of the configuration cannot be used: {error}"
@@ -38,13 +40,14 @@ def certificate_fault(endpoint: str, config: zenoh.Config) -> str | None:
 
 
 def _handshake(context: ssl.SSLContext, host: str, port: int) -> str | None:
+    began_s = time.monotonic()
     try:
         with (
             socket.create_connection((host, port), HANDSHAKE_LIMIT_S) as plain,
             context.wrap_socket(plain, server_hostname=host) as link,
         ):
-            # With TLS 1.3 the other side judges our certificate after the handshake.
-            link.settimeout(0.5)
+            # With TLS 1.3 the other side judges our certificate after the handshake: one more way and back.
+            link.settimeout(max(ANSWER_LIMIT_S, 3 * (time.monotonic() - began_s)))
             link.recv(1)
     except TimeoutError:
         return None

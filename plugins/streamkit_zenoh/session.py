@@ -101,24 +101,22 @@ class _Outcome:
 
 
 def _opened(config: zenoh.Config, settings: SessionSettings, limit_s: float) -> zenoh.Session:
-    outcome = _Outcome(lambda: zenoh.open(config), lambda session: session.close())
     endpoints = connected(config, settings)
+    # What a wrong certificate is will not become right by trying on, which a peer would do in silence.
+    fault = _certificate_fault(endpoints, config)
+    if fault is not None:
+        raise SessionFailure(fault)
+    outcome = _Outcome(lambda: zenoh.open(config), lambda session: session.close())
     target = redact(", ".join((*endpoints, *settings.listen)) or f"reach={settings.reach}")
     if not outcome.wait(limit_s):
         raise SessionFailure(f"zenoh ({target}): no session within {limit_s:g} s; check the endpoints")
     if outcome.error is not None:
-        fault = _certificate_fault(endpoints, config)
-        remedy = (
-            "start the router or name another endpoint" if settings.is_client else "name another endpoint"
-        )
-        raise SessionFailure(fault or f"zenoh ({target}): {plain(outcome.error)}; {remedy}") from None
+        is_client = str(config.get_json("mode")) == '"client"'
+        remedy = "start the router or name another endpoint" if is_client else "name another endpoint"
+        if str(config.get_json("transport/auth/usrpwd/user")) != "null":
+            remedy += ", or see whether it knows the user and password under transport/auth/usrpwd"
+        raise SessionFailure(f"zenoh ({target}): {plain(outcome.error)}; {remedy}") from None
     session: zenoh.Session = outcome.value
-    if endpoints and not list(session.info.transports()):
-        # A peer goes on trying: what a wrong certificate is will not become right by that.
-        fault = _certificate_fault(endpoints, config)
-        if fault is not None:
-            close_session(session, limit_s)
-            raise SessionFailure(fault)
     return session
 
 
