@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated
 from streamkit.flow.frame import Frame
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
     from streamkit.element.base import Element
     from streamkit.element.pad import Pad
 
-SAMPLE_EVERY = 64  # at least one frame in so many is timed
-SAMPLE_NS = 5_000_000  # and one in so long a time, so that a slow stream is timed frame by frame
+SAMPLE_EVERY = 64  # one frame in so many is timed, and the first so many
+SLOW_NS = 100_000  # each, where they come in no shorter a time: timing then costs nothing to speak of
 
 
 class Chain:
@@ -36,7 +37,7 @@ class Chain:
         newest_ns: per element, arrival time of the newest frame that was timed, or 0.
         sinks: the pads that frames come in through: one per transform, then the terminal's, if there is one.
         due: number of the next frame to be timed; 0 asks for the very next one.
-        first_ns, last_ns: when the first and the last timed frame came, on the performance counter.
+        source_ns: behind a source, the sampled time between frames, in which it makes them, ns.
     """
 
     def __init__(self, src: Pad) -> None:
@@ -59,7 +60,8 @@ class Chain:
         self.busy_ns = [0] * (len(self.transforms) + 1)
         self.newest_ns = [0] * (len(self.transforms) + 1)
         self.due = 1
-        self.first_ns = self.last_ns = self._timed_frames = 0
+        self.source_ns = self._timed_frames = self._timed_ns = self._ended_ns = self._gaps = 0
+        self._takes_gaps = isinstance(src.element, Source)
         self._replace_consumer: Callable[[Callable[[Frame], None]], None] = lambda consume: None
         self._stages: list[Callable[[Frame], Any]] = []
         self._positions: dict[Callable[[Frame], Any], int] = {self._consume: len(self.transforms)}
@@ -132,6 +134,8 @@ class Chain:
             raise
         except Exception as cause:
             raise self._failed(stage, frame, cause) from cause
+        finally:
+            self._ended_ns = clock()
 
     def _note(self, stage: Callable[[Frame], Any], busy_ns: int, arrived_ns: int) -> None:
         position = self._positions[stage]
@@ -141,15 +145,15 @@ class Chain:
     def _schedule(self, now_ns: int) -> int:
         """Says which frame is timed next; how many frames this one stands for."""
         count = self.frames
-        weight = count - self._timed_frames
-        passed_ns = now_ns - self.last_ns
-        if not self.first_ns:
-            self.first_ns, stride = now_ns, 1
-        elif passed_ns < SAMPLE_NS:
-            stride = min(SAMPLE_EVERY, 2 * weight)
-        else:
-            stride = max(1, weight * SAMPLE_NS // passed_ns)
-        self.last_ns, self._timed_frames, self.due = now_ns, count, count + stride
+        weight, passed_ns = count - self._timed_frames, now_ns - self._timed_ns
+        self._timed_frames, self._timed_ns = count, now_ns
+        if weight == 1 and self._takes_gaps and self._ended_ns:
+            self.source_ns += (now_ns - self._ended_ns) * (count - self._gaps)
+            self._gaps = count
+        is_next = count < SAMPLE_EVERY or passed_ns >= SLOW_NS * weight
+        if weight > 1 and self._takes_gaps:
+            is_next = True  # what lies between two timed frames is the source's time
+        self.due = count + (1 if is_next else SAMPLE_EVERY)
         return weight
 
     def _odd(self, stage: Callable[[Frame], Any], result: Any, weight: int = 0) -> None:

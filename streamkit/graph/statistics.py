@@ -1,19 +1,20 @@
 """Counters of a running graph: what came in, what went out, what was dropped and why, working time, age.
 
-Counting costs one addition for each frame and chain. Times come from samples: at least one frame in 64 is
-timed, and in a stream of few frames a second every one.
+Counting costs one addition for each frame and chain. Times come from samples: one frame in 64 is timed where
+frames come quickly, and every one where they do not.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import msgspec
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
+from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.flow.messages import Message, MessageKind
@@ -93,6 +94,20 @@ class ElementStatistics(msgspec.Struct, frozen=True):
     pads: list[PadStatistics]
 
 
+class RunStatistics(msgspec.Struct, frozen=True, kw_only=True):
+    """The counters of a whole graph: the JSON of `launch --stats=json`, told in docs/statistics.md.
+
+    Attributes:
+        schema: name and version of the object's shape.
+        elapsed_s: since the run began, s.
+        elements: one entry for each element, in the order of the description.
+    """
+
+    schema: Literal["streamkit.statistics/1"] = "streamkit.statistics/1"
+    elapsed_s: float
+    elements: list[ElementStatistics]
+
+
 @runtime_checkable
 class Levelled(Protocol):
     """An element that holds frames and tells how many; `highest_level_...` besides, where it knows them."""
@@ -164,13 +179,11 @@ class _Sums:
         """Tells the work of an element from that of the chains it calls: a source's, a tee's."""
         if isinstance(owner, Transform | Streaming) and not isinstance(owner, Source):
             return
-        called_ns = sum(self._spent_ns(chain) for chain in behind)
         if isinstance(owner, Source):
-            began_ns = min((chain.first_ns for chain in behind if chain.first_ns), default=0)
-            self.busy_ns[owner.name] = max(chain.last_ns for chain in behind) - began_ns
-        self.busy_ns[owner.name] -= called_ns
-        if isinstance(owner, Source) and owner.is_live:
-            self.busy_ns[owner.name] = 0
+            made_ns = 0 if owner.is_live else behind[0].source_ns
+            self.busy_ns[owner.name] = made_ns - sum(self._spent_ns(chain) for chain in behind[1:])
+        else:
+            self.busy_ns[owner.name] -= sum(self._spent_ns(chain) for chain in behind)
 
     def _spent_ns(self, chain: Chain) -> int:
         """Working time in a chain, with the chains of transforms that make several frames of one."""
@@ -194,6 +207,7 @@ def collect_statistics(
     def row(element: Element) -> ElementStatistics:
         name = element.name
         newest_ns = sums.newest_ns.get(name, 0)
+        waited_ns = element.waited_ns if isinstance(element, Sink) else 0
         return ElementStatistics(
             element=name,
             factory=element.factory,
@@ -202,7 +216,7 @@ def collect_statistics(
             dropped=dict(element.drops),
             errors=counts[name, MessageKind.ERROR],
             warnings=counts[name, MessageKind.WARNING],
-            busy_ns=max(0, sums.busy_ns[name]),
+            busy_ns=max(0, sums.busy_ns[name] - waited_ns),
             age_ns=max(0, now_ns - newest_ns) if newest_ns else None,
             queue=_levels(element) if isinstance(element, Levelled) else None,
             pads=[_pad_row(pad, sums.frames[pad]) for pad in list(element.pads.values())],

@@ -227,3 +227,13 @@ def test_errors_and_warnings_are_counted(register: Register) -> None:
         rows = {row.element: row for row in pipeline.statistics()}
         assert (rows["warns0"].errors, rows["warns0"].warnings) == (1, 3)
         assert (rows["fakesrc0"].errors, rows["fakesrc0"].warnings) == (0, 0)
+
+
+def test_waiting_for_a_frames_time_is_no_work() -> None:
+    """A synchronised sink is idle until a frame is due."""
+    with Pipeline.parse(
+        "videotestsrc num-buffers=10 ! video/x-raw,framerate=50/1 ! fakesink sync=true"
+    ) as pipeline:
+        pipeline.run(timeout_s=20)
+        rows = {row.element: row for row in pipeline.statistics()}
+    assert rows["fakesink0"].busy_ns < 90_000_000
