@@ -82,7 +82,9 @@ class VideoWriter:
             FFmpegError: encoding or writing failed.
         """
         assert self._container is not None
-        picture = self._picture(pixels)
+        picture = picture_of(pixels, self.pixel_format)
+        if picture.format.name != "yuv420p":
+            picture = self._reformatter.reformat(picture, format="yuv420p")
         picture.pts, picture.time_base = self._ticks(pts), TIME_BASE
         self._container.mux(self._stream.encode(picture))
 
@@ -126,18 +128,6 @@ class VideoWriter:
         self._last = ticks
         return ticks
 
-    def _picture(self, pixels: Pixels) -> VideoFrame:
-        if self.pixel_format in PACKED:
-            padded = pad_to_even(pixels)
-            picture = VideoFrame.from_ndarray(np.ascontiguousarray(padded), PACKED[self.pixel_format])
-            return self._reformatter.reformat(picture, format="yuv420p")
-        if self.pixel_format == "NV12":
-            picture = VideoFrame.from_ndarray(np.ascontiguousarray(pixels), "nv12")
-            return self._reformatter.reformat(picture, format="yuv420p")
-        if self.pixel_format == "GRAY8":
-            return VideoFrame.from_ndarray(grey_as_i420(pad_to_even(pixels)), "yuv420p")
-        return VideoFrame.from_ndarray(np.ascontiguousarray(pixels), "yuv420p")
-
 
 def even(size: int) -> int:
     """The size itself, or one more where it is odd."""
@@ -158,3 +148,19 @@ def grey_as_i420(luma: Pixels) -> Pixels:
     pixels = np.full((height * 3 // 2, width), NEUTRAL_CHROMA, np.uint8)
     pixels[:height] = luma
     return pixels
+
+
+def picture_of(pixels: Pixels, pixel_format: str) -> VideoFrame:
+    """An FFmpeg picture of even size out of an array.
+
+    Args:
+        pixels: uint8 array in the layout of `pixel_format`.
+        pixel_format: GRAY8, I420, NV12, BGR or RGB.
+    """
+    if pixel_format in PACKED:
+        return VideoFrame.from_ndarray(np.ascontiguousarray(pad_to_even(pixels)), PACKED[pixel_format])
+    if pixel_format == "NV12":
+        return VideoFrame.from_ndarray(np.ascontiguousarray(pixels), "nv12")
+    if pixel_format == "GRAY8":
+        return VideoFrame.from_ndarray(grey_as_i420(pad_to_even(pixels)), "yuv420p")
+    return VideoFrame.from_ndarray(np.ascontiguousarray(pixels), "yuv420p")

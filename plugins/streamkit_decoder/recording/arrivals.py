@@ -1,0 +1,76 @@
+"""When each packet of a recording arrived, in a file of lines beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TextIO
+
+SUFFIX = ".arrivals.jsonl"
+
+
+class BadArrivals(ValueError):
+    """A line of the file is not what it should be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """One packet of the video.
+
+    Attributes:
+        seq: its number.
+        epoch: its connection.
+        pts: ns.
+        arrival_ns: monotonic clock of the recording machine.
+        capture_ns: UTC; None if unknown.
+        capture_origin: rtcp, misb, file or arrival; "" if unknown.
+        flags: the frame's marks.
+    """
+
+    seq: int
+    epoch: int
+    pts: int | None
+    arrival_ns: int
+    capture_ns: int | None = None
+    capture_origin: str = ""
+    flags: int = 0
+
+
+def arrivals_path(recording: Path) -> Path:
+    """Where the arrivals of a recording stand."""
+    return recording.with_name(recording.name + SUFFIX)
+
+
+class ArrivalsWriter:
+    """Writes the file line by line; each is with the operating system at once."""
+
+    def __init__(self, recording: Path) -> None:
+        self._file: TextIO = arrivals_path(recording).open("w", encoding="ascii", buffering=1)
+
+    def write(self, arrival: Arrival) -> None:
+        """Adds a packet."""
+        self._file.write(json.dumps(asdict(arrival), separators=(",", ":")) + "\n")
+
+    def close(self) -> None:
+        """Completes the file."""
+        self._file.close()
+
+
+def read_arrivals(recording: Path) -> Iterator[Arrival]:
+    """The arrivals in the file's order; a last line that was cut short is left out.
+
+    Raises:
+        OSError: the file cannot be read.
+        BadArrivals: a line before the last is none.
+    """
+    with arrivals_path(recording).open(encoding="ascii", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            if not line.endswith("\n"):
+                return
+            try:
+                fields = json.loads(line)
+                yield Arrival(**fields)
+            except (ValueError, TypeError) as error:
+                raise BadArrivals(f"line {number} is no arrival: {error}") from None

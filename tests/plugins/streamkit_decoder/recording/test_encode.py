@@ -1,0 +1,76 @@
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from streamkit import Frame, FrameFlags, Pipeline, raw_video_caps
+from streamkit.testing import Harness
+
+
+def ramp(number: int, size: tuple[int, int] = (64, 48)) -> Frame:
+    """A moving grey ramp."""
+    rows, columns = np.mgrid[: size[1], : size[0]]
+    pixels = (40 + (rows + columns + 4 * number) % 160).astype(np.uint8)
+    caps = raw_video_caps("GRAY8", *size, Fraction(25))
+    return Frame(pixels, caps, pts=number * 40_000_000, duration=40_000_000, seq=number)
+
+
+@pytest.mark.parametrize("codec", ["h264", "h265", "vp8", "vp9", "mpeg4", "mjpeg", "ffv1"])
+def test_each_codec_comes_back(codec: str) -> None:
+    """What is encoded decodes to the pictures that went in, at their times, with their numbers."""
+    with Harness("encode", codec=codec, quality=10, gop=8) as encoder, Harness("decode") as decoder:
+        packets = [p for n in range(20) for p in encoder.push(ramp(n))] + encoder.drain()
+        frames = [f for p in packets for f in decoder.push(p)] + decoder.drain()
+    assert [frame.pts for frame in frames] == [n * 40_000_000 for n in range(20)]
+    assert sum(bool(p.flags & FrameFlags.KEYFRAME) for p in packets) >= 3
+    for number, frame in enumerate(frames):
+        stretched = codec == "mjpeg"
+        made = ramp(number).data.astype(float)
+        wanted = (made - 16) * 255 / 219 if stretched else made
+        assert np.median(np.abs(frame.data - wanted)) < 8
+
+
+def test_live_holds_nothing_back() -> None:
+    """Each picture's packet comes at once."""
+    with Harness("encode", live=True) as encoder:
+        assert [len(encoder.push(ramp(n))) for n in range(5)] == [1] * 5
+
+
+def test_bit_rate_is_kept() -> None:
+    """Noise at 200 kbit/s takes about 200 kbit for each second."""
+    noise = np.random.default_rng(1)
+    caps = raw_video_caps("GRAY8", 160, 120, Fraction(25))
+    size = 0
+    with Harness("encode", bitrate=200, live=True) as encoder:
+        for number in range(100):
+            pixels = noise.integers(0, 256, (120, 160)).astype(np.uint8)
+            frames = encoder.push(Frame(pixels, caps, pts=number * 40_000_000))
+            size += sum(len(bytes(frame.data)) for frame in frames)
+    assert 0.7 < size * 8 / 4 / 200_000 < 1.4
+
+
+def test_a_new_size_begins_with_a_key_frame() -> None:
+    """Pictures of another size are encoded in it, the ones before are not lost."""
+    with Harness("encode") as encoder:
+        packets = [p for n in range(4) for p in encoder.push(ramp(n))]
+        packets += [p for n in range(4, 8) for p in encoder.push(ramp(n, (96, 32)))] + encoder.drain()
+    assert [p.caps["width"] for p in packets] == [64] * 4 + [96] * 4
+    assert packets[4].flags & FrameFlags.KEYFRAME
+
+
+def test_odd_sizes_are_extended() -> None:
+    """A picture of 33 x 21 becomes one of 34 x 22."""
+    with Harness("encode", live=True) as encoder:
+        (packet,) = encoder.push(ramp(0, (33, 21)))
+    assert (packet.caps["width"], packet.caps["height"]) == (34, 22)
+
+
+def test_pictures_and_files(tmp_path: Path) -> None:
+    """Jpegsink and multifilesink write numbered files; max-files keeps the newest."""
+    text = f"videotestsrc num-buffers=5 ! jpegsink location={tmp_path}/a-%03d.jpg max-files=2"
+    Pipeline.parse(text).run(timeout_s=20)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a-003.jpg", "a-004.jpg"]
+    source = f"multifilesrc location={tmp_path}/a-%03d.jpg start-index=3"
+    Pipeline.parse(f"{source} ! multifilesink location={tmp_path}/b-%d.jpg").run(timeout_s=20)
+    assert (tmp_path / "b-1.jpg").read_bytes() == (tmp_path / "a-004.jpg").read_bytes()
