@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import json
+from collections import Counter
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -19,7 +20,9 @@ from streamkit.cli.description import (
 from streamkit.errors import DescriptionError
 
 if TYPE_CHECKING:
+    from streamkit.element.base import Element
     from streamkit.element.pad import Pad
+    from streamkit.graph.bins import Bin
     from streamkit.graph.graph import Graph
 
 
@@ -59,29 +62,49 @@ def link_caps(src: Pad, sink: Pad) -> str:
 
 
 def as_json(built: Graph) -> dict[str, Any]:
-    """The graph as DESIGN's JSON object; converters put in stand under `inserted`."""
-    inserted = {element.name for element in built.inserted}
+    """The graph as DESIGN's JSON object; converters put in stand under `inserted`.
 
-    def describe(element: Any) -> dict[str, Any]:
-        settings: dict[str, Any] = element.settings() if hasattr(element, "settings") else {}
-        return {
-            "name": element.name,
-            "factory": element.factory,
-            "parent": element.parent or None,
-            "properties": settings,
-        }
-
-    return {
+    Where there are any, a bin has `ghost_pads`, and the object `delayed_links`, which wait for their pad.
+    """
+    inserted = {id(element) for element in built.inserted}
+    found: dict[str, Any] = {
         "elements": [
-            *(describe(element) for element in built.elements if element.name not in inserted),
-            *(describe(group) for group in built.bins),
+            *(_described(element) for element in built.elements if id(element) not in inserted),
+            *({**_described(group), **_ghost_pads(group)} for group in built.bins),
         ],
-        "inserted": [describe(element) for element in built.inserted],
+        "inserted": [_described(element) for element in built.inserted],
         "links": [
             {"src": src.path, "sink": sink.path, "caps": link_caps(src, sink)} for src, sink in built.links()
         ],
         "warnings": [{"code": code, "message": text} for code, text in built.warnings],
     }
+    if built.delayed_links:
+        found["delayed_links"] = [link.description for link in built.delayed_links]
+    return found
+
+
+def _described(element: Element) -> dict[str, Any]:
+    return {
+        "name": element.name,
+        "factory": element.factory,
+        "parent": element.parent or None,
+        "properties": element.settings(),
+    }
+
+
+def _ghost_pads(group: Bin) -> dict[str, dict[str, str]]:
+    return {"ghost_pads": group.ghost_pads} if group.ghost_pads else {}
+
+
+def _ids(built: Graph) -> dict[int, str]:
+    """What each element is called in a drawing: its name, with a number where bins share one."""
+    taken: Counter[str] = Counter()
+    found = {}
+    for element in built.elements:
+        taken[element.name] += 1
+        number = taken[element.name]
+        found[id(element)] = element.name if number == 1 else f"{element.name} ({number})"
+    return found
 
 
 def _label(element: Any) -> str:
@@ -95,26 +118,29 @@ def as_dot(built: Graph) -> str:
     def quoted(text: str) -> str:
         return json.dumps(text).replace("\\\\n", "\\n")
 
+    ids = _ids(built)
     lines = ["digraph pipeline {", "  rankdir=LR;", "  node [shape=box, fontname=sans];"]
-    lines += [f"  {quoted(element.name)} [label={quoted(_label(element))}];" for element in built.elements]
+    lines += [
+        f"  {quoted(ids[id(element)])} [label={quoted(_label(element))}];" for element in built.elements
+    ]
     for src, sink in built.links():
-        ends = f"{quoted(src.element.name)} -> {quoted(sink.element.name)}"
+        ends = f"{quoted(ids[id(src.element)])} -> {quoted(ids[id(sink.element)])}"
         lines.append(f"  {ends} [label={quoted(link_caps(src, sink))}];")
     return "\n".join([*lines, "}"])
 
 
 def as_mermaid(built: Graph) -> str:
     """The graph in Mermaid's language."""
-    ids = {element.name: f"n{index}" for index, element in enumerate(built.elements)}
+    ids = {id(element): f"n{index}" for index, element in enumerate(built.elements)}
 
     def text(words: str) -> str:
         return words.replace('"', "#quot;").replace("\n", "<br>")
 
     lines = ["flowchart LR"]
-    lines += [f'  {ids[element.name]}["{text(_label(element))}"]' for element in built.elements]
+    lines += [f'  {ids[id(element)]}["{text(_label(element))}"]' for element in built.elements]
     for src, sink in built.links():
         caps = text(link_caps(src, sink))
-        lines.append(f'  {ids[src.element.name]} -- "{caps}" --> {ids[sink.element.name]}')
+        lines.append(f'  {ids[id(src.element)]} -- "{caps}" --> {ids[id(sink.element)]}')
     return "\n".join(lines)
 
 

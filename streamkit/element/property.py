@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Any, TypeVar, cast
 
 from streamkit.element.property_text import flag_word, value_from_text
-from streamkit.errors import PropertyError
+from streamkit.errors import PropertyError, mask_credentials
 from streamkit.flow.caps import Caps
 
 T = TypeVar("T")
@@ -163,17 +163,19 @@ class PropertyDeclaration:
     def refusal(self, value: Any, rule: str, element: str) -> PropertyError:
         """The error for a value that the property does not take."""
         where = f"{element}: " if element else ""
-        shown = "the value given" if self.secret else repr(value)
+        shown = "the value given" if self.secret else mask_credentials(repr(value))
         return PropertyError(f"{where}property {self.spelling} cannot be {shown}: {rule}")
 
     def to_json(self, value: Any) -> Any:
-        """The value as JSON has it; secrets are masked."""
+        """The value as JSON has it; secrets, and passwords in addresses, are masked."""
         if self.secret and value is not None:
             return "***"
         if isinstance(value, enum.Flag):
             return "+".join(flag_word(member) for member in value)
         if isinstance(value, enum.Enum):
             return value.value
+        if isinstance(value, str):
+            return mask_credentials(value)
         return str(value) if isinstance(value, Fraction | Caps) else value
 
 

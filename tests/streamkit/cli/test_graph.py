@@ -36,7 +36,8 @@ def test_json_is_that_of_the_design() -> None:
             {"name": "end", "factory": "fakesink", "parent": None, "properties": {}},
             {"name": "capsfilter0", "factory": "capsfilter", "parent": None,
              "properties": {"caps": "a/b, x=(int)1"}},
-            {"name": "b", "factory": "bin", "parent": None, "properties": {}},
+            {"name": "b", "factory": "bin", "parent": None, "properties": {},
+             "ghost_pads": {"ghost0": "identity0.sink", "ghost1": "identity0.src"}},
         ],
         "inserted": [],
         "links": [
@@ -82,6 +83,50 @@ class Guarded(Element):
     sink = "ANY"
     password: str = Property("", secret=True)
     text: str = Property("")
+
+
+def test_bins_may_share_names() -> None:
+    """Two elements of one name are two in the drawing."""
+    text = "( fakesrc name=a ! fakesink name=b ) ( fakesrc name=a ! fakesink name=b )"
+    dot = graph("--format", "dot", text).stdout
+    assert '"a" -> "b" [' in dot
+    assert '"a (2)" -> "b (2)" [' in dot
+    mermaid = graph("--format", "mermaid", text).stdout
+    assert [line.split()[0] for line in mermaid.splitlines() if '["a"]' in line] == ['n0["a"]', 'n2["a"]']
+
+
+@pytest.mark.parametrize("form", ["json", "dot", "mermaid"])
+def test_passwords_in_addresses_are_masked_in_every_format(register: Register, form: str) -> None:
+    """Whatever the property: user and password of an address do not show."""
+    register(guarded=Guarded)
+    done = graph("--format", form, "fakesrc ! guarded text=rtsp://me:hunter2@cam/live")
+    assert done.exit_code == 0
+    assert "hunter2" not in done.stdout
+    assert "rtsp://***@cam/live" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "fakesrc ! guarded password=hunter2 ! nosuch",
+        "nosuch ! guarded password=hunter2",
+        "fakesrc password=hunter2",
+        "password=hunter2 fakesrc",
+        "fakesrc ! guarded token=hunter2",
+        "fakesrc ! rtsp://me:hunter2@cam/live x",
+        "fakesrc num-buffers=rtsp://me:hunter2@cam/live",
+        'fakesrc ! guarded password="hunter2 x',
+        "fakesrc ! guarded text=rtsp://me:hunter2@cam/live !",
+        "( fakesrc ! guarded password=hunter2)",
+    ],
+)
+@pytest.mark.parametrize("form", ["json", "mermaid"])
+def test_secrets_are_masked_in_errors(register: Register, text: str, form: str) -> None:
+    """Neither the message nor the line of the text that it points into shows them."""
+    register(guarded=Guarded)
+    done = graph("--format", form, text)
+    assert done.exit_code == 2
+    assert "hunter2" not in done.stderr
 
 
 @pytest.mark.parametrize("form", ["json", "dot", "mermaid"])

@@ -114,7 +114,7 @@ def test_pads_references_addresses_and_bins() -> None:
         (
             "( fakesrc location=x)",
             "description:1:21: the description ends where ')', an element must follow; "
-            "the ')' is part of the value 'location=x)': put a blank before it\n"
+            "the ')' is part of the value of location: put a blank before it\n"
             "    ( fakesrc location=x)\n"
             "                        ^",
         ),
