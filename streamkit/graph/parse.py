@@ -96,7 +96,7 @@ def _fault(expanded: ExpandedText, machine: InteractiveParser, token: Token) -> 
             "syntax",
             f"the description ends where {expected} must follow",
             expanded.place(max(0, end - 1), end),
-            f"the ')' is part of the value {mask_credentials(last)!r}: put a blank before it"
+            f"the ')' is part of the value of {last.partition('=')[0]}: put a blank before it"
             if glued
             else "",
         )
