@@ -134,7 +134,7 @@ class Split(Element):
     """Base of 1-to-n elements: override `split`."""
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._pushes: tuple[Callable[[Frame], None], ...] = ()
+        self._branches: tuple[Pad, ...] = ()
         super().__init__(name, **properties)
 
     def split(self, frame: Frame) -> Mapping[str, Frame]:
@@ -188,5 +188,5 @@ class Split(Element):
         self.pads_changed()
 
     def pads_changed(self) -> None:
-        """Branches have come, gone or been given another way to push."""
-        self._pushes = tuple(src.push for src in list(self.pads.values()) if src.is_src)
+        """Branches have come or gone."""
+        self._branches = tuple(pad for pad in list(self.pads.values()) if pad.is_src)

@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
+from streamkit.element.pad import Pad
 from streamkit.element.property import Property
-from streamkit.element.sink import Sink
+from streamkit.elements.callbacks import Callbacks
+from streamkit.elements.levels import Levels
+from streamkit.elements.plainsink import PlainSink
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
+from streamkit.flow.events import EosEvent, Event, FlushStart, FlushStop
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import EndOfStream, Flushing
+from streamkit.flow.signals import Flushing
 
-POLL_S = 0.2
+LOOK_S = 0.2
+UINT = 2**32 - 1
+UINT64 = 2**64 - 1
 
 
-class AppSink(Sink):
+class AppSink(PlainSink):
     """Holds frames for the application: iterate over it, or call `pull`.
+
+    Attributes:
+        on_new_sample: called with the element for each frame, while `emit-signals` is on.
+        on_new_preroll: the same for the frame that a paused pipeline holds.
+        on_eos: called with the element at EOS.
 
     Example:
         videotestsrc num-buffers=5 ! appsink name=out
@@ -27,51 +39,158 @@ class AppSink(Sink):
 
     sink = "ANY"
 
-    caps: Caps = Property(ANY, doc="What it takes.")
-    max_buffers: int = Property(64, min=0, doc="Frames held at most; 0 is no limit.")
+    caps: Caps | None = Property(ANY, doc="What it takes.")
+    max_buffers: int = Property(64, min=0, max=UINT, live=True, doc="Frames held at most; 0 is no limit.")
+    max_bytes: int = Property(
+        0, min=0, max=UINT64, live=True, unit="bytes", doc="Bytes held at most; 0 is no limit."
+    )
+    max_time: int = Property(
+        0, min=0, max=UINT64, live=True, unit="ns", doc="Time held at most; 0 is no limit."
+    )
     drop: bool = Property(False, live=True, doc="Drop the oldest frame when full, instead of waiting.")
+    eos: bool = Property(True, read=lambda s: s._is_over(), doc="Whether nothing more can be pulled.")
+    emit_signals: bool = Property(False, live=True, doc="Call `on_new_sample` and the others.")
+    wait_on_eos: bool = Property(True, doc="EOS waits until every frame has been pulled.")
+    buffer_list: bool = Property(False, doc="Accepted, without effect: frames come one by one.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._frames: deque[Frame] = deque()
+        self.on_new_sample = Callbacks()
+        self.on_new_preroll = Callbacks()
+        self.on_eos = Callbacks()
+        self._items: deque[Frame | Event] = deque()
+        self._levels = Levels(self._items)
+        self._preroll: Frame | None = None
         self._changed = threading.Condition()
-        self._ended = False
+        self._was_started = False
         super().__init__(name, **properties)
 
-    def query_caps(self, pad: Any) -> Caps:
+    @property
+    def current_level_buffers(self) -> int:
+        """Frames held now."""
+        return self._levels.buffers
+
+    @property
+    def current_level_bytes(self) -> int:
+        """Bytes held now."""
+        return self._levels.bytes
+
+    @property
+    def current_level_time(self) -> int:
+        """Time held now, ns."""
+        return self._levels.time_ns
+
+    @property
+    def highest_level_buffers(self) -> int:
+        """The most frames held since the start."""
+        return self._levels.highest_buffers
+
+    def query_caps(self, pad: Pad) -> Caps:
         """The property `caps`."""
-        return self.caps
+        return self.caps or ANY
 
     def start(self) -> None:
         """Forgets an earlier run."""
-        self._frames.clear()
-        self._ended = False
+        super().start()
+        self._forget()
+        self._was_started = True
+
+    def stop(self) -> None:
+        """Frames that nobody took stay until the next start; who waits is told."""
+        super().stop()
+        self._was_started = False
+        self.interrupt()
+
+    def _forget(self) -> None:
+        with self._changed:
+            self._items.clear()
+            self._levels.reset()
+            self._preroll = None
+            self._changed.notify_all()
+
+    def property_changed(self, name: str) -> None:
+        """Who waits looks again."""
+        super().property_changed(name)
+        with self._changed:
+            self._changed.notify_all()
+
+    # The streaming side.
+
+    def preroll(self, frame: Frame | None) -> None:
+        """The frame that a paused pipeline holds; it comes once more when the pipeline plays."""
+        with self._changed:
+            self._preroll = frame
+            self._changed.notify_all()
+        if frame is not None and self.emit_signals:
+            self.on_new_preroll.emit(self)
 
     def render(self, frame: Frame) -> None:
         """Lines the frame up; waits or drops the oldest when full."""
         with self._changed:
-            while self.max_buffers and len(self._frames) >= self.max_buffers:
+            self.demand_open()
+            if self.is_outside(frame):
+                return
+            while self._is_full():
                 if self.drop:
-                    self._frames.popleft()
-                    self.count_drop("appsink full, oldest dropped")
+                    self._drop_oldest()
                     continue
-                if self.stopping.is_set():
+                if self.stopping.is_set() or self.is_flushing:
                     raise Flushing(self.name)
-                if self._ended:
-                    raise EndOfStream(self.name)
-                self._changed.wait(POLL_S)
-            self._frames.append(frame)
+                self._changed.wait(LOOK_S)
+            self.count += 1
+            if self._keeps_last:
+                self.last_frame = frame
+            self._levels.weigh_in(frame)
+            self._items.append(frame)
+            self._levels.highest_buffers = max(self._levels.highest_buffers, self._levels.buffers)
             self._changed.notify_all()
+        if self.emit_signals:
+            self.on_new_sample.emit(self)
+
+    def _is_full(self) -> bool:
+        levels = self._levels
+        return (
+            levels.buffers >= (self.max_buffers or sys.maxsize)
+            or levels.bytes >= (self.max_bytes or sys.maxsize)
+            or levels.time_ns >= (self.max_time or sys.maxsize)
+        )
+
+    def _drop_oldest(self) -> None:
+        oldest = next(item for item in self._items if isinstance(item, Frame))
+        self._items.remove(oldest)
+        self._levels.weigh_out(oldest)
+        self.count_drop("appsink full, oldest dropped")
+
+    def receive_event(self, pad: Pad, event: Event) -> None:
+        """Lines events up between the frames, for `pull_object`."""
+        if not isinstance(event, EosEvent | FlushStart | FlushStop):
+            with self._changed:
+                self._levels.in_events += 1
+                self._items.append(event)
+                self._changed.notify_all()
+        super().receive_event(pad, event)
 
     def drain(self) -> None:
         """EOS: who waits for frames is told."""
+        super().drain()
         with self._changed:
-            self._ended = True
             self._changed.notify_all()
+        if self.emit_signals:
+            self.on_eos.emit(self)
+
+    def flush(self, *, begins: bool) -> None:
+        """A flush drops what is held."""
+        super().flush(begins=begins)
+        self._forget()
 
     def interrupt(self) -> None:
         """Wakes who waits."""
         with self._changed:
             self._changed.notify_all()
+
+    # The application's side.
+
+    def _is_over(self) -> bool:
+        return not self._was_started or (self._has_ended and not self._levels.buffers)
 
     def pull(self, timeout_s: float = 5.0) -> Frame | None:
         """The next frame; None at EOS.
@@ -80,21 +199,69 @@ class AppSink(Sink):
             StateError: none has come within `timeout_s`, or the pipeline does not play.
             ElementFailure: the pipeline has failed.
         """
+        frame = self.try_pull(timeout_s)
+        if frame is None and not (self._has_ended and not self._levels.buffers):
+            if not self.is_playing or self.stopping.is_set():
+                raise StateError(f"{self.name}: no frames: the pipeline does not play; call play() first")
+            raise StateError(f"{self.name}: no frame has come within {timeout_s} s")
+        return frame
+
+    def try_pull(self, timeout_s: float = 0.0) -> Frame | None:
+        """The next frame; None where none comes within the time, or ever.
+
+        Raises:
+            ElementFailure: the pipeline has failed.
+        """
+        while True:
+            item = self.pull_object(timeout_s, only_frames=True)
+            if item is None or isinstance(item, Frame):
+                return item
+
+    def pull_object(self, timeout_s: float = 5.0, *, only_frames: bool = False) -> Frame | Event | None:
+        """The next frame or event, in order; None where none comes within the time, or ever.
+
+        Raises:
+            ElementFailure: the pipeline has failed.
+        """
         deadline_s = time.monotonic() + timeout_s
         with self._changed:
-            while not self._frames:
-                if self._ended:
-                    self._raise_failure()
-                    return None
+            while not self._has_next(only_frames=only_frames):
                 self._raise_failure()
-                if not self.is_playing or self.stopping.is_set():
-                    raise StateError(f"{self.name}: no frames: the pipeline does not play; call play() first")
                 left_s = deadline_s - time.monotonic()
-                if left_s <= 0:
-                    raise StateError(f"{self.name}: no frame has come within {timeout_s} s")
-                self._changed.wait(min(left_s, POLL_S))
-            frame = self._frames.popleft()
+                if self._has_ended or not self.is_playing or self.stopping.is_set() or left_s <= 0:
+                    return None
+                self._changed.wait(min(left_s, LOOK_S))
+            item = self._items.popleft()
+            if isinstance(item, Frame):
+                self._preroll = None
+                self._levels.weigh_out(item)
+            else:
+                self._levels.out_events += 1
             self._changed.notify_all()
+            return item
+
+    def _has_next(self, *, only_frames: bool) -> bool:
+        """Whether something can be pulled; events before the next frame are passed over if not wanted."""
+        while only_frames and self._items and not isinstance(self._items[0], Frame):
+            self._items.popleft()
+            self._levels.out_events += 1
+        return bool(self._items)
+
+    def pull_preroll(self, timeout_s: float = 5.0) -> Frame | None:
+        """The frame that the paused pipeline holds, once; None where there is none within the time.
+
+        Raises:
+            ElementFailure: the pipeline has failed.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        with self._changed:
+            while self._preroll is None:
+                self._raise_failure()
+                left_s = deadline_s - time.monotonic()
+                if self._is_over() or self.stopping.is_set() or left_s <= 0:
+                    return None
+                self._changed.wait(min(left_s, LOOK_S))
+            frame, self._preroll = self._preroll, None
             return frame
 
     def _raise_failure(self) -> None:

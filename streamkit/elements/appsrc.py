@@ -2,22 +2,58 @@
 
 from __future__ import annotations
 
-import queue
+import sys
+import threading
 import time
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator
 from typing import Any
 
+from streamkit.element.choice import Choice
 from streamkit.element.property import Property
 from streamkit.element.source import Source
+from streamkit.elements.callbacks import Callbacks
+from streamkit.elements.levels import Levels
+from streamkit.elements.stream_format import StreamFormat
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.frame import Frame
+from streamkit.flow.events import Event
+from streamkit.flow.frame import Frame, FrameFlags
 
-POLL_S = 0.2
+LOOK_S = 0.2
+INT64 = 2**63 - 1
+UINT64 = 2**64 - 1
+
+
+class StreamType(Choice):
+    """Whether the application can seek; here frames only go forward."""
+
+    STREAM = "stream", 0, "GST_APP_STREAM_TYPE_STREAM"
+    SEEKABLE = "seekable", 1, "GST_APP_STREAM_TYPE_SEEKABLE"
+    RANDOM_ACCESS = "random-access", 2, "GST_APP_STREAM_TYPE_RANDOM_ACCESS"
+
+
+class LeakyType(Choice):
+    """Which frame a full line gives up."""
+
+    NONE = "none", 0, "GST_APP_LEAKY_TYPE_NONE"
+    UPSTREAM = "upstream", 1, "GST_APP_LEAKY_TYPE_UPSTREAM"
+    DOWNSTREAM = "downstream", 2, "GST_APP_LEAKY_TYPE_DOWNSTREAM"
+
+
+class _Ended(Exception):
+    """Nothing more will be pushed."""
 
 
 class AppSrc(Source):
     """Pushes what the application gives it with `push`; `end` closes the stream.
+
+    What is pushed before the pipeline plays is kept, however much. Afterwards `push` waits for room, unless
+    `block` is off (the line then grows past its limits, as GStreamer's does) or `leaky-type` drops a frame.
+
+    Attributes:
+        on_need_data: called with the element and `max-bytes` when the line is empty or below `min-percent`.
+        on_enough_data: called with the element when a limit is reached.
 
     Example:
         appsrc name=in ! fakesink
@@ -25,70 +61,232 @@ class AppSrc(Source):
 
     src = "ANY"
 
-    caps: Caps = Property(ANY, doc="Caps of frames that are pushed as bare data.")
-    max_buffers: int = Property(16, min=1, doc="Frames waiting before `push` blocks.")
-    block: bool = Property(True, live=True, doc="`push` waits for room; else it drops the oldest frame.")
+    caps: Caps | None = Property(ANY, live=True, doc="Caps of what is pushed as bare data.")
+    max_buffers: int = Property(16, min=0, max=UINT64, live=True, doc="Frames that fill the line; 0 is none.")
+    max_bytes: int = Property(
+        0, min=0, max=UINT64, live=True, unit="bytes", doc="Bytes that fill the line; 0 is no limit."
+    )
+    max_time: int = Property(
+        0, min=0, max=UINT64, live=True, unit="ns", doc="Time that fills the line; 0 is no limit."
+    )
+    block: bool = Property(True, live=True, doc="`push` waits for room in a full line; else it goes on.")
+    leaky_type: LeakyType = Property(LeakyType.NONE, doc="Which frame a full line drops instead.")
+    current_level_buffers: int = Property(0, read=lambda s: s._levels.buffers, doc="Frames held now.")
+    current_level_bytes: int = Property(
+        0, read=lambda s: s._levels.bytes, unit="bytes", doc="Bytes held now."
+    )
+    current_level_time: int = Property(0, read=lambda s: s._levels.time_ns, unit="ns", doc="Time held now.")
+    num_buffers: int = Property(-1, min=-1, max=2**31 - 1, doc="Frames before EOS; -1 is endless.")
+    is_live: bool = Property(False, doc="Frames come at their own pace; nothing flows while paused.")
+    do_timestamp: bool = Property(False, doc="Stamp frames without a timestamp with the running time.")
+    min_latency: int = Property(-1, min=-1, max=INT64, unit="ns", doc="Least age of live frames; -1 is 0.")
+    max_latency: int = Property(-1, min=-1, max=INT64, unit="ns", doc="Greatest age; -1 is no limit.")
+    emit_signals: bool = Property(True, live=True, doc="Call `on_need_data` and `on_enough_data`.")
+    min_percent: int = Property(
+        0,
+        min=0,
+        max=100,
+        live=True,
+        unit="%",
+        doc="Ask for data below this part of max-bytes.",
+    )
+    duration: int = Property(
+        UINT64, min=0, max=UINT64, unit="ns", doc="Length of the stream; the largest value is unknown."
+    )
+    size: int = Property(-1, min=-1, max=INT64, unit="bytes", doc="Accepted, without effect.")
+    stream_type: StreamType = Property(StreamType.STREAM, doc="Accepted, without effect: nothing seeks.")
+    format: StreamFormat = Property(StreamFormat.BYTES, doc="Accepted, without effect: times are ns.")
+    handle_segment_change: bool = Property(
+        False, doc="Accepted, without effect: push a `SegmentEvent` where the segment changes."
+    )
+    blocksize: int = Property(4096, min=0, max=2**32 - 1, doc="Accepted, without effect.")
+    typefind: bool = Property(False, doc="Accepted, without effect.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._line: queue.Queue[Frame | None] = queue.Queue()
+        self.on_need_data = Callbacks()
+        self.on_enough_data = Callbacks()
+        self._line: deque[Frame | Event] = deque()
+        self._levels = Levels(self._line)
+        self._changed = threading.Condition()
         self._closed = False
+        self._had_gap = False
+        self._taken = 0
         super().__init__(name, **properties)
+
+    @property
+    def highest_level_buffers(self) -> int:
+        """The most frames held since streaming began."""
+        return self._levels.highest_buffers
+
+    def property_changed(self, name: str) -> None:
+        """Who waits for room looks again; None for caps is anything."""
+        if name == "caps" and self.caps is None:
+            self.caps = ANY
+        with self._changed:
+            self._changed.notify_all()
+
+    def duration_ns(self) -> int | None:
+        """As the property says."""
+        return None if self.duration == UINT64 else self.duration
+
+    def latency(self) -> tuple[int, int | None]:
+        """As the properties say."""
+        return max(0, self.min_latency), None if self.max_latency < 0 else self.max_latency
 
     def stop(self) -> None:
         """Forgets the frames of this run that nobody took; those pushed before the next are kept."""
-        self._line = queue.Queue()
-        self._closed = False
+        with self._changed:
+            self._line.clear()
+            self._levels.reset()
+            self._closed = self._had_gap = False
 
     def negotiate(self, allowed: Caps) -> Caps | None:
         """The caps given, or those of the first frame."""
-        return (allowed & self.caps) if self.caps.is_fixed else None
+        caps = self.caps or ANY
+        return (allowed & caps) if caps.is_fixed else None
+
+    # The application's side.
 
     def push(self, item: Any, timeout_s: float = 5.0, **fields: Any) -> None:
-        """Gives a frame, or bare data with fields such as `pts`, to the pipeline.
+        """Gives a frame, an event, or bare data with fields such as `pts`, to the pipeline.
 
         Raises:
             StateError: there has been no room within `timeout_s`, or `end` has been called.
             ElementFailure: the pipeline has failed.
         """
-        if self._closed:
-            raise StateError(f"{self.name}: no frame can follow end(); stop the pipeline to begin anew")
-        frame = item if isinstance(item, Frame) else Frame(item, self.caps, **fields)
-        deadline_s = time.monotonic() + timeout_s
-        while self._line.qsize() >= self.max_buffers > 0 and self.is_playing:
-            if not self.block:
-                self._drop_oldest()
-                continue
-            failure = self.pipeline_error()
-            if failure is not None:
-                raise failure
-            if self.stopping.is_set() or time.monotonic() > deadline_s:
-                raise StateError(
-                    f"{self.name}: no room for a frame within {timeout_s} s: nothing downstream takes it"
-                )
-            self.stopping.wait(0.001)
-        self._line.put(frame)
-
-    def _drop_oldest(self) -> None:
-        try:
-            self._line.get_nowait()
-            self.count_drop("appsrc full, oldest dropped")
-        except queue.Empty:
+        if isinstance(item, Event):
+            with self._changed:
+                self._demand_open()
+                self._levels.in_events += 1
+                self._line.append(item)
+                self._changed.notify_all()
             return
+        frame = item if isinstance(item, Frame) else Frame(item, self.caps or ANY, **fields)
+        with self._changed:
+            self._demand_open()
+            is_full = self.is_playing and self._is_full()
+        if is_full:
+            if self.emit_signals:
+                self.on_enough_data.emit(self)
+            if not self._make_room(time.monotonic() + timeout_s, timeout_s):
+                return
+        self._append(frame)
+
+    def push_list(self, items: Iterable[Any], timeout_s: float = 5.0) -> None:
+        """Gives several, in order; see `push`."""
+        for item in items:
+            self.push(item, timeout_s)
+
+    def try_push(self, item: Any, **fields: Any) -> bool:
+        """Gives a frame if there is room now; False if there is none.
+
+        Raises:
+            StateError: `end` has been called.
+        """
+        with self._changed:
+            self._demand_open()
+            if self._is_full():
+                return False
+        self.push(item, **fields)
+        return True
 
     def end(self) -> None:
-        """No frame follows."""
-        self._closed = True
-        self._line.put(None)
+        """No frame follows; EOS goes behind those pushed."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
 
-    def frames(self) -> Iterator[Frame]:
+    def _demand_open(self) -> None:
+        if self._closed:
+            raise StateError(f"{self.name}: no frame can follow end(); stop the pipeline to begin anew")
+
+    def _append(self, frame: Frame) -> None:
+        with self._changed:
+            if self._had_gap:
+                self._had_gap = False
+                frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
+            self._levels.weigh_in(frame)
+            self._line.append(frame)
+            self._levels.highest_buffers = max(self._levels.highest_buffers, self._levels.buffers)
+            self._changed.notify_all()
+
+    def _is_full(self) -> bool:
+        levels = self._levels
+        return (
+            levels.buffers >= (self.max_buffers or sys.maxsize)
+            or levels.bytes >= (self.max_bytes or sys.maxsize)
+            or levels.time_ns >= (self.max_time or sys.maxsize)
+        )
+
+    def _make_room(self, deadline_s: float, timeout_s: float) -> bool:
+        """Drops, waits or does neither, as the properties say; False where the new frame is dropped."""
+        with self._changed:
+            if self.leaky_type is LeakyType.UPSTREAM:
+                self._had_gap = True
+                self.count_drop("appsrc full, newest dropped")
+                return False
+            if self.leaky_type is LeakyType.DOWNSTREAM:
+                while self._is_full() and self._drop_oldest():
+                    continue
+                return True
+            while self.block and self._is_full():
+                failure = self.pipeline_error()
+                if failure is not None:
+                    raise failure
+                left_s = deadline_s - time.monotonic()
+                if self.stopping.is_set() or left_s <= 0:
+                    raise StateError(
+                        f"{self.name}: no room for a frame within {timeout_s} s: nothing downstream takes it"
+                    )
+                self._changed.wait(min(left_s, LOOK_S))
+            return True
+
+    def _drop_oldest(self) -> bool:
+        oldest = next((item for item in self._line if isinstance(item, Frame)), None)
+        if oldest is None:
+            return False
+        self._line.remove(oldest)
+        self._levels.drop(oldest)
+        self._had_gap = True
+        self.count_drop("appsrc full, oldest dropped")
+        return True
+
+    # The streaming side.
+
+    def frames(self) -> Iterator[Frame | Event]:
         """What was pushed, in order."""
-        while not self.stopping.is_set():
-            try:
-                frame = self._line.get(timeout=POLL_S)
-            except queue.Empty:
-                if self._finishing:
-                    return
-                continue
-            if frame is None:
-                return
-            yield frame
+        self._taken = 0
+        try:
+            while self._taken != self.num_buffers:
+                # No name here holds the frame: downstream may then be its sole owner.
+                yield self._take()
+        except _Ended:
+            return
+
+    def _take(self) -> Frame | Event:
+        """The oldest item, once there is one; raises `_Ended` where none will come."""
+        if self.emit_signals and self.on_need_data and self._is_wanting():
+            self.on_need_data.emit(self, self.max_bytes)
+        with self._changed:
+            while not self._line:
+                if self._closed or self._finishing or self.stopping.is_set():
+                    raise _Ended
+                self._changed.wait(LOOK_S)
+            item = self._line.popleft()
+            self._changed.notify_all()
+            if not isinstance(item, Frame):
+                self._levels.out_events += 1
+                return item
+            self._taken += 1
+            self._levels.weigh_out(item)
+        if item.pts is None and self.do_timestamp:
+            return item.replace(pts=self.timing.running_time_ns())
+        return item
+
+    def _is_wanting(self) -> bool:
+        return not self._line or 100 * self._levels.bytes < self.min_percent * self.max_bytes
+
+    def interrupt(self) -> None:
+        """Wakes who waits."""
+        with self._changed:
+            self._changed.notify_all()

@@ -1,18 +1,59 @@
-"""fakesrc: frames without content."""
+"""fakesrc: frames without meaning."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+import random
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
 
+from streamkit.element.choice import Choice
 from streamkit.element.property import Property
 from streamkit.element.source import Source
+from streamkit.elements.callbacks import Callbacks
+from streamkit.elements.frame_text import dump_text, frame_text
+from streamkit.elements.levels import EMPTY
+from streamkit.elements.stream_format import StreamFormat
 from streamkit.errors import NotNegotiated
 from streamkit.flow.caps import ANY, Caps
+from streamkit.flow.clock import SystemClock
 from streamkit.flow.frame import Frame
+
+INT = 2**31 - 1
+PATTERN = bytes(range(256))
+
+
+class SizeType(Choice):
+    """How large frames are."""
+
+    EMPTY = "empty", 1, "Send empty buffers"
+    FIXED = "fixed", 2, "Fixed size buffers (sizemax sized)"
+    RANDOM = "random", 3, "Random sized buffers (sizemin <= size <= sizemax)"
+
+
+class FillType(Choice):
+    """What is in the bytes."""
+
+    NOTHING = "nothing", 1, "Leave data as malloced"
+    ZERO = "zero", 2, "Fill buffers with zeros"
+    RANDOM = "random", 3, "Fill buffers with random data"
+    PATTERN = "pattern", 4, "Fill buffers with pattern 0x00 -> 0xff"
+    PATTERN_SPAN = "pattern-span", 5, "Fill buffers with pattern 0x00 -> 0xff that spans buffers"
+
+
+class DataType(Choice):
+    """Where the bytes are."""
+
+    ALLOCATE = "allocate", 1, "Allocate data"
+    SUBBUFFER = "subbuffer", 2, "Subbuffer data"
 
 
 class FakeSrc(Source):
-    """Makes frames of zero bytes of a given size, as fast as they are taken.
+    """Makes frames of a given size and content, as fast as they are taken.
+
+    Attributes:
+        on_handoff: called with (frame, pad) before each frame goes out, where `signal-handoffs` is on.
 
     Example:
         fakesrc num-buffers=10 ! fakesink
@@ -20,25 +61,129 @@ class FakeSrc(Source):
 
     src = "ANY"
 
-    num_buffers: int = Property(-1, min=-1, doc="Frames before EOS; -1 is endless.")
-    sizemax: int = Property(0, min=0, max=2**31 - 1, unit="bytes", doc="Bytes in each frame.")
+    num_buffers: int = Property(-1, min=-1, max=INT, doc="Frames before EOS; -1 is endless.")
+    sizetype: SizeType = Property(SizeType.EMPTY, doc="Whether frames are empty, of one size, or of any.")
+    sizemin: int = Property(0, min=0, max=INT, unit="bytes", doc="Smallest size at random.")
+    sizemax: int = Property(4096, min=0, max=INT, unit="bytes", doc="The fixed size, or the largest.")
+    filltype: FillType = Property(FillType.NOTHING, doc="What the bytes are; nothing is zeros too.")
+    data: DataType = Property(DataType.ALLOCATE, doc="Bytes of each frame's own, or parts of a larger whole.")
+    parentsize: int = Property(40960, min=0, max=INT, unit="bytes", doc="The whole, with data=subbuffer.")
+    datarate: int = Property(
+        0, min=0, max=INT, unit="bytes/s", doc="Stamps frames as if so much came a second; 0 is no stamp."
+    )
+    sync: bool = Property(False, doc="With datarate: wait until each frame's time has come.")
+    do_timestamp: bool = Property(False, doc="Stamp each frame with the running time.")
     is_live: bool = Property(False, doc="Pace the frames at 30 a second, as a camera would.")
+    silent: bool = Property(True, live=True, doc="Keep no text in last-message.")
+    signal_handoffs: bool = Property(False, doc="Call `on_handoff` with each frame.")
+    dump: bool = Property(False, doc="Post the bytes of each frame as a message.")
+    last_message: str | None = Property(None, readonly=True, doc="What was last done, unless silent.")
+    blocksize: int = Property(4096, min=0, max=2**32 - 1, doc="Accepted, without effect: see sizemax.")
+    can_activate_push: bool = Property(True, doc="Accepted, without effect: frames are always pushed.")
+    can_activate_pull: bool = Property(True, doc="Accepted, without effect: frames are never pulled.")
+    format: StreamFormat = Property(StreamFormat.BYTES, doc="Accepted, without effect: times are ns.")
+    pattern: str | None = Property(None, doc="Accepted, without effect.")
+    typefind: bool = Property(False, doc="Accepted, without effect.")
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self.on_handoff = Callbacks()
+        super().__init__(name, **properties)
 
     def negotiate(self, allowed: Caps) -> Caps:
         """Anything; where a filter follows it must say everything about the format."""
         if not allowed.is_any and not allowed.is_fixed:
             raise NotNegotiated(
-                f"{self.name}: the caps that follow ({allowed}) do not completely specify the format; "
+                f"{self.name}: the caps that follow ({allowed}) do not completely specify the output format; "
                 "give every field one value"
             )
         return allowed
 
     def frames(self) -> Iterator[Frame]:
-        """Numbered frames, all with the same bytes."""
-        data, caps = bytes(self.sizemax), self.src_pad.caps or ANY
-        count = 0
-        while self.num_buffers < 0 or count < self.num_buffers:
+        """Numbered frames."""
+        caps = self.src_pad.caps or ANY
+        clock = self.clock
+        now_ns = time.monotonic_ns if type(clock) is SystemClock else clock.monotonic_ns
+        numbers = range(self.num_buffers) if self.num_buffers >= 0 else itertools.count()
+        if self._is_plain():
+            for number in numbers:
+                yield Frame(EMPTY, caps, None, None, 0, number, now_ns())
+            return
+        make_data = self._data_maker()
+        sent = 0
+        for number in numbers:
             if self.is_live and self.stopping.wait(1 / 30):
                 return
-            yield Frame(data, caps, seq=count, arrival_ns=self.clock_ns())
-            count += 1
+            content = make_data()
+            pts, duration = self._times(sent, len(content))
+            if self.sync and pts is not None and not self.wait_until_due(pts):
+                return
+            sent += len(content)
+            frame = Frame(content, caps, pts, duration, 0, number, now_ns())
+            self._tell(frame)
+            yield frame
+
+    def _is_plain(self) -> bool:
+        is_told = self.dump or self.signal_handoffs or not self.silent
+        is_timed = self.is_live or self.do_timestamp or self.datarate
+        return self.sizetype is SizeType.EMPTY and not is_told and not is_timed
+
+    def _times(self, sent: int, size: int) -> tuple[int | None, int | None]:
+        """Timestamp and duration, ns, of the next frame, before which so many bytes were sent."""
+        if self.datarate:
+            rate = self.datarate
+            begin, end = sent * 1_000_000_000 // rate, (sent + size) * 1_000_000_000 // rate
+            return begin, end - begin
+        if self.do_timestamp or self.is_live:
+            return self.timing.running_time_ns(), None
+        return None, None
+
+    def _data_maker(self) -> Callable[[], bytes | memoryview]:
+        """A function that makes the bytes of one frame after the other."""
+        chance = random.Random(0)
+        fill = self._filler(chance)
+
+        def size() -> int:
+            if self.sizetype is SizeType.RANDOM:
+                return chance.randint(min(self.sizemin, self.sizemax), self.sizemax)
+            return self.sizemax if self.sizetype is SizeType.FIXED else 0
+
+        if self.data is DataType.ALLOCATE:
+            return lambda: fill(size())
+        whole, used = memoryview(b""), 0
+
+        def part() -> memoryview:
+            nonlocal whole, used
+            wanted = size()
+            if used + wanted > len(whole):
+                whole, used = memoryview(fill(max(self.parentsize, wanted))), 0
+            used += wanted
+            return whole[used - wanted : used]
+
+        return part
+
+    def _filler(self, chance: random.Random) -> Callable[[int], bytes]:
+        """A function that makes so many bytes."""
+        if self.filltype is FillType.RANDOM:
+            return chance.randbytes
+        if self.filltype is FillType.PATTERN:
+            return lambda size: (PATTERN * (size // 256 + 1))[:size]
+        if self.filltype is FillType.PATTERN_SPAN:
+            endless = itertools.cycle(PATTERN)
+            return lambda size: bytes(itertools.islice(endless, size))
+        zeros = EMPTY
+
+        def same(size: int) -> bytes:
+            nonlocal zeros
+            if len(zeros) != size:
+                zeros = bytes(size)
+            return zeros
+
+        return same
+
+    def _tell(self, frame: Frame) -> None:
+        if not self.silent:
+            self.last_message = frame_text("create", self.src_pad, frame)
+        if self.dump:
+            self.post_message("dump", content=dump_text(frame))
+        if self.signal_handoffs:
+            self.on_handoff.emit(frame, self.src_pad)

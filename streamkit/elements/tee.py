@@ -49,14 +49,14 @@ class Tee(Split):
 
         def receive(frame: Frame) -> None:
             not_linked = 0
-            pushes = self._pushes
-            for push in pushes:
+            branches = self._branches
+            for branch in branches:
                 try:
-                    push(frame)
+                    branch.push(frame)
                 except NotLinked:
                     not_linked += 1
-            if not_linked or not pushes:
-                self._some_not_linked(not_linked, len(pushes))
+            if not_linked or not branches:
+                self._some_not_linked(not_linked, len(branches))
             if self._speaks:
                 self.last_message = f"chain ******* ({pad.path}) {frame.describe()}"
 

@@ -69,12 +69,12 @@ class Valve(Transform):
             return frame.replace(caps=self.src_caps, flags=frame.flags | FrameFlags.DISCONTINUITY)
         return frame
 
-    def receive_event(self, pad: Pad, event: Event) -> None:
+    def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
         """Passes events on; one closed to all keeps the latest caps and segment and loses the rest."""
         is_flush = isinstance(event, FlushStart | FlushStop)
         if self._is_closed and self.drop_mode is DropMode.DROP_ALL and not is_flush:
             self._was_closed = True
             if isinstance(event, CapsEvent | SegmentEvent):
                 self._held[type(event)] = event
-            return
-        super().receive_event(pad, event)
+            return None
+        return super().pass_event(pad, event)

@@ -19,7 +19,7 @@ def test_caps_that_do_not_say_everything_are_refused() -> None:
     """cf-unfixed: a source that takes anything cannot choose; the message says what to do."""
     with pytest.raises(
         (NotNegotiated, ElementFailure),
-        match="do not completely specify the format; give every field one value",
+        match="do not completely specify the output format; give every field one value",
     ):
         Pipeline.parse("fakesrc num-buffers=1 ! video/x-raw, width=[ 1, 9 ] ! fakesink").run(timeout_s=10)
 

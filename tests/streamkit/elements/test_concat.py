@@ -7,7 +7,8 @@ def test_inputs_follow_one_another() -> None:
     """All of input 0, then all of input 1, then one EOS; input 1 waits for its turn."""
     text = (
         "concat name=c ! appsink name=out  "
-        "fakesrc num-buffers=3 sizemax=1 ! c.sink_0  fakesrc num-buffers=5 sizemax=2 ! c.sink_1"
+        "fakesrc num-buffers=3 sizetype=fixed sizemax=1 ! c.sink_0  "
+        "fakesrc num-buffers=5 sizetype=fixed sizemax=2 ! c.sink_1"
     )
     with Pipeline.parse(text) as pipeline:
         pipeline.play()

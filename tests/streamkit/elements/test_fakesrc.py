@@ -25,10 +25,11 @@ def test_endless_by_default() -> None:
         assert [pipeline["out"].pull().seq for _ in range(500)] == list(range(500))
 
 
-@pytest.mark.parametrize("size", [0, 8192])
-def test_size_of_the_frames(size: int) -> None:
+@pytest.mark.parametrize(("sizetype", "size"), [("empty", 0), ("fixed", 8192)])
+def test_size_of_the_frames(sizetype: str, size: int) -> None:
     """fs-empty, fs-fixed: bytes of zero."""
-    assert [frame.data for frame in frames_of(f"fakesrc num-buffers=2 sizemax={size}")] == [bytes(size)] * 2
+    text = f"fakesrc num-buffers=2 sizetype={sizetype} sizemax=8192"
+    assert [frame.data for frame in frames_of(text)] == [bytes(size)] * 2
 
 
 def test_every_run_begins_at_zero() -> None:

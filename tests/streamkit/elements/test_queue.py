@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from streamkit import Caps, DiscontinuityEvent, ElementFailure, EndOfStream, Frame, Pipeline, Sink
+from streamkit import Caps, DiscontinuityEvent, ElementFailure, EndOfStream, Event, Frame, Pipeline, Sink
+from streamkit.element.pad import Pad
 from streamkit.element.registry import make_element
 from streamkit.elements.queue import Queue
 from streamkit.flow.events import EOS, CapsEvent
@@ -23,25 +24,39 @@ def frame(seq: int = 0, data: bytes = b"", **fields: Any) -> Frame:
     return Frame(data, ANYTHING, seq=seq, arrival_ns=1, **fields)
 
 
-class WatchedCondition(threading.Condition):
-    """Tells when something waits on it."""
-
-    def __init__(self, lock: threading.Lock) -> None:
-        super().__init__(lock)
-        self.waiting = threading.Event()
-
-    def wait(self, timeout: float | None = None) -> bool:
-        """Waits."""
-        self.waiting.set()
-        return super().wait(timeout)
-
-
 def queue(**properties: Any) -> Queue:
     """A queue whose output is blocked: nothing takes from it."""
     element = make_element("queue", "q", **properties)
     assert isinstance(element, Queue)
-    element._not_full = WatchedCondition(element._lock)
     return element
+
+
+class Notes(Sink):
+    """Notes the events that reach it."""
+
+    sink = "ANY"
+
+    def __init__(self, name: str = "") -> None:
+        super().__init__(name)
+        self.seen: list[Event] = []
+
+    def receive_event(self, pad: Pad, event: Event) -> None:
+        """Notes it."""
+        self.seen.append(event)
+
+
+class Outlet:
+    """Takes frames out as the thread downstream does; `events` went out before them."""
+
+    def __init__(self, element: Queue) -> None:
+        notes = Notes("notes")
+        element.pads["src"].link(notes.pads["sink"])
+        self.events = notes.seen
+        self.take = element._taker(element.pads["src"])
+
+    def numbers(self, count: int) -> list[int]:
+        """The numbers of the next frames."""
+        return [self.take().seq for _ in range(count)]
 
 
 def fill(element: Queue, frames: list[Frame]) -> None:
@@ -78,9 +93,10 @@ class Pushing(threading.Thread):
 
 def demand_blocked(element: Queue, item: Frame) -> Pushing:
     """A push that waits for room."""
-    assert isinstance(element._not_full, WatchedCondition)
+    meets_full = threading.Event()
+    element.on_overrun(lambda _: meets_full.set())
     pushing = Pushing(element, item)
-    assert element._not_full.waiting.wait(10)
+    assert meets_full.wait(10)
     assert pushing.outcome == "blocked"
     return pushing
 
@@ -107,9 +123,10 @@ def test_a_full_queue_blocks_until_a_frame_leaves() -> None:
     element = queue(max_size_buffers=2)
     fill(element, [frame(0), frame(1)])
     pushing = demand_blocked(element, frame(2))
-    assert element._get().seq == 0  # type: ignore[union-attr]
+    outlet = Outlet(element)
+    assert outlet.numbers(1) == [0]
     assert pushing.ended() == "taken"
-    assert [element._get().seq, element._get().seq] == [1, 2]  # type: ignore[union-attr]
+    assert outlet.numbers(2) == [1, 2]
 
 
 @pytest.mark.parametrize(
@@ -123,7 +140,7 @@ def test_a_leaky_queue_drops_and_counts(leaky: str, left: list[int], reason: str
     """q-leak-up, q-leak-down: of ten frames the first or the last three stay; pushes never block."""
     element = queue(max_size_buffers=3, leaky=leaky)
     fill(element, [frame(n) for n in range(10)])
-    assert [element._get().seq for _ in range(3)] == left  # type: ignore[union-attr]
+    assert Outlet(element).numbers(3) == left
     assert element.current_level_buffers == 0
     assert element.drops == {reason: 7}
 
@@ -136,8 +153,9 @@ def test_events_never_leak() -> None:
     take(frame(0))
     element.receive_event(element.pads["sink"], CapsEvent(other))
     take(frame(1).replace(caps=other))
-    assert element._get() == CapsEvent(other)
-    assert element._get().seq == 1  # type: ignore[union-attr]
+    outlet = Outlet(element)
+    assert outlet.numbers(1) == [1]
+    assert outlet.events == [CapsEvent(other)]
 
 
 def test_full_is_tested_before_adding() -> None:
@@ -188,7 +206,16 @@ def test_order_of_caps_and_frames_stays() -> None:
             take(item)
         else:
             element.receive_event(sink, item)
-    assert [element._get() for _ in put] == put
+    outlet = Outlet(element)
+    order: list[Any] = []
+    for _ in range(3):
+        taken = outlet.take()
+        order += [*outlet.events, taken]
+        outlet.events.clear()
+    assert order == put[:-1]
+    with pytest.raises(Exception, match=r"^$"):
+        outlet.take()
+    assert outlet.events == [EOS]
 
 
 class Refuses(Sink):

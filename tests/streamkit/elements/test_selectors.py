@@ -9,7 +9,8 @@ def test_first_input_is_active_by_default() -> None:
     """Two finite sources: only the first one's frames appear, then EOS."""
     text = (
         "input-selector name=s ! appsink name=out  "
-        "fakesrc num-buffers=3 sizemax=1 ! s.sink_0  fakesrc num-buffers=5 sizemax=2 ! s.sink_1"
+        "fakesrc num-buffers=3 sizetype=fixed sizemax=1 ! s.sink_0  "
+        "fakesrc num-buffers=5 sizetype=fixed sizemax=2 ! s.sink_1"
     )
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
