@@ -8,13 +8,16 @@ from fractions import Fraction
 
 from av.codec.codec import UnknownCodecError
 from av.error import FFmpegError
+from av.packet import Packet
 from av.video.frame import VideoFrame
 
 from streamkit import Caps, Frame, FrameFlags, Property, Source, StreamError, Transform, raw_video_caps
 from streamkit_decoder.codecs import CODED_CAPS, caps_parameters, caps_rate
 from streamkit_decoder.container import reason_of
+from streamkit_decoder.hardware import accelerator
 from streamkit_decoder.packets import SECOND_NS, DecodeOnly
 from streamkit_decoder.pictures import OddSize, PictureReader, turned
+from streamkit_decoder.skipping import is_reference
 from streamkit_decoder.videodecoder import AscendingNumbers, Threading, VideoDecoder
 
 SIDEWAYS = (90, 270)
@@ -29,8 +32,19 @@ class ThreadsType(enum.StrEnum):
     SLICE = "slice"
 
 
+class Skip(enum.StrEnum):
+    """What a slow machine leaves out."""
+
+    NONE = "none"
+    NON_REFERENCE = "non-reference"
+    NON_KEY = "non-key"
+
+
 class Decode(Transform):
     """Decodes video and pictures; GRAY8 is the decoder's own luma plane, without copy.
+
+    Pictures that were damaged come out marked as corrupt. What decodes, a device or software, is told by an
+    element message `decoder`.
 
     Example:
         filesrc location=flight.mp4 ! decode ! fakesink
@@ -43,6 +57,15 @@ class Decode(Transform):
     threads_type: ThreadsType = Property(
         ThreadsType.AUTO,
         doc="Frame threads are fastest but add a delay; auto takes slice when live, else frame.",
+    )
+
+    skip: Skip = Property(
+        Skip.NONE,
+        live=True,
+        doc="Leave out pictures that no other is built on, or all but key frames; they count as dropped.",
+    )
+    hwaccel: str = Property(
+        "auto", doc="Device to decode on: auto, none, or one of FFmpeg's (vaapi, cuda); else software."
     )
 
     def start(self) -> None:
@@ -58,6 +81,7 @@ class Decode(Transform):
         self._next_pts = 0
         self._packets = self._pictures = 0
         self._told: set[str] = set()
+        self._told_device = ""
         self._first_error = ""
 
     # Negotiation.
@@ -124,11 +148,18 @@ class Decode(Transform):
 
     def _begin(self, frame: Frame) -> None:
         try:
-            self._decoder = VideoDecoder(caps_parameters(frame.caps), self._threading(), self.threads)
+            parameters = self._parameters = caps_parameters(frame.caps)
+            device, name = accelerator(self.hwaccel)
+            self._decoder = VideoDecoder(parameters, self._threading(), self.threads, device)
         except (KeyError, UnknownCodecError) as error:
             raise StreamError(
                 f"no decoder in this FFmpeg for {frame.caps}: {error}; convert to H.264"
             ) from None
+        if device is not None and not self._decoder.is_on_device:
+            name = f"software: {name} does not decode {parameters.codec}"
+        if name != self._told_device:
+            self._told_device = name
+            self.post_message("decoder", codec=parameters.codec, device=name)
         self._framerate = caps_rate(frame.caps)
         rotation = frame.caps.get("rotation", 0)
         self._rotation = rotation if isinstance(rotation, int) else 0
@@ -156,6 +187,9 @@ class Decode(Transform):
         if not memoryview(frame.data).nbytes:
             self.count_drop("empty packet")
             return []
+        if self.skip is not Skip.NONE and self._leaves_out(frame):
+            self.count_drop(f"skip={self.skip}")
+            return []
         self._packets += 1
         self._numbers.put(frame.seq)
         try:
@@ -165,6 +199,15 @@ class Decode(Transform):
             return []
         frames = self._shown(decoded)
         return frames[0] if len(frames) == 1 else frames
+
+    def _leaves_out(self, frame: Frame) -> bool:
+        if frame.flags & FrameFlags.KEYFRAME:
+            return False
+        if self.skip is Skip.NON_KEY:
+            return True
+        is_disposable = isinstance(frame.data, Packet) and frame.data.is_disposable
+        codec, extradata = self._parameters.codec, self._parameters.extradata
+        return is_disposable or not is_reference(codec, memoryview(frame.data), extradata)
 
     def _finish(self) -> Iterator[Frame]:
         if self._decoder is not None:

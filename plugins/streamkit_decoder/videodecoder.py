@@ -7,7 +7,8 @@ import heapq
 from collections import OrderedDict
 from typing import Generic, TypeAlias, TypeVar
 
-from av.codec.context import Flags, ThreadType
+from av.codec.context import CodecContext, Flags, ThreadType
+from av.codec.hwaccel import HWAccel
 from av.packet import Packet
 from av.stream import Stream
 from av.video.codeccontext import VideoCodecContext
@@ -37,18 +38,29 @@ class VideoDecoder(Generic[Origin]):
         parameters: of the codec.
         threading: frame or slice threads.
         threads: how many; 0 is one for each processor.
+        device: to decode on; where it cannot, software does.
 
     Raises:
         UnknownCodecError: this FFmpeg has no decoder for it.
     """
 
     def __init__(
-        self, parameters: CodecParameters, threading: Threading = Threading.FRAME, threads: int = 0
+        self,
+        parameters: CodecParameters,
+        threading: Threading = Threading.FRAME,
+        threads: int = 0,
+        device: HWAccel | None = None,
     ) -> None:
-        context = decoder_for(parameters.codec).create("video")
+        context = CodecContext.create(decoder_for(parameters.codec), "r", device)
+        assert isinstance(context, VideoCodecContext)
         self._context = _configured(context, parameters, threading, threads)
         self._pending: OrderedDict[int, Origin] = OrderedDict()
         self._count = 0
+
+    @property
+    def is_on_device(self) -> bool:
+        """Whether the device decodes, and not software in its place."""
+        return self._context.is_hwaccel
 
     def decode(
         self,

@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 
-from streamkit import ElementFailure, Frame, FrameFlags, NotNegotiated, Pipeline
+from streamkit import ElementFailure, Frame, FrameFlags, MessageKind, NotNegotiated, Pipeline
 from streamkit.testing import Harness
 from streamkit_decoder.codecs import CodecParameters, coded_caps
 from streamkit_decoder.decode import Decode
@@ -263,3 +263,56 @@ def test_stopping_early_is_quick(streamkit_data: Path) -> None:
     began = time.monotonic()
     pipeline.stop()
     assert time.monotonic() - began < 2
+
+
+@pytest.mark.parametrize(("skip", "shown"), [("none", 12), ("non-reference", range(4, 11)), ("non-key", 2)])
+def test_skipped_pictures_are_counted(make_video: MakeVideo, skip: str, shown: int | range) -> None:
+    """Fewer pictures come out, right ones and in order, and the others count as dropped."""
+    path = make_video("small_for_skip.mp4")
+    whole = {frame.pts: frame.data for frame in _all_frames(path, "none")[0]}
+    frames, drops = _all_frames(path, skip)
+    assert len(frames) in ([shown] if isinstance(shown, int) else shown)
+    assert len(frames) + drops.get(f"skip={skip}", 0) == 12
+    assert [frame.pts for frame in frames] == sorted(frame.pts for frame in frames)
+    for frame in frames:
+        np.testing.assert_array_equal(frame.data, whole[frame.pts])
+
+
+def _all_frames(path: Path, skip: str) -> tuple[list[Frame], dict[str, int]]:
+    text = f"filesrc location={path} ! decode name=d skip={skip} ! appsink name=out max-buffers=0"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        return list(pipeline["out"]), dict(pipeline["d"].drops)
+
+
+@pytest.mark.parametrize("degrees", [90, 180, 270])
+def test_pictures_are_turned(tmp_path: Path, degrees: int) -> None:
+    """A file that says its pictures are to be turned gives them turned, with size and caps to match."""
+    path = tmp_path / "turned.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25, options={"crf": "5"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.set_display_rotation(degrees)
+        pixels = np.full((72, 64), 128, np.uint8)
+        pixels[:48] = 60
+        pixels[:16, :16] = 220
+        picture = av.VideoFrame.from_ndarray(pixels, "yuv420p")
+        container.mux(stream.encode(picture))
+        container.mux(stream.encode(None))
+    text = f"filesrc location={path} ! decode ! appsink name=out"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        (frame,) = list(pipeline["out"])
+    wanted = np.rot90(pixels[:48], degrees // 90)
+    assert frame.data.shape == wanted.shape
+    assert (frame.caps["width"], frame.caps["height"]) == wanted.shape[::-1]
+    assert np.abs(frame.data.astype(int) - wanted).mean() < 5
+
+
+def test_which_decoder_is_told(small_video: Path) -> None:
+    """An element message says whether a device or software decodes."""
+    with Pipeline.parse(f"filesrc location={small_video} ! decode hwaccel=none ! fakesink") as pipeline:
+        pipeline.play()
+        message = pipeline.bus.pop(5, (MessageKind.ELEMENT,))
+    assert message is not None
+    assert message.fields == {"name": "decoder", "codec": "h264", "device": "software"}
