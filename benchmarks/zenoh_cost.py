@@ -2,8 +2,9 @@
 
 Run it:  python benchmarks/zenoh_cost.py
 
-Both publish to the same subscriber in another process, in turn, at 100 frames a second. The first figure is what
-the streaming thread waits for; `process` is the work of all threads of this process, making the record included.
+Both publish to the same subscriber in another process, in turn, at 100 frames a second. The first figure is
+what the streaming thread waits for; `process` is the work of all threads of this process, making the record
+included.
 Limits: 1.5 times the bare put; 60 us where nobody listens.
 """
 
@@ -45,9 +46,18 @@ def frame_of_many() -> Frame:
     covariance = np.array([[1.53, 0.21], [0.21, 0.77]])
     tracks = tuple(
         Track(
-            number, TrackState.CONFIRMED, 900 + 200 * row[0], 500 + 100 * row[1], 31 + row[2], 14 + row[3],
-            row[4], (10 * row[5], 10 * row[6]), covariance, 0.87, 3_120_000_000,
-        )  # fmt: skip
+            number,
+            TrackState.CONFIRMED,
+            900 + 200 * row[0],
+            500 + 100 * row[1],
+            31 + row[2],
+            14 + row[3],
+            row[4],
+            (10 * row[5], 10 * row[6]),
+            covariance,
+            0.87,
+            3_120_000_000,
+        )
         for number, row in enumerate(noise)
     )
     frame = Frame(

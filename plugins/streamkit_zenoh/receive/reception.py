@@ -171,9 +171,9 @@ class Reception:
 
     def _status_answered(self, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
-            self._status_arrived(reply.ok)
+            self._status_arrived(reply.ok, is_answer=True)
 
-    def _status_arrived(self, sample: zenoh.Sample) -> None:
+    def _status_arrived(self, sample: zenoh.Sample, is_answer: bool = False) -> None:
         """A publisher says how far it is: what was lost at the end shows without a record behind it."""
         if sample.kind == zenoh.SampleKind.DELETE or len(sample.payload) > STATUS_LIMIT_BYTES:
             return
@@ -185,6 +185,8 @@ class Reception:
         with self._lock:
             remember(self._states, status.source, int(status.state != "ended"))
             for stream in status.streams:
+                if stream.name == name and is_answer:
+                    self._numbering.begins(key, stream.run, stream.settled_number)
                 if stream.name == name:
                     # A status may overtake records: what it says counts when the next one comes.
                     said = self._settled.get((key, stream.run), 0)

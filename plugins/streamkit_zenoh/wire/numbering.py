@@ -58,12 +58,14 @@ class Numbering:
     def __init__(self) -> None:
         self._last: OrderedDict[tuple[str, int], int] = OrderedDict()
         self._runs: OrderedDict[str, int] = OrderedDict()
+        self._begins: OrderedDict[tuple[str, int], int] = OrderedDict()
 
     def arrived(self, key: str, stamp: Stamp | None, live: bool = True) -> Arrival:
         """Takes note of a message; one without stamp tells nothing.
 
-        What a publisher sent before the first message that arrived here is not missed, unless it took over
-        from another one heard before: then this receiver was there from its first number on.
+        What a publisher sent before the first message that arrived here is not missed, unless `begins` was
+        told, or it took over from another one heard before: then this receiver was there from its first
+        number on.
 
         Args:
             key: where it was published.
@@ -83,8 +85,13 @@ class Numbering:
         if last is not None:
             return Arrival(lost=number - last - 1)
         if heard is None:
-            return Arrival()
+            return Arrival(lost=max(0, number - self._begins.get((key, run), number)))
         return Arrival(lost=number if run > heard else 0, is_restart=True)
+
+    def begins(self, key: str, run: int, next_number: int) -> None:
+        """A publisher says which number comes next, now that this receiver is there."""
+        if (key, run) not in self._last and (key, run) not in self._begins:
+            remember(self._begins, (key, run), next_number)
 
     def catch_up(self, key: str, run: int, next_number: int) -> int:
         """How many were missed at the end, when a publisher says which number comes next."""

@@ -14,6 +14,18 @@ def test_gaps_are_counted() -> None:
     assert _lost(Numbering(), 5, 6, 9, 10) == [0, 0, 2, 0]
 
 
+def test_what_comes_next_may_be_told() -> None:
+    """A publisher that is asked says where a receiver begins: what it misses from there on is lost."""
+    numbering = Numbering()
+    numbering.begins("a", 7, 10)
+    assert numbering.arrived("a", Stamp(7, 9), live=False) == Arrival()
+    assert _lost(numbering, 12) == [2]
+    numbering.begins("b", 7, 10)
+    assert _lost(numbering, 13, 14, key="b") == [3, 0]
+    numbering.begins("b", 7, 100)
+    assert _lost(numbering, 15, key="b") == [0]
+
+
 def test_keys_are_apart() -> None:
     """Two publishers count for themselves."""
     numbering = Numbering()
