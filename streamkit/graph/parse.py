@@ -28,7 +28,7 @@ from streamkit.graph.syntax import (
 from streamkit.graph.tokens import DescriptionLexer
 from streamkit.graph.variables import ExpandedText, expand
 
-TOKEN_LIMIT = 50_000
+TOKEN_LIMIT = 20_000
 DEPTH_LIMIT = 64
 DEPTH_STEPS = {"OPEN": 1, "BINREF": 1, "CLOSE": -1}
 NAMES = {

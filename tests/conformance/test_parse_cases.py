@@ -21,7 +21,23 @@ from streamkit.graph.build import build
 from streamkit.graph.graph import Graph
 
 # What streamkit does instead, by case: the code of its error, or "ok".
-DEPARTURES: dict[str, str] = {}
+DEPARTURES: dict[str, str] = {
+    "mf-1": "link",
+    "pl-fail-02": "no-such-property",
+    "sl-base-7": "could-not-set-property",
+    "x-f31": "link",
+    "x-f32": "link",
+    "x-g15": "ok",
+    "x-m18": "ok",
+    "x-q15": "no-such-property",
+    "x-q29": "no-such-property",
+    "x-q33": "syntax",
+    "x-v04": "could-not-set-property",
+    "x-v45": "could-not-set-property",
+    "x-y15": "link",
+}
+PROPERTY_ERRORS = ("NO_SUCH_PROPERTY", "COULD_NOT_SET_PROPERTY")
+NO_TEXT = "filesrc location=" + "a" * 100_000  # of the case whose text is too long to be written down
 
 
 def cases(shared_folder: Path) -> list[dict[str, Any]]:
@@ -33,7 +49,7 @@ def cases(shared_folder: Path) -> list[dict[str, Any]]:
 def text_of(case: dict[str, Any]) -> str:
     """The description of a case as `build` takes it."""
     if case["description"] is None:
-        return "filesrc location=" + "a" * 100_000
+        return NO_TEXT
     if case.get("api") == "launchv" and len(case["argv"]) > 1:
         return join_arguments(case["argv"])
     if case.get("api") == "bin" and "no-single-element-bins" not in case.get("flags", []):
@@ -45,7 +61,7 @@ def concerns_other_elements(case: dict[str, Any]) -> bool:
     """Whether a case is about an element that is not installed here."""
     known = {*installed_elements(), *BIN_CLASSES}
     used = {element["factory"] for element in case.get("elements", [])}
-    if case["expect"].get("error_class") != "NO_SUCH_ELEMENT":
+    if case["expect"].get("error_class") in PROPERTY_ERRORS:  # then it is "missing" because it was not made
         used |= set(case.get("missing_elements", []))
     return not used <= known
 
@@ -110,7 +126,11 @@ def differences(case: dict[str, Any]) -> list[str]:
     for path, values in case.get("properties", {}).items():
         for name, value in values.items():
             given = shape.settings.get(path, {}).get(name, "unset")
-            if name != "name" and given != value and not str(value).endswith("chars)"):
+            # Names stand elsewhere; what only GStreamer's objects have is no text.
+            is_text = (
+                name != "name" and not str(value).startswith("<Gst") and not str(value).endswith("chars)")
+            )
+            if is_text and given != value:
                 wrong.append(f"{case['id']}: {path}.{name} is {given!r}, not {value!r}")
     return wrong
 
@@ -139,7 +159,8 @@ def test_few_cases_are_about_other_elements(shared_folder: Path) -> None:
     """Cases are left out by one rule only, and every one of the rest is run."""
     every = cases(shared_folder)
     left_out = [case["id"] for case in every if concerns_other_elements(case)]
-    assert len(left_out) <= 12, left_out
+    assert len(every) == 268
+    assert set(left_out) <= {"x-v27", "x-v28", "x-v39", "x-v42", "sl-base-7"}
 
 
 @pytest.mark.parametrize("name", sorted(DEPARTURES))
