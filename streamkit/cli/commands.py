@@ -10,12 +10,14 @@ import importlib
 import importlib.metadata
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import typer
+from typer.core import TyperCommand
 
 from streamkit.errors import PluginBroken
 
+Function = TypeVar("Function", bound=Callable[..., Any])
 GROUP = "streamkit.commands"
 CORE = {name: f"streamkit.cli.{name}:{name}" for name in ("launch", "inspect", "graph", "caps", "new")}
 
@@ -90,7 +92,17 @@ def add_command(app: typer.Typer, entry: CommandEntry) -> None:
     if isinstance(command, typer.Typer):
         app.add_typer(command, name=entry.name)
     else:
-        app.command(entry.name)(command)
+        app.command(entry.name, cls=command.__dict__.get("command_class"))(command)
+
+
+def parsed_by(command_class: type[TyperCommand]) -> Callable[[Function], Function]:
+    """Marks a function whose arguments are read by a class of its own."""
+
+    def mark(function: Function) -> Function:
+        function.__dict__["command_class"] = command_class
+        return function
+
+    return mark
 
 
 def _refusal(text: str) -> Callable[[], NoReturn]:

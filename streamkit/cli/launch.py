@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
-import json
+import enum
 import os
-import signal
 import sys
 import threading
-import time
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperCommand
 
+from streamkit.cli.commands import parsed_by
 from streamkit.cli.description import (
     DescriptionArgument,
     FileOption,
@@ -21,16 +20,32 @@ from streamkit.cli.description import (
     fail_description,
     read_description,
 )
-from streamkit.errors import DescriptionError, StateError, StreamkitError
-from streamkit.flow.messages import Message, MessageKind
+from streamkit.errors import DescriptionError
 
 if TYPE_CHECKING:
+    from streamkit.cli.display import Display
     from streamkit.graph.pipeline import Pipeline
-
-LOOK_EVERY_S = 0.2
-EOS_LIMIT_S = 10.0
+    from streamkit.graph.statistics import RunStatistics
 
 
+class StatisticsFormat(enum.StrEnum):
+    """How counters are shown."""
+
+    TEXT = "text"
+    JSON = "json"
+
+
+class LaunchCommand(TyperCommand):
+    """Reads `--stats` without a value as `--stats=text`, which typer's options cannot."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """The arguments with the value filled in, up to `--`."""
+        end = args.index("--") if "--" in args else len(args)
+        bare = ["--stats=text" if argument == "--stats" else argument for argument in args[:end]]
+        return super().parse_args(ctx, [*bare, *args[end:]])
+
+
+@parsed_by(LaunchCommand)
 def launch(
     description: DescriptionArgument = None,
     file: FileOption = None,
@@ -39,12 +54,16 @@ def launch(
         bool, typer.Option("-e", "--eos-on-shutdown", help="Ctrl-C sends EOS and waits for it.")
     ] = False,
     verbose: Annotated[
-        bool, typer.Option("-v", "--verbose", help="Print every message and the caps.")
+        bool, typer.Option("-v", "--verbose", help="Print caps, states and every message.")
     ] = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but errors.")] = False,
     stats: Annotated[
-        bool, typer.Option("--stats", help="Print counters of every element at the end.")
-    ] = False,
+        StatisticsFormat | None,
+        typer.Option("--stats", help="Show counters while it runs; =json prints them as JSON at the end."),
+    ] = None,
+    stats_file: Annotated[
+        Path | None, typer.Option("--stats-file", help="Write the counters into a JSON file at the end.")
+    ] = None,
     json_errors: Annotated[
         bool, typer.Option("--json-errors", help="Print a bad description as JSON.")
     ] = False,
@@ -53,6 +72,7 @@ def launch(
 
     Exit code 0 at EOS or a clean stop, 1 when the pipeline fails, 2 for a bad description or usage.
     """
+    from streamkit.cli.run import Run
     from streamkit.graph.pipeline import Pipeline
 
     source = read_description(description, file, settings or [])
@@ -60,11 +80,36 @@ def launch(
         pipeline = Pipeline.parse(source.text, source.variables)
     except DescriptionError as error:
         fail_description(error, source, as_json=json_errors)
-    code = Run(pipeline, eos_on_shutdown=eos, verbose=verbose, quiet=quiet).run()
-    if stats:
-        for row in pipeline.statistics():
-            typer.echo(json.dumps({name: getattr(row, name) for name in row.__struct_fields__}))
+    display = choose_display(pipeline, stats, quiet=quiet)
+    run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet)
+    code = run.run()
+    assert run.statistics is not None
+    if stats is StatisticsFormat.JSON:
+        typer.echo(to_json(run.statistics))
+    if stats_file is not None:
+        try:
+            stats_file.write_text(to_json(run.statistics) + "\n", encoding="utf-8")
+        except OSError as error:
+            display.tell(f"error: --stats-file {stats_file} cannot be written: {error.strerror}")
+            code = code or 1
     _leave(code)
+
+
+def choose_display(pipeline: Pipeline, stats: StatisticsFormat | None, *, quiet: bool) -> Display:
+    """What is shown while the pipeline runs: on a terminal other than in a file."""
+    from streamkit.cli.display import Display, Lines, Progress, Table
+
+    is_terminal = sys.stderr.isatty()
+    if stats is StatisticsFormat.TEXT:
+        return Table(pipeline) if is_terminal and not quiet else Lines(pipeline, every_second=not quiet)
+    return Progress(pipeline) if is_terminal and not quiet else Display(pipeline)
+
+
+def to_json(statistics: RunStatistics) -> str:
+    """The counters as one JSON object, on one line."""
+    import msgspec
+
+    return msgspec.json.encode(statistics).decode()
 
 
 def _leave(code: int) -> NoReturn:
@@ -76,131 +121,3 @@ def _leave(code: int) -> NoReturn:
         sys.stderr.flush()
         os._exit(code or 1)
     raise typer.Exit(code)
-
-
-class Run:
-    """One run of a pipeline, watched from the main thread."""
-
-    def __init__(self, pipeline: Pipeline, *, eos_on_shutdown: bool, verbose: bool, quiet: bool) -> None:
-        self.pipeline = pipeline
-        self.eos_on_shutdown = eos_on_shutdown
-        self.verbose = verbose
-        self.quiet = quiet
-        self.interrupts = 0
-        self.progress = Progress(pipeline) if sys.stderr.isatty() and not quiet else None
-
-    def run(self) -> int:
-        """Plays to the end and stops; the exit code."""
-        code = 0
-        if not self.quiet:
-            for _, text in self.pipeline.graph.warnings:
-                self.tell(f"note: {text}")
-        with self._signals():
-            try:
-                self.pipeline.play()
-                code = self._watch()
-            except StreamkitError as error:
-                code = self._fail(str(error))
-            finally:
-                try:
-                    self.pipeline.stop()
-                except StateError as error:
-                    code = self._fail(str(error))
-        self._tell_rest()
-        return code
-
-    def _watch(self) -> int:
-        """Follows the bus until the end."""
-        deadline: float | None = None
-        handled = 0
-        while True:
-            message = self.pipeline.bus.pop(LOOK_EVERY_S)
-            if self.progress is not None:
-                self.progress.show()
-            if message is not None:
-                self._tell_message(message)
-                if message.kind is MessageKind.ERROR:
-                    return self._fail(message.text)
-                if message.kind is MessageKind.EOS:
-                    return 0
-            if self.interrupts > handled:
-                handled = self.interrupts
-                if not self.eos_on_shutdown or handled > 1:
-                    return 0
-                self.pipeline.finish()
-                deadline = time.monotonic() + EOS_LIMIT_S
-            if deadline is not None and time.monotonic() > deadline:
-                return self._fail(f"EOS has not come through within {EOS_LIMIT_S:g} s of the interrupt")
-
-    @contextlib.contextmanager
-    def _signals(self) -> Iterator[None]:
-        """Counts Ctrl-C and SIGTERM while the pipeline runs; the third ends the process at once."""
-
-        def interrupted(number: int, _: object) -> None:
-            self.interrupts += 1
-            if self.interrupts > 2:
-                os._exit(128 + number)
-
-        before = {number: signal.signal(number, interrupted) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-
-    def _tell_rest(self) -> None:
-        """Shows what was posted while stopping."""
-        while (message := self.pipeline.bus.pop(0.0)) is not None:
-            if message.kind is not MessageKind.ERROR:
-                self._tell_message(message)
-        if self.progress is not None:
-            self.progress.end()
-
-    def _tell_message(self, message: Message) -> None:
-        if message.kind is MessageKind.WARNING and not self.quiet:
-            self.tell(f"warning: {message.source}: {message.text}")
-        elif self.verbose and message.kind is not MessageKind.ERROR:
-            fields = " ".join(f"{name}={value}" for name, value in message.fields.items() if name != "name")
-            self.tell(f"{message.kind}: {message.source or 'pipeline'}: {message.text} {fields}".rstrip())
-
-    def _fail(self, text: str) -> int:
-        self.tell(f"error: {text}")
-        return 1
-
-    def tell(self, line: str) -> None:
-        """Prints a line on stderr, above the progress line."""
-        if self.progress is not None:
-            self.progress.clear()
-        typer.echo(line, err=True)
-
-
-class Progress:
-    """A line on the terminal that tells how far the pipeline is."""
-
-    def __init__(self, pipeline: Pipeline) -> None:
-        self.pipeline = pipeline
-        self.began_s = time.monotonic()
-        self.shown = False
-
-    def show(self) -> None:
-        """Draws the line anew."""
-        rows = self.pipeline.statistics()
-        frames = max((row.frames_in for row in rows), default=0)
-        dropped = sum(sum(row.dropped.values()) for row in rows)
-        elapsed_s = time.monotonic() - self.began_s
-        rate = frames / elapsed_s if elapsed_s > 0 else 0.0
-        lost = f", {dropped} dropped" if dropped else ""
-        sys.stderr.write(f"\r\x1b[K{elapsed_s:7.1f} s  {frames} frames  {rate:.1f}/s{lost}")
-        sys.stderr.flush()
-        self.shown = True
-
-    def clear(self) -> None:
-        """Takes the line away, for another to be printed."""
-        if self.shown:
-            sys.stderr.write("\r\x1b[K")
-            self.shown = False
-
-    def end(self) -> None:
-        """Leaves the last state of the line standing."""
-        self.show()
-        sys.stderr.write("\n")

@@ -1,6 +1,7 @@
 """`streamkit launch`: exit codes, errors that point, interrupts."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -141,25 +142,85 @@ def test_several_arguments_run(launch: Callable[..., Result]) -> None:
     assert (done.exit_code, done.stderr) == (0, "")
 
 
-def test_verbose_tells_every_message(launch: Callable[..., Result]) -> None:
-    """States and the end, with their element or the pipeline."""
-    done = launch("-v", "fakesrc num-buffers=1 ! fakesink silent=false")
-    assert done.stderr.splitlines() == [
-        "state: pipeline: ready state=ready",
-        "state: pipeline: playing state=playing",
-        "element: fakesink0: frame seq=0 pts=None caps=ANY",
-        "eos: pipeline: end of stream",
-        "state: pipeline: null state=null",
+def test_verbose_tells_states_caps_and_messages(launch: Callable[..., Result]) -> None:
+    """In order, with their element or the pipeline; caps of each link once."""
+    done = launch("-v", "fakesrc num-buffers=1 ! a/b,x=1 ! fakesink silent=false")
+    lines = done.stderr.splitlines()
+    states = [line.split()[-1] for line in lines if line.startswith("state: pipeline: ")]
+    assert (states[0], states[-2:]) == ("ready", ["playing", "null"])
+    assert "eos: pipeline: end of stream" in lines
+    assert any(line.startswith("element: fakesink0: ") for line in lines)
+    assert [line for line in lines if line.startswith("caps: ")] == [
+        "caps: fakesrc0.src -> capsfilter0.sink: a/b, x=(int)1",
+        "caps: capsfilter0.src -> fakesink0.sink: a/b, x=(int)1",
     ]
 
 
-def test_statistics_are_one_object_a_line(launch: Callable[..., Result]) -> None:
-    """For every element what came, what left, what was dropped and why."""
-    done = launch("--stats", "fakesrc num-buffers=4 ! identity drop-probability=1 ! fakesink")
-    rows = [json.loads(line) for line in done.stdout.splitlines()]
-    assert [(row["element"], row["frames_in"], row["frames_out"], row["dropped"]) for row in rows] == [
-        ("fakesrc0", 0, 4, {}), ("identity0", 4, 0, {"drop-probability": 4}), ("fakesink0", 0, 0, {}),
+DROPS_ALL = "fakesrc num-buffers=4 ! identity drop-probability=1 ! fakesink"
+
+
+def test_statistics_as_json_are_one_object(launch: Callable[..., Result], tmp_path: Path) -> None:
+    """On stdout, or in a file: for every element what came, what left, what was dropped and why."""
+    file = tmp_path / "statistics.json"
+    done = launch("--stats=json", "--stats-file", str(file), DROPS_ALL)
+    assert (done.exit_code, done.stderr) == (0, "")
+    found = json.loads(done.stdout)
+    assert json.loads(file.read_text(encoding="utf-8")) == found
+    assert found["schema"] == "streamkit.statistics/1"
+    rows = (
+        (row["element"], row["frames_in"], row["frames_out"], row["dropped"]) for row in found["elements"]
+    )
+    assert [(name, came, left, sum(dropped.values())) for name, came, left, dropped in rows] == [
+        ("fakesrc0", 0, 4, 0), ("identity0", 4, 0, 4), ("fakesink0", 0, 0, 0),
     ]  # fmt: skip
+
+
+def test_statistics_of_a_failed_run_are_printed_too(launch: Callable[..., Result]) -> None:
+    """They tell what came before the failure; the exit code stays 1."""
+    done = launch("--stats=json", "fakesrc ! identity error-after=3 ! fakesink")
+    assert done.exit_code == 1
+    row = json.loads(done.stdout)["elements"][1]
+    assert (row["frames_in"], row["errors"]) == (3, 1)
+
+
+def test_a_statistics_file_that_cannot_be_written_is_code_1(launch: Callable[..., Result]) -> None:
+    """The run itself is done; the reason is told."""
+    done = launch("--stats-file", "no/such/folder/x.json", DROPS_ALL)
+    assert done.exit_code == 1
+    assert done.stderr == (
+        "error: --stats-file no/such/folder/x.json cannot be written: No such file or directory\n"
+    )
+
+
+def test_statistics_for_people_are_a_table_at_the_end(launch: Callable[..., Result]) -> None:
+    """On stderr; stdout stays empty."""
+    for arguments in (["--stats", DROPS_ALL], ["-q", "--stats", DROPS_ALL], [DROPS_ALL, "--stats"]):
+        done = launch(*arguments)
+        assert (done.exit_code, done.stdout) == (0, "")
+        rows = [line.split() for line in done.stderr.splitlines()]
+        assert ["element", "in", "out", "/s", "dropped", "errors", "busy", "queue", "(most)", "age"] in rows
+        identity = next(row for row in rows if row[:1] == ["identity0"])
+        assert identity[1:3] == ["4", "0"]
+        assert "4" in identity[4]
+
+
+def test_statistics_for_a_log_are_a_line_every_second(launch: Callable[..., Result]) -> None:
+    """Where stderr is no terminal."""
+    done = launch(
+        "--stats", "videotestsrc num-buffers=36 ! video/x-raw,framerate=30/1 ! queue ! fakesink sync=true"
+    )
+    lines = [line for line in done.stderr.splitlines() if line.startswith("stats ")]
+    assert len(lines) == 1
+    assert re.match(
+        r"stats 1\.\d s \| videotestsrc0 out \d+ \d+\.\d/s busy \d+%.* \| queue0 in \d+ out \d+", lines[0]
+    )
+
+
+def test_an_unknown_format_of_statistics_is_code_2(launch: Callable[..., Result]) -> None:
+    """What there is, is told."""
+    done = launch("--stats=xml", DROPS_ALL)
+    assert done.exit_code == 2
+    assert "'xml' is not one of 'text', 'json'" in done.stderr
 
 
 class Talkative(Sink):

@@ -1,0 +1,175 @@
+"""What `launch` shows while a pipeline runs: nothing, a progress line, a table, or a line every second."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import typer
+
+from streamkit.cli.table import as_line, as_table, measure_rows
+from streamkit.graph.statistics import RunStatistics
+
+if TYPE_CHECKING:
+    from rich.live import Live
+
+    from streamkit.graph.pipeline import Pipeline
+
+REDRAW_EVERY_S = 0.2
+LINE_EVERY_S = 1.0
+
+
+class Display:
+    """Shows nothing but what it is told; base of the others.
+
+    Attributes:
+        every_s: how often the display changes at most, s.
+    """
+
+    every_s = REDRAW_EVERY_S
+
+    def __init__(self, pipeline: Pipeline) -> None:
+        self.pipeline = pipeline
+        self.began_s = self._drawn_s = time.monotonic()
+        self.last: RunStatistics | None = None
+
+    def look(self) -> RunStatistics:
+        """The statistics now."""
+        return RunStatistics(
+            elapsed_s=round(time.monotonic() - self.began_s, 3), elements=self.pipeline.statistics()
+        )
+
+    def last_look(self) -> RunStatistics:
+        """The statistics of the whole run, taken when it ends."""
+        self.last = self.look()
+        return self.last
+
+    def show(self) -> None:
+        """Draws anew, if it is time to."""
+        now_s = time.monotonic()
+        if now_s - self._drawn_s >= self.every_s:
+            self._drawn_s = now_s
+            self.draw()
+
+    def draw(self) -> None:
+        """Draws anew."""
+
+    def tell(self, line: str) -> None:
+        """Prints a line on stderr, above what is drawn."""
+        typer.echo(line, err=True)
+
+    def end(self) -> None:
+        """Leaves the last state standing."""
+
+
+class Progress(Display):
+    """A line on the terminal that tells how far the pipeline is."""
+
+    shown = False
+    _frames = 0
+    _frames_s = 0.0
+
+    def draw(self) -> None:
+        """Draws the line anew."""
+        self._write(self.look())
+
+    def _write(self, now: RunStatistics, *, is_last: bool = False) -> None:
+        frames = max((row.frames_in for row in now.elements), default=0)
+        dropped = sum(sum(row.dropped.values()) for row in now.elements)
+        since_s = now.elapsed_s if is_last else now.elapsed_s - self._frames_s
+        rate = (frames - (0 if is_last else self._frames)) / since_s if since_s > 0 else 0.0
+        self._frames, self._frames_s = frames, now.elapsed_s
+        words = [f"{now.elapsed_s:7.1f} s{self._position()}  {frames} frames  {rate:.1f}/s"]
+        if dropped:
+            words.append(f"{dropped} dropped")
+        sys.stderr.write(f"\r\x1b[K{', '.join(words)}")
+        sys.stderr.flush()
+        self.shown = True
+
+    def _position(self) -> str:
+        position, duration = self.pipeline.position_ns(), self.pipeline.duration_ns()
+        if position is None or not duration:
+            return ""
+        return f"  at {position / 1e9:.1f} of {duration / 1e9:.1f} s ({100 * position / duration:.0f} %)"
+
+    def tell(self, line: str) -> None:
+        """Prints a line in the place of the progress, which is drawn again below."""
+        if self.shown:
+            sys.stderr.write("\r\x1b[K")
+            self.shown = False
+        super().tell(line)
+
+    def end(self) -> None:
+        """The whole run in one line."""
+        if self.last is not None:
+            self._write(self.last, is_last=True)
+            sys.stderr.write("\n")
+
+
+class Lines(Display):
+    """A line with the counters of all elements every second, for logs; a table at the end."""
+
+    every_s = LINE_EVERY_S
+    before: RunStatistics | None = None
+
+    def __init__(self, pipeline: Pipeline, *, every_second: bool = True) -> None:
+        super().__init__(pipeline)
+        self.every_second = every_second
+
+    def draw(self) -> None:
+        """Writes a line."""
+        if not self.every_second:
+            return
+        now = self.look()
+        self.tell(as_line(now, self.before))
+        self.before = now
+
+    def end(self) -> None:
+        """The table of the whole run."""
+        if self.last is not None:
+            from rich.console import Console
+
+            Console(stderr=True, width=160).print(as_table(measure_rows(self.last), self.last.elapsed_s))
+
+
+class Table(Lines):
+    """A table on the terminal, redrawn in its place."""
+
+    every_s = REDRAW_EVERY_S
+    _live: Live | None = None
+
+    def draw(self) -> None:
+        """Draws the table with the rates since the last look, a second ago or so."""
+        now = self.look()
+        self._update(now, self.before)
+        if self.before is None or now.elapsed_s - self.before.elapsed_s >= LINE_EVERY_S:
+            self.before = now
+
+    def _update(self, now: RunStatistics, before: RunStatistics | None) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        if self._live is None:
+            self._live = Live(
+                console=Console(stderr=True),
+                auto_refresh=False,  # no thread of its own
+                redirect_stdout=False,
+                redirect_stderr=False,
+            )
+            self._live.start()
+        self._live.update(as_table(measure_rows(now, before), now.elapsed_s), refresh=True)
+
+    def tell(self, line: str) -> None:
+        """Prints a line above the table."""
+        if self._live is None:
+            super().tell(line)
+        else:
+            self._live.console.print(line, markup=False, highlight=False)
+
+    def end(self) -> None:
+        """Leaves the table of the whole run."""
+        if self.last is not None:
+            self._update(self.last, None)
+        if self._live is not None:
+            self._live.stop()

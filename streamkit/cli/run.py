@@ -1,0 +1,139 @@
+"""One run of a pipeline on the command line: watched from the main thread, ended by EOS, error or Ctrl-C."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from streamkit.errors import StateError, StreamkitError
+from streamkit.flow.messages import Message, MessageKind
+
+if TYPE_CHECKING:
+    from streamkit.cli.display import Display
+    from streamkit.graph.pipeline import Pipeline
+    from streamkit.graph.statistics import RunStatistics
+
+LOOK_EVERY_S = 0.2
+EOS_LIMIT_S = 10.0
+
+
+class Run:
+    """Plays a pipeline to its end.
+
+    Attributes:
+        interrupts: Ctrl-C and SIGTERM so far.
+        statistics: the counters at the end, taken before the pipeline is stopped.
+    """
+
+    def __init__(
+        self, pipeline: Pipeline, display: Display, *, eos_on_shutdown: bool, verbose: bool, quiet: bool
+    ) -> None:
+        self.pipeline = pipeline
+        self.display = display
+        self.eos_on_shutdown = eos_on_shutdown
+        self.verbose = verbose
+        self.quiet = quiet
+        self.interrupts = 0
+        self.statistics: RunStatistics | None = None
+        self._caps: dict[str, str] = {}
+
+    def run(self) -> int:
+        """Plays to the end and stops; the exit code."""
+        code = 0
+        if not self.quiet:
+            for _, text in self.pipeline.graph.warnings:
+                self.display.tell(f"note: {text}")
+        with self._signals():
+            try:
+                self.pipeline.play()
+                code = self._watch()
+            except StreamkitError as error:
+                code = self._fail(str(error))
+            finally:
+                self._tell_caps()
+                self.statistics = self.display.last_look()
+                try:
+                    self.pipeline.stop()
+                except StateError as error:
+                    code = self._fail(str(error))
+        self._tell_rest()
+        self.display.end()
+        return code
+
+    def _watch(self) -> int:
+        """Follows the bus until the end."""
+        deadline: float | None = None
+        handled = 0
+        while True:
+            message = self.pipeline.bus.pop(LOOK_EVERY_S)
+            if message is not None:
+                self._tell_message(message)
+            self._tell_caps()
+            self.display.show()
+            if message is not None:
+                if message.kind is MessageKind.ERROR:
+                    return self._fail(message.text)
+                if message.kind is MessageKind.EOS:
+                    return 0
+            if self.interrupts > handled:
+                handled = self.interrupts
+                if not self.eos_on_shutdown or handled > 1:
+                    return 0
+                if not self.quiet:
+                    self.display.tell("interrupt: ending the stream; Ctrl-C again stops at once")
+                self.pipeline.finish()
+                deadline = time.monotonic() + EOS_LIMIT_S
+            if deadline is not None and time.monotonic() > deadline:
+                return self._fail(f"EOS has not come through within {EOS_LIMIT_S:g} s of the interrupt")
+
+    @contextlib.contextmanager
+    def _signals(self) -> Iterator[None]:
+        """Counts Ctrl-C and SIGTERM; one more than a clean stop takes ends the process at once."""
+        limit = 2 if self.eos_on_shutdown else 1
+
+        def interrupted(number: int, _: object) -> None:
+            self.interrupts += 1
+            if self.interrupts > limit:
+                os._exit(128 + number)
+
+        before = {number: signal.signal(number, interrupted) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _tell_rest(self) -> None:
+        """Shows what was posted while stopping."""
+        while (message := self.pipeline.bus.pop(0.0)) is not None:
+            if message.kind is not MessageKind.ERROR:
+                self._tell_message(message)
+
+    def _tell_caps(self) -> None:
+        """With -v: the caps of each link when they are new."""
+        if not self.verbose:
+            return
+        for src, sink in self.pipeline.graph.links():
+            caps = str(src.caps) if src.caps is not None and not src.caps.is_any else ""
+            if caps and self._caps.get(src.path) != caps:
+                self._caps[src.path] = caps
+                self.display.tell(f"caps: {src.path} -> {sink.path}: {caps}")
+
+    def _tell_message(self, message: Message) -> None:
+        if message.kind is MessageKind.WARNING and not self.quiet:
+            self.display.tell(f"warning: {message.source or 'pipeline'}: {message.text}")
+        elif self.verbose and message.kind is not MessageKind.ERROR:
+            known = ("name", "state")  # told by the text already
+            fields = " ".join(
+                f"{name}={value}" for name, value in message.fields.items() if name not in known
+            )
+            line = f"{message.kind}: {message.source or 'pipeline'}: {message.text} {fields}"
+            self.display.tell(line.rstrip())
+
+    def _fail(self, text: str) -> int:
+        self.display.tell(f"error: {text}")
+        return 1

@@ -1,0 +1,118 @@
+"""Statistics for people: rates and shares of each element, as a table or in a line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from streamkit.graph.statistics import ElementStatistics, QueueLevels, RunStatistics
+
+COLUMNS = ("element", "in", "out", "/s", "dropped", "errors", "busy", "queue (most)", "age")
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What is shown of an element.
+
+    Attributes:
+        counters: since the run began.
+        rate: frames a second, through it or into it.
+        busy: share of the time that it worked, 0 to 1.
+    """
+
+    counters: ElementStatistics
+    rate: float
+    busy: float
+
+
+def measure_rows(now: RunStatistics, before: RunStatistics | None = None) -> list[Row]:
+    """Rates and shares since an earlier look, or since the run began."""
+    earlier = {row.element: row for row in before.elements} if before is not None else {}
+    span_s = now.elapsed_s - (before.elapsed_s if before is not None else 0.0)
+
+    def measure(row: ElementStatistics) -> Row:
+        frames, busy_ns = max(row.frames_in, row.frames_out if not row.frames_in else 0), row.busy_ns
+        if (old := earlier.get(row.element)) is not None:
+            frames -= max(old.frames_in, old.frames_out if not old.frames_in else 0)
+            busy_ns -= old.busy_ns
+        if span_s <= 0:
+            return Row(row, 0.0, 0.0)
+        return Row(row, max(0.0, frames / span_s), min(1.0, max(0.0, busy_ns / 1e9 / span_s)))
+
+    return [measure(row) for row in now.elements]
+
+
+def dropped_text(dropped: dict[str, int]) -> str:
+    """How many in all, and the reasons: "7 (queue full, oldest dropped: 7)"."""
+    if not dropped:
+        return ""
+    reasons = "; ".join(f"{reason}: {count}" for reason, count in sorted(dropped.items()))
+    return f"{sum(dropped.values())} ({reasons})"
+
+
+def queue_text(levels: QueueLevels | None) -> str:
+    """Frames held, of how many, and the most there were: "3/200 (12)"."""
+    if levels is None:
+        return ""
+    most = "" if levels.max_buffers is None else f" ({levels.max_buffers})"
+    return f"{levels.buffers}/{levels.limit_buffers or '-'}{most}"
+
+
+def age_text(age_ns: int | None) -> str:
+    """Milliseconds, or seconds where it is long."""
+    if age_ns is None:
+        return ""
+    return f"{age_ns / 1e6:.0f} ms" if age_ns < 10_000_000_000 else f"{age_ns / 1e9:.0f} s"
+
+
+def as_table(rows: list[Row], elapsed_s: float) -> Table:
+    """One row for each element."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=SIMPLE_HEAD, title=f"{elapsed_s:.1f} s", title_justify="left", padding=(0, 1, 0, 0))
+    lines = [_cells(row) for row in rows]
+    for name, *cells in zip(COLUMNS, *lines, strict=True):
+        is_text = name in ("element", "dropped")  # cut on a narrow terminal, numbers are not
+        width = 8 if is_text else max(map(len, [name, *cells]))
+        table.add_column(name, justify="left" if is_text else "right", no_wrap=True, min_width=width)
+    for line in lines:
+        table.add_row(*map(Text, line))
+    return table
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    counters = row.counters
+    return (
+        counters.element,
+        str(counters.frames_in),
+        str(counters.frames_out),
+        f"{row.rate:.1f}",
+        dropped_text(counters.dropped),
+        str(counters.errors or ""),
+        "" if counters.queue is not None else f"{row.busy:.0%}",  # a queue's is upstream's waiting
+        queue_text(counters.queue),
+        age_text(counters.age_ns),
+    )
+
+
+def as_line(now: RunStatistics, before: RunStatistics | None) -> str:
+    """All elements in one line: "stats 2.0 s | fakesrc0 out 60 30.0/s busy 1 % | ..."."""
+    words = [f"stats {now.elapsed_s:.1f} s"]
+    for row in measure_rows(now, before):
+        counters = row.counters
+        facts = [counters.element]
+        facts += [f"in {counters.frames_in}"] if counters.frames_in else []
+        facts += [f"out {counters.frames_out}"] if counters.frames_out else []
+        facts += [f"{row.rate:.1f}/s"]
+        facts += [f"busy {row.busy:.0%}"] if counters.queue is None else []
+        facts += [f"dropped {dropped_text(counters.dropped)}"] if counters.dropped else []
+        facts += [f"errors {counters.errors}"] if counters.errors else []
+        facts += [f"queue {queue_text(counters.queue)}"] if counters.queue is not None else []
+        facts += [f"age {age_text(counters.age_ns)}"] if counters.age_ns is not None else []
+        words.append(" ".join(facts))
+    return " | ".join(words)

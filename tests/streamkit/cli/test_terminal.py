@@ -1,0 +1,132 @@
+"""`streamkit launch` on a terminal, as a user has it: progress, table, and Ctrl-C once and twice."""
+
+import fcntl
+import os
+import pty
+import re
+import select
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+BINARY = str(Path(sys.executable).with_name("streamkit"))
+CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
+TAKE_TERMINAL = ["/bin/sh", "-c", 'exec "$0" "$@" <"$TERMINAL"']  # whose Ctrl-C is then this session's
+LIMIT_S = 60
+SLOW = "videotestsrc num-buffers=45 ! video/x-raw,framerate=30/1 ! queue ! fakesink sync=true"
+ENDLESS = "fakesrc ! queue max-size-buffers=50 ! identity sleep-time=200000 ! fakesink"
+
+
+def on_terminal(*arguments: str, keys: Sequence[tuple[str, bytes]] = ()) -> tuple[int, str]:
+    """Exit code and output of `launch` on a terminal.
+
+    Args:
+        *arguments: of launch.
+        keys: what is typed, each after a text has appeared.
+    """
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 80, 0, 0))
+    with subprocess.Popen(
+        [*TAKE_TERMINAL, BINARY, "launch", *arguments], stdout=slave, stderr=slave, start_new_session=True,
+        env={**os.environ, "TERMINAL": os.ttyname(slave), "COLUMNS": "80"},
+    ) as process:  # fmt: skip
+        os.close(slave)
+        try:
+            out = _read_all(master, list(keys))
+            return process.wait(LIMIT_S), out
+        finally:
+            process.kill()
+            os.close(master)
+
+
+def _read_all(master: int, keys: list[tuple[str, bytes]]) -> str:
+    out, seen, deadline = b"", 0, time.monotonic() + LIMIT_S
+    while time.monotonic() < deadline:
+        if select.select([master], [], [], 0.2)[0]:
+            try:
+                out += os.read(master, 65536)
+            except OSError:  # the other side has been closed
+                return out.decode()
+        if keys and (place := out.find(keys[0][0].encode(), seen)) >= 0:
+            seen = place + len(keys[0][0])
+            os.write(master, keys.pop(0)[1])
+    raise AssertionError(f"no end within {LIMIT_S} s: {out!r}")
+
+
+def lines_of(out: str) -> list[str]:
+    """The text as it stands on the screen, without colours; a line drawn anew shows its last state."""
+    plain = CONTROL.sub("", out.replace("\r\n", "\n"))
+    return [line.rpartition("\r")[2].rstrip() for line in plain.split("\n")]
+
+
+def test_a_progress_line_is_drawn_in_its_place() -> None:
+    """Time, position, frames and rate; its last state stays."""
+    code, out = on_terminal(SLOW)
+    assert code == 0
+    assert out.count("\x1b[K") > 3
+    (line,) = [line for line in lines_of(out) if line]
+    assert re.fullmatch(r" +1\.\d s  at 1\.\d of 1\.5 s \(\d+ %\)  45 frames  \d+\.\d/s", line)
+
+
+def test_quiet_draws_nothing() -> None:
+    """Not even on a terminal."""
+    assert on_terminal("-q", SLOW.replace("45", "3")) == (0, "")
+
+
+def test_statistics_are_a_table_drawn_in_its_place() -> None:
+    """One row for each element, with what a queue holds; its last state stays."""
+    code, out = on_terminal("--stats", SLOW)
+    assert code == 0
+    assert out.count("element") > 3
+    rows = [line.split() for line in lines_of(out)[-8:]]
+    sink = next(row for row in rows if row[:1] == ["fakesink0"])
+    assert sink[1:3] == ["45", "0"]
+    queue = next(row for row in rows if row[:1] == ["queue0"])
+    assert queue[1:3] == ["45", "45"]
+    assert "0/200" in queue
+
+
+def test_messages_stand_above_the_table() -> None:
+    """And do not break it."""
+    code, out = on_terminal("--stats", "-v", SLOW)
+    assert code == 0
+    assert "state: pipeline: playing" in lines_of(out)
+
+
+def test_control_c_is_a_clean_stop() -> None:
+    """With code 0, within bounds."""
+    code, out = on_terminal("-v", ENDLESS, keys=[("pipeline: playing", b"\x03")])
+    assert code == 0
+    assert "state: pipeline: null" in out
+    assert "eos: pipeline" not in out
+
+
+def test_control_c_with_e_ends_the_stream_first() -> None:
+    """The frames that are on their way still arrive."""
+    text = ENDLESS.replace("50", "2")
+    code, out = on_terminal("-v", "-e", text, keys=[("pipeline: playing", b"\x03")])
+    assert code == 0
+    assert "interrupt: ending the stream; Ctrl-C again stops at once" in out
+    assert "eos: pipeline: end of stream" in out
+
+
+def test_a_second_control_c_does_not_wait_for_the_end() -> None:
+    """Ten seconds of frames are left in the queue."""
+    began = time.monotonic()
+    keys = [("pipeline: playing", b"\x03"), ("interrupt: ending", b"\x03")]
+    code, out = on_terminal("-v", "-e", ENDLESS, keys=keys)
+    assert code == 0
+    assert "eos: pipeline" not in out
+    assert "state: pipeline: null" in out
+    assert time.monotonic() - began < 9
+
+
+def test_errors_stand_on_a_line_of_their_own() -> None:
+    """The progress line is taken away first."""
+    code, out = on_terminal("fakesrc ! identity sleep-time=100000 ! identity error-after=8 ! fakesink")
+    assert code == 1
+    assert any(line.startswith("error: identity1: ") for line in lines_of(out))
