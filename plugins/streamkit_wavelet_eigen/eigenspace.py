@@ -43,6 +43,13 @@ class Eigenspace:
         result: FloatArray = self.singular_values**2 / self.count
         return result
 
+    def leading(self, components: int, energy: float = 1.0) -> "Eigenspace":
+        """This space with at most `components` eigenvectors, or the fewest that hold `energy` of it."""
+        kept = _how_many(self.singular_values, components, energy, len(self.mean))
+        if kept == self.rank:
+            return self
+        return Eigenspace(self.mean, self.basis[:kept].copy(), self.singular_values[:kept].copy(), self.count)
+
     def project(self, vectors: FloatArray) -> FloatArray:
         """Coordinates float64[n, k] of vectors float64[n, d] in this space."""
         result: FloatArray = (vectors - self.mean) @ self.basis.T
@@ -159,6 +166,8 @@ def _principal_rows(rows: FloatArray, components: int, energy: float) -> tuple[F
 
 def _how_many(singular_values: FloatArray, components: int, energy: float, length: int) -> int:
     """How many eigenvectors to keep: no rounding noise, at most `components`, enough for the energy."""
+    if not len(singular_values):
+        return 0
     # The absolute floor is for rows that differ by rounding alone, where the strongest is rounding as well.
     floor = max(RELATIVE_FLOOR * float(singular_values[0]), 1e-9 * float(np.sqrt(length)))
     kept = min(components, int(np.count_nonzero(singular_values > floor)))

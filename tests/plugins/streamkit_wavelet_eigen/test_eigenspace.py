@@ -1,7 +1,12 @@
 """Batch components equal the singular value decomposition; incremental ones follow the batch."""
 
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
+from scipy.linalg import subspace_angles
+from sklearn.decomposition import PCA
 
 from streamkit_wavelet_eigen.eigenspace import Eigenspace, learn_eigenspace, update_eigenspace
 
@@ -145,3 +150,56 @@ def test_update_with_another_length_is_refused() -> None:
     """Vectors of another patch size name both lengths."""
     with pytest.raises(ValueError, match="must have 4 values as the space has, got 5"):
         update_eigenspace(learn_eigenspace(np.eye(4), 3), np.zeros((2, 5)), 3)
+
+
+def _faces(folder: Path) -> np.ndarray:
+    """All 400 ORL faces, 32 by 32, as vectors, person by person turned into a stream of all."""
+    pictures = [
+        cv2.resize(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), (32, 32), interpolation=cv2.INTER_AREA)
+        for person in range(1, 41)
+        for path in (folder / "orl" / f"s{person}" / f"{view}.pgm" for view in range(1, 11))
+    ]
+    return np.stack(pictures).reshape(400, -1).astype(np.float64)
+
+
+def test_subspaces_are_those_of_scikit_learn(streamkit_data: Path) -> None:
+    """Equations 5 and 6 on faces: mean, variances and the angles between subspaces within 1e-5."""
+    vectors = _faces(streamkit_data)[::2]
+    space, theirs = learn_eigenspace(vectors, 40), PCA(40, svd_solver="full").fit(vectors)
+    np.testing.assert_allclose(space.mean, theirs.mean_, atol=1e-5)
+    # scikit-learn divides by M - 1, equation 6 by M.
+    np.testing.assert_allclose(space.eigenvalues, theirs.explained_variance_ * 199 / 200, rtol=1e-6)
+    assert subspace_angles(space.basis.T, theirs.components_.T).max() <= 1e-5
+
+
+def test_energy_is_held_by_the_fewest() -> None:
+    """No smaller number of eigenvectors holds the share asked for."""
+    vectors = _low_rank(60, 100, 12, noise=0.05)
+    whole = learn_eigenspace(vectors, 59)
+    held = np.cumsum(whole.eigenvalues) / whole.eigenvalues.sum()
+    for share in (0.3, 0.9, 0.99):
+        rank = learn_eigenspace(vectors, 59, share).rank
+        assert held[rank - 1] >= share - 1e-4
+        assert rank == 1 or held[rank - 2] < share
+    assert learn_eigenspace(vectors, 2, 0.99).rank == 2
+
+
+def test_reconstruction_errors_are_the_distance_to_the_space() -> None:
+    """What lies in the space has error 0; what lies beside it has its own length."""
+    space = learn_eigenspace(_low_rank(30, 80, 4), 4)
+    inside = space.restore(np.array([[3.0, -2.0, 1.0, 0.5]]))
+    beside = np.random.default_rng(1).normal(size=80)
+    beside -= space.basis.T @ (space.basis @ beside)
+    errors = space.reconstruction_errors(np.concatenate([inside, inside + beside]))
+    np.testing.assert_allclose(errors, [0.0, np.sqrt(np.mean(beside**2))], atol=1e-9)
+
+
+def test_the_leading_part_is_a_smaller_batch() -> None:
+    """Cutting a space to 3 eigenvectors gives the space learnt with 3."""
+    vectors = _low_rank(30, 80, 6, noise=0.1)
+    cut, small = learn_eigenspace(vectors, 9).leading(3), learn_eigenspace(vectors, 3)
+    np.testing.assert_allclose(cut.basis, small.basis)
+    np.testing.assert_allclose(cut.singular_values, small.singular_values)
+    whole = learn_eigenspace(vectors, 9)
+    assert whole.leading(9) is whole
+    assert whole.leading(9, 0.5).rank == learn_eigenspace(vectors, 9, 0.5).rank

@@ -1,9 +1,12 @@
 """A batch becomes a space; the stream learner is bounded, starts early and numbers its snapshots."""
 
 from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from scipy.linalg import subspace_angles
 
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
 from streamkit_wavelet_eigen.learner import SpaceLearner, learn_space
@@ -121,3 +124,28 @@ def test_a_fisher_step_needs_a_label_for_each_window() -> None:
         learn_space(_windows(6), recipe, ["a", "b"])
     with pytest.raises(ValueError, match="at least two labels"):
         learn_space(_windows(6), recipe, ["a"] * 6)
+
+
+@pytest.mark.parametrize("name", ["orl", "coil20"])
+def test_a_stream_follows_the_batch(streamkit_data: Path, name: str) -> None:
+    """After 200 pictures, 5 at a time, the first 8 principal angles to the batch are at most 5 degrees."""
+    pictures = _pictures(sorted((streamkit_data / name).rglob("*.p[gn][mg]")))
+    recipe = Recipe(32, Preprocessing(Mode.RAW), components=16)
+    for seed in range(3):
+        chosen = np.random.default_rng(seed).permutation(pictures)[:200]
+        under_test = SpaceLearner(recipe, batch=5, forgetting=1.0)
+        under_test.add(chosen[:5])
+        for first in range(5, 200, 5):
+            under_test.add(chosen[first : first + 5])
+        assert under_test.space is not None
+        ours, theirs = under_test.space.spaces[0], learn_space(chosen, recipe).spaces[0]
+        assert ours.rank == 16
+        assert np.degrees(subspace_angles(ours.basis[:8].T, theirs.basis[:8].T)).max() <= 5.0
+
+
+def _pictures(paths: list[Path]) -> np.ndarray:
+    assert len(paths) >= 200
+    read = (cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths)
+    return np.stack([cv2.resize(one, (32, 32), interpolation=cv2.INTER_AREA) for one in read]).astype(
+        np.float32
+    )

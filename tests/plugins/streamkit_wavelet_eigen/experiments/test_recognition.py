@@ -1,0 +1,98 @@
+"""The readings on real pictures, with few repetitions: goals, shapes, and peers."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from streamkit_wavelet_eigen.experiments.databases import MissingData, data_folder, read_coil20, read_orl
+from streamkit_wavelet_eigen.experiments.methods import BEST, METHODS, MODULAR, PROPOSED
+from streamkit_wavelet_eigen.experiments.peers import (
+    chi_square_distances,
+    fisherfaces_rate,
+    lbp_rate,
+    pca_rate,
+)
+from streamkit_wavelet_eigen.experiments.protocol import Split, splits
+from streamkit_wavelet_eigen.experiments.published import TABLE_1, TABLE_3
+from streamkit_wavelet_eigen.experiments.recognition import rates, reading_a, reading_b, reading_c
+
+
+@pytest.fixture(scope="module")
+def orl(shared_folder: Path) -> list[Split]:
+    """Two splits of ORL with 5 training pictures."""
+    return list(splits(read_orl(data_folder(shared_folder)).pictures, 5, 2))
+
+
+@pytest.fixture(scope="module")
+def coil(shared_folder: Path) -> list[Split]:
+    """Two splits of COIL-20 with 9 training pictures."""
+    return list(splits(read_coil20(data_folder(shared_folder)).pictures, 9, 2))
+
+
+def test_presets_recognise_faces(orl: list[Split]) -> None:
+    """Near the figures of the whole experiment, which has ten splits, whichever preset."""
+    best, modular, paper = (rates(METHODS[name], orl[:1])["mean"] for name in (BEST, MODULAR, PROPOSED))
+    assert best >= 94.0
+    assert modular >= 91.0
+    assert paper >= 88.0
+
+
+def test_the_best_preset_recognises_objects(coil: list[Split]) -> None:
+    """Above the goal that is set for the mean of ten splits, less one deviation."""
+    assert rates(METHODS[BEST], coil[:1])["mean"] >= 91.0
+
+
+def test_reading_a_is_above_the_published_cells(orl: list[Split], coil: list[Split]) -> None:
+    """With the paper chain, for each number of targets; with one target every answer is right."""
+    columns = TABLE_1.columns["orl-5train"], TABLE_3.columns["coil20-9train"]
+    for parts, cells in zip((orl, coil), columns, strict=True):
+        figures = reading_a(METHODS[PROPOSED], parts)
+        assert figures[0]["mean"] == 100.0
+        assert all(ours["mean"] > cell for ours, cell in zip(figures, cells, strict=True))
+
+
+def test_reading_b_is_a_share(orl: list[Split]) -> None:
+    """Held-out faces are reconstructed by about four fifths, better the more targets teach the basis."""
+    figures = [figure["mean"] for figure in reading_b(orl)]
+    assert 70.0 < min(figures) < max(figures) < 95.0
+    assert figures[-1] > figures[0]
+
+
+def test_reading_c_rises_and_saturates(orl: list[Split]) -> None:
+    """More features for each block help at first; from 5 on they change little."""
+    figures = [figure["mean"] for figure in reading_c(orl)]
+    assert figures[4] > figures[0]
+    assert abs(figures[9] - figures[4]) <= 2.0
+    assert figures[9] == pytest.approx(rates(METHODS[PROPOSED], orl)["mean"], abs=0.01)
+
+
+def test_peers_are_near_their_known_rates(orl: list[Split]) -> None:
+    """scikit-learn's PCA and Fisherfaces and scikit-image's LBP, as their literature has them on ORL."""
+    assert pca_rate(orl[0]) == pytest.approx(93, abs=4)
+    assert fisherfaces_rate(orl[0]) == pytest.approx(95, abs=4)
+    assert lbp_rate(orl[0]) == pytest.approx(95, abs=5)
+
+
+def test_chi_square_is_the_sum_over_all_bins() -> None:
+    """The short form that skips empty bins gives the long form."""
+    one, other = np.random.default_rng(0).poisson(0.7, (2, 9, 40)).astype(float)
+    sums = one[:, None] + other[None]
+    squares = (one[:, None] - other[None]) ** 2
+    expected = np.divide(squares, sums, out=np.zeros_like(sums), where=sums > 0).sum(axis=2)
+    np.testing.assert_allclose([chi_square_distances(row, other) for row in one], expected, atol=1e-9)
+
+
+def test_missing_data_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No folder, a folder without databases, and a database with a picture gone: each names what to do."""
+    monkeypatch.delenv("STREAMKIT_DATA", raising=False)
+    with pytest.raises(MissingData, match="--data or set STREAMKIT_DATA"):
+        data_folder()
+    with pytest.raises(MissingData, match="there must be folders orl"):
+        data_folder(tmp_path)
+    (tmp_path / "orl").mkdir()
+    (tmp_path / "coil20").mkdir()
+    with pytest.raises(MissingData, match=r"orl/s1/1\.pgm: the database is not whole"):
+        read_orl(data_folder(tmp_path))
+    with pytest.raises(MissingData, match="20 objects with 24 views"):
+        read_coil20(tmp_path)
