@@ -155,7 +155,7 @@ def caps(
     try:
         result = found.compute(texts)
     except CapsSyntax as error:
-        text = next((text for text in texts if repr(text) in str(error)), texts[0])
+        text = next((text for text in texts if repr(text)[:-1] in str(error)), texts[0])
         _fail_syntax(error, text)
     except CapsTooLarge as error:
         _fail("too-large", str(error))

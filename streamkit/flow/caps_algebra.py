@@ -23,7 +23,8 @@ from streamkit.flow.caps_values import (
     ValueList,
 )
 
-MEMBER_LIMIT = 10_000
+MEMBER_LIMIT = 1_000
+PIECE_LIMIT = 256
 SCALARS = frozenset((int, str, bool, float, Fraction))
 
 
@@ -57,9 +58,9 @@ def _list_equal(choices: ValueList, other: Value) -> bool:
         return bool(choices.items) and all(values_equal(item, other) for item in choices.items)
     if len(choices.items) != len(other.items):
         return False
-    scalars, others = _scalar_keys(choices), _scalar_keys(other)
+    scalars, others = scalar_keys(choices), scalar_keys(other)
     if scalars is not None and others is not None:
-        return sorted(map(repr, scalars)) == sorted(map(repr, others))
+        return Counter(scalars) == Counter(others)
     left = list(other.items)
     for item in choices.items:
         place = next((i for i, known in enumerate(left) if values_equal(item, known)), None)
@@ -69,7 +70,7 @@ def _list_equal(choices: ValueList, other: Value) -> bool:
     return True
 
 
-def _scalar_keys(choices: ValueList) -> list[tuple[type, Value]] | None:
+def scalar_keys(choices: ValueList) -> list[tuple[type, Value]] | None:
     """What tells the members apart, in order; None where they are not all plain values."""
     if all(type(item) in SCALARS for item in choices.items):
         return [(type(item), item) for item in choices.items]
@@ -113,7 +114,7 @@ def join_flags(left: FlagSet, right: FlagSet) -> FlagSet | None:
 
 def _intersect_list(choices: ValueList, other: Value) -> Value | None:
     if isinstance(other, ValueList):
-        keys, others = _scalar_keys(choices), _scalar_keys(other)
+        keys, others = scalar_keys(choices), scalar_keys(other)
         if keys is not None and others is not None:
             return as_choice(_paired(keys, others))
         if len(choices.items) > 1 and _list_equal(choices, other):
@@ -203,8 +204,8 @@ def is_subset_value(inner: Value, outer: Value) -> bool:
     if kind is type(outer) and kind in SCALARS:
         return inner == outer
     if isinstance(inner, ValueList):
-        keys = _scalar_keys(inner)
-        others = _scalar_keys(outer) if keys is not None and isinstance(outer, ValueList) else None
+        keys = scalar_keys(inner)
+        others = scalar_keys(outer) if keys is not None and isinstance(outer, ValueList) else None
         if keys is not None and others is not None:
             return set(keys) <= set(others)
         return all(is_subset_value(item, outer) for item in inner.items)
@@ -236,6 +237,11 @@ def _covered(inner: Value, outer: ValueList) -> bool:
     """Whether several members of a list together allow a range: `[ 1, 3 ]` lies within `{ 1, [ 2, 3 ] }`."""
     if not isinstance(inner, RANGES) or len(outer.items) < 2:
         return False
+    keys = scalar_keys(outer)
+    if keys is not None and type(inner) is IntRange:
+        known = set(keys)
+        inside = range(inner.low, inner.high + 1, inner.step)
+        return len(inside) <= len(known) and all((int, value) in known for value in inside)
     from streamkit.flow.caps_difference import subtract_values
 
     return subtract_values(inner, outer) is None

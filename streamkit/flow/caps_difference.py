@@ -1,21 +1,23 @@
 """What is left of a value when another is taken away, and what two values make together.
 
 Both serve `simplify`. Where a difference cannot be written (a hole in a range of floats or fractions,
-ranges of unlike steps) the value stays as it is.
+ranges of unlike steps), or has very many parts, the value stays as it is.
 Source: GStreamer's documentation of its value functions, and what GStreamer 1.22 answers.
 """
 
 from __future__ import annotations
 
-from streamkit.errors import CapsTooLarge
 from streamkit.flow.caps_algebra import (
-    MEMBER_LIMIT,
+    PIECE_LIMIT,
+    SCALARS,
+    add_choices,
     as_choice,
     is_subset_value,
     join_flags,
-    values_equal,
+    scalar_keys,
 )
 from streamkit.flow.caps_values import (
+    RANGES,
     FlagSet,
     FloatRange,
     FractionRange,
@@ -30,12 +32,19 @@ from streamkit.flow.caps_values import (
 def subtract_values(minuend: Value, subtrahend: Value) -> Value | None:
     """What `minuend` allows and `subtrahend` does not; None where nothing is left."""
     if isinstance(minuend, ValueList):
+        keys = scalar_keys(minuend)
+        others = scalar_keys(subtrahend) if keys is not None and isinstance(subtrahend, ValueList) else None
+        if keys is not None and others is not None:
+            gone = set(others)
+            return as_choice([key[1] for key in keys if key not in gone])
         found: list[Value] = []
         for item in minuend.items:
             rest = subtract_values(item, subtrahend)
             found.extend(rest.items if isinstance(rest, ValueList) else () if rest is None else (rest,))
         return as_choice(found)
     if isinstance(subtrahend, ValueList):
+        if isinstance(minuend, RANGES) and len(subtrahend.items) > PIECE_LIMIT:
+            return minuend
         left: Value | None = minuend
         for item in subtrahend.items:
             if left is None:
@@ -118,11 +127,14 @@ def unite_values(left: Value, right: Value) -> Value | None:
     if _member_type(left) is not _member_type(right):
         return None
     items = list(left.items if isinstance(left, ValueList) else (left,))
+    known = {(type(item), item) for item in items if type(item) in SCALARS}
     for item in right.items if isinstance(right, ValueList) else (right,):
-        if not any(values_equal(item, known) for known in items):
-            items.append(item)
-    if len(items) > MEMBER_LIMIT:
-        raise CapsTooLarge(f"a field of the caps has more than {MEMBER_LIMIT} alternatives")
+        if type(item) in SCALARS:
+            if (type(item), item) not in known:
+                known.add((type(item), item))
+                items.append(item)
+        else:
+            add_choices(items, item)
     return as_choice(items)
 
 

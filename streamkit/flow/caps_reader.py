@@ -12,6 +12,7 @@ from fractions import Fraction
 from typing import Any
 
 from streamkit.errors import CapsSyntax
+from streamkit.flow.caps_algebra import SCALARS
 from streamkit.flow.caps_structure import Structure
 from streamkit.flow.caps_text import (
     READERS,
@@ -44,8 +45,10 @@ NESTED = re.compile(rf"\s*{NAME.pattern}\s*(?:[\];(]|,\s*(?:[\];]|{FIELD.pattern
 WORDS = ("ANY", "EMPTY", "NONE")
 SYSTEM_MEMORY = "memory:SystemMemory"
 DEPTH_LIMIT = 16
-TEXT_LIMIT = 32_768
-STRUCTURE_LIMIT = 1_000
+TEXT_LIMIT = 16_384
+STRUCTURE_LIMIT = 256
+MEMBER_LIMIT = 512
+SHOWN_LENGTH = 400
 CapsMaker = Callable[[tuple[Structure, ...] | None], NestedValue]
 
 
@@ -63,13 +66,15 @@ class CapsReader:
         self.make_caps = make_caps
         self.depth = depth
         self.position = 0
+        self.members = 0
         if len(text) > TEXT_LIMIT:
             raise CapsSyntax(f"caps text of {len(text)} characters: at most {TEXT_LIMIT} are read")
 
     def fail(self, rule: str, *, start: int | None = None, hint: str = "") -> CapsSyntax:
         """The error for the place where reading stands, or for the text from `start` up to it."""
         place = self.position if start is None else start
-        message = f"caps {self.text!r}, at character {place}: {rule}"
+        shown = self.text if len(self.text) <= SHOWN_LENGTH else f"{self.text[:SHOWN_LENGTH]}..."
+        message = f"caps {shown!r}, at character {place}: {rule}"
         return CapsSyntax(message, place, self.position - place, rule=rule, hint=hint)
 
     def skip_blanks(self) -> None:
@@ -222,6 +227,9 @@ class CapsReader:
             raise self.fail("expected a value before ','")
         while not self.accept(closing):
             found.append(self.value(kind))
+            self.members += type(found[-1]) not in SCALARS
+            if self.members > MEMBER_LIMIT:
+                raise self.fail(f"lists hold at most {MEMBER_LIMIT} ranges, arrays and structures in all")
             if not self.accept(","):
                 if not self.accept(closing):
                     raise self.fail(f"expected ',' or '{closing}'")
