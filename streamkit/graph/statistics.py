@@ -68,6 +68,7 @@ class ElementStatistics(msgspec.Struct, frozen=True):
 
     Attributes:
         element: its name.
+        parent: name of the bin it stands in, or "".
         factory: its type.
         frames_in: frames that arrived, over all sink pads.
         frames_out: frames that left, over all src pads.
@@ -82,6 +83,7 @@ class ElementStatistics(msgspec.Struct, frozen=True):
     """
 
     element: str
+    parent: str
     factory: str
     frames_in: int
     frames_out: int
@@ -138,21 +140,21 @@ class Tally:
 
 
 class _Sums:
-    """What the chains of a graph add up to, by pad and by element."""
+    """What the chains of a graph add up to, by pad and by element, whose name another may share."""
 
     def __init__(self, chains: Iterable[Chain]) -> None:
         self.frames: Counter[Pad] = Counter()
-        self.came: Counter[str] = Counter()
-        self.left: Counter[str] = Counter()
-        self.busy_ns: Counter[str] = Counter()
-        self.newest_ns: dict[str, int] = {}
-        self._behind: dict[str, list[Chain]] = {}
+        self.came: Counter[int] = Counter()
+        self.left: Counter[int] = Counter()
+        self.busy_ns: Counter[int] = Counter()
+        self.newest_ns: dict[int, int] = {}
+        self._behind: dict[int, list[Chain]] = {}
         for chain in chains:
-            self._behind.setdefault(chain.src.element.name, []).append(chain)
+            self._behind.setdefault(id(chain.src.element), []).append(chain)
             self._add(chain)
             chain.due = 0  # whoever looks now and then sees an age that is no older than the last look
         for owner in [behind[0].src.element for behind in self._behind.values()]:
-            self._settle(owner, self._behind[owner.name])
+            self._settle(owner, self._behind[id(owner)])
 
     def _add(self, chain: Chain) -> None:
         """Adds what one chain counted."""
@@ -161,19 +163,19 @@ class _Sums:
         for index, (element, count, busy_ns) in reversed(list(enumerate(chain.received()))):
             newest_ns = chain.newest_ns[index] or newest_ns  # a passthrough passes what came behind it
             self._see(element, newest_ns)
-            self.came[element.name] += count
+            self.came[id(element)] += count
             self.frames[chain.sinks[index]] += count
-            self.busy_ns[element.name] += busy_ns
+            self.busy_ns[id(element)] += busy_ns
             if index < len(chain.transforms):
                 self._leave(chain.transforms[index].src_pad, count - chain.swallowed[index])
         self._see(chain.src.element, newest_ns)
 
     def _leave(self, pad: Pad, count: int) -> None:
         self.frames[pad] += count
-        self.left[pad.element.name] += count
+        self.left[id(pad.element)] += count
 
     def _see(self, element: Element, newest_ns: int) -> None:
-        self.newest_ns[element.name] = max(newest_ns, self.newest_ns.get(element.name, 0))
+        self.newest_ns[id(element)] = max(newest_ns, self.newest_ns.get(id(element), 0))
 
     def _settle(self, owner: Element, behind: list[Chain]) -> None:
         """Tells the work of an element from that of the chains it calls: a source's, a tee's."""
@@ -181,13 +183,13 @@ class _Sums:
             return
         if isinstance(owner, Source):
             made_ns = 0 if owner.is_live else behind[0].source_ns
-            self.busy_ns[owner.name] = made_ns - sum(self._spent_ns(chain) for chain in behind[1:])
+            self.busy_ns[id(owner)] = made_ns - sum(self._spent_ns(chain) for chain in behind[1:])
         else:
-            self.busy_ns[owner.name] -= sum(self._spent_ns(chain) for chain in behind)
+            self.busy_ns[id(owner)] -= sum(self._spent_ns(chain) for chain in behind)
 
     def _spent_ns(self, chain: Chain) -> int:
         """Working time in a chain, with the chains of transforms that make several frames of one."""
-        nested = (beyond for transform in chain.transforms for beyond in self._behind.get(transform.name, ()))
+        nested = (beyond for transform in chain.transforms for beyond in self._behind.get(id(transform), ()))
         return sum(chain.busy_ns) + sum(self._spent_ns(beyond) for beyond in nested)
 
 
@@ -206,17 +208,18 @@ def collect_statistics(
 
     def row(element: Element) -> ElementStatistics:
         name = element.name
-        newest_ns = sums.newest_ns.get(name, 0)
+        newest_ns = sums.newest_ns.get(id(element), 0)
         waited_ns = element.waited_ns if isinstance(element, Sink) else 0
         return ElementStatistics(
             element=name,
+            parent=element.parent,
             factory=element.factory,
-            frames_in=sums.came[name],
-            frames_out=sums.left[name],
+            frames_in=sums.came[id(element)],
+            frames_out=sums.left[id(element)],
             dropped=dict(element.drops),
             errors=counts[name, MessageKind.ERROR],
             warnings=counts[name, MessageKind.WARNING],
-            busy_ns=max(0, sums.busy_ns[name] - waited_ns),
+            busy_ns=max(0, sums.busy_ns[id(element)] - waited_ns),
             age_ns=max(0, now_ns - newest_ns) if newest_ns else None,
             queue=_levels(element) if isinstance(element, Levelled) else None,
             pads=[_pad_row(pad, sums.frames[pad]) for pad in list(element.pads.values())],

@@ -1,0 +1,166 @@
+"""Drawings of a graph in the languages of Graphviz and Mermaid, with the counters of a run if given."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from streamkit.cli.description import fail_usage
+
+if TYPE_CHECKING:
+    from streamkit.cli.table import Row
+    from streamkit.element.base import Element
+    from streamkit.element.pad import Pad
+    from streamkit.graph.graph import Graph
+
+SIZE_LIMIT = 50_000_000
+SVG_LIMIT_S = 30
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """What a run has to add to a drawing.
+
+    Attributes:
+        elements: lines to add to an element, by `id`.
+        links: lines to add to a link, by the `id` of its sink pad.
+        busy: share of the time that an element worked, 0 to 1, by `id`.
+    """
+
+    elements: dict[int, list[str]] = field(default_factory=dict)
+    links: dict[int, list[str]] = field(default_factory=dict)
+    busy: dict[int, float] = field(default_factory=dict)
+
+
+def link_caps(src: Pad, sink: Pad) -> str:
+    """The caps two pads can agree on, as far as is known before data flows."""
+    return str(sink.query_caps() & src.query_caps())
+
+
+def read_notes(built: Graph, file: Path | None) -> Notes:
+    """The counters in a file of `launch --stats-file`, for the elements of a graph; leaves with 2 if bad."""
+    if file is None:
+        return Notes()
+    import msgspec
+
+    from streamkit.cli.table import measure_rows
+    from streamkit.graph.statistics import RunStatistics
+
+    try:
+        if file.stat().st_size > SIZE_LIMIT:
+            fail_usage(f"{file}: statistics have at most {SIZE_LIMIT} bytes")
+        statistics = msgspec.json.decode(file.read_bytes(), type=RunStatistics)
+    except OSError as error:
+        fail_usage(f"cannot read the statistics {file}: {error.strerror}")
+    except msgspec.DecodeError as error:
+        fail_usage(f"{file}: no statistics as launch --stats-file writes them: {error}")
+    rows = {(row.counters.parent, row.counters.element): row for row in measure_rows(statistics)}
+    if not any((element.parent, element.name) in rows for element in built.elements):
+        fail_usage(f"{file}: none of its elements is in this description; give the one that was run")
+    notes = Notes()
+    for element in built.elements:
+        if (row := rows.get((element.parent, element.name))) is not None:
+            _note(notes, element, row, statistics.elapsed_s)
+    return notes
+
+
+def _note(notes: Notes, element: Element, row: Row, elapsed_s: float) -> None:
+    from streamkit.cli.table import age_text, dropped_text, queue_text
+
+    counters = row.counters
+    notes.busy[id(element)] = 0.0 if counters.queue is not None else row.busy
+    lines = (
+        [f"queue {queue_text(counters.queue)}"] if counters.queue is not None else [f"busy {row.busy:.0%}"]
+    )
+    lines += [f"errors {counters.errors}"] if counters.errors else []
+    lines += [f"age {age_text(counters.age_ns)}"] if counters.age_ns is not None else []
+    frames = {pad.pad: pad.frames for pad in counters.pads}
+    dropped = [f"dropped {dropped_text(counters.dropped)}"] if counters.dropped else []
+    for pad in element.sink_pads():
+        count = frames.get(pad.name, 0)
+        rate = f", {count / elapsed_s:.1f}/s" if elapsed_s > 0 else ""
+        notes.links[id(pad)] = [f"{count} frames{rate}", *dropped]
+        dropped = []
+    notes.elements[id(element)] = lines + dropped
+
+
+def _ids(built: Graph) -> dict[int, str]:
+    """What each element is called in a drawing: its name, with a number where bins share one."""
+    taken: Counter[str] = Counter()
+    found = {}
+    for element in built.elements:
+        taken[element.name] += 1
+        number = taken[element.name]
+        found[id(element)] = element.name if number == 1 else f"{element.name} ({number})"
+    return found
+
+
+def _label(element: Element, notes: Notes) -> str:
+    settings = [f"{name}={value}" for name, value in element.settings().items()]
+    return "\n".join([element.name, *settings, *notes.elements.get(id(element), ())])
+
+
+def _link_label(src: Pad, sink: Pad, notes: Notes) -> str:
+    return "\n".join([link_caps(src, sink), *notes.links.get(id(sink), ())])
+
+
+def _colour(busy: float) -> str:
+    """White for an idle element, orange for one that always works."""
+    return f"#ff{round(255 - 90 * busy):02x}{round(255 - 255 * busy):02x}"
+
+
+def as_dot(built: Graph, notes: Notes) -> str:
+    """The graph in Graphviz's language."""
+
+    def quoted(text: str) -> str:
+        return json.dumps(text).replace("\\\\n", "\\n")
+
+    ids = _ids(built)
+    lines = ["digraph pipeline {", "  rankdir=LR;", "  node [shape=box, fontname=sans];"]
+    for element in built.elements:
+        share = notes.busy.get(id(element))
+        colour = "" if share is None else f', style=filled, fillcolor="{_colour(share)}"'
+        lines.append(f"  {quoted(ids[id(element)])} [label={quoted(_label(element, notes))}{colour}];")
+    for src, sink in built.links():
+        ends = f"{quoted(ids[id(src.element)])} -> {quoted(ids[id(sink.element)])}"
+        lines.append(f"  {ends} [label={quoted(_link_label(src, sink, notes))}];")
+    return "\n".join([*lines, "}"])
+
+
+def as_mermaid(built: Graph, notes: Notes) -> str:
+    """The graph in Mermaid's language."""
+    ids = {id(element): f"n{index}" for index, element in enumerate(built.elements)}
+
+    def text(words: str) -> str:
+        return words.replace('"', "#quot;").replace("\n", "<br>")
+
+    lines = ["flowchart LR"]
+    lines += [f'  {ids[id(element)]}["{text(_label(element, notes))}"]' for element in built.elements]
+    for src, sink in built.links():
+        label = text(_link_label(src, sink, notes))
+        lines.append(f'  {ids[id(src.element)]} -- "{label}" --> {ids[id(sink.element)]}')
+    lines += [f"  style {ids[key]} fill:{_colour(share)}" for key, share in notes.busy.items()]
+    return "\n".join(lines)
+
+
+def as_svg(built: Graph, notes: Notes) -> str:
+    """The graph as a picture, drawn by Graphviz where its `dot` is installed."""
+    dot = shutil.which("dot")
+    if dot is None:
+        fail_usage("svg needs the program dot of Graphviz; install Graphviz, or use --format mermaid")
+    drawn = subprocess.run(
+        [dot, "-Tsvg"],
+        input=as_dot(built, notes),
+        capture_output=True,
+        text=True,
+        timeout=SVG_LIMIT_S,
+        check=False,
+    )
+    if drawn.returncode:
+        fail_usage(f"dot could not draw the graph: {drawn.stderr.strip()[:300]}")
+    return drawn.stdout
