@@ -1,17 +1,28 @@
-"""stitch: places each frame on the ground plane, and writes the mosaic of what was seen."""
+"""stitch: places each frame on the ground plane, and joins the frames to a mosaic."""
 
 from __future__ import annotations
 
-import enum
-from dataclasses import asdict
+import math
+from dataclasses import asdict, replace
+from fractions import Fraction
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
 
 from streamkit import (
     LUMA_CAPS,
+    Caps,
+    CapsEvent,
+    Direction,
+    EndOfStream,
+    EosEvent,
+    Event,
     Frame,
     FrameFlags,
+    PadTemplate,
+    Pose,
+    Presence,
     Property,
     Registration,
     RegistrationStatus,
@@ -19,20 +30,24 @@ from streamkit import (
     Transform,
     luma,
 )
-from streamkit_stitcher.mosaic.canvas import PictureArray
+from streamkit_stitcher.flight_plan.plan import CameraView, FlightPlan, parse_strip, plan_strip
+from streamkit_stitcher.homographies import inverse
+from streamkit_stitcher.mosaic.georeference import PositionFix
 from streamkit_stitcher.mosaic.picture_file import check_location
-from streamkit_stitcher.mosaic.recorder import MosaicRecorder, WrittenMosaic
-from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.plane.tracker import Placement, PlaneTracker
+from streamkit_stitcher.mosaic.recorder import MosaicRecorder, RecorderSettings, WrittenMosaic
+from streamkit_stitcher.mosaic.seams import SeamKind
+from streamkit_stitcher.mosaic.tiles import PictureArray
+from streamkit_stitcher.plane.placement import Placement
+from streamkit_stitcher.plane.settings import ModelChoice, PlaneSettings, ReferenceChoice
+from streamkit_stitcher.plane.tracker import PlaneTracker
 from streamkit_stitcher.registration.motion_models import FitLimits
 
 _TO_BGR = {"I420": cv2.COLOR_YUV2BGR_I420, "NV12": cv2.COLOR_YUV2BGR_NV12}
-
-
-class ReferencePlane(enum.StrEnum):
-    """The plane that frames are placed on."""
-
-    FIRST = "first"
+_FROM_BGR = {"I420": cv2.COLOR_BGR2YUV_I420, "GRAY8": cv2.COLOR_BGR2GRAY}
+_COLOUR_FIRST = Caps("video/x-raw, format={ I420, NV12, GRAY8 }")
+_PREVIEW_CAPS = Caps("video/x-raw, format={ BGR, I420, GRAY8 }, width=[ 16, 8192 ], height=[ 16, 8192 ]")
+_PREVIEW = Caps("video/x-raw, width=1280, height=720")
+_NS = 1_000_000_000
 
 
 class Stitch(Transform):
@@ -40,25 +55,33 @@ class Stitch(Transform):
 
     Pixels pass untouched. A frame that cannot be placed passes too, marked `lost`, with the camera's last
     motion carried on. After a cut, a new epoch or a new frame size the plane has another number and status
-    `cut`. The mosaic is written at EOS, or when the pipeline stops before; a message `mosaic` tells its size.
+    `cut`. Where the plane moves - its reference changes, key frames were adjusted, the camera came back to
+    ground it knows - the frame carries `reference_change`, so that whoever follows moves along.
+
+    The mosaic is written at EOS, or when the pipeline stops before; a message `mosaic` tells its size. The
+    pad `mosaic` shows it as it grows; put a queue behind it.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! fakesink
     """
 
     sink = src = LUMA_CAPS
+    templates: ClassVar = (PadTemplate("mosaic", Direction.SRC, _PREVIEW_CAPS, Presence.REQUEST),)
+
     location: str | None = Property(
-        None,
-        doc="Path of the mosaic, .png or .jpg; %d in it gives each plane a file, else the largest is kept.",
+        None, doc="Path of the mosaic, .png, .jpg or .tif; %d in it gives each plane a file."
     )
-    reference: ReferencePlane = Property(
-        ReferencePlane.FIRST, doc="Plane of the placements: that of the first usable frame."
+    reference: ReferenceChoice = Property(
+        ReferenceChoice.CENTER, doc="Plane of the placements: the middle key frame's, or the first frame's."
+    )
+    model: ModelChoice = Property(
+        ModelChoice.AUTO, doc="What the motion may be; auto takes the simplest that explains the frames."
     )
     registration_width: int = Property(
         640, min=64, max=4096, unit="px", doc="Frames are halved to this width or less to follow the motion."
     )
     max_points: int = Property(
-        220, min=20, max=2000, doc="Corners followed from frame to frame; more is slower and steadier."
+        220, min=20, max=2000, doc="Points compared in each frame; more is slower and steadier."
     )
     ransac_threshold: float = Property(
         1.0, min=0.1, max=20.0, unit="px at registration width", doc="Largest residual of an inlier."
@@ -72,22 +95,80 @@ class Stitch(Transform):
     keyframe_overlap: float = Property(
         0.65, min=0.3, max=0.95, doc="A frame that shares less than this with its key frame becomes one."
     )
+    window: int = Property(
+        12, min=0, max=60, doc="Newest key frames that are adjusted together at each new one; 0 for none."
+    )
+    ba_iterations: int = Property(8, min=1, max=100, doc="Most steps of such an adjustment.")
+    huber: float = Property(1.5, min=0.1, unit="px", doc="Residual from which a tie point counts less.")
+    strip_length: int = Property(
+        0, min=0, max=100_000, doc="Key frames of the whole flight strip; 0 if nobody knows."
+    )
+    strip: str | None = Property(
+        None, doc="Longitude and latitude of the strip's two ends, lon,lat,lon,lat; tells its length."
+    )
+    altitude: float = Property(0.0, min=0.0, unit="m", doc="Height above the ground, for `strip`.")
+    field_of_view: float = Property(
+        0.0, min=0.0, max=170.0, unit="deg", doc="Horizontal field of view of the camera, for `strip`."
+    )
+    speed: float = Property(0.0, min=0.0, unit="m/s", doc="Speed over the ground, for `strip`.")
+    final: bool = Property(
+        True, doc="At the end adjust all key frames together and blend them; else keep the mosaic as it grew."
+    )
+    seam: SeamKind = Property(SeamKind.VORONOI, doc="How frames share the ground in the final mosaic.")
     max_canvas_mpx: float = Property(
-        64.0, min=1.0, max=1024.0, unit="Mpx", doc="Size at which the mosaic halves its resolution."
+        64.0, min=1.0, max=1024.0, unit="Mpx", doc="Mosaic kept in memory; the rest goes to a temporary file."
+    )
+    preview_interval: float = Property(
+        1.0, min=0.0, unit="s", doc="Least time between two frames of the pad `mosaic`."
     )
 
     def start(self) -> None:
-        """Begins without a plane; refuses a location that could not be written at the end."""
-        self._tracker = PlaneTracker(self._settings())
+        """Begins without a plane; refuses a location or strip that could not be used at the end."""
+        self._tracker = PlaneTracker(self._settings(0, 0))
         self._recorder: MosaicRecorder | None = None
         self._epoch: int | None = None
-        if self.location is None:
-            return
+        self._previewed_pts = 0
+        self._preview_due = False
+        self._preview_caps: Caps | None = None
         try:
-            check_location(self.location)
-        except OSError as error:
+            if self.strip is not None:
+                parse_strip(self.strip)
+            if self.location is not None:
+                check_location(self.location)
+        except (OSError, ValueError) as error:
             raise ResourceError(f"{self.name}: {error}") from error
-        self._recorder = MosaicRecorder(self.location, round(self.max_canvas_mpx * 1e6))
+        if self._wants_mosaic:
+            self._recorder = MosaicRecorder(
+                RecorderSettings(self.location, round(self.max_canvas_mpx * 1e6), self.final, self.seam)
+            )
+
+    def query_caps(self, pad: Any) -> Caps:
+        """What a pad can carry: the mosaic is made here, frames pass as they come."""
+        if pad.name == "mosaic":
+            return _PREVIEW_CAPS
+        return super().query_caps(pad)
+
+    def property_changed(self, name: str) -> None:
+        """A mosaic is better in colour, so colour is asked for first."""
+        if name == "location" and self.location is not None:
+            self._prefer_colour()
+
+    def request_pad(self, template: PadTemplate, name: str = "") -> Any:
+        """Makes the pad `mosaic`."""
+        self._prefer_colour()
+        return super().request_pad(template, name)
+
+    def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
+        """Reckons with the strip, now that the frames' size and rate are known."""
+        if self.strip is None:
+            return
+        rate = sink_caps.get("framerate")
+        shape = sink_caps.integer("height"), sink_caps.integer("width")
+        plan = self._plan(self.strip, shape)
+        frames = round(plan.interval_s * rate) if isinstance(rate, Fraction) and rate > 0 else 0
+        self._tracker.close()
+        self._tracker = PlaneTracker(self._settings(plan.images, max(1, frames)))
+        self.post_message("flight-plan", **asdict(plan))
 
     def transform(self, frame: Frame) -> Frame:
         """Attaches Registration to the frame and lays it into the mosaic where it shows new ground."""
@@ -102,14 +183,25 @@ class Stitch(Transform):
             self._record(self._recorder, placement, frame, (grey.shape[0], grey.shape[1]))
         return frame.attach(registration(placement))
 
+    def event(self, event: Event) -> None:
+        """Events reach whoever watches the mosaic, too."""
+        pad = self._mosaic_pad
+        if pad is not None and not isinstance(event, (CapsEvent, EosEvent)):
+            pad.send_event(event)
+
     def drain(self) -> tuple[()]:
-        """Writes the mosaic.
+        """Shows the mosaic for the last time and writes it.
 
         Raises:
             ResourceError: it cannot be written.
         """
+        pad = self._mosaic_pad
+        if pad is not None:
+            if self._recorder is not None:
+                self._show(pad, self._recorder, None)
+            pad.send_event(EosEvent())
         try:
-            self._finish()
+            self._finish(current=True)
         except OSError as error:
             raise ResourceError(f"{self.name}: the mosaic is lost: {error}") from error
         return ()
@@ -117,13 +209,29 @@ class Stitch(Transform):
     def stop(self) -> None:
         """Writes the mosaic if EOS did not come, and lets go of it."""
         try:
-            self._finish()
+            self._finish(current=True)
         except OSError as error:
             self.post_warning(f"the mosaic is lost: {error}")
+        if self._recorder is not None:
+            self._recorder.close()
         self._recorder = None
-        self._tracker.restart()
+        self._tracker.close()
 
-    def _settings(self) -> PlaneSettings:
+    @property
+    def _mosaic_pad(self) -> Any:
+        pad = self.pads.get("mosaic")
+        return pad if pad is not None and pad.peer is not None else None
+
+    @property
+    def _wants_mosaic(self) -> bool:
+        return self.location is not None or "mosaic" in self.pads
+
+    def _prefer_colour(self) -> None:
+        for name in ("sink", "src"):
+            pad = self.pads[name]
+            pad.template = replace(pad.template, caps=_COLOUR_FIRST)
+
+    def _settings(self, strip_length: int, interval: int) -> PlaneSettings:
         limits = FitLimits(
             threshold=self.ransac_threshold, min_inliers=self.min_inliers, min_ratio=self.min_inlier_ratio
         )
@@ -132,26 +240,87 @@ class Stitch(Transform):
             max_points=self.max_points,
             limits=limits,
             keyframe_overlap=self.keyframe_overlap,
+            keyframe_interval=interval,
+            model=self.model,
+            reference=self.reference,
+            strip_length=strip_length or self.strip_length,
+            window=self.window,
+            adjustment_iterations=self.ba_iterations,
+            huber=self.huber,
         )
+
+    def _plan(self, strip: str, shape: tuple[int, int]) -> FlightPlan:
+        try:
+            view = CameraView.of_width(math.radians(self.field_of_view), shape)
+            return plan_strip(
+                parse_strip(strip), self.altitude, view, self.keyframe_overlap, self.speed, shape[1]
+            )
+        except (ValueError, ZeroDivisionError) as error:
+            raise ResourceError(
+                f"{self.name}: strip needs altitude, field-of-view and speed above 0: {error}"
+            ) from error
+        except ImportError as error:
+            raise ResourceError(
+                f"{self.name}: strip needs pyproj; install streamkit with its extra: "
+                "pip install 'streamkit[geo]'"
+            ) from error
 
     def _record(
         self, recorder: MosaicRecorder, placement: Placement, frame: Frame, shape: tuple[int, int]
     ) -> None:
         refused = recorder.refused
         try:
-            self._announce(recorder.add(placement, shape, lambda: picture_of(frame)))
+            if recorder.is_other_plane(placement):
+                self._finish(current=False)
+            changed = recorder.add(placement, shape, lambda: picture_of(frame), position_of(frame))
         except OSError as error:
             # The frames matter more than a picture of an earlier plane: the stream goes on.
             self.post_warning(f"the mosaic of an earlier plane is lost: {error}")
+            return
         if recorder.refused and not refused:
             self.post_warning(
-                f"{frame.describe()} does not fit into the mosaic of {self.max_canvas_mpx} Mpx and is left "
-                "out, as others may be; raise max-canvas-mpx, or see whether the registration holds"
+                f"{frame.describe()} does not fit into the mosaic and is left out, as others may be; see "
+                "whether the registration holds"
             )
+        self._preview_due |= changed
+        pad = self._mosaic_pad
+        since_ns = (frame.pts or 0) - self._previewed_pts
+        if pad is not None and self._preview_due and since_ns >= self.preview_interval * _NS:
+            self._show(pad, recorder, frame)
 
-    def _finish(self) -> None:
-        if self._recorder is not None:
-            self._announce(self._recorder.finish())
+    def _show(self, pad: Any, recorder: MosaicRecorder, frame: Frame | None) -> None:
+        """Sends the mosaic as it is through its pad."""
+        if recorder.mosaic.canvas.is_empty:
+            return
+        if self._preview_caps is None:
+            allowed = pad.peer_caps() & _PREVIEW_CAPS
+            self._preview_caps = allowed.fixate(near=_PREVIEW)
+            pad.send_event(CapsEvent(self._preview_caps))
+        caps = self._preview_caps
+        picture, matrix = recorder.mosaic.canvas.preview(caps.integer("width"), caps.integer("height"))
+        place = Registration(np.eye(3), inverse(matrix), reference=recorder.reference)
+        pts = self._previewed_pts if frame is None else frame.pts
+        shown = Frame(_in_format(picture, str(caps["format"])), caps, pts=pts).attach(place)
+        self._previewed_pts, self._preview_due = pts or 0, False
+        try:
+            pad.push(shown)
+        except EndOfStream:
+            pad.unlink()
+
+    def _finish(self, current: bool) -> None:
+        """Writes the mosaic of the plane that was left, or of the current one."""
+        plane = self._tracker.take_plane(current)
+        if self._recorder is None:
+            if plane is not None:
+                plane.close()
+            return
+        places, rmse = None, 0.0
+        if plane is not None:
+            if self.final:
+                rmse = plane.finish()
+                places = dict(plane.places)
+            plane.close()
+        self._announce(self._recorder.finish(places, rmse))
 
     def _announce(self, written: WrittenMosaic | None) -> None:
         if written is not None:
@@ -164,6 +333,7 @@ def registration(placement: Placement) -> Registration:
         placement.to_previous,
         placement.to_reference,
         reference=placement.reference,
+        reference_change=placement.change,
         status=RegistrationStatus(placement.status.value),
         keyframe=placement.keyframe,
         matches=placement.matches,
@@ -178,3 +348,16 @@ def picture_of(frame: Frame) -> PictureArray:
     if code is None:
         return luma(frame)
     return np.asarray(cv2.cvtColor(frame.data, code), dtype=np.uint8)
+
+
+def position_of(frame: Frame) -> PositionFix | None:
+    """Where the camera was, if the frame tells and its telemetry is not too old."""
+    pose = frame.get(Pose)
+    return None if pose is None or pose.is_stale else PositionFix(pose.latitude, pose.longitude)
+
+
+def _in_format(picture: PictureArray, pixel_format: str) -> PictureArray:
+    """uint8[h, w, c] in a pixel format."""
+    colours = np.asarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)) if picture.shape[2] == 1 else picture
+    code = _FROM_BGR.get(pixel_format)
+    return np.asarray(colours if code is None else cv2.cvtColor(colours, code), dtype=np.uint8)

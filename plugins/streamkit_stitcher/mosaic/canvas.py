@@ -1,78 +1,95 @@
-"""A bounded canvas on a plane that grows to what is painted, and halves rather than outgrow its limit."""
+"""A tiled canvas on a plane, which moves with the plane and halves its resolution rather than fail."""
 
+from itertools import pairwise
 from typing import Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import FloatArray
+from streamkit_stitcher.homographies import IDENTITY, FloatArray, inverse, normalised
+from streamkit_stitcher.mosaic.tiles import TILE, PictureArray, Tile, TileStore
 
-PictureArray = npt.NDArray[np.uint8]
 CellArray = npt.NDArray[np.int64]
 
-_GROWTH: Final = 0.25
 _SMALLEST_SCALE: Final = 1 / 16
+_SPILL_FACTOR: Final = 16
+_LONGEST_SIDE: Final = 500_000
+_COARSE: Final = TILE // 64
+_PREVIEW_WHOLE_PX: Final = 4_000_000
 
 
 class Canvas:
     """Pixels and their depth over the part of a plane painted so far.
 
-    Canvas pixel c shows the plane at (c + 0.5) / scale - 0.5, so that halving averages whole blocks. The
-    arrays cover a box of such pixels from `origin` on, with room to grow.
+    Canvas pixel c shows the plane at (c + 0.5) / scale - 0.5, so that halving averages whole blocks.
 
     Args:
-        max_px: most pixels of the painted box.
+        max_px: most pixels kept in memory; sixteen times as many go to a file before the scale is halved.
 
     Attributes:
-        scale: canvas pixels per px of the plane, 1 or a power of a half.
-        origin: int64[2], canvas x y of the arrays' first pixel.
-        pixels: uint8[h, w] or uint8[h, w, 3].
-        depth: uint8[h, w], 0 where nothing was painted.
+        scale: canvas pixels per px of the plane that was the first, 1 or a power of a half.
     """
 
     def __init__(self, max_px: int) -> None:
-        self._limit = max_px
+        self._memory_px = max_px
+        self._limit = max_px * _SPILL_FACTOR
         self.scale = 1.0
-        self.origin: CellArray = np.zeros(2, dtype=np.int64)
-        self.pixels: PictureArray = np.zeros((0, 0), dtype=np.uint8)
-        self.depth: PictureArray = np.zeros((0, 0), dtype=np.uint8)
+        self._store: TileStore | None = None
         self._low: CellArray = np.zeros(2, dtype=np.int64)
         self._high: CellArray = np.zeros(2, dtype=np.int64)
+        self._from_current = IDENTITY
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing was painted yet."""
-        return self.depth.size == 0
+        return self._store is None
+
+    @property
+    def channels(self) -> int:
+        """Channels of the pixels: 1 for grey, 3 for colour; 0 before anything was painted."""
+        return 0 if self._store is None else self._store.channels
+
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """Left, top, right and bottom of what was asked room for, canvas px, the last two exclusive."""
+        left, top = self._low.tolist()
+        right, bottom = self._high.tolist()
+        return left, top, right, bottom
 
     @property
     def from_plane(self) -> FloatArray:
-        """float64[3, 3] from the plane to indices of the arrays."""
-        return self._from_plane(self.origin)
+        """float64[3, 3] from the present plane to canvas px."""
+        offset = 0.5 * self.scale - 0.5
+        scaling = np.array([[self.scale, 0, offset], [0, self.scale, offset], [0, 0, 1]])
+        return normalised(scaling @ self._from_current)
 
     @property
-    def painted_from_plane(self) -> FloatArray:
-        """float64[3, 3] from the plane to the pixels of `painted()`."""
-        return self._from_plane(self._low)
+    def covered_px(self) -> float:
+        """Painted area, in px of the plane, to an eighth of a pixel's step."""
+        if self._store is None:
+            return 0.0
+        cells = [self._store.coarse_depth(key) for key in self._store.keys]
+        painted = sum(int(np.count_nonzero(depth)) for depth in cells if depth is not None)
+        return painted * _COARSE**2 / self.scale**2
 
-    def painted(self) -> PictureArray:
-        """The box that encloses all that was asked room for, a view of the arrays."""
-        left, top = self._low - self.origin
-        right, bottom = self._high - self.origin
-        return self.pixels[top:bottom, left:right]
+    def move_plane(self, change: FloatArray) -> None:
+        """Follows a change of the plane, float64[3, 3] old to new: what is painted stays where it is."""
+        self._from_current = normalised(self._from_current @ inverse(change))
 
-    def make_room(self, points: FloatArray, dimensions: int) -> bool:
-        """Lets the arrays enclose points of the plane, at half the scale if need be.
+    def make_room(self, points: FloatArray, channels: int) -> bool:
+        """Lets the canvas enclose points, at half the scale if need be.
 
         Args:
-            points: float64[n, 2], x y on the plane.
-            dimensions: of the pixels, 2 for grey and 3 for colour; only the first call decides.
+            points: float64[n, 2], x y in px of a canvas at scale 1.
+            channels: of the pixels; only the first call decides.
 
         Returns:
             False, with nothing changed, where a sixteenth of the resolution would not be enough.
         """
-        scale = self.scale
-        low, high = self._low, self._high
+        if float(np.abs(points).max()) > _LONGEST_SIDE:
+            return False
+        scale, low, high = self.scale, self._low, self._high
         while True:
             cells = (points + 0.5) * scale - 0.5
             need_low = np.floor(cells.min(axis=0)).astype(np.int64)
@@ -86,54 +103,132 @@ class Canvas:
                 return False
         while self.scale > scale:
             self._halve()
-        self._enclose(need_low, need_high, dimensions)
+        if self._store is None:
+            self._store = TileStore(channels, self._memory_px)
+        self._low, self._high = need_low, need_high
         return True
 
-    def _from_plane(self, origin: CellArray) -> FloatArray:
-        offset = 0.5 * self.scale - 0.5 - origin
-        return np.array([[self.scale, 0, offset[0]], [0, self.scale, offset[1]], [0, 0, 1]])
+    def at_scale_one(self, points: FloatArray) -> FloatArray:
+        """Points of the present plane, float64[n, 2], in px of a canvas at scale 1."""
+        mapped = cv2.perspectiveTransform(points.reshape(1, -1, 2), self._from_current)
+        return np.asarray(mapped, dtype=np.float64).reshape(-1, 2)
 
-    def _enclose(self, low: CellArray, high: CellArray, dimensions: int) -> None:
-        size = np.array(self.depth.shape[::-1])
-        self._low, self._high = low, high
-        if not self.is_empty and (low >= self.origin).all() and (high <= self.origin + size).all():
-            return
-        margin = np.ceil((high - low) * _GROWTH).astype(np.int64)
-        if int(np.prod(high - low + 2 * margin)) > self._limit:
-            margin = np.zeros(2, dtype=np.int64)
-        width, height = high - low + 2 * margin
-        colours = () if dimensions == 2 else (3,)
-        if not self.is_empty:
-            colours = self.pixels.shape[2:]
-        pixels = np.zeros((height, width, *colours), dtype=np.uint8)
+    def read(self, left: int, top: int, width: int, height: int) -> tuple[PictureArray, PictureArray]:
+        """A copy of a part: uint8[height, width, c] and its depth, uint8[height, width]."""
+        pixels = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
         depth = np.zeros((height, width), dtype=np.uint8)
-        origin = low - margin
-        if not self.is_empty:
-            start = np.maximum(self.origin, origin)
-            stop = np.minimum(self.origin + size, origin + np.array([width, height]))
-            new = _box(start - origin, stop - origin)
-            old = _box(start - self.origin, stop - self.origin)
-            pixels[new], depth[new] = self.pixels[old], self.depth[old]
-        self.pixels, self.depth, self.origin = pixels, depth, origin
+        for key, there, here in _parts(left, top, width, height):
+            tile = None if self._store is None else self._store.get(key)
+            if tile is not None:
+                pixels[here], depth[here] = tile.pixels[there], tile.depth[there]
+        return pixels, depth
+
+    def write(self, left: int, top: int, pixels: PictureArray, depth: PictureArray) -> None:
+        """Replaces a part by uint8[h, w, c] pixels and uint8[h, w] depths.
+
+        Raises:
+            OSError: the temporary file takes no more.
+        """
+        if self._store is None:
+            return
+        for key, there, here in _parts(left, top, depth.shape[1], depth.shape[0]):
+            if not depth[here].any():
+                continue
+            tile = self._store.get(key) or Tile(
+                np.zeros((TILE, TILE, self.channels), dtype=np.uint8), np.zeros((TILE, TILE), dtype=np.uint8)
+            )
+            tile.pixels[there], tile.depth[there] = pixels[here], depth[here]
+            self._store.put(key, tile)
+
+    def is_painted(self, cells: CellArray) -> npt.NDArray[np.bool_]:
+        """Whether canvas pixels, int64[n, 2] x y, were painted, to the nearest eighth pixel."""
+        painted = np.zeros(len(cells), dtype=np.bool_)
+        if self._store is None:
+            return painted
+        tiles = cells // TILE
+        for key in {(int(column), int(row)) for column, row in tiles}:
+            depth = self._store.coarse_depth(key)
+            if depth is not None:
+                own = np.flatnonzero((tiles == key).all(axis=1))
+                inside = (cells[own] - np.array(key) * TILE) // _COARSE
+                painted[own] = depth[inside[:, 1], inside[:, 0]] > 0
+        return painted
+
+    def preview(self, width: int, height: int) -> tuple[PictureArray, FloatArray]:
+        """The whole canvas fitted into `width` x `height`, black around it.
+
+        Returns:
+            uint8[height, width, c], and float64[3, 3] from the present plane to its pixels.
+        """
+        left, top, right, bottom = self.box
+        whole = max(1, right - left), max(1, bottom - top)
+        share = min(width / whole[0], height / whole[1], 1.0)
+        size = max(1, round(whole[0] * share)), max(1, round(whole[1] * share))
+        shown = self._reduced(left, top, whole, size)
+        result = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
+        x, y = (width - size[0]) // 2, (height - size[1]) // 2
+        result[y : y + size[1], x : x + size[0]] = shown.reshape(size[1], size[0], -1)
+        across, down = size[0] / whole[0], size[1] / whole[1]
+        fit = np.array(
+            [
+                [across, 0, x + (0.5 - left) * across - 0.5],
+                [0, down, y + (0.5 - top) * down - 0.5],
+                [0, 0, 1],
+            ]
+        )
+        return result, normalised(fit @ self.from_plane)
+
+    def close(self) -> None:
+        """Lets go of the tiles."""
+        if self._store is not None:
+            self._store.close()
+
+    def _reduced(self, left: int, top: int, whole: tuple[int, int], size: tuple[int, int]) -> PictureArray:
+        """The box reduced to `size`, a row of tiles at a time so that little of it is in memory."""
+        if whole[0] * whole[1] <= _PREVIEW_WHOLE_PX:
+            return np.asarray(cv2.resize(self.read(left, top, *whole)[0], size, interpolation=cv2.INTER_AREA))
+        result = np.zeros((size[1], size[0], max(1, self.channels)), dtype=np.uint8)
+        edges = np.linspace(0, size[1], max(2, whole[1] // TILE + 1)).astype(int)
+        for first, last in pairwise(edges.tolist()):
+            begin, end = round(first * whole[1] / size[1]), round(last * whole[1] / size[1])
+            if last > first and end > begin:
+                strip = self.read(left, top + begin, whole[0], end - begin)[0]
+                small = cv2.resize(strip, (size[0], int(last - first)), interpolation=cv2.INTER_AREA)
+                result[first:last] = small.reshape(last - first, size[0], -1)
+        return result
 
     def _halve(self) -> None:
         self.scale /= 2
-        if self.is_empty:
-            return
-        left, top = (self.origin % 2).tolist()
-        height, width = self.depth.shape
-        border = (top, (height + top) % 2, left, (width + left) % 2)
-        pixels = cv2.copyMakeBorder(self.pixels, *border, cv2.BORDER_CONSTANT, value=0)
-        depth = cv2.copyMakeBorder(self.depth, *border, cv2.BORDER_CONSTANT, value=0)
-        rows, columns = depth.shape[0] // 2, depth.shape[1] // 2
-        halved = cv2.resize(pixels, (columns, rows), interpolation=cv2.INTER_AREA)
-        # A block that is painted in part would mix with black: it counts as not painted.
-        shallow = depth.reshape(rows, 2, columns, 2).min(axis=(1, 3))
-        halved[shallow == 0] = 0
-        self.pixels, self.depth = np.asarray(halved, dtype=np.uint8), shallow
-        self.origin = self.origin // 2
         self._low, self._high = self._low // 2, -(-self._high // 2)
+        old = self._store
+        if old is None:
+            return
+        self._store = TileStore(old.channels, self._memory_px)
+        for column, row in old.keys:
+            tile = old.get((column, row))
+            if tile is None:
+                continue
+            half = TILE // 2
+            small = cv2.resize(tile.pixels, (half, half), interpolation=cv2.INTER_AREA).reshape(
+                half, half, -1
+            )
+            # A block that is painted in part would mix with black: it counts as not painted.
+            depth = tile.depth.reshape(half, 2, half, 2).min(axis=(1, 3))
+            small[depth == 0] = 0
+            self.write(column * half, row * half, np.asarray(small, dtype=np.uint8), depth)
+        old.close()
 
 
-def _box(low: CellArray, high: CellArray) -> tuple[slice, slice]:
-    return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
+def _parts(
+    left: int, top: int, width: int, height: int
+) -> list[tuple[tuple[int, int], tuple[slice, slice], tuple[slice, slice]]]:
+    """The tiles under a box: key, the part of the tile, and the same part of the box."""
+    found = []
+    for row in range(top // TILE, (top + height - 1) // TILE + 1):
+        for column in range(left // TILE, (left + width - 1) // TILE + 1):
+            x0, x1 = max(left, column * TILE), min(left + width, (column + 1) * TILE)
+            y0, y1 = max(top, row * TILE), min(top + height, (row + 1) * TILE)
+            there = slice(y0 - row * TILE, y1 - row * TILE), slice(x0 - column * TILE, x1 - column * TILE)
+            here = slice(y0 - top, y1 - top), slice(x0 - left, x1 - left)
+            found.append(((column, row), there, here))
+    return found

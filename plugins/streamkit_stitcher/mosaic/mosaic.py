@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 
 from streamkit_stitcher.homographies import FloatArray, corners, normalised, project, scale_change
-from streamkit_stitcher.mosaic.canvas import Canvas, PictureArray
+from streamkit_stitcher.mosaic.canvas import Canvas
+from streamkit_stitcher.mosaic.tiles import PictureArray
 from streamkit_stitcher.registration.patches import halved
 
 _SCALE_RANGE: Final = (0.25, 4.0)
@@ -17,15 +18,15 @@ class Mosaic:
     """Pictures of one plane, joined where they lie equally deep inside their borders.
 
     Each pixel shows the picture in whose middle it lies most, with a short cross-fade along the seams; what
-    only fills gaps gives way to all others. The canvas grows with the flight; at its limit it is halved, so a
-    long flight loses resolution and not ground.
+    only fills gaps gives way to all others. The canvas grows with the flight, from memory into a file, and
+    is halved at its last limit, so a long flight loses resolution and not ground.
 
     Args:
-        max_px: most pixels of the mosaic.
+        max_px: most pixels of the mosaic kept in memory.
     """
 
     def __init__(self, max_px: int) -> None:
-        self._canvas = Canvas(max_px)
+        self.canvas = Canvas(max_px)
         self._pictures = 0
 
     @property
@@ -36,26 +37,20 @@ class Mosaic:
     @property
     def scale(self) -> float:
         """Mosaic pixels per px of the reference plane, 1 or a power of a half."""
-        return self._canvas.scale
+        return self.canvas.scale
 
     @property
     def covered_px(self) -> float:
         """Covered area, in px of the reference plane."""
-        return float(np.count_nonzero(self._canvas.depth)) / self._canvas.scale**2
-
-    @property
-    def from_reference(self) -> FloatArray:
-        """float64[3, 3] from the reference plane to the pixels of `picture()`."""
-        return self._canvas.painted_from_plane
+        return self.canvas.covered_px
 
     def picture(self) -> PictureArray | None:
-        """The mosaic so far.
-
-        Returns:
-            uint8[h, w] or uint8[h, w, 3] (BGR), black where no picture reached; a view that the next `add`
-            may change. None before the first picture.
-        """
-        return None if self._canvas.is_empty else self._canvas.painted()
+        """The mosaic so far: uint8[h, w] or uint8[h, w, 3] BGR, black where no picture reached, or None."""
+        if self.canvas.is_empty:
+            return None
+        left, top, right, bottom = self.canvas.box
+        pixels, _ = self.canvas.read(left, top, right - left, bottom - top)
+        return pixels[:, :, 0] if self.canvas.channels == 1 else pixels
 
     def uncovered(self, shape: tuple[int, int], to_reference: FloatArray) -> float:
         """Part of a picture that lies on no picture added so far, 0 to 1.
@@ -69,11 +64,8 @@ class Mosaic:
         rows = (np.arange(18) + 0.5) * height / 18 - 0.5
         across, down = np.meshgrid(columns, rows)
         grid = np.stack([across.ravel(), down.ravel()], axis=1)
-        cells = np.rint(project(normalised(self._canvas.from_plane @ to_reference), grid)).astype(np.int64)
-        depth = self._canvas.depth
-        inside = ((cells >= 0) & (cells < depth.shape[::-1])).all(axis=1)
-        reached = depth[cells[inside, 1], cells[inside, 0]] > 0
-        return 1.0 - float(np.count_nonzero(reached)) / len(cells)
+        cells = np.rint(project(normalised(self.canvas.from_plane @ to_reference), grid)).astype(np.int64)
+        return 1.0 - float(np.count_nonzero(self.canvas.is_painted(cells))) / len(cells)
 
     def add(self, picture: PictureArray, to_reference: FloatArray, fills_gaps: bool = False) -> bool:
         """Lays a picture into the mosaic.
@@ -87,56 +79,68 @@ class Mosaic:
         Returns:
             False, with the mosaic unchanged, where the place is degenerate, more than four times larger or
             smaller than the reference, or out of the canvas's reach.
+
+        Raises:
+            OSError: the temporary file takes no more.
         """
         shape = (picture.shape[0], picture.shape[1])
-        if not np.isfinite(to_reference).all():
+        if not is_placeable(to_reference, shape):
             return False
-        if not _SCALE_RANGE[0] < scale_change(to_reference, shape) < _SCALE_RANGE[1]:
+        footprint = self.canvas.at_scale_one(project(to_reference, corners(shape)))
+        if not self.canvas.make_room(footprint, 1 if picture.ndim == 2 else 3):
             return False
-        footprint = project(to_reference, corners(shape))
-        if not self._canvas.make_room(footprint, picture.ndim):
-            return False
-        self._paint(_like(picture, self._canvas.pixels), to_reference, 1 + _SEAM_DEPTH if fills_gaps else 255)
+        self._paint(like(picture, self.canvas.channels), to_reference, 1 + _SEAM_DEPTH if fills_gaps else 255)
         self._pictures += 1
         return True
 
     def _paint(self, picture: PictureArray, to_reference: FloatArray, deepest: int) -> None:
-        to_canvas = normalised(self._canvas.from_plane @ to_reference)
-        while (
-            scale_change(to_canvas, (picture.shape[0], picture.shape[1])) < 0.6
-            and min(picture.shape[:2]) > 32
-        ):
-            picture = halved(picture)
-            to_canvas = normalised(to_canvas @ np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1]]))
+        to_canvas = normalised(self.canvas.from_plane @ to_reference)
+        picture, to_canvas = shrunk(picture, to_canvas)
         footprint = project(to_canvas, corners((picture.shape[0], picture.shape[1])))
-        left, top = np.maximum(np.floor(footprint.min(axis=0)).astype(int), 0)
-        right, bottom = np.ceil(footprint.max(axis=0)).astype(int) + 1
-        pixels = self._canvas.pixels[top:bottom, left:right]
-        depth = self._canvas.depth[top:bottom, left:right]
+        left, top = np.floor(footprint.min(axis=0)).astype(int).tolist()
+        right, bottom = (np.ceil(footprint.max(axis=0)).astype(int) + 1).tolist()
+        pixels, depth = self.canvas.read(left, top, right - left, bottom - top)
         to_box = normalised(np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]]) @ to_canvas)
-        size = (pixels.shape[1], pixels.shape[0])
+        size = (right - left, bottom - top)
         warped = cv2.warpPerspective(picture, to_box, size, borderMode=cv2.BORDER_REPLICATE)
-        flat = np.minimum(_depth(picture), np.uint8(deepest))
+        flat = np.minimum(depth_inside((picture.shape[0], picture.shape[1])), np.uint8(deepest))
         deep = np.asarray(cv2.warpPerspective(flat, to_box, size, borderMode=cv2.BORDER_CONSTANT), np.uint8)
         share = cv2.addWeighted(deep, 0.5 / _SEAM_DEPTH, depth, -0.5 / _SEAM_DEPTH, 0.5, dtype=cv2.CV_32F)
         share[depth == 0] = 1
         share[deep == 0] = 0
         share = np.clip(share, 0, 1)
-        pixels[:] = cv2.blendLinear(warped, np.ascontiguousarray(pixels), share, 1 - share)
-        np.maximum(depth, deep, out=depth)
+        blended = cv2.blendLinear(warped, pixels.reshape(warped.shape), share, 1 - share)
+        painted = np.asarray(blended, dtype=np.uint8).reshape(pixels.shape)
+        self.canvas.write(left, top, painted, np.maximum(depth, deep))
 
 
-def _depth(picture: PictureArray) -> PictureArray:
-    """How deep each pixel lies inside the picture, from 1 at the border to 255 in the middle."""
-    height, width = picture.shape[:2]
+def is_placeable(to_reference: FloatArray, shape: tuple[int, int]) -> bool:
+    """Whether a picture of `shape` at a place is worth painting: finite, and neither huge nor tiny."""
+    if not np.isfinite(to_reference).all():
+        return False
+    return _SCALE_RANGE[0] < scale_change(to_reference, shape) < _SCALE_RANGE[1]
+
+
+def shrunk(picture: PictureArray, matrix: FloatArray) -> tuple[PictureArray, FloatArray]:
+    """Halves a picture as often as `matrix`, float64[3, 3] from its pixels, shrinks it anyway."""
+    while scale_change(matrix, (picture.shape[0], picture.shape[1])) < 0.6 and min(picture.shape[:2]) > 32:
+        picture = halved(picture)
+        matrix = normalised(matrix @ np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1]]))
+    return picture, matrix
+
+
+def depth_inside(shape: tuple[int, int]) -> PictureArray:
+    """How deep each pixel of a picture lies inside it, uint8 from 1 at the border to 255 in the middle."""
+    height, width = shape
     across = np.minimum(np.arange(width), np.arange(width)[::-1])
     down = np.minimum(np.arange(height), np.arange(height)[::-1])
     nearest = np.minimum(across[np.newaxis, :], down[:, np.newaxis])
     return np.asarray(1 + nearest * (254 / max(1, int(nearest.max()))), dtype=np.uint8)
 
 
-def _like(picture: PictureArray, canvas: PictureArray) -> PictureArray:
-    if picture.ndim == canvas.ndim:
+def like(picture: PictureArray, channels: int) -> PictureArray:
+    """A picture in grey for one channel and in BGR for three."""
+    if (picture.ndim == 2) == (channels == 1):
         return picture
     code = cv2.COLOR_GRAY2BGR if picture.ndim == 2 else cv2.COLOR_BGR2GRAY
     return np.asarray(cv2.cvtColor(picture, code), dtype=np.uint8)

@@ -7,9 +7,12 @@ from typing import Final
 
 import cv2
 
-from streamkit_stitcher.mosaic.canvas import PictureArray
+from streamkit_stitcher.mosaic.georeference import Georeference
+from streamkit_stitcher.mosaic.geotiff import check_geotiff, write_geotiff
+from streamkit_stitcher.mosaic.tiles import PictureArray
 
-SUFFIXES: Final = (".png", ".jpg", ".jpeg")
+TIFF_SUFFIXES: Final = (".tif", ".tiff")
+SUFFIXES: Final = (".png", ".jpg", ".jpeg", *TIFF_SUFFIXES)
 _JPEG_QUALITY: Final = 92
 _LONGEST_JPEG_SIDE: Final = 65500
 
@@ -28,6 +31,8 @@ def check_location(location: str) -> None:
         raise OSError(
             f"location must end in {', '.join(SUFFIXES)}, got {location!r}; write location=mosaic.png"
         )
+    if path.suffix.lower() in TIFF_SUFFIXES:
+        check_geotiff(location)
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise OSError(
             f"location={location}: the directory {path.parent} is missing or takes no files; create it first"
@@ -59,16 +64,31 @@ def is_numbered(location: str) -> bool:
     return location_of(location, 0) != location_of(location, 1)
 
 
-def write_picture(picture: PictureArray, path: Path) -> None:
+def write_picture(picture: PictureArray, path: Path, geo: Georeference | None = None) -> None:
     """Writes a picture so that the file is either the old one or the whole new one.
 
     Args:
         picture: uint8[h, w] or uint8[h, w, 3] BGR.
         path: the file, whose suffix picks the format.
+        geo: how it lies on the earth, which a TIFF tells.
 
     Raises:
         OSError: the format cannot hold the picture, or the disk refuses.
     """
+    partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        if path.suffix.lower() in TIFF_SUFFIXES:
+            write_geotiff(picture, partial, geo)
+        else:
+            _encode(picture, path, partial)
+        partial.replace(path)
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
+def _encode(picture: PictureArray, path: Path, partial: Path) -> None:
+    """Writes PNG or JPEG row by row, which keeps a picture that lies in a file out of memory."""
     is_jpeg = path.suffix.lower() != ".png"
     if is_jpeg and max(picture.shape[:2]) > _LONGEST_JPEG_SIDE:
         height, width = picture.shape[:2]
@@ -76,15 +96,7 @@ def write_picture(picture: PictureArray, path: Path) -> None:
             f"{path}: a JPEG side is at most {_LONGEST_JPEG_SIDE} px, got {width} x {height}; write a .png"
         )
     options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if is_jpeg else [cv2.IMWRITE_PNG_COMPRESSION, 3]
-    done, encoded = cv2.imencode(path.suffix, picture, options)
-    if not done:
+    if not path.parent.is_dir() or not cv2.imwrite(str(partial), picture, options):
         raise OSError(
-            f"{path}: the picture could not be encoded; try another suffix of {', '.join(SUFFIXES)}"
+            f"{path}: the picture could not be written; see whether {path.parent} is there and has room"
         )
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        partial.write_bytes(encoded.tobytes())
-        partial.replace(path)
-    finally:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)

@@ -1,14 +1,21 @@
-"""Which pictures go into a mosaic, and when a mosaic is written."""
+"""Which pictures go into a mosaic, and when a mosaic is finished."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from streamkit_stitcher.mosaic.canvas import PictureArray
+import numpy as np
+
+from streamkit_stitcher.homographies import FloatArray, normalised
+from streamkit_stitcher.mosaic.composition import Composition, PlacedPicture, compose
+from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix, georeference
 from streamkit_stitcher.mosaic.mosaic import Mosaic
 from streamkit_stitcher.mosaic.picture_file import is_numbered, location_of, write_picture
-from streamkit_stitcher.plane.tracker import Placement
+from streamkit_stitcher.mosaic.picture_store import PictureStore
+from streamkit_stitcher.mosaic.seams import SeamKind
+from streamkit_stitcher.mosaic.tiles import PictureArray
+from streamkit_stitcher.plane.placement import Placement
 
 _WORTH_ADDING: Final = 0.08
 
@@ -24,6 +31,9 @@ class WrittenMosaic:
         height: px.
         scale: its pixels per px of the plane.
         pictures: number of pictures in it.
+        final: whether its pictures were adjusted together and blended, not only laid side by side.
+        rmse_px: root mean square residual of the tie points of that adjustment, or None.
+        position_misfit_m: median distance between the pictures' positions and the mosaic's, or None.
     """
 
     path: Path
@@ -32,6 +42,34 @@ class WrittenMosaic:
     height: int
     scale: float
     pictures: int
+    final: bool = False
+    rmse_px: float | None = None
+    position_misfit_m: float | None = None
+
+
+@dataclass(frozen=True)
+class RecorderSettings:
+    """How mosaics are made.
+
+    Attributes:
+        location: path of the mosaic, see `picture_file.check_location`; None where only a preview is wanted.
+        memory_px: most pixels of a mosaic kept in memory.
+        final: whether pictures are kept to be blended at the end.
+        seam: how they share the ground then.
+    """
+
+    location: str | None
+    memory_px: int
+    final: bool = True
+    seam: SeamKind = SeamKind.VORONOI
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    picture: PlacedPicture
+    key: int
+    to_key: FloatArray
+    position: PositionFix | None
 
 
 class MosaicRecorder:
@@ -41,66 +79,178 @@ class MosaicRecorder:
     never does. With `%d` in the location each plane gets a file; otherwise the one that covers most is kept.
 
     Args:
-        location: path of the mosaic, see `mosaic_file.check_location`.
-        max_px: most pixels of a mosaic.
+        settings: how.
     """
 
-    def __init__(self, location: str, max_px: int) -> None:
-        self._location = location
-        self._max_px = max_px
-        self._mosaic = Mosaic(max_px)
-        self._reference = 0
+    def __init__(self, settings: RecorderSettings) -> None:
+        self._settings = settings
         self._largest = 0.0
         self._refused = 0
+        self._begin(0)
 
     @property
     def refused(self) -> int:
         """Pictures that no mosaic could take, being out of reach or degenerate."""
         return self._refused
 
+    @property
+    def mosaic(self) -> Mosaic:
+        """The mosaic of the current plane as it grows."""
+        return self._mosaic
+
+    @property
+    def reference(self) -> int:
+        """Number of the current plane."""
+        return self._reference
+
+    def is_other_plane(self, placement: Placement) -> bool:
+        """Whether a picture lies on a plane that nothing relates to the mosaic's."""
+        return placement.reference != self._reference and placement.change is None
+
     def add(
-        self, placement: Placement, shape: tuple[int, int], picture: Callable[[], PictureArray]
-    ) -> WrittenMosaic | None:
+        self,
+        placement: Placement,
+        shape: tuple[int, int],
+        picture: Callable[[], PictureArray],
+        position: PositionFix | None = None,
+    ) -> bool:
         """Takes a placed picture where it is worth it.
+
+        A picture of another plane begins another mosaic: `finish` the one before first.
 
         Args:
             placement: where it lies.
             shape: (height, width), px.
             picture: gives uint8[h, w] or uint8[h, w, 3] BGR; called only when the picture goes in.
+            position: where the camera was, if that is known.
 
         Returns:
-            The mosaic of the plane before, where this picture opened a new one.
+            Whether the mosaic changed.
 
         Raises:
-            OSError: that mosaic could not be written.
+            OSError: a temporary file takes no more.
         """
-        finished = self._mosaic, self._reference
-        changed = placement.reference != self._reference
-        if changed:
-            self._mosaic, self._reference = Mosaic(self._max_px), placement.reference
-        if placement.anchored and (placement.keyframe or self._is_new_ground(shape, placement)):
-            added = self._mosaic.add(picture(), placement.to_reference, fills_gaps=not placement.keyframe)
-            self._refused += not added
-        return self._write(*finished) if changed else None
+        if self.is_other_plane(placement):
+            self._begin(placement.reference)
+        if placement.change is not None:
+            self._mosaic.canvas.move_plane(placement.change)
+        self._reference = placement.reference
+        if not placement.anchored or not (placement.keyframe or self._is_new_ground(shape, placement)):
+            return False
+        pixels = picture()
+        fills_gaps = not placement.keyframe
+        added = self._mosaic.add(pixels, placement.to_reference, fills_gaps)
+        self._refused += not added
+        if self._settings.final and self._settings.location is not None and added:
+            number = self._store.add(pixels)
+            placed = PlacedPicture(
+                -1 if number is None else number, shape, placement.to_reference, fills_gaps
+            )
+            self._kept.append(_Kept(placed, placement.key_index, placement.to_key, position))
+        return added
 
-    def _is_new_ground(self, shape: tuple[int, int], placement: Placement) -> bool:
-        return self._mosaic.uncovered(shape, placement.to_reference) > _WORTH_ADDING
+    def finish(
+        self, places: Mapping[int, FloatArray] | None = None, rmse: float = 0.0
+    ) -> WrittenMosaic | None:
+        """Writes the current mosaic, once.
 
-    def finish(self) -> WrittenMosaic | None:
-        """Writes the current mosaic, once; None where there is none or a larger one was written before.
+        Args:
+            places: adjusted places of the key pictures by their numbers; None for the mosaic as it grew.
+            rmse: of the tie points of the adjustment, px.
+
+        Returns:
+            What was written; None where there is nothing, or a larger one was written before.
 
         Raises:
             OSError: it could not be written.
         """
-        finished, self._mosaic = self._mosaic, Mosaic(self._max_px)
-        return self._write(finished, self._reference)
+        mosaic, kept, store, reference = self._mosaic, self._kept, self._store, self._reference
+        self._begin(reference)
+        try:
+            return self._write(mosaic, kept, store, reference, places, rmse)
+        finally:
+            mosaic.canvas.close()
+            store.close()
 
-    def _write(self, mosaic: Mosaic, reference: int) -> WrittenMosaic | None:
-        picture = mosaic.picture()
-        if picture is None or (not is_numbered(self._location) and mosaic.covered_px <= self._largest):
+    def close(self) -> None:
+        """Lets go of everything that was not written."""
+        self._mosaic.canvas.close()
+        self._store.close()
+
+    def _begin(self, reference: int) -> None:
+        self._mosaic = Mosaic(self._settings.memory_px)
+        self._store = PictureStore()
+        self._kept: list[_Kept] = []
+        self._reference = reference
+
+    def _is_new_ground(self, shape: tuple[int, int], placement: Placement) -> bool:
+        return self._mosaic.uncovered(shape, placement.to_reference) > _WORTH_ADDING
+
+    def _write(
+        self,
+        mosaic: Mosaic,
+        kept: list[_Kept],
+        store: PictureStore,
+        reference: int,
+        places: Mapping[int, FloatArray] | None,
+        rmse: float,
+    ) -> WrittenMosaic | None:
+        location = self._settings.location
+        if location is None or mosaic.canvas.is_empty:
             return None
-        path = location_of(self._location, reference)
-        write_picture(picture, path)
+        if not is_numbered(location) and mosaic.covered_px <= self._largest:
+            return None
         self._largest = mosaic.covered_px
-        height, width = picture.shape[:2]
-        return WrittenMosaic(path, reference, width, height, mosaic.scale, mosaic.pictures)
+        placed, fixes = _placed(kept, places) if places is not None else ([], [])
+        whole: Composition | None = None
+        if placed and all(picture.number >= 0 for picture in placed):
+            whole = compose(placed, store.get, self._settings.seam, self._settings.memory_px)
+        final = whole is not None
+        if whole is None:
+            grown = mosaic.picture()
+            if grown is None:
+                return None
+            left, top, _, _ = mosaic.canvas.box
+            shift = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]])
+            whole = Composition(
+                grown, normalised(shift @ mosaic.canvas.from_plane), mosaic.scale, mosaic.pictures
+            )
+        geo = _georeferenced(whole, fixes)
+        path = location_of(location, reference)
+        write_picture(whole.picture, path, geo)
+        height, width = whole.picture.shape[:2]
+        return WrittenMosaic(
+            path,
+            reference,
+            width,
+            height,
+            whole.scale,
+            whole.pictures,
+            final,
+            rmse if final else None,
+            None if geo is None else geo.misfit_m,
+        )
+
+
+def _placed(
+    kept: list[_Kept], places: Mapping[int, FloatArray]
+) -> tuple[list[PlacedPicture], list[tuple[PlacedPicture, PositionFix]]]:
+    """The pictures at the adjusted places of their key pictures, and those whose position is known."""
+    placed, fixes = [], []
+    for item in kept:
+        if item.key in places:
+            picture = replace(item.picture, to_plane=normalised(places[item.key] @ item.to_key))
+            placed.append(picture)
+            if item.position is not None:
+                fixes.append((picture, item.position))
+    return placed, fixes
+
+
+def _georeferenced(whole: Composition, fixes: list[tuple[PlacedPicture, PositionFix]]) -> Georeference | None:
+    if not fixes:
+        return None
+    return georeference(
+        [normalised(whole.from_plane @ picture.to_plane) for picture, _ in fixes],
+        [picture.shape for picture, _ in fixes],
+        [fix for _, fix in fixes],
+    )

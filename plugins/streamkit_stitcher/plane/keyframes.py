@@ -1,6 +1,6 @@
 """Key pictures kept as small patches, and the placing of later pictures against them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -18,11 +18,19 @@ from streamkit_stitcher.homographies import (
     project,
     scale_change,
 )
-from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit, fit_homography
+from streamkit_stitcher.registration.motion_models import (
+    FitLimits,
+    MotionFit,
+    MotionModel,
+    fit_homography,
+    restricted,
+)
 from streamkit_stitcher.registration.patches import PatchLevel, align, cut_patches, prepare, reduced_motion
 
 LEVELS: Final = 4
 _PREPARED: Final = 12
+_COARSE_POINTS: Final = 96
+_COARSE_INLIERS: Final = 12
 _SCALE_RANGE: Final = (0.7, 1.4)
 _COARSE_THRESHOLD: Final = 1.5
 _ANY_STEP: Final = 10.0
@@ -38,6 +46,8 @@ class Keyframe:
         shape: (height, width) of the picture, px.
         points: float64[n, 2], patch centres, full-size px.
         patches: one uint8[n, 17, 17] per pyramid level, finest first.
+        small: uint8[h, w], the picture at working size, to recognise it by.
+        factor: the reduction of `small`.
     """
 
     index: int
@@ -45,6 +55,8 @@ class Keyframe:
     shape: tuple[int, int]
     points: FloatArray
     patches: tuple[GreyArray, ...]
+    small: GreyArray
+    factor: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +67,13 @@ class KeyframeMatch:
         fit: the homography from the picture's pixels to the key picture's, with its inliers.
         frame_points: float64[n, 2], the inliers in the picture, px.
         key_points: float64[n, 2], the same ground in the key picture, px.
+        patches: int64[n], the key picture's patches they are.
     """
 
     fit: MotionFit
     frame_points: FloatArray
     key_points: FloatArray
+    patches: npt.NDArray[np.int64]
 
 
 class KeyframeStore:
@@ -72,7 +86,6 @@ class KeyframeStore:
     def __init__(self, capacity: int = 128) -> None:
         self._capacity = capacity
         self._keyframes: list[Keyframe] = []
-        self._prepared: dict[tuple[int, int], PatchLevel] = {}
         self._next_index = 0
 
     def __len__(self) -> int:
@@ -83,13 +96,16 @@ class KeyframeStore:
         """The stored key pictures, oldest first."""
         return tuple(self._keyframes)
 
-    def add(self, images: Sequence[GreyArray], points: FloatArray, to_reference: FloatArray) -> Keyframe:
+    def add(
+        self, images: Sequence[GreyArray], points: FloatArray, to_reference: FloatArray, level: int
+    ) -> Keyframe:
         """Stores a key picture.
 
         Args:
             images: the picture and its halvings, as many as `LEVELS`.
             points: float64[n, 2], corners in full-size px.
             to_reference: float64[3, 3], its full-size pixels to the reference plane.
+            level: which of the images is at working size.
 
         Returns:
             The stored key picture.
@@ -99,7 +115,9 @@ class KeyframeStore:
             cut_patches(image, _at_level(rounded, level)) for level, image in enumerate(images[:LEVELS])
         )
         shape = (images[0].shape[0], images[0].shape[1])
-        keyframe = Keyframe(self._next_index, to_reference, shape, rounded, patches)
+        keyframe = Keyframe(
+            self._next_index, to_reference, shape, rounded, patches, images[level].copy(), 2**level
+        )
         self._next_index += 1
         self._keyframes.append(keyframe)
         if len(self._keyframes) > self._capacity:
@@ -124,57 +142,12 @@ class KeyframeStore:
                 found.append((share, keyframe))
         return sorted(found, key=lambda item: (-item[0], item[1].index))
 
-    def match(
-        self,
-        keyframe: Keyframe,
-        images: Sequence[GreyArray],
-        frame_to_key: FloatArray,
-        limits: FitLimits,
-        *,
-        top_level: int,
-        max_points: int,
-    ) -> KeyframeMatch | None:
-        """Places a picture on a key picture to sub-pixel accuracy.
-
-        Args:
-            keyframe: the key picture.
-            images: the picture and its halvings.
-            frame_to_key: float64[3, 3], predicted motion, right to about 3 * 2**top_level px.
-            limits: what the homography must reach; its threshold counts in full-size px.
-            top_level: the coarsest level to start from, 0 for full size only.
-            max_points: patches to use, spread evenly over the key picture.
-
-        Returns:
-            The match, or None when too few patches agree.
-        """
-        top_level = min(top_level, len(images) - 1, len(keyframe.patches) - 1)
-        key_to_frame = inverse(frame_to_key)
-        chosen = _spread(len(keyframe.points), max_points)
-        for level in range(top_level, -1, -1):
-            key_points, frame_points, indices = align(
-                self._level(keyframe, level), images[level], reduced_motion(key_to_frame, level), chosen
-            )
-            if level == 0:
-                return _accepted(frame_points, key_points, len(indices), keyframe.shape, limits)
-            coarse = fit_homography(key_points, frame_points, _COARSE_THRESHOLD)
-            if (
-                coarse is not None
-                and coarse.count >= limits.min_inliers
-                and coarse.ratio >= limits.min_ratio
-                and is_plausible(coarse.matrix, keyframe.shape, _ANY_STEP)
-            ):
-                key_to_frame = from_reduced(coarse.matrix, 2**level)
-        return None
-
-    def _level(self, keyframe: Keyframe, level: int) -> PatchLevel:
-        key = (keyframe.index, level)
-        prepared = self._prepared.pop(key, None)
-        if prepared is None:
-            prepared = prepare(keyframe.patches[level], _at_level(keyframe.points, level))
-        self._prepared[key] = prepared
-        if len(self._prepared) > _PREPARED:
-            del self._prepared[next(iter(self._prepared))]
-        return prepared
+    def move(self, places: Mapping[int, FloatArray]) -> None:
+        """Gives key pictures other places, by their indices."""
+        self._keyframes = [
+            replace(keyframe, to_reference=places[keyframe.index]) if keyframe.index in places else keyframe
+            for keyframe in self._keyframes
+        ]
 
     def _most_redundant(self) -> int:
         """Index of the older of the two nearest key pictures; the newest and the first always stay."""
@@ -187,8 +160,75 @@ class KeyframeStore:
         return int(np.unravel_index(int(np.argmin(distances)), distances.shape)[0])
 
 
+class KeyframeMatcher:
+    """Places pictures on key pictures; keeps what it worked out of the last few key pictures."""
+
+    def __init__(self) -> None:
+        self._prepared: dict[tuple[int, int, int], tuple[PatchLevel, npt.NDArray[np.int64]]] = {}
+
+    def match(
+        self,
+        keyframe: Keyframe,
+        images: Sequence[GreyArray],
+        frame_to_key: FloatArray,
+        limits: FitLimits,
+        *,
+        top_level: int,
+        max_points: int,
+        model: MotionModel = MotionModel.HOMOGRAPHY,
+    ) -> KeyframeMatch | None:
+        """Places a picture on a key picture to sub-pixel accuracy.
+
+        Args:
+            keyframe: the key picture.
+            images: the picture and its halvings.
+            frame_to_key: float64[3, 3], predicted motion, right to about 3 * 2**top_level px.
+            limits: what the homography must reach; its threshold counts in full-size px.
+            top_level: the coarsest level to start from, 0 for full size only.
+            max_points: patches to use, spread evenly over the key picture; fewer at the coarse levels.
+            model: what the motion may be.
+
+        Returns:
+            The match, or None when too few patches agree.
+        """
+        top_level = min(top_level, len(images) - 1, len(keyframe.patches) - 1)
+        key_to_frame = inverse(frame_to_key)
+        for level in range(top_level, -1, -1):
+            patches, chosen = self._level(keyframe, level, _COARSE_POINTS if level == 1 else max_points)
+            key_points, frame_points, found = align(
+                patches, images[level], reduced_motion(key_to_frame, level)
+            )
+            if level == 0:
+                return _accepted(frame_points, key_points, chosen[found], keyframe.shape, limits, model)
+            coarse = fit_homography(key_points, frame_points, _COARSE_THRESHOLD)
+            if (
+                coarse is not None
+                and coarse.count >= min(limits.min_inliers, _COARSE_INLIERS)
+                and coarse.ratio >= limits.min_ratio
+                and is_plausible(coarse.matrix, keyframe.shape, _ANY_STEP)
+            ):
+                key_to_frame = from_reduced(coarse.matrix, 2**level)
+        return None
+
+    def _level(self, keyframe: Keyframe, level: int, most: int) -> tuple[PatchLevel, npt.NDArray[np.int64]]:
+        """At most `most` patches of a level, and their indices."""
+        key = (keyframe.index, level, most)
+        prepared = self._prepared.pop(key, None)
+        if prepared is None:
+            chosen = _spread(len(keyframe.points), most)
+            points = _at_level(keyframe.points[chosen], level)
+            prepared = prepare(keyframe.patches[level][chosen], points), chosen
+        self._prepared[key] = prepared
+        if len(self._prepared) > _PREPARED:
+            del self._prepared[next(iter(self._prepared))]
+        return prepared
+
+
 def pooled_placement(
-    matches: Sequence[tuple[Keyframe, KeyframeMatch]], shape: tuple[int, int], limits: FitLimits
+    matches: Sequence[tuple[Keyframe, KeyframeMatch]],
+    shape: tuple[int, int],
+    limits: FitLimits,
+    model: MotionModel = MotionModel.HOMOGRAPHY,
 ) -> MotionFit | None:
     """Places a picture on the reference plane by its matches with several key pictures at once.
 
@@ -196,6 +236,7 @@ def pooled_placement(
         matches: key pictures with the picture's match on each.
         shape: (height, width) of the picture, px.
         limits: what the homography must reach; its threshold counts in px of the picture.
+        model: what the motion may be.
 
     Returns:
         The homography from the picture's pixels to the reference plane, fitted so that the error counts in
@@ -206,6 +247,7 @@ def pooled_placement(
     fit = fit_homography(plane, frame, limits.threshold)
     if fit is None or fit.count < limits.min_inliers or fit.ratio < limits.min_ratio:
         return None
+    fit = restricted(fit, model, plane, frame)
     return replace(fit, matrix=inverse(fit.matrix)) if scale_change(inverse(fit.matrix), shape) > 0 else None
 
 
@@ -222,11 +264,17 @@ def _spread(count: int, most: int) -> npt.NDArray[np.int64]:
 
 
 def _accepted(
-    frame_points: FloatArray, key_points: FloatArray, matches: int, shape: tuple[int, int], limits: FitLimits
+    frame_points: FloatArray,
+    key_points: FloatArray,
+    patches: npt.NDArray[np.int64],
+    shape: tuple[int, int],
+    limits: FitLimits,
+    model: MotionModel,
 ) -> KeyframeMatch | None:
     fit = fit_homography(frame_points, key_points, limits.threshold)
-    if fit is None or fit.count < limits.min_inliers or fit.count < limits.min_ratio * matches:
+    if fit is None or fit.count < limits.min_inliers or fit.count < limits.min_ratio * len(patches):
         return None
+    fit = restricted(fit, model, frame_points, key_points)
     if not is_plausible(fit.matrix, shape, _ANY_STEP):
         return None
-    return KeyframeMatch(fit, frame_points[fit.inliers], key_points[fit.inliers])
+    return KeyframeMatch(fit, frame_points[fit.inliers], key_points[fit.inliers], patches[fit.inliers])

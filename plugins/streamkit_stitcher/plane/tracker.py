@@ -1,8 +1,7 @@
 """Where each picture of a stream lies on a reference plane."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -15,16 +14,20 @@ from streamkit_stitcher.homographies import (
     corner_shift,
     inverse,
     normalised,
-    project,
+    scale_change,
     translation,
 )
 from streamkit_stitcher.plane.anchoring import Anchored, KeyframeAnchor
-from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.plane.keyframes import Keyframe
+from streamkit_stitcher.plane.placement import Placement, Status
+from streamkit_stitcher.plane.schedule import ReferenceSchedule
+from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 from streamkit_stitcher.registration.corners import CornerDetector
 from streamkit_stitcher.registration.motion_models import MotionModel
 from streamkit_stitcher.registration.pairwise import (
     PairwiseMotion,
     WorkingImage,
+    is_flat,
     register,
     working_image,
     working_level,
@@ -35,59 +38,22 @@ _COAST_FRAMES: Final = 5
 _MAX_LOST: Final = 25
 _STILL_SHIFT: Final = 0.2
 _VELOCITY_GAIN: Final = 0.5
-
-
-class Status(StrEnum):
-    """How far a placement can be trusted.
-
-    `ok` and `still` were measured against a key picture, `weak` is only carried on by the motion since the
-    picture before, `lost` is a guess, and `cut` opens another plane.
-    """
-
-    OK = "ok"
-    WEAK = "weak"
-    LOST = "lost"
-    CUT = "cut"
-    STILL = "still"
-
-
-@dataclass(frozen=True, eq=False)
-class Placement:
-    """Where one picture lies.
-
-    Attributes:
-        to_previous: float64[3, 3], its pixels to those of the picture before it in the stream.
-        to_reference: float64[3, 3], its pixels to the reference plane.
-        reference: number of the reference plane, going up by one at each restart.
-        status: how far the matrices can be trusted.
-        keyframe: whether the picture became a key picture.
-        matches: points compared.
-        inliers: matches that agree with the motion.
-        rmse: root mean square distance of the inliers, px.
-        anchored: whether `to_reference` was measured against a key picture and not only carried forward.
-    """
-
-    to_previous: FloatArray
-    to_reference: FloatArray
-    reference: int
-    status: Status
-    keyframe: bool = False
-    matches: int = 0
-    inliers: int = 0
-    rmse: float = 0.0
-    anchored: bool = False
+_ADOPT_AFTER: Final = 10
+_RECOGNISE_EVERY: Final = 5
+_PLANE_SCALE: Final = (0.2, 5.0)
 
 
 class PlaneTracker:
-    """Places the pictures of a stream, one after the other, on the plane of the first usable one.
+    """Places the pictures of a stream, one after the other, on a plane.
 
-    Each picture is registered to the one before it, then measured against the current key picture at full
-    size, so that errors add up per key picture and not per picture. Key pictures are kept; where the camera
-    comes back to one of them it takes over again, which undoes what drift there was. A cut, a new picture
-    size, or too many unplaced pictures start a new plane.
+    Each picture is measured against the current key picture at full size, near the place where the motion so
+    far makes it expected; where that fails, it is registered to the picture before it, then recognised by
+    what it shows. Key pictures are kept and adjusted together beside the stream; where the camera comes back
+    to one of them it takes over again, which undoes what drift there was. A cut, a new picture size, or too
+    many unplaced pictures start a new plane.
 
-    Within a plane `previous.to_reference @ to_previous` is `to_reference`, except on a picture where an
-    earlier key picture takes over: there `to_reference` steps by the drift it corrects, `to_previous` not.
+    From one picture to the next, `change @ previous.to_reference @ to_previous` is `to_reference`, with the
+    identity where `change` is None: whatever moves the plane travels with the picture on which it moves.
 
     Args:
         settings: the tracker's settings.
@@ -97,7 +63,15 @@ class PlaneTracker:
         self._settings = settings
         self._reference = 0
         self._published: Placement | None = None
+        self._change: FloatArray | None = None
+        self._closed: KeyframeAnchor | None = None
+        self._anchor: KeyframeAnchor | None = None
         self._forget((0, 0))
+
+    @property
+    def model(self) -> MotionModel:
+        """What the motion between pictures may be, as far as is known."""
+        return MotionModel.HOMOGRAPHY if self._anchor is None else self._anchor.model
 
     def restart(self) -> None:
         """Starts a new plane with the next picture; nothing relates it to the ones before."""
@@ -108,8 +82,26 @@ class PlaneTracker:
             )
         self._forget((0, 0))
 
+    def close(self) -> None:
+        """Ends the workers."""
+        for anchor in (self._anchor, self._closed):
+            if anchor is not None:
+                anchor.close()
+
+    def take_plane(self, current: bool = False) -> KeyframeAnchor | None:
+        """The key pictures of the plane that was left last, or of the current one; the caller finishes them.
+
+        Args:
+            current: whether the current plane is wanted; the tracker then starts anew.
+        """
+        if current:
+            self.restart()
+        closed, self._closed = self._closed, None
+        return closed
+
     def skip(self) -> Placement:
         """Places a picture that must not be looked at, by the motion of those before it; status lost."""
+        self._change = None
         return self._coast()
 
     def place(self, grey: GreyArray) -> Placement:
@@ -121,83 +113,123 @@ class PlaneTracker:
         Returns:
             The placement; every matrix is finite whatever the picture shows.
         """
+        self._change = None
         shape = (int(grey.shape[0]), int(grey.shape[1]))
         if shape != self._shape:
             if self._shape != (0, 0):
                 self.restart()
             self._forget(shape)
         images = pyramid((grey,), self._level + 1)
-        image = working_image(images, self._level, self._detector, self._settings.max_points)
-        if image.is_blank:
+        if self._anchor is None or self._base is None:
+            return self._begin(images)
+        self._since_key += 1
+        if self._anchor.is_adjusting and self._since_key >= _ADOPT_AFTER:
+            self._move_plane(self._anchor.adopt())
+        if is_flat(images[self._level]):
             return self._coast()
-        if self._base is None:
-            return self._begin(images, image)
-        return self._continue(images, image, self._base)
+        return self._continue(images, self._anchor, self._base)
 
     def _forget(self, shape: tuple[int, int]) -> None:
         """Drops everything learnt; pictures of `shape` come next."""
         self._shape = shape
         self._level = working_level(shape, self._settings.working_width)
         self._detector = CornerDetector()
-        self._anchor = KeyframeAnchor(self._settings, self._level)
-        self._base: WorkingImage | None = None
+        self._schedule = ReferenceSchedule(self._settings.strip_length)
+        if self._anchor is not None:
+            if self._closed is not None:
+                self._closed.close()
+            self._closed = self._anchor
+        self._anchor = None
+        self._base: GreyArray | None = None
         self._base_to_reference = IDENTITY
-        self._velocity = np.zeros(2)
+        self._velocity = np.eye(3)
         self._coasting = 0
         self._lost = 0
+        self._unmeasured = 0
+        self._since_key = 0
 
-    def _begin(self, images: Sequence[GreyArray], image: WorkingImage) -> Placement:
+    def _working(self, images: Sequence[GreyArray], level: int) -> WorkingImage:
+        return working_image(images, level, self._detector, self._settings.max_points)
+
+    def _begin(self, images: Sequence[GreyArray]) -> Placement:
         """Opens a plane with its first usable picture."""
+        image = self._working(images, self._level)
+        if image.is_blank:
+            return self._coast()
+        self._anchor = KeyframeAnchor(self._settings, self._level)
         self._anchor.add(images, IDENTITY)
-        self._base, self._base_to_reference = image, IDENTITY
+        self._base, self._base_to_reference = image.grey, IDENTITY
         status = Status.OK if self._reference == 0 else Status.CUT
         return self._publish(
             Placement(IDENTITY, IDENTITY, self._reference, status, keyframe=True, anchored=True)
         )
 
-    def _begin_again(self, images: Sequence[GreyArray], image: WorkingImage) -> Placement:
+    def _begin_again(self, images: Sequence[GreyArray]) -> Placement:
         shape = self._shape
         self.restart()
         self._forget(shape)
-        return self._begin(images, image)
+        return self._begin(images)
 
-    def _continue(self, images: Sequence[GreyArray], image: WorkingImage, base: WorkingImage) -> Placement:
+    def _continue(self, images: Sequence[GreyArray], anchor: KeyframeAnchor, base: GreyArray) -> Placement:
         expected = self._expected()
+        due = 0 < self._settings.keyframe_interval <= self._since_key
+        followed = anchor.follow(images, expected) if self._coasting == 0 else None
+        if followed is not None:
+            anchored = anchor.place(images, expected, trusted=True, followed=followed, due=due)
+            return self._settle(images, anchored, None)
+        image = self._working(images, self._level)
+        if image.is_blank:
+            return self._coast()
         gap = 1 + self._coasting
         limits = replace(self._settings.limits, max_step=min(1.0, self._settings.limits.max_step * gap))
         guess = normalised(inverse(self._base_to_reference) @ expected)
-        motion = register(base, image, guess, limits)
-        if motion.is_cut and gap == 1:
-            return self._begin_again(images, image)
+        earlier = replace(self._working((base,), 0), factor=image.factor)
+        motion = register(earlier, image, guess, limits)
         known = motion.model is not None
+        recognised = None
+        if motion.is_cut:
+            recognised = anchor.recognise(image.grey)
+            if recognised is None and gap == 1:
+                return self._begin_again(images)
         carried = normalised(self._base_to_reference @ motion.matrix) if known else expected
-        anchored = self._anchor.place(images, carried, trusted=motion.model is MotionModel.HOMOGRAPHY)
-        if not known and not anchored.measured:
+        trusted = motion.model is MotionModel.HOMOGRAPHY
+        anchored = anchor.place(
+            images, carried, trusted or recognised is not None, seen=recognised, due=due and trusted
+        )
+        if not anchored.measured and recognised is None and self._unmeasured % _RECOGNISE_EVERY == 0:
+            recognised = anchor.recognise(image.grey)
+            if recognised is not None:
+                anchored = anchor.place(images, carried, trusted=True, seen=recognised, due=due)
+        if not (known or recognised is not None or anchored.measured):
             self._lost += 1
+            self._unmeasured += 1
             if motion.is_cut or self._lost > _MAX_LOST:
-                return self._begin_again(images, image)
+                return self._begin_again(images)
             return self._coast()
-        self._base, self._base_to_reference = image, anchored.to_reference
-        return self._settle(motion, anchored)
+        return self._settle(images, anchored, motion)
 
-    def _settle(self, motion: PairwiseMotion, anchored: Anchored) -> Placement:
+    def _settle(
+        self, images: Sequence[GreyArray], anchored: Anchored, motion: PairwiseMotion | None
+    ) -> Placement:
         """Publishes a placed picture, holding the place of the one before where nothing moved."""
+        self._move_plane(anchored.change)
+        to_reference = anchored.to_reference
+        if anchored.keyframe:
+            to_reference = self._take_key(images, to_reference)
         previous = self._published
         before = previous.to_reference if previous is not None else IDENTITY
-        to_reference = anchored.to_reference
+        self._base, self._base_to_reference = images[self._level], to_reference
         to_previous = normalised(inverse(before) @ to_reference)
         status = Status.OK if anchored.measured else Status.WEAK
         steady = previous is not None and previous.status is not Status.LOST
         if anchored.measured and steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT:
             # Held against the measured place, never added up, so a slow drift is released after 0.2 px.
             to_previous, to_reference, status = IDENTITY, before, Status.STILL
-        elif anchored.jumped and motion.model is MotionModel.HOMOGRAPHY and self._coasting == 0:
-            to_previous = motion.matrix
-        middle = centre(self._shape)
-        step = project(to_previous, middle[np.newaxis])[0] - middle
-        self._velocity += _VELOCITY_GAIN * (step - self._velocity)
+        self._learn_velocity(to_previous)
         self._coasting = self._lost = 0
-        counted: Anchored | PairwiseMotion = anchored if anchored.measured else motion
+        self._unmeasured = 0 if anchored.measured else self._unmeasured + 1
+        counted: Anchored | PairwiseMotion = anchored if anchored.measured or motion is None else motion
+        active = None if self._anchor is None else self._anchor.active
         return self._publish(
             Placement(
                 to_previous,
@@ -209,15 +241,62 @@ class PlaneTracker:
                 inliers=counted.inliers,
                 rmse=counted.rmse,
                 anchored=anchored.measured,
+                key_index=0 if active is None else active.index,
+                to_key=IDENTITY
+                if active is None
+                else normalised(inverse(active.to_reference) @ to_reference),
             )
         )
+
+    def _take_key(self, images: Sequence[GreyArray], to_reference: FloatArray) -> FloatArray:
+        """Moves the plane where a new key picture makes that due, and begins an adjustment.
+
+        Returns:
+            The key picture's place on the plane that is then the reference.
+        """
+        self._since_key = 0
+        anchor = self._anchor
+        if anchor is None or anchor.active is None:
+            return to_reference
+        checkpoint = None
+        if self._settings.reference is ReferenceChoice.CENTER:
+            checkpoint = self._schedule.at(anchor.count)
+        reference = checkpoint.reference if checkpoint is not None else None
+        if not _PLANE_SCALE[0] < scale_change(to_reference, self._shape) < _PLANE_SCALE[1]:
+            # Drift has tilted the far plane until its numbers mean nothing: go on from here.
+            reference = anchor.active.index
+        if reference is not None:
+            change = anchor.rebase(reference)
+            if not np.allclose(change, IDENTITY, atol=1e-12):
+                self._reference += 1
+                self._move_plane(change)
+                to_reference = normalised(change @ to_reference)
+        anchor.begin_adjustment(images, whole=checkpoint is not None and checkpoint.readjust)
+        return to_reference
+
+    def _move_plane(self, change: FloatArray | None) -> None:
+        """Follows a move of the plane, float64[3, 3] old to new, with all that was placed on it."""
+        if change is None:
+            return
+        self._base_to_reference = normalised(change @ self._base_to_reference)
+        if self._published is not None:
+            self._published = replace(
+                self._published, to_reference=normalised(change @ self._published.to_reference)
+            )
+        self._change = change if self._change is None else normalised(change @ self._change)
+
+    def _learn_velocity(self, to_previous: FloatArray) -> None:
+        middle = centre(self._shape)
+        centred = normalised(translation(-middle) @ to_previous @ translation(middle))
+        self._velocity = self._velocity + _VELOCITY_GAIN * (centred - self._velocity)
 
     def _expected(self) -> FloatArray:
         """Place of the next picture if the camera goes on as it did, for a few pictures at most."""
         before = self._published.to_reference if self._published is not None else IDENTITY
         if self._coasting >= _COAST_FRAMES:
             return before
-        return normalised(before @ translation(self._velocity))
+        middle = centre(self._shape)
+        return normalised(before @ translation(middle) @ self._velocity @ translation(-middle))
 
     def _coast(self) -> Placement:
         before = self._published.to_reference if self._published is not None else IDENTITY
@@ -227,5 +306,11 @@ class PlaneTracker:
         return self._publish(Placement(to_previous, expected, self._reference, Status.LOST))
 
     def _publish(self, placement: Placement) -> Placement:
+        if self._change is not None:
+            placement = replace(placement, change=self._change)
         self._published = placement
         return placement
+
+
+def _relative(key: Keyframe | None, to_reference: FloatArray) -> FloatArray:
+    return IDENTITY if key is None else normalised(inverse(key.to_reference) @ to_reference)

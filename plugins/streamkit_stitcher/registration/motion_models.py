@@ -12,7 +12,7 @@ from streamkit_stitcher.homographies import IDENTITY, FloatArray, MaskArray, is_
 
 _MAX_ITERATIONS: Final = 500
 _CONFIDENCE: Final = 0.995
-_TRIM: Final = 2.5
+_TRIM: Final = 3.0
 _LEAST_TRIM: Final = 0.1
 _REFINEMENTS: Final = 2
 _REFINABLE: Final = 12
@@ -76,16 +76,19 @@ class FitLimits:
     max_step: float = 0.25
 
 
-def fit_homography(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
+def fit_homography(
+    source: FloatArray, target: FloatArray, threshold: float, refinements: int = _REFINEMENTS
+) -> MotionFit | None:
     """Fits a homography by RANSAC, refined by least squares on the inliers and then on the best of them.
 
     The last step halves the corner error: slow cars and badly followed points pass RANSAC's threshold, but
-    not two and a half times the median distance.
+    not three times the median distance.
 
     Args:
         source: float64[n, 2].
         target: float64[n, 2].
         threshold: largest distance of an inlier in px of the target.
+        refinements: steps of that refinement.
 
     Returns:
         The fit, or None for fewer than 4 pairs or degenerate ones.
@@ -99,10 +102,10 @@ def fit_homography(source: FloatArray, target: FloatArray, threshold: float) -> 
         source, target, cv2.USAC_FAST, threshold, maxIters=_MAX_ITERATIONS, confidence=_CONFIDENCE
     )
     fit = _judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
-    if fit is None or fit.count < _REFINABLE:
+    if fit is None or fit.count < _REFINABLE or not refinements:
         return fit
     matrix = fit.matrix
-    for _ in range(_REFINEMENTS):
+    for _ in range(refinements):
         matrix = _refined(matrix, source, target, threshold)
     refined = _judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
     return refined if refined is not None and refined.count >= _KEPT * fit.count else fit
@@ -122,6 +125,66 @@ def fit_similarity(source: FloatArray, target: FloatArray, threshold: float) -> 
         return None
     matrix, _ = cv2.estimateAffinePartial2D(source, target, **_linear_options(threshold))
     return _judged_linear(matrix, MotionModel.SIMILARITY, source, target, threshold)
+
+
+def least_squares(model: MotionModel, source: FloatArray, target: FloatArray) -> FloatArray | None:
+    """The motion of one model that fits all pairs best, or None for degenerate ones.
+
+    Args:
+        model: homography, affine or similarity.
+        source: float64[n, 2], free of gross errors.
+        target: float64[n, 2].
+
+    Returns:
+        float64[3, 3], source to target.
+    """
+    middle, goal = source.mean(axis=0), target.mean(axis=0)
+    inner, outer = source - middle, target - goal
+    power = float((inner**2).sum())
+    if len(source) < 4 or power < 1e-9:
+        return None
+    matrix: FloatArray = np.eye(3)
+    if model is MotionModel.SIMILARITY:
+        along = float((inner * outer).sum()) / power
+        across = float((inner[:, 0] * outer[:, 1] - inner[:, 1] * outer[:, 0]).sum()) / power
+        matrix[:2, :2] = [[along, -across], [across, along]]
+    else:
+        try:
+            matrix[:2, :2] = np.linalg.solve(inner.T @ inner, inner.T @ outer).T
+        except np.linalg.LinAlgError:
+            return None
+    matrix[:2, 2] = goal - matrix[:2, :2] @ middle
+    if model is MotionModel.HOMOGRAPHY:
+        for _ in range(_REFINEMENTS + 1):
+            matrix = _refined(matrix, source, target, math.inf)
+    return np.asarray(matrix, dtype=np.float64)
+
+
+def restricted(fit: MotionFit, model: MotionModel, source: FloatArray, target: FloatArray) -> MotionFit:
+    """A homography's fit turned into one of a simpler model, on the pairs it agreed with.
+
+    Args:
+        fit: the fitted homography.
+        model: what the motion may be.
+        source: float64[n, 2], as it was fitted to.
+        target: float64[n, 2].
+
+    Returns:
+        The simpler fit with the same inliers, or `fit` where the model allows it or the pairs do not.
+    """
+    if model is MotionModel.HOMOGRAPHY or fit.model is not MotionModel.HOMOGRAPHY:
+        return fit
+    first, second = source[fit.inliers], target[fit.inliers]
+    matrix = least_squares(model, first, second)
+    if matrix is None:
+        return fit
+    lengths = np.hypot(*(project(matrix, first) - second).T)
+    near = lengths <= max(_TRIM * float(np.median(lengths)), _LEAST_TRIM)
+    matrix = least_squares(model, first[near], second[near])
+    if matrix is None:
+        return fit
+    squares = ((project(matrix, first) - second) ** 2).sum(axis=1)
+    return MotionFit(matrix, model, fit.inliers, math.sqrt(float(squares.mean())))
 
 
 _LADDER: Final = ((fit_homography, 1.0), (fit_affine, 0.6), (fit_similarity, 0.4))
@@ -155,34 +218,49 @@ def fit_motion(
 
 
 def _refined(matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float) -> FloatArray:
-    """One Gauss-Newton step of (I + D) `matrix` on the pairs within `_TRIM` times the inliers' median."""
+    """One Gauss-Newton step of (I + D) `matrix` on the pairs near it, on all if `threshold` is infinite."""
     mapped = project(matrix, source)
     residuals = target - mapped
     squares = np.einsum("ni,ni->n", residuals, residuals)
-    close = squares[squares < threshold**2]
-    typical = float(np.partition(close, len(close) // 2)[len(close) // 2])
-    kept = squares < max(_TRIM**2 * typical, (_LEAST_TRIM * threshold) ** 2)
+    if math.isinf(threshold):
+        kept = np.ones(len(squares), dtype=np.bool_)
+    else:
+        close = squares[squares < threshold**2]
+        typical = float(np.partition(close, len(close) // 2)[len(close) // 2])
+        kept = squares < max(_TRIM**2 * typical, (_LEAST_TRIM * threshold) ** 2)
     middle = target.mean(axis=0)
     size = max(1.0, float(np.abs(target - middle).max()))
-    x, y = ((mapped[kept] - middle) / size).T
-    count = len(x)
-    rows = np.zeros((2, count, 8))
-    rows[0, :, 0] = rows[1, :, 3] = x
-    rows[0, :, 1] = rows[1, :, 4] = y
-    rows[0, :, 2] = rows[1, :, 5] = 1
-    rows[0, :, 6] = -x * x
-    rows[0, :, 7] = rows[1, :, 6] = -x * y
-    rows[1, :, 7] = -y * y
-    design = rows.reshape(2 * count, 8)
-    wanted = (residuals[kept] / size).T.reshape(-1)
-    try:
-        step = np.linalg.solve(design.T @ design, design.T @ wanted)
-    except np.linalg.LinAlgError:
+    step = _homography_step((mapped[kept] - middle) / size, residuals[kept] / size)
+    if step is None:
         return matrix
-    change = np.eye(3) + np.append(step, 0.0).reshape(3, 3)
     forth = np.array([[size, 0, middle[0]], [0, size, middle[1]], [0, 0, 1]])
     back = np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, size]]) / size
-    return normalised(forth @ change @ back @ matrix)
+    return normalised(forth @ step @ back @ matrix)
+
+
+def _homography_step(points: FloatArray, residuals: FloatArray) -> FloatArray | None:
+    """The homography near the identity that moves `points` by `residuals` best, to first order.
+
+    The normal equations hold only moments of the points up to the fourth order, so they are summed at once.
+    """
+    x, y = points.T
+    monomials = np.stack([x * x, x * y, y * y, x, y, np.ones(len(x))])
+    moments = monomials @ monomials.T
+    sides = monomials @ residuals
+    linear = moments[3:, 3:]
+    normal = np.zeros((8, 8))
+    normal[:3, :3] = normal[3:6, 3:6] = linear
+    normal[:3, 6:] = -moments[3:, :2]
+    normal[3:6, 6:] = -moments[3:, 1:3]
+    normal[6:, :6] = normal[:6, 6:].T
+    normal[6:, 6:] = moments[:2, :2] + moments[1:3, 1:3]
+    wanted = np.concatenate([sides[3:, 0], sides[3:, 1], -sides[:2, 0] - sides[1:3, 1]])
+    try:
+        step = np.linalg.solve(normal, wanted)
+    except np.linalg.LinAlgError:
+        return None
+    step = np.eye(3) + np.append(step, 0.0).reshape(3, 3)
+    return np.asarray(step, dtype=np.float64)
 
 
 def _linear_options(threshold: float) -> dict[str, Any]:

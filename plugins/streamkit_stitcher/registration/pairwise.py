@@ -94,6 +94,12 @@ def working_level(shape: tuple[int, int], working_width: int) -> int:
     return level
 
 
+def is_flat(grey: GreyArray) -> bool:
+    """Whether a picture, reduced to its thumbnail, shows hardly any difference in brightness."""
+    thumbnail = cv2.resize(grey, _THUMBNAIL, interpolation=cv2.INTER_AREA)
+    return float(cv2.meanStdDev(thumbnail)[1][0, 0]) < _BLANK_DEVIATION
+
+
 def working_image(
     images: Sequence[GreyArray], level: int, detector: CornerDetector, most: int
 ) -> WorkingImage:

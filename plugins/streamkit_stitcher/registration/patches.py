@@ -13,12 +13,13 @@ from streamkit_stitcher.homographies import FloatArray, GreyArray, MaskArray, pr
 RADIUS: Final = 7
 _SIDE: Final = 2 * RADIUS + 1
 _ITERATIONS: Final = 6
-_CONVERGED: Final = 0.05
+_CONVERGED: Final = 0.1
 _ENOUGH: Final = 0.75
 _SETTLED: Final = 0.15
 _MAX_SHIFT: Final = 4.0
 _MIN_CONTRAST: Final = 2.0
 _MIN_CORRELATION: Final = 0.6
+_MOSTLY: Final = 0.7
 _SingleArray = npt.NDArray[np.float32]
 _OFFSETS: Final[_SingleArray] = np.stack(
     np.meshgrid(*2 * [np.arange(-RADIUS, RADIUS + 1, dtype=np.float32)])
@@ -55,8 +56,8 @@ class PatchLevel:
 
     Attributes:
         centres: float64[n, 2], patch centres in px of this level.
-        probes: float32[n, 3, 225], what a sampled patch is multiplied with: x and y slopes of the key patch
-            per px, and the key patch itself with zero mean and unit deviation.
+        probes: float32[n, 4, 225], what a sampled patch is multiplied with: x and y slopes of the key patch
+            per px, the key patch itself with zero mean and unit deviation, and its mean.
         slope_sums: float64[n, 2], sums of the slopes.
         slope_products: float64[n, 2], products of the slopes with the key patch.
         inverse_hessian: float64[n, 2, 2], inverse of the slopes' normal matrix.
@@ -69,6 +70,17 @@ class PatchLevel:
     slope_products: FloatArray
     inverse_hessian: FloatArray
     usable: MaskArray
+
+    def part(self, chosen: npt.NDArray[np.int64]) -> "PatchLevel":
+        """Some of the patches, by their indices."""
+        return PatchLevel(
+            self.centres[chosen],
+            self.probes[chosen],
+            self.slope_sums[chosen],
+            self.slope_products[chosen],
+            self.inverse_hessian[chosen],
+            self.usable[chosen],
+        )
 
 
 def cut_patches(image: GreyArray, centres: FloatArray) -> GreyArray:
@@ -119,14 +131,15 @@ def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
     usable = (deviation[:, 0] > _MIN_CONTRAST) & (determinant > 0.01 * trace**2)
     hessian[~usable] = np.eye(2)
     appearance = centred / scale
-    probes = np.concatenate([steepest, appearance[:, np.newaxis]], axis=1)
+    even = np.full((len(grey), 1, _SIDE * _SIDE), 1 / _SIDE**2, dtype=np.float32)
+    probes = np.concatenate([steepest, appearance[:, np.newaxis], even], axis=1)
     products = np.einsum("nip,np->ni", steepest, appearance).astype(np.float64)
     sums = steepest.sum(axis=2).astype(np.float64)
     return PatchLevel(centres, probes.astype(np.float32), sums, products, np.linalg.inv(hessian), usable)
 
 
 def align(
-    level: PatchLevel, image: GreyArray, key_to_frame: FloatArray, chosen: npt.NDArray[np.int64]
+    level: PatchLevel, image: GreyArray, key_to_frame: FloatArray
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
     """Finds where patches of the key picture lie in a frame, to a few hundredths of a pixel.
 
@@ -137,19 +150,23 @@ def align(
         level: patches of the key picture.
         image: uint8[h, w], the frame at the same reduction.
         key_to_frame: float64[3, 3], predicted motion in px of this level, right to about 3 px.
-        chosen: int64[m], indices of the patches to align.
 
     Returns:
         float64[k, 2] positions in the key picture, float64[k, 2] the same ground in the frame, and int64[k]
         their patch indices, for the k patches that converged.
     """
-    chosen = chosen[level.usable[chosen]]
-    chosen = chosen[_visible(project(key_to_frame, level.centres[chosen]), image.shape)]
+    visible = level.usable & _visible(project(key_to_frame, level.centres), image.shape)
+    chosen = np.flatnonzero(visible)
     if not len(chosen):
         return np.empty((0, 2)), np.empty((0, 2)), chosen
-    shift, correlation, step = _iterate(level, image, key_to_frame, chosen)
-    good = (np.hypot(*shift.T) < _MAX_SHIFT) & (correlation > _MIN_CORRELATION) & (step < _SETTLED)
-    key_points = level.centres[chosen[good]]
+    if len(chosen) < _MOSTLY * len(visible):
+        level, visible = level.part(chosen), visible[chosen]
+    else:
+        # Copying most of the patches costs more than aligning the few that cannot be seen.
+        chosen = np.arange(len(visible))
+    shift, correlation, step = _iterate(level, image, key_to_frame)
+    good = visible & (np.hypot(*shift.T) < _MAX_SHIFT) & (correlation > _MIN_CORRELATION) & (step < _SETTLED)
+    key_points = level.centres[good]
     return key_points, project(key_to_frame, key_points + shift[good]), chosen[good]
 
 
@@ -161,14 +178,12 @@ def _visible(points: FloatArray, shape: Sequence[int]) -> MaskArray:
 
 
 def _iterate(
-    level: PatchLevel, image: GreyArray, key_to_frame: FloatArray, chosen: npt.NDArray[np.int64]
+    level: PatchLevel, image: GreyArray, key_to_frame: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Gauss-Newton on each patch's shift: (shift, correlation, size of the last step)."""
-    centres, probes = level.centres[chosen], level.probes[chosen]
-    slope_sums, slope_products = level.slope_sums[chosen], level.slope_products[chosen]
-    inverse_hessian = level.inverse_hessian[chosen]
+    centres = level.centres
     spread = np.matmul(_jacobian(key_to_frame, centres).astype(np.float32).transpose(1, 0, 2), _OFFSETS)
-    shift = np.zeros((len(chosen), 2))
+    shift = np.zeros((len(centres), 2))
     for _ in range(_ITERATIONS):
         anchors = project(key_to_frame, centres + shift).astype(np.float32)
         sampled = cv2.remap(
@@ -178,10 +193,10 @@ def _iterate(
             cv2.INTER_LINEAR,
             borderMode=cv2.BORDER_REPLICATE,
         )
-        products, mean, deviation = _probed(np.asarray(sampled, dtype=np.float32), probes)
+        products, deviation = _probed(np.asarray(sampled, dtype=np.float32), level.probes)
         # The slopes times (sampled - mean) / deviation - key patch, without forming that difference.
-        gradient = (products[:, :2] - mean * slope_sums) / deviation - slope_products
-        update = np.matmul(inverse_hessian, gradient[:, :, np.newaxis])[:, :, 0]
+        gradient = (products[:, :2] - products[:, 3:] * level.slope_sums) / deviation - level.slope_products
+        update = np.matmul(level.inverse_hessian, gradient[:, :, np.newaxis])[:, :, 0]
         shift = np.clip(shift - update, -2 * _MAX_SHIFT, 2 * _MAX_SHIFT)
         step = np.hypot(update[:, 0], update[:, 1])
         if np.count_nonzero(step < _CONVERGED) > _ENOUGH * len(step):
@@ -189,13 +204,12 @@ def _iterate(
     return shift, products[:, 2] / (_SIDE * _SIDE * deviation[:, 0]), step
 
 
-def _probed(sampled: _SingleArray, probes: _SingleArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Products with the probes, float64[n, 3]; mean and deviation of the samples, float64[n, 1] each."""
+def _probed(sampled: _SingleArray, probes: _SingleArray) -> tuple[FloatArray, FloatArray]:
+    """Products with the probes, float64[n, 4], and the deviation of the samples, float64[n, 1]."""
     products = np.matmul(probes, sampled[:, :, np.newaxis])[:, :, 0].astype(np.float64)
-    mean = sampled.mean(axis=1, keepdims=True).astype(np.float64)
     square = np.einsum("np,np->n", sampled, sampled)[:, np.newaxis] / sampled.shape[1]
-    deviation = np.sqrt(np.maximum(square - mean**2, 1e-6))
-    return products, mean, deviation
+    deviation = np.sqrt(np.maximum(square - products[:, 3:] ** 2, 1e-6))
+    return products, deviation
 
 
 def _jacobian(matrix: FloatArray, points: FloatArray) -> FloatArray:

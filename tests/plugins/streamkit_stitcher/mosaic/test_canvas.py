@@ -1,50 +1,67 @@
-"""The canvas that grows and halves."""
+"""The canvas of tiles that grows, spills and halves."""
 
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import project
+from streamkit_stitcher.homographies import project, translation
 from streamkit_stitcher.mosaic.canvas import Canvas
 
 
-def paint(canvas, left, top, value):
+def paint(canvas, left, top, value, channels=1):
     """Paints 40 x 30 px of the plane at a whole-pixel place, at full scale."""
-    assert canvas.make_room(np.array([[left, top], [left + 39, top + 29]], dtype=float), 2)
-    column, row = project(canvas.from_plane, np.array([[left, top]], dtype=float))[0].round().astype(int)
-    canvas.pixels[row : row + 30, column : column + 40] = value
-    canvas.depth[row : row + 30, column : column + 40] = 200
+    assert canvas.make_room(np.array([[left, top], [left + 39, top + 29]], dtype=float), channels)
+    pixels = np.full((30, 40, canvas.channels), value, np.uint8)
+    canvas.write(left, top, pixels, np.full((30, 40), 200, np.uint8))
+
+
+def value_at(canvas, x, y):
+    """The pixel that shows a point of the plane."""
+    column, row = project(canvas.from_plane, np.array([[x, y]], dtype=float))[0].round().astype(int).tolist()
+    return int(canvas.read(column, row, 1, 1)[0][0, 0, 0])
 
 
 def test_growing_keeps_what_is_painted():
     """Ground on all four sides of the first piece leaves the first piece where it was."""
     canvas = Canvas(1_000_000)
-    for left, top, value in ((0, 0, 50), (-90, -70, 60), (130, 5, 70), (3, 160, 80)):
+    for left, top, value in ((0, 0, 50), (-90, -70, 60), (530, 5, 70), (3, 660, 80)):
         paint(canvas, left, top, value)
-    places = np.array([[20.0, 15.0], [-70, -55], [150, 20], [23, 175]])
-    cells = project(canvas.painted_from_plane, places).round().astype(int)
-    assert canvas.painted()[cells[:, 1], cells[:, 0]].tolist() == [50, 60, 70, 80]
-    assert canvas.painted().shape == (260, 260)
+    places = ((20, 15), (-70, -55), (550, 20), (23, 675))
+    assert [value_at(canvas, *place) for place in places] == [50, 60, 70, 80]
+    assert canvas.box == (-90, -70, 570, 690)
+    assert value_at(canvas, 300, 300) == 0
 
 
-def test_at_the_limit_the_canvas_is_halved():
-    """The painted box never has more pixels than allowed, and places stay right to a canvas pixel."""
-    canvas = Canvas(10_000)
+def test_tiles_beyond_the_limit_go_to_a_file_and_come_back():
+    """Memory holds a bounded number of tiles; what was spilled is read back pixel by pixel."""
+    canvas = Canvas(2_000_000)
+    values = {600 * number: 10 + number for number in range(12)}
+    for left, value in values.items():
+        paint(canvas, left, 0, value)
+    store = canvas._store
+    assert store.in_memory <= 7
+    assert store.spilled > 0
+    assert {left: value_at(canvas, left + 20, 15) for left in values} == values
+    canvas.close()
+
+
+def test_at_the_last_limit_the_canvas_is_halved():
+    """The box never has more pixels than allowed, and places stay right to a canvas pixel."""
+    canvas = Canvas(10_000 // 16)
     paint(canvas, 1, 3, 50)
-    assert canvas.make_room(np.array([[300.0, 200.0]]), 2)
+    assert canvas.make_room(np.array([[300.0, 200.0]]), 1)
     assert canvas.scale == 0.25
-    assert canvas.painted().size <= 10_000
-    column, row = project(canvas.painted_from_plane, np.array([[20.0, 17.0]]))[0].round().astype(int)
-    assert canvas.painted()[row, column] == 50
-    assert canvas.depth[canvas.depth > 0].min() == 200
+    left, top, right, bottom = canvas.box
+    assert (right - left) * (bottom - top) <= 10_000
+    assert value_at(canvas, 20, 17) == 50
 
 
 def test_a_place_out_of_reach_changes_nothing():
     """Beyond a sixteenth of the resolution the canvas refuses."""
     canvas = Canvas(10_000)
     paint(canvas, 0, 0, 50)
-    assert not canvas.make_room(np.array([[1e6, 1e6]]), 2)
+    assert not canvas.make_room(np.array([[1e6, 1e6]]), 1)
     assert canvas.scale == 1.0
-    assert canvas.painted().shape == (30, 40)
+    assert canvas.box == (0, 0, 40, 30)
 
 
 def test_halving_does_not_mix_in_the_unpainted():
@@ -52,14 +69,40 @@ def test_halving_does_not_mix_in_the_unpainted():
     canvas = Canvas(1_000_000)
     paint(canvas, 1, 1, 100)
     canvas._halve()
-    assert set(np.unique(canvas.pixels)) == {0, 100}
-    assert (canvas.pixels[canvas.depth > 0] == 100).all()
+    pixels, depth = canvas.read(*canvas.box[:2], 25, 20)
+    assert set(np.unique(pixels)) == {0, 100}
+    assert (pixels[depth > 0] == 100).all()
 
 
-@pytest.mark.parametrize("dimensions", [2, 3])
-def test_the_first_picture_decides_the_colours(dimensions):
-    """Grey stays grey and colour stays colour while the canvas grows."""
+@pytest.mark.parametrize("channels", [1, 3])
+def test_the_first_picture_decides_the_colours(channels):
+    """Grey stays grey and colour stays colour whatever is asked for later."""
     canvas = Canvas(1_000_000)
-    canvas.make_room(np.array([[0.0, 0.0], [9, 9]]), dimensions)
-    canvas.make_room(np.array([[90.0, 90.0]]), 2)
-    assert canvas.pixels.ndim == dimensions
+    paint(canvas, 0, 0, 50, channels)
+    paint(canvas, 90, 0, 60, 4 - channels)
+    assert canvas.channels == channels
+    assert value_at(canvas, 100, 10) == 60
+
+
+def test_a_change_of_plane_leaves_the_painting_where_it_is():
+    """After the plane moved by a shift, the same ground is found at its shifted place."""
+    canvas = Canvas(1_000_000)
+    paint(canvas, 0, 0, 50)
+    canvas.move_plane(translation(np.array([1000.0, -500.0])))
+    assert value_at(canvas, 1020, -485) == 50
+    assert canvas.is_painted(np.array([[20, 15], [60, 15]])).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("step", [200, 3000])
+def test_a_preview_shows_the_whole_in_any_size(step):
+    """Small or large, the preview holds everything, in proportion, and tells where it lies."""
+    canvas = Canvas(64_000_000)
+    for number in range(3):
+        paint(canvas, step * number, step * number // 2, 100 + 50 * number)
+    picture, from_plane = canvas.preview(320, 240)
+    assert picture.shape == (240, 320, 1)
+    assert len(np.unique(picture)) > 3 if step == 200 else picture.max() > 20
+    place = project(from_plane, np.array([[20.0, 15.0], [2 * step + 20.0, step + 15.0]]))
+    assert ((place > -1) & (place < (320, 240))).all()
+    column, row = place[0].round().astype(int)
+    assert picture[row, column, 0] > 0

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from streamkit_stitcher.homographies import translation
-from streamkit_stitcher.mosaic.recorder import MosaicRecorder
-from streamkit_stitcher.plane.tracker import Placement, Status
+from streamkit_stitcher.mosaic.georeference import PositionFix
+from streamkit_stitcher.mosaic.recorder import MosaicRecorder, RecorderSettings
+from streamkit_stitcher.plane.placement import Placement, Status
 
 SMALL = (360, 640)
 
@@ -17,11 +18,11 @@ def placement(left=0.0, reference=0, **fields):
     return Placement(np.eye(3), translation(np.array([left, 0.0])), reference, **given)
 
 
-def add(recorder, where, picture):
-    """Offers a picture; whether it was asked for, and what was written."""
+def add(recorder, where, picture, position=None):
+    """Offers a picture; whether it was asked for."""
     asked = []
-    written = recorder.add(where, SMALL, lambda: asked.append(1) or picture)
-    return bool(asked), written
+    recorder.add(where, SMALL, lambda: asked.append(1) or picture, position)
+    return bool(asked)
 
 
 @pytest.fixture
@@ -32,21 +33,21 @@ def picture(ground):
 
 @pytest.fixture
 def recorder(tmp_path):
-    """A recorder of m.png."""
-    return MosaicRecorder(str(tmp_path / "m.png"), 64_000_000)
+    """A recorder of m.png that keeps the mosaic as it grows."""
+    return MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), 64_000_000, final=False))
 
 
 def test_new_ground_and_key_pictures_go_in(recorder, picture):
     """A picture of known ground is not even asked for."""
-    assert add(recorder, placement(keyframe=True), picture)[0]
-    assert not add(recorder, placement(20.0), picture)[0]
-    assert add(recorder, placement(90.0), picture)[0]
-    assert add(recorder, placement(100.0, keyframe=True), picture)[0]
+    assert add(recorder, placement(keyframe=True), picture)
+    assert not add(recorder, placement(20.0), picture)
+    assert add(recorder, placement(90.0), picture)
+    assert add(recorder, placement(100.0, keyframe=True), picture)
 
 
 def test_a_place_that_was_not_measured_never_goes_in(recorder, picture):
     """Lost and weak pictures stay out, whatever ground they claim to show."""
-    assert not add(recorder, placement(500.0, status=Status.LOST, anchored=False), picture)[0]
+    assert not add(recorder, placement(500.0, status=Status.LOST, anchored=False), picture)
     assert recorder.finish() is None
 
 
@@ -55,6 +56,7 @@ def test_the_mosaic_is_written_once(recorder, picture, tmp_path):
     add(recorder, placement(keyframe=True), picture)
     written = recorder.finish()
     assert (written.width, written.height, written.pictures, written.reference) == (640, 360, 1, 0)
+    assert not written.final
     assert np.array_equal(cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE), picture)
     assert recorder.finish() is None
 
@@ -63,25 +65,51 @@ def test_without_a_number_the_plane_that_covers_most_is_kept(recorder, picture, 
     """A large plane is not overwritten by the small one after it."""
     add(recorder, placement(keyframe=True), picture)
     add(recorder, placement(300.0, keyframe=True), picture)
-    _, first = add(recorder, placement(reference=1, keyframe=True), picture)
-    assert first.width == 940
+    assert recorder.is_other_plane(placement(reference=1))
+    assert recorder.finish().width == 940
+    add(recorder, placement(reference=1, keyframe=True), picture)
     assert recorder.finish() is None
     assert cv2.imread(str(tmp_path / "m.png")).shape[1] == 940
 
 
 def test_with_a_number_each_plane_has_a_file(picture, tmp_path):
     """%d is the number of the plane."""
-    recorder = MosaicRecorder(str(tmp_path / "m-%d.png"), 64_000_000)
-    add(recorder, placement(keyframe=True), picture)
-    add(recorder, placement(reference=1, keyframe=True), picture)
-    recorder.finish()
+    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m-%d.png"), 64_000_000))
+    for reference in (0, 1):
+        add(recorder, placement(reference=reference, keyframe=True), picture)
+        recorder.finish({0: np.eye(3)})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m-0.png", "m-1.png"]
 
 
-def test_pictures_out_of_reach_are_counted(picture, tmp_path):
+def test_pictures_out_of_reach_are_counted(recorder, picture):
     """A refused picture leaves the mosaic as it was."""
-    recorder = MosaicRecorder(str(tmp_path / "m.png"), 1_000_000)
     add(recorder, placement(keyframe=True), picture)
     add(recorder, placement(1e8, keyframe=True), picture)
     assert recorder.refused == 1
     assert recorder.finish().pictures == 1
+
+
+def test_a_plane_that_moves_takes_its_mosaic_along(recorder, ground, tmp_path):
+    """After a change of plane the next picture lands beside the first, not on it."""
+    add(recorder, placement(keyframe=True), ground[:360, :640])
+    moved = placement(-700.0, 1, keyframe=True, change=translation(np.array([-1000.0, 0.0])))
+    assert not recorder.is_other_plane(moved)
+    add(recorder, moved, ground[:360, 300:940])
+    assert recorder.finish().width == 940
+    found = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE)
+    assert np.abs(found.astype(int) - ground[:360, :940]).max() <= 1
+
+
+def test_the_final_mosaic_takes_the_adjusted_places(ground, tmp_path):
+    """Pictures follow the key picture they were measured against; the misfit to positions is told."""
+    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), 64_000_000))
+    # 0.1 m a pixel on the equator, flown east.
+    fixes = [PositionFix(0.0, left * 0.1 / 111_319.49) for left in (0, 300, 600)]
+    for number, left in enumerate((0.0, 340.0, 560.0)):
+        where = placement(left, keyframe=True, key_index=number)
+        add(recorder, where, ground[:360, 300 * number : 300 * number + 640], fixes[number])
+    written = recorder.finish({n: translation(np.array([300.0 * n, 0.0])) for n in range(3)}, 0.1)
+    assert (written.width, written.final, written.rmse_px) == (1240, True, 0.1)
+    assert written.position_misfit_m == pytest.approx(0.0, abs=0.01)
+    found = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE).astype(int)
+    assert np.abs(found[4:-4, 4:-4] - ground[4:356, 4:1236]).max() <= 2

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from streamkit_stitcher.homographies import IDENTITY, inverse, translation
-from streamkit_stitcher.plane.keyframes import LEVELS, KeyframeStore, pooled_placement
+from streamkit_stitcher.plane.keyframes import LEVELS, KeyframeMatcher, KeyframeStore, pooled_placement
 from streamkit_stitcher.registration.corners import CornerDetector
 from streamkit_stitcher.registration.motion_models import FitLimits
 from streamkit_stitcher.registration.patches import pyramid
@@ -14,7 +14,8 @@ LIMITS = FitLimits(max_step=1.0)
 
 def stored(store, picture, to_reference=IDENTITY):
     """A picture added to a store, with its corners."""
-    return store.add(pyramid((picture,), LEVELS), CornerDetector().detect(picture, 300), to_reference)
+    points = CornerDetector().detect(picture, 300)
+    return store.add(pyramid((picture,), LEVELS), points, to_reference, 0)
 
 
 @pytest.mark.parametrize(("offset", "top_level"), [(1.5, 0), (12.0, 3)])
@@ -25,7 +26,7 @@ def test_a_picture_is_placed_to_a_tenth_of_a_pixel(ground, make_flight, offset, 
     key = stored(store, flight.picture(0))
     wrong = translation(np.array([offset, -offset / 2])) @ flight.to_first(4)
     images = pyramid((flight.picture(4),), LEVELS)
-    match = store.match(key, images, wrong, LIMITS, top_level=top_level, max_points=300)
+    match = KeyframeMatcher().match(key, images, wrong, LIMITS, top_level=top_level, max_points=300)
     assert flight.error(match.fit.matrix, 4) < 0.15
     assert len(match.frame_points) == match.fit.count
 
@@ -35,7 +36,7 @@ def test_other_ground_is_not_matched(ground):
     store = KeyframeStore()
     key = stored(store, ground[:360, :640])
     images = pyramid((ground[900:1260, 1000:1640],), LEVELS)
-    assert store.match(key, images, IDENTITY, LIMITS, top_level=3, max_points=300) is None
+    assert KeyframeMatcher().match(key, images, IDENTITY, LIMITS, top_level=3, max_points=300) is None
 
 
 def test_overlapping_keyframes_come_nearest_first(ground):
@@ -66,7 +67,7 @@ def test_pooled_matches_place_a_picture_better_than_the_worst_of_them(ground, ma
     matches = []
     for key in keys:
         guess = inverse(key.to_reference) @ flight.to_first(3)
-        match = store.match(key, images, guess, LIMITS, top_level=0, max_points=300)
+        match = KeyframeMatcher().match(key, images, guess, LIMITS, top_level=0, max_points=300)
         matches.append((key, match))
     fit = pooled_placement(matches, (360, 640), LIMITS)
     assert flight.error(fit.matrix, 3) < 0.15

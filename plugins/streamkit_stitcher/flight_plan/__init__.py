@@ -1,0 +1,1 @@
+"""What is known before a flight strip: its length, its pictures, and how they are made even."""

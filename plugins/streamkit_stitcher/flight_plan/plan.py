@@ -1,0 +1,139 @@
+"""A flight strip before it is flown: ground covered, pictures needed, time between key pictures."""
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+_MOST_IMAGES: Final = 100_000
+
+
+@dataclass(frozen=True)
+class GeodeticPoint:
+    """A place: degrees, WGS84."""
+
+    latitude: float
+    longitude: float
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """How much a camera that looks straight down sees.
+
+    Attributes:
+        horizontal: field of view across the picture, rad.
+        vertical: along its height, rad.
+    """
+
+    horizontal: float
+    vertical: float
+
+    @classmethod
+    def of_lens(cls, focal_mm: float, sensor_mm: tuple[float, float]) -> "CameraView":
+        """From the focal length and the width and height of the sensor."""
+        width, height = sensor_mm
+        return cls(2 * math.atan(width / (2 * focal_mm)), 2 * math.atan(height / (2 * focal_mm)))
+
+    @classmethod
+    def of_width(cls, horizontal: float, shape: tuple[int, int]) -> "CameraView":
+        """From the horizontal field of view in rad and the (height, width) of pictures with square pixels."""
+        height, width = shape
+        return cls(horizontal, 2 * math.atan(math.tan(horizontal / 2) * height / width))
+
+
+@dataclass(frozen=True)
+class FlightPlan:
+    """What a strip comes to.
+
+    Attributes:
+        length_m: of the strip, on the ellipsoid.
+        heading: at its start, rad clockwise from north.
+        footprint_m: ground across and along one picture.
+        images: pictures of the whole strip at the overlap wanted.
+        interval_s: time from one to the next.
+        sampling_m: ground per pixel.
+    """
+
+    length_m: float
+    heading: float
+    footprint_m: tuple[float, float]
+    images: int
+    interval_s: float
+    sampling_m: float
+
+
+def parse_strip(text: str) -> tuple[GeodeticPoint, GeodeticPoint]:
+    """Reads the ends of a strip from "longitude,latitude,longitude,latitude".
+
+    Raises:
+        ValueError: it is not four numbers, or they are no places on earth.
+    """
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != 4 or not all(math.isfinite(value) for value in values):
+        raise ValueError(
+            f"strip must be longitude,latitude of its first and of its last picture, got {text!r}; "
+            "write strip=-46.84,-23.51,-46.83,-23.51"
+        )
+    ends = GeodeticPoint(values[1], values[0]), GeodeticPoint(values[3], values[2])
+    for end in ends:
+        if not (-90 <= end.latitude <= 90 and -180 <= end.longitude <= 180):
+            raise ValueError(
+                f"strip: latitude must lie in -90 to 90 and longitude in -180 to 180, got {text!r}; "
+                "longitude comes first"
+            )
+    return ends
+
+
+def footprint(altitude_m: float, view: CameraView) -> tuple[float, float]:
+    """Ground across and along a picture taken straight down from `altitude_m` above the ground, m."""
+    return 2 * altitude_m * math.tan(view.horizontal / 2), 2 * altitude_m * math.tan(view.vertical / 2)
+
+
+def plan_strip(
+    ends: tuple[GeodeticPoint, GeodeticPoint],
+    altitude_m: float,
+    view: CameraView,
+    overlap: float,
+    speed_m_s: float,
+    width_px: int,
+) -> FlightPlan:
+    """Works out a strip flown along the height of the pictures.
+
+    Args:
+        ends: middles of the first and the last picture.
+        altitude_m: above the ground.
+        view: of the camera.
+        overlap: part of a picture that the next one shows again, 0 to below 1.
+        speed_m_s: over the ground.
+        width_px: of the pictures.
+
+    Raises:
+        ValueError: a value makes no flight, or the strip would take more than 100 000 pictures.
+        ImportError: pyproj is missing.
+
+    Source: Zhang, Liu and Qu, Research on feature extraction method of UAV video image based on target
+    tracking, section 2.1, steps 1 to 3; geodesic lengths after Karney, Algorithms for geodesics, 2013.
+    """
+    import pyproj
+
+    if not (altitude_m > 0 and speed_m_s > 0 and 0 <= overlap < 1):
+        raise ValueError(
+            f"altitude and speed must be above 0 and the overlap in 0 to 1, got {altitude_m} m, "
+            f"{speed_m_s} m/s and {overlap}"
+        )
+    azimuth, _, length = pyproj.Geod(ellps="WGS84").inv(
+        ends[0].longitude, ends[0].latitude, ends[1].longitude, ends[1].latitude
+    )
+    across, along = footprint(altitude_m, view)
+    step = along * (1 - overlap)
+    images = math.ceil(length / step - 1e-9) + 1
+    if images > _MOST_IMAGES:
+        raise ValueError(
+            f"a strip of {length:.0f} m takes {images} pictures at steps of {step:.2f} m; at most "
+            f"{_MOST_IMAGES} are possible: check altitude, field of view and overlap"
+        )
+    return FlightPlan(
+        float(length), math.radians(azimuth), (across, along), images, step / speed_m_s, across / width_px
+    )

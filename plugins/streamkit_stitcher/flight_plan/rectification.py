@@ -1,0 +1,142 @@
+"""Making the pictures of a tilted camera with a real lens look as if taken straight down."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from streamkit_stitcher.homographies import FloatArray, corners, normalised, project
+
+MapArray = npt.NDArray[np.float32]
+
+_BORDER_STEPS: Final = 64
+_LARGEST_TILT: Final = math.radians(45)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera's inner orientation.
+
+    Attributes:
+        focal_px: focal length, px.
+        principal: x y of the principal point, px; None for the middle of the picture.
+        distortion: k1, k2, p1, p2, k3 of Brown's model, as OpenCV counts them.
+    """
+
+    focal_px: float
+    principal: tuple[float, float] | None = None
+    distortion: tuple[float, ...] = field(default=(0.0, 0.0, 0.0, 0.0, 0.0))
+
+    def matrix(self, shape: tuple[int, int]) -> FloatArray:
+        """float64[3, 3], rays to pixels of a picture of `shape` (height, width)."""
+        x, y = self.principal or ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
+        return np.array([[self.focal_px, 0, x], [0, self.focal_px, y], [0, 0, 1.0]])
+
+
+def levelling(camera: Camera, shape: tuple[int, int], roll: float, pitch: float) -> FloatArray:
+    """Turns a picture into what the same camera would have seen looking straight down.
+
+    Args:
+        camera: its inner orientation.
+        shape: (height, width), px.
+        roll: of the camera about the way it looks up in the picture, right side down positive, rad.
+        pitch: about the picture's x axis, top of the picture up positive, rad.
+
+    Returns:
+        float64[3, 3], pixels of the undistorted picture to pixels of the levelled one.
+
+    Raises:
+        ValueError: the camera is tilted by more than 45 degrees, where the ground may end in the picture.
+    """
+    if not math.hypot(roll, pitch) <= _LARGEST_TILT:
+        raise ValueError(
+            f"a picture can be levelled up to 45 degrees, got roll {math.degrees(roll):.1f} and pitch "
+            f"{math.degrees(pitch):.1f} degrees"
+        )
+    about_x, _ = cv2.Rodrigues(np.array([pitch, 0.0, 0.0]))
+    about_y, _ = cv2.Rodrigues(np.array([0.0, roll, 0.0]))
+    inner = camera.matrix(shape)
+    return normalised(inner @ np.asarray(about_y @ about_x) @ np.linalg.inv(inner))
+
+
+def rectification_maps(
+    camera: Camera, shape: tuple[int, int], to_level: FloatArray, size: tuple[int, int], shift: FloatArray
+) -> tuple[MapArray, MapArray]:
+    """Where each pixel of the rectified picture lies in the one that was taken.
+
+    Args:
+        camera: its inner orientation.
+        shape: (height, width) of the taken picture.
+        to_level: float64[3, 3] from the undistorted picture to the levelled one.
+        size: (width, height) of the rectified picture.
+        shift: float64[2], x y of its first pixel in the levelled picture.
+
+    Returns:
+        float32[h, w] columns and rows, for `cv2.remap`.
+    """
+    inner = camera.matrix(shape)
+    offset = np.array([[1, 0, -shift[0]], [0, 1, -shift[1]], [0, 0, 1.0]])
+    whole = offset @ to_level @ inner
+    columns, rows = cv2.initUndistortRectifyMap(
+        inner, np.array(camera.distortion), np.eye(3), whole, size, cv2.CV_32FC1
+    )
+    return np.asarray(columns, dtype=np.float32), np.asarray(rows, dtype=np.float32)
+
+
+def rectified_border(camera: Camera, shape: tuple[int, int], to_level: FloatArray) -> FloatArray:
+    """The border of the taken picture in the levelled one, float64[n, 2], clockwise."""
+    outline = corners(shape)
+    steps = np.arange(_BORDER_STEPS)[:, np.newaxis] / _BORDER_STEPS
+    border = np.concatenate(
+        [outline[side] + steps * (outline[(side + 1) % 4] - outline[side]) for side in range(4)]
+    )
+    inner = camera.matrix(shape)
+    straight = cv2.undistortPoints(border[np.newaxis], inner, np.array(camera.distortion), P=inner)
+    return project(to_level, np.asarray(straight, dtype=np.float64).reshape(-1, 2))
+
+
+def inscribed_rectangle(border: FloatArray, aspect: float) -> tuple[float, float, float, float]:
+    """The largest upright rectangle of an aspect around the middle of a border that lies inside it.
+
+    Args:
+        border: float64[n, 2] of a shape that its own middle sees whole.
+        aspect: width over height.
+
+    Returns:
+        Left, top, width and height, px.
+    """
+    middle = (border.max(axis=0) + border.min(axis=0)) / 2
+    arms = border - middle
+    after = np.roll(arms, -1, axis=0)
+    half_height = math.inf
+    for across, down in ((aspect, 1.0), (aspect, -1.0), (-aspect, 1.0), (-aspect, -1.0)):
+        # Where the diagonal from the middle towards this corner leaves the border.
+        side = after - arms
+        determinant = across * -side[:, 1] + down * side[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = (arms[:, 0] * -side[:, 1] + arms[:, 1] * side[:, 0]) / determinant
+            place = (across * arms[:, 1] - down * arms[:, 0]) / determinant
+        crossed = (reach > 0) & (place >= -1e-9) & (place <= 1 + 1e-9)
+        half_height = min(half_height, float(reach[crossed].min(initial=math.inf)))
+    # A corner may lie inside while a side crosses a bulge of the border.
+    bulging = np.maximum(np.abs(arms[:, 0]) / aspect, np.abs(arms[:, 1]))
+    half_height = min(half_height, float(bulging.min()))
+    half_width = half_height * aspect
+    return middle[0] - half_width, middle[1] - half_height, 2 * half_width, 2 * half_height
+
+
+def common_rectangle(
+    rectangles: list[tuple[float, float, float, float]], aspect: float
+) -> tuple[float, float]:
+    """Width and height that all pictures can be cut to: the shortest width, at the aspect.
+
+    Raises:
+        ValueError: there is no rectangle.
+    """
+    if not rectangles:
+        raise ValueError("no picture to cut: give at least one inscribed rectangle")
+    width = min(min(rectangle[2], rectangle[3] * aspect) for rectangle in rectangles)
+    return width, width / aspect

@@ -1,0 +1,253 @@
+"""The finished mosaic: pictures at their adjusted places, one per part of the ground, blended in bands."""
+
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from streamkit_stitcher.homographies import FloatArray, corners, normalised, project
+from streamkit_stitcher.mosaic.exposure import gains
+from streamkit_stitcher.mosaic.mosaic import is_placeable, like, shrunk
+from streamkit_stitcher.mosaic.picture_store import thumbnail_factor
+from streamkit_stitcher.mosaic.seams import (
+    Footprint,
+    LabelArray,
+    SeamKind,
+    footprint,
+    graph_cut_labels,
+    voronoi_labels,
+)
+from streamkit_stitcher.mosaic.tiles import PictureArray
+
+_BLOCK: Final = 2048
+_BANDS: Final = 5
+# The blender works in whole numbers, level by level: sixteenths keep its rounding out of sight.
+_FINENESS: Final = 16
+_REACH: Final = 3 << _BANDS
+_LARGEST_PX: Final = 1_000_000_000
+_LARGEST_GRID: Final = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedPicture:
+    """A picture of the finished mosaic.
+
+    Attributes:
+        number: of the picture in its store.
+        shape: (height, width), px.
+        to_plane: float64[3, 3], its pixels to the plane.
+        fills_gaps: whether it shows only where no other picture does.
+    """
+
+    number: int
+    shape: tuple[int, int]
+    to_plane: FloatArray
+    fills_gaps: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Composition:
+    """A finished mosaic.
+
+    Attributes:
+        picture: uint8[h, w] or uint8[h, w, 3] BGR, black where no picture reached; may lie in a file.
+        from_plane: float64[3, 3], the plane to its pixels.
+        scale: its pixels per px of the plane.
+        pictures: number of pictures in it.
+    """
+
+    picture: PictureArray
+    from_plane: FloatArray
+    scale: float
+    pictures: int
+
+
+def compose(
+    pictures: Sequence[PlacedPicture],
+    load: Callable[[int], PictureArray],
+    seam: SeamKind,
+    memory_px: int,
+) -> Composition | None:
+    """Joins pictures: gains first, then seams, then five bands blended across them.
+
+    Each part of the ground comes from one picture, so that what moved between two of them does not show
+    twice; only the low bands mix across a seam. The work goes block by block.
+
+    Args:
+        pictures: where they lie.
+        load: gives a picture by its number.
+        seam: how they share the ground.
+        memory_px: a larger mosaic is put together in a temporary file.
+
+    Returns:
+        The mosaic, or None where no picture can be placed.
+
+    Raises:
+        OSError: a temporary file takes no more.
+
+    Source: Burt and Adelson, A multiresolution spline with application to image mosaics, ACM TOG 1983; Brown
+    and Lowe, IJCV 2007.
+    """
+    placed = [picture for picture in pictures if is_placeable(picture.to_plane, picture.shape)]
+    if not placed:
+        return None
+    points = np.concatenate([project(picture.to_plane, corners(picture.shape)) for picture in placed])
+    low, high = points.min(axis=0), points.max(axis=0)
+    scale = 1.0
+    while float(np.prod((high - low) * scale + 1)) > _LARGEST_PX:
+        scale /= 2
+    offset = 0.5 * scale - 0.5
+    corner = np.floor(low * scale + offset)
+    from_plane = np.array([[scale, 0, offset - corner[0]], [0, scale, offset - corner[1]], [0, 0, 1]])
+    width, height = (np.ceil(high * scale + offset) - corner + 1).astype(int).tolist()
+    plan = _plan(placed, load, from_plane, (height, width), seam)
+    picture = _empty((height, width, plan.channels), memory_px)
+    for top in range(0, height, _BLOCK):
+        for left in range(0, width, _BLOCK):
+            _fill(picture[top : top + _BLOCK, left : left + _BLOCK], left, top, plan, load)
+    flat = picture[:, :, 0] if plan.channels == 1 else picture
+    return Composition(flat, from_plane, scale, len(placed))
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    placed: Sequence[PlacedPicture]
+    to_mosaic: Sequence[FloatArray]
+    labels: LabelArray
+    factor: int
+    gains: FloatArray
+    channels: int
+
+
+def _empty(shape: tuple[int, int, int], memory_px: int) -> PictureArray:
+    if shape[0] * shape[1] <= memory_px:
+        return np.zeros(shape, dtype=np.uint8)
+    file = tempfile.TemporaryFile(prefix="streamkit-mosaic-")  # noqa: SIM115  lives as long as its map
+    return np.memmap(file, dtype=np.uint8, mode="w+", shape=shape)
+
+
+def _plan(
+    placed: Sequence[PlacedPicture],
+    load: Callable[[int], PictureArray],
+    from_plane: FloatArray,
+    shape: tuple[int, int],
+    seam: SeamKind,
+) -> _Plan:
+    """Seams and gains, found on a coarse grid of the mosaic."""
+    factor = thumbnail_factor(max(picture.shape[1] for picture in placed))
+    factor = max(factor, 2 ** math.ceil(math.log2(max(1.0, shape[0] * shape[1] / _LARGEST_GRID)) / 2))
+    grid = -(-shape[0] // factor), -(-shape[1] // factor)
+    lower = np.array(
+        [
+            [1 / factor, 0, (1 - factor) / (2 * factor)],
+            [0, 1 / factor, (1 - factor) / (2 * factor)],
+            [0, 0, 1],
+        ]
+    )
+    channels = 0
+    footprints: list[Footprint] = []
+    to_mosaic = [normalised(from_plane @ picture.to_plane) for picture in placed]
+    for picture, matrix in zip(placed, to_mosaic, strict=True):
+        pixels = load(picture.number)
+        channels = channels or (1 if pixels.ndim == 2 else 3)
+        small, to_grid = shrunk(like(pixels, channels), normalised(lower @ matrix))
+        footprints.append(footprint(small.reshape(*small.shape[:2], -1), to_grid, grid, picture.fills_gaps))
+    labels = (graph_cut_labels if seam is SeamKind.GRAPHCUT else voronoi_labels)(footprints, grid)
+    return _Plan(placed, to_mosaic, labels, factor, gains(footprints), channels)
+
+
+def _fill(block: PictureArray, left: int, top: int, plan: _Plan, load: Callable[[int], PictureArray]) -> None:
+    """Composes one block of the mosaic, with what lies around it so that the bands run on."""
+    height, width = block.shape[:2]
+    rows = slice(max(0, (top - _REACH) // plan.factor), (top + height + _REACH) // plan.factor + 1)
+    columns = slice(max(0, (left - _REACH) // plan.factor), (left + width + _REACH) // plan.factor + 1)
+    labels = plan.labels[rows, columns]
+    numbers = np.unique(labels[labels >= 0])
+    if not len(numbers):
+        return
+    x, y = columns.start * plan.factor, rows.start * plan.factor
+    result = _blended(labels, numbers, (x, y), plan, load)
+    if result is None:
+        return
+    window = slice(top - y, top - y + height), slice(left - x, left - x + width)
+    result = result[window]
+    covered = np.kron(labels >= 0, np.ones((plan.factor, plan.factor), dtype=np.bool_))[window]
+    if plan.channels == 1:
+        result = result[:, :, :1]
+    inside = _inside(numbers, (left, top), (width, height), plan)
+    block[:] = np.where((covered & inside)[:, :, np.newaxis], result, 0)
+
+
+def _blended(
+    labels: LabelArray,
+    numbers: LabelArray,
+    corner: tuple[int, int],
+    plan: _Plan,
+    load: Callable[[int], PictureArray],
+) -> PictureArray | None:
+    """The pictures of a block joined, uint8[h, w, 3]; a block of one picture is that picture as it is."""
+    size = labels.shape[1] * plan.factor, labels.shape[0] * plan.factor
+    if len(numbers) == 1:
+        colours = _warped(int(numbers[0]), corner, size, plan, load)
+        return np.asarray(np.clip(np.rint(colours), 0, 255), dtype=np.uint8)
+    blender: Any = cv2.detail.MultiBandBlender(0, _BANDS)
+    blender.prepare((0, 0, *size))
+    for number in numbers:
+        _feed(blender, labels == number, int(number), corner, plan, load)
+    blended, _ = blender.blend(None, None)
+    if blended is None:
+        return None
+    return np.asarray(np.clip(np.rint(np.asarray(blended) / _FINENESS), 0, 255), dtype=np.uint8)
+
+
+def _warped(
+    number: int,
+    corner: tuple[int, int],
+    size: tuple[int, int],
+    plan: _Plan,
+    load: Callable[[int], PictureArray],
+) -> npt.NDArray[np.float32]:
+    """A picture with its gain in a box of the mosaic, float32[h, w, 3]; its edge goes on beyond it."""
+    shift = np.array([[1, 0, -corner[0]], [0, 1, -corner[1]], [0, 0, 1.0]])
+    picture, matrix = shrunk(like(load(plan.placed[number].number), plan.channels), plan.to_mosaic[number])
+    warped = cv2.warpPerspective(picture, normalised(shift @ matrix), size, borderMode=cv2.BORDER_REPLICATE)
+    scaled = warped.reshape(size[1], size[0], -1) * plan.gains[number].astype(np.float32)
+    return np.broadcast_to(scaled, (size[1], size[0], 3))
+
+
+def _inside(
+    numbers: LabelArray, corner: tuple[int, int], size: tuple[int, int], plan: _Plan
+) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+    """Where any of the pictures reaches; the coarse grid alone would leave steps along the outer border."""
+    mask = np.zeros((size[1], size[0]), dtype=np.uint8)
+    for number in numbers:
+        outline = project(plan.to_mosaic[number], corners(plan.placed[number].shape)) - np.array(corner)
+        cv2.fillConvexPoly(mask, np.rint(outline * 16).astype(np.int32), 1, cv2.LINE_8, 4)
+    return mask > 0
+
+
+def _feed(
+    blender: Any,
+    own: np.ndarray[tuple[int, int], np.dtype[np.bool_]],
+    number: int,
+    corner: tuple[int, int],
+    plan: _Plan,
+    load: Callable[[int], PictureArray],
+) -> None:
+    """Hands one picture's part of a block, and what lies around it, to the blender."""
+    factor = plan.factor
+    reach = -(-_REACH // factor)
+    rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
+    top, bottom = max(0, int(rows[0]) - reach), min(own.shape[0], int(rows[-1]) + 1 + reach)
+    left, right = max(0, int(columns[0]) - reach), min(own.shape[1], int(columns[-1]) + 1 + reach)
+    mask = np.kron(own[top:bottom, left:right], np.full((factor, factor), 255, dtype=np.uint8))
+    mask = mask.astype(np.uint8)
+    place = corner[0] + left * factor, corner[1] + top * factor
+    colours = _warped(number, place, mask.shape[::-1], plan, load)
+    fine = np.rint(colours * _FINENESS).astype(np.int16)
+    blender.feed(np.ascontiguousarray(fine), mask, (left * factor, top * factor))

@@ -1,0 +1,126 @@
+"""A mosaic laid onto the earth by the positions of its pictures."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from streamkit_stitcher.homographies import FloatArray, centre, project
+
+_EARTH_RADIUS_M: Final = 6_378_137.0
+_FLATTENING: Final = 1 / 298.257223563
+_FEWEST: Final = 3
+_ITERATIONS: Final = 20
+_LEAST_SPREAD_M: Final = 1.0
+
+
+@dataclass(frozen=True)
+class PositionFix:
+    """Where the camera was when it took a picture.
+
+    Attributes:
+        latitude: deg, WGS84.
+        longitude: deg, WGS84.
+    """
+
+    latitude: float
+    longitude: float
+
+
+@dataclass(frozen=True, eq=False)
+class Georeference:
+    """How a mosaic lies on the earth.
+
+    Attributes:
+        to_local: float64[3, 3], mosaic pixels to metres east and north of the origin.
+        origin: the place that the metres count from.
+        misfit_m: median distance between the positions of the pictures and the middles of their footprints.
+        fixes: number of positions used.
+    """
+
+    to_local: FloatArray
+    origin: PositionFix
+    misfit_m: float
+    fixes: int
+
+    @property
+    def metres_per_px(self) -> float:
+        """Ground sampling distance of the mosaic."""
+        return float(np.hypot(self.to_local[0, 0], self.to_local[1, 0]))
+
+
+def local_metres(fixes: Sequence[PositionFix], origin: PositionFix) -> FloatArray:
+    """float64[n, 2], metres east and north of `origin`, good to a few centimetres within ten kilometres.
+
+    The ellipsoid's radii of curvature at the origin turn the angles into lengths.
+    """
+    latitude = math.radians(origin.latitude)
+    squared = _FLATTENING * (2 - _FLATTENING)
+    bend = 1 - squared * math.sin(latitude) ** 2
+    north_m = math.radians(1) * _EARTH_RADIUS_M * (1 - squared) / bend**1.5
+    east_m = math.radians(1) * _EARTH_RADIUS_M * math.cos(latitude) / math.sqrt(bend)
+    return np.array(
+        [
+            [(fix.longitude - origin.longitude) * east_m, (fix.latitude - origin.latitude) * north_m]
+            for fix in fixes
+        ]
+    )
+
+
+def georeference(
+    to_mosaic: Sequence[FloatArray], shapes: Sequence[tuple[int, int]], fixes: Sequence[PositionFix]
+) -> Georeference | None:
+    """Fits a similarity from the mosaic to the earth, so that most pictures lie below their positions.
+
+    Args:
+        to_mosaic: float64[3, 3] of each picture, its pixels to the mosaic's.
+        shapes: (height, width) of each picture, px.
+        fixes: its position; cameras are taken to look straight down.
+
+    Returns:
+        The fit; None for fewer than 3 positions, or such that lie within a metre of each other.
+
+    Source: iteratively reweighted least squares with Cauchy weights, on Umeyama's similarity, PAMI 1991.
+    """
+    if len(fixes) < _FEWEST:
+        return None
+    middles = np.array(
+        [
+            project(matrix, centre(shape)[np.newaxis])[0]
+            for matrix, shape in zip(to_mosaic, shapes, strict=True)
+        ]
+    )
+    origin = PositionFix(
+        float(np.median([fix.latitude for fix in fixes])), float(np.median([fix.longitude for fix in fixes]))
+    )
+    metres = local_metres(fixes, origin)
+    if float(np.ptp(metres, axis=0).max()) < _LEAST_SPREAD_M or float(np.ptp(middles, axis=0).max()) < 1:
+        return None
+    weights = np.ones(len(fixes))
+    matrix = np.eye(3)
+    distances = np.zeros(len(fixes))
+    for _ in range(_ITERATIONS):
+        matrix = _mirrored_similarity(middles, metres, weights)
+        distances = np.hypot(*(project(matrix, middles) - metres).T)
+        spread = max(1e-6, 1.4826 * float(np.median(distances)))
+        weights = 1 / (1 + (distances / (2 * spread)) ** 2)
+    return Georeference(matrix, origin, float(np.median(distances)), len(fixes))
+
+
+def _mirrored_similarity(pixels: FloatArray, metres: FloatArray, weights: FloatArray) -> FloatArray:
+    """The similarity from y-down pixels to y-up metres with the least weighted squares, float64[3, 3]."""
+    total = weights.sum()
+    flipped = pixels * [1, -1]
+    middle = (weights[:, np.newaxis] * flipped).sum(axis=0) / total
+    goal = (weights[:, np.newaxis] * metres).sum(axis=0) / total
+    inner, outer = flipped - middle, metres - goal
+    power = max(1e-12, float((weights * (inner**2).sum(axis=1)).sum()))
+    along = float((weights * (inner * outer).sum(axis=1)).sum()) / power
+    across = float((weights * (inner[:, 0] * outer[:, 1] - inner[:, 1] * outer[:, 0])).sum()) / power
+    turn = np.array([[along, -across], [across, along]])
+    matrix = np.eye(3)
+    matrix[:2, :2] = turn @ np.diag([1.0, -1.0])
+    matrix[:2, 2] = goal - turn @ middle
+    return matrix

@@ -1,0 +1,110 @@
+"""Mosaics as GeoTIFF, in the UTM zone they lie in."""
+
+import math
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+
+from streamkit_stitcher.homographies import FloatArray
+from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix
+from streamkit_stitcher.mosaic.tiles import PictureArray
+
+_MODEL_TRANSFORMATION: Final = 34264
+_GEO_KEY_DIRECTORY: Final = 34735
+_PROJECTED, _PIXEL_IS_AREA, _METRE = 1, 1, 9001
+_BIG_BYTES: Final = 4_000_000_000
+
+
+def check_geotiff(location: str) -> None:
+    """Refuses a TIFF where the libraries for it are not installed.
+
+    Raises:
+        OSError: tifffile or pyproj is missing.
+    """
+    try:
+        import pyproj  # noqa: F401
+        import tifffile  # noqa: F401
+    except ImportError as error:
+        raise OSError(
+            f"location={location}: a GeoTIFF needs {error.name}; install streamkit with its extra: "
+            "pip install 'streamkit[geo]'"
+        ) from error
+
+
+def utm_code(place: PositionFix) -> int:
+    """The EPSG code of the UTM zone that a place lies in, WGS84."""
+    zone = min(60, int((place.longitude + 180) // 6) + 1)
+    return (32600 if place.latitude >= 0 else 32700) + zone
+
+
+def to_utm(geo: Georeference) -> tuple[FloatArray, int]:
+    """float64[3, 3] from mosaic pixels to metres of the UTM zone, and the zone's EPSG code."""
+    import pyproj
+
+    code = utm_code(geo.origin)
+    projection = pyproj.Transformer.from_crs(4326, code, always_xy=True)
+    step = 1e-4
+    longitude, latitude = geo.origin.longitude, geo.origin.latitude
+    east, north = projection.transform(longitude, latitude)
+    # The zone's grid turns and stretches against true east and north; its own slopes tell by how much.
+    x0, y0 = projection.transform(longitude, latitude - step)
+    x1, y1 = projection.transform(longitude, latitude + step)
+    from streamkit_stitcher.mosaic.georeference import local_metres
+
+    metres = float(local_metres([PositionFix(latitude + step, longitude)], geo.origin)[0, 1]) * 2
+    scale, angle = math.hypot(x1 - x0, y1 - y0) / metres, math.atan2(x1 - x0, y1 - y0)
+    cos, sin = scale * math.cos(angle), scale * math.sin(angle)
+    return np.array([[cos, sin, east], [-sin, cos, north], [0, 0, 1.0]]) @ geo.to_local, code
+
+
+def write_geotiff(picture: PictureArray, path: Path, geo: Georeference | None) -> None:
+    """Writes a tiled TIFF, with its place on the earth where that is known.
+
+    Args:
+        picture: uint8[h, w] or uint8[h, w, 3] BGR.
+        path: the file.
+        geo: how it lies on the earth.
+
+    Raises:
+        OSError: the disk refuses.
+
+    Source: OGC GeoTIFF standard 1.1, 19-008r4: tags 34264 and 34735.
+    """
+    import tifffile
+
+    colours = picture if picture.ndim == 2 else np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
+    tifffile.imwrite(
+        path,
+        colours,
+        photometric="minisblack" if picture.ndim == 2 else "rgb",
+        tile=(256, 256),
+        compression="zlib",
+        bigtiff=colours.nbytes > _BIG_BYTES,
+        metadata=None,
+        extratags=[] if geo is None else _tags(geo),
+    )
+
+
+def _tags(geo: Georeference) -> list[tuple[int, str, int, Any, bool]]:
+    matrix, code = to_utm(geo)
+    # Raster space counts from the corner of the first pixel, ours from its centre.
+    half = matrix @ np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
+    transformation = (
+        half[0, 0], half[0, 1], 0.0, half[0, 2],
+        half[1, 0], half[1, 1], 0.0, half[1, 2],
+        0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 1.0,
+    )  # fmt: skip
+    keys = (
+        1, 1, 0, 4,
+        1024, 0, 1, _PROJECTED,
+        1025, 0, 1, _PIXEL_IS_AREA,
+        3072, 0, 1, code,
+        3076, 0, 1, _METRE,
+    )  # fmt: skip
+    return [
+        (_MODEL_TRANSFORMATION, "d", 16, tuple(float(value) for value in transformation), True),
+        (_GEO_KEY_DIRECTORY, "H", len(keys), keys, True),
+    ]

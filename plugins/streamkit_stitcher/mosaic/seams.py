@@ -1,0 +1,112 @@
+"""Which picture each part of the finished mosaic shows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from streamkit_stitcher.homographies import FloatArray, corners, normalised, project
+from streamkit_stitcher.mosaic.mosaic import depth_inside
+from streamkit_stitcher.mosaic.tiles import PictureArray
+
+LabelArray = npt.NDArray[np.int32]
+
+_GRAPH_CUT_LIMIT: Final = 60
+_BELOW: Final = 300
+
+
+class SeamKind(StrEnum):
+    """How neighbouring pictures share the ground that both show."""
+
+    VORONOI = "voronoi"
+    GRAPHCUT = "graphcut"
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """A picture on the planning grid.
+
+    Attributes:
+        left: column of the grid where its box begins.
+        top: row of the grid where its box begins.
+        thumbnail: uint8[h, w, c], the picture warped into its box.
+        depth: int32[h, w], how deep inside the picture each cell lies, 0 outside.
+    """
+
+    left: int
+    top: int
+    thumbnail: PictureArray
+    depth: LabelArray
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the grid that it covers."""
+        height, width = self.depth.shape
+        return slice(self.top, self.top + height), slice(self.left, self.left + width)
+
+
+def footprint(
+    thumbnail: PictureArray, to_grid: FloatArray, grid: tuple[int, int], fills_gaps: bool
+) -> Footprint:
+    """Warps a picture onto the planning grid.
+
+    Args:
+        thumbnail: uint8[h, w, c].
+        to_grid: float64[3, 3], its pixels to cells of the grid.
+        grid: (rows, columns).
+        fills_gaps: whether it gives way to every other picture.
+    """
+    outline = project(to_grid, corners((thumbnail.shape[0], thumbnail.shape[1])))
+    left, top = np.clip(np.floor(outline.min(axis=0)).astype(int), 0, np.array(grid[::-1]) - 1).tolist()
+    right, bottom = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 1, 1, grid[::-1]).tolist()
+    size = max(1, right - left), max(1, bottom - top)
+    to_box = normalised(np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]]) @ to_grid)
+    warped = cv2.warpPerspective(thumbnail, to_box, size, borderMode=cv2.BORDER_REPLICATE)
+    flat = depth_inside((thumbnail.shape[0], thumbnail.shape[1]))
+    depth = cv2.warpPerspective(flat, to_box, size, flags=cv2.INTER_LINEAR).astype(np.int32)
+    if not fills_gaps:
+        depth[depth > 0] += _BELOW
+    return Footprint(left, top, np.asarray(warped, np.uint8).reshape(*size[::-1], -1), depth)
+
+
+def voronoi_labels(footprints: Sequence[Footprint], grid: tuple[int, int]) -> LabelArray:
+    """The picture in which each cell lies deepest, int32[rows, columns], -1 where none reaches."""
+    labels = np.full(grid, -1, dtype=np.int32)
+    deepest = np.zeros(grid, dtype=np.int32)
+    for number, own in enumerate(footprints):
+        better = own.depth > deepest[own.window]
+        labels[own.window][better] = number
+        deepest[own.window][better] = own.depth[better]
+    return labels
+
+
+def graph_cut_labels(footprints: Sequence[Footprint], grid: tuple[int, int]) -> LabelArray:
+    """Seams led along lines where neighbouring pictures look alike, around cars and houses that lean.
+
+    Many pictures fall back to `voronoi_labels`: the cut's cost grows with the square of their number.
+
+    Source: Kwatra et al., Graphcut textures, SIGGRAPH 2003, as in cv2.detail.
+    """
+    whole = voronoi_labels(footprints, grid)
+    if not 1 < len(footprints) <= _GRAPH_CUT_LIMIT:
+        return whole
+    images = [
+        np.ascontiguousarray(np.broadcast_to(own.thumbnail, (*own.depth.shape, 3)), dtype=np.float32)
+        for own in footprints
+    ]
+    on_device: Any = cv2.UMat  # the stubs do not know it takes arrays
+    masks = [on_device(np.where(own.depth > 0, 255, 0).astype(np.uint8)) for own in footprints]
+    places = [(own.left, own.top) for own in footprints]
+    finder: Any = cv2.detail.GraphCutSeamFinder("COST_COLOR_GRAD")
+    found = finder.find(images, places, masks)
+    labels = np.full(grid, -1, dtype=np.int32)
+    for number, own in enumerate(footprints):
+        mask = np.asarray((found if found is not None else masks)[number].get()) > 0
+        labels[own.window][mask] = number
+    gaps = (labels < 0) & (whole >= 0)
+    labels[gaps] = whole[gaps]
+    return labels

@@ -1,0 +1,110 @@
+"""Square tiles of a picture without bounds: the latest in memory, the others in a temporary file."""
+
+import tempfile
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import IO, Final
+
+import numpy as np
+import numpy.typing as npt
+
+PictureArray = npt.NDArray[np.uint8]
+
+TILE: Final = 512
+_CELL: Final = 8
+_CELLS: Final = TILE // _CELL
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """One tile.
+
+    Attributes:
+        pixels: uint8[512, 512, c].
+        depth: uint8[512, 512], how deep inside its picture each pixel lies, 0 where nothing was painted.
+    """
+
+    pixels: PictureArray
+    depth: PictureArray
+
+
+class TileStore:
+    """Tiles by column and row.
+
+    Args:
+        channels: of the pixels.
+        max_px: most pixels of all tiles kept in memory; what was not used longest goes to the file.
+    """
+
+    def __init__(self, channels: int, max_px: int) -> None:
+        self.channels = channels
+        self._most = max(4, max_px // TILE**2)
+        self._tiles: OrderedDict[tuple[int, int], Tile] = OrderedDict()
+        self._slots: dict[tuple[int, int], int] = {}
+        self._depths: dict[tuple[int, int], PictureArray] = {}
+        self._file: IO[bytes] | None = None
+
+    @property
+    def keys(self) -> tuple[tuple[int, int], ...]:
+        """Column and row of every tile, in order."""
+        return tuple(sorted(self._depths))
+
+    @property
+    def in_memory(self) -> int:
+        """Number of tiles in memory."""
+        return len(self._tiles)
+
+    @property
+    def spilled(self) -> int:
+        """Number of tiles that have a place in the file."""
+        return len(self._slots)
+
+    def coarse_depth(self, key: tuple[int, int]) -> PictureArray | None:
+        """uint8[64, 64], the depth of every eighth pixel of a tile; None where there is none."""
+        return self._depths.get(key)
+
+    def get(self, key: tuple[int, int]) -> Tile | None:
+        """A tile, or None where nothing was painted."""
+        tile = self._tiles.get(key)
+        if tile is not None:
+            self._tiles.move_to_end(key)
+            return tile
+        if key not in self._slots or self._file is None:
+            return None
+        size = TILE * TILE * (self.channels + 1)
+        self._file.seek(self._slots[key] * size)
+        data = np.frombuffer(self._file.read(size), dtype=np.uint8).reshape(TILE, TILE, self.channels + 1)
+        tile = Tile(np.ascontiguousarray(data[:, :, :-1]), np.ascontiguousarray(data[:, :, -1]))
+        self._keep(key, tile)
+        return tile
+
+    def put(self, key: tuple[int, int], tile: Tile) -> None:
+        """Stores a tile.
+
+        Raises:
+            OSError: the temporary file takes no more.
+        """
+        self._depths[key] = tile.depth[_CELL // 2 :: _CELL, _CELL // 2 :: _CELL].copy()
+        self._keep(key, tile)
+
+    def close(self) -> None:
+        """Lets go of all tiles and of the file."""
+        self._tiles.clear()
+        self._slots.clear()
+        self._depths.clear()
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _keep(self, key: tuple[int, int], tile: Tile) -> None:
+        self._tiles[key] = tile
+        self._tiles.move_to_end(key)
+        while len(self._tiles) > self._most:
+            self._spill(*self._tiles.popitem(last=False))
+
+    def _spill(self, key: tuple[int, int], tile: Tile) -> None:
+        if self._file is None:
+            self._file = tempfile.TemporaryFile(prefix="streamkit-mosaic-")  # noqa: SIM115  closed by close()
+        slot = self._slots.setdefault(key, len(self._slots))
+        self._file.seek(slot * TILE * TILE * (self.channels + 1))
+        self._file.write(np.concatenate([tile.pixels, tile.depth[:, :, np.newaxis]], axis=2).tobytes())

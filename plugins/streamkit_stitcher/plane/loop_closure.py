@@ -1,0 +1,110 @@
+"""Ties across flight strips: key pictures of the same ground that the stream did not follow."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from streamkit_stitcher.homographies import GreyArray, from_reduced, is_plausible, overlap
+from streamkit_stitcher.plane.graph import Tie
+from streamkit_stitcher.plane.keyframes import LEVELS, Keyframe, KeyframeMatch, KeyframeMatcher
+from streamkit_stitcher.registration.descriptors import Description, describe, recognise
+from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit
+
+KEPT_TIES: Final = 80
+_POINTS: Final = 200
+_DESCRIBED: Final = 24
+_MIN_INLIERS: Final = 20
+_LEAST_OVERLAP: Final = 0.08
+_KEPT_SHARE: Final = 0.5
+FEATURES_FROM: Final = 1 << 16
+
+
+class Recogniser:
+    """Places pictures on key pictures without a guess, by what they show.
+
+    Descriptions of the last few key pictures are kept.
+    """
+
+    def __init__(self) -> None:
+        self._descriptions: dict[int, Description] = {}
+
+    def description(self, keyframe: Keyframe) -> Description:
+        """What a key picture is recognised by."""
+        found = self._descriptions.pop(keyframe.index, None)
+        if found is None:
+            found = describe(keyframe.small)
+        self._descriptions[keyframe.index] = found
+        if len(self._descriptions) > _DESCRIBED:
+            del self._descriptions[next(iter(self._descriptions))]
+        return found
+
+    def place(self, picture: Description, keyframe: Keyframe) -> KeyframeMatch | None:
+        """Places a picture of the same working size on a key picture; None if that is not seen in it.
+
+        The features stand for patches of the key picture, by numbers beyond those of its real ones.
+        """
+        found = recognise(picture, self.description(keyframe), _MIN_INLIERS)
+        if found is None:
+            return None
+        factor = keyframe.factor
+        matrix = from_reduced(found.fit.matrix, factor)
+        if not (
+            overlap(matrix, keyframe.shape) > _LEAST_OVERLAP and is_plausible(matrix, keyframe.shape, 10.0)
+        ):
+            return None
+        offset = (factor - 1) / 2
+        fit = MotionFit(
+            matrix, found.fit.model, np.ones(found.fit.count, dtype=np.bool_), found.fit.rmse * factor
+        )
+        return KeyframeMatch(
+            fit,
+            found.source_points * factor + offset,
+            found.target_points * factor + offset,
+            found.target_indices + FEATURES_FROM,
+        )
+
+
+def tie_of(keyframe: Keyframe, observer: int, match: KeyframeMatch, most: int = KEPT_TIES) -> Tie:
+    """The tie that a match of the key picture `observer` on `keyframe` makes."""
+    return Tie(
+        keyframe.index, observer, match.patches, match.key_points, match.frame_points, match.fit.rmse
+    ).thinned(most)
+
+
+class LoopCloser:
+    """Looks for a key picture in others that it should share ground with, to sub-pixel ties."""
+
+    def __init__(self) -> None:
+        self._recogniser = Recogniser()
+        self._matcher = KeyframeMatcher()
+
+    def close(
+        self, keyframe: Keyframe, images: Sequence[GreyArray], candidates: Sequence[Keyframe]
+    ) -> tuple[Tie, ...]:
+        """The ties to those of `candidates` in which the key picture was found.
+
+        Args:
+            keyframe: the new key picture.
+            images: its picture and halvings.
+            candidates: key pictures to look in.
+        """
+        ties = []
+        limits = replace(FitLimits(), max_step=1.0, threshold=2.0)
+        for candidate in candidates:
+            if candidate.shape != keyframe.shape:
+                continue
+            seen = self._recogniser.place(self._recogniser.description(keyframe), candidate)
+            if seen is None:
+                continue
+            match = self._matcher.match(
+                candidate, images, seen.fit.matrix, limits, top_level=LEVELS - 2, max_points=_POINTS
+            )
+            ties.append(tie_of(candidate, keyframe.index, better(seen, match)))
+        return tuple(ties)
+
+
+def better(seen: KeyframeMatch, match: KeyframeMatch | None) -> KeyframeMatch:
+    """The match of patches where it holds as widely as that of features; relief leaves it a corner only."""
+    return seen if match is None or match.fit.count < _KEPT_SHARE * seen.fit.count else match

@@ -1,0 +1,53 @@
+"""What is said about one picture's place."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from streamkit_stitcher.homographies import IDENTITY, FloatArray
+
+
+class Status(StrEnum):
+    """How far a placement can be trusted.
+
+    `ok` and `still` were measured against a key picture, `weak` is only carried on by the motion since the
+    picture before, `lost` is a guess, and `cut` opens another plane.
+    """
+
+    OK = "ok"
+    WEAK = "weak"
+    LOST = "lost"
+    CUT = "cut"
+    STILL = "still"
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where one picture lies.
+
+    Attributes:
+        to_previous: float64[3, 3], its pixels to those of the picture before it in the stream.
+        to_reference: float64[3, 3], its pixels to the reference plane.
+        reference: number of the reference plane; it goes up at each restart and each change of the plane.
+        status: how far the matrices can be trusted.
+        change: float64[3, 3], old plane to new where the plane moved under this picture, else None.
+        keyframe: whether the picture became a key picture.
+        matches: points compared.
+        inliers: matches that agree with the motion.
+        rmse: root mean square distance of the inliers, px.
+        anchored: whether `to_reference` was measured against a key picture and not only carried forward.
+        key_index: the key picture it was measured against, or that it became.
+        to_key: float64[3, 3], its pixels to those of that key picture.
+    """
+
+    to_previous: FloatArray
+    to_reference: FloatArray
+    reference: int
+    status: Status
+    change: FloatArray | None = None
+    keyframe: bool = False
+    matches: int = 0
+    inliers: int = 0
+    rmse: float = 0.0
+    anchored: bool = False
+    key_index: int = 0
+    to_key: FloatArray = field(default_factory=lambda: IDENTITY)
