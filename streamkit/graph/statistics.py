@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal
 
 import msgspec
 
@@ -20,7 +20,6 @@ from streamkit.element.transform import Transform
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.chain import Chain
 from streamkit.graph.graph import Graph
-from streamkit.graph.streaming import Streaming
 
 
 class PadStatistics(msgspec.Struct, frozen=True):
@@ -110,23 +109,6 @@ class RunStatistics(msgspec.Struct, frozen=True, kw_only=True):
     elements: list[ElementStatistics]
 
 
-@runtime_checkable
-class Levelled(Protocol):
-    """An element that holds frames and tells how many; `highest_level_...` besides, where it knows them."""
-
-    @property
-    def current_level_buffers(self) -> int:
-        """Frames held now."""
-
-    @property
-    def current_level_bytes(self) -> int:
-        """Bytes held now."""
-
-    @property
-    def current_level_time(self) -> int:
-        """Time held now, ns."""
-
-
 class Tally:
     """Counts errors and warnings of each element, as a watcher of the bus."""
 
@@ -179,12 +161,10 @@ class _Sums:
 
     def _settle(self, owner: Element, behind: list[Chain]) -> None:
         """Tells the work of an element from that of the chains it calls: a source's, a tee's."""
-        if isinstance(owner, Transform | Streaming) and not isinstance(owner, Source):
-            return
         if isinstance(owner, Source):
             made_ns = 0 if owner.is_live else behind[0].source_ns
             self.busy_ns[id(owner)] = made_ns - sum(self._spent_ns(chain) for chain in behind[1:])
-        else:
+        elif not isinstance(owner, Transform) and not hasattr(owner, "stream"):  # with no thread of its own
             self.busy_ns[id(owner)] -= sum(self._spent_ns(chain) for chain in behind)
 
     def _spent_ns(self, chain: Chain) -> int:
@@ -221,7 +201,7 @@ def collect_statistics(
             warnings=counts[name, MessageKind.WARNING],
             busy_ns=max(0, sums.busy_ns[id(element)] - waited_ns),
             age_ns=max(0, now_ns - newest_ns) if newest_ns else None,
-            queue=_levels(element) if isinstance(element, Levelled) else None,
+            queue=_levels(element),
             pads=[_pad_row(pad, sums.frames[pad]) for pad in list(element.pads.values())],
         )
 
@@ -239,13 +219,17 @@ def _pad_row(pad: Pad, frames: int) -> PadStatistics:
     )
 
 
-def _levels(element: Levelled) -> QueueLevels:
+def _levels(element: Any) -> QueueLevels | None:
+    """What an element holds, by the properties of GStreamer's queue; None where it has none."""
+    buffers = getattr(element, "current_level_buffers", None)
+    if buffers is None:
+        return None
     return QueueLevels(
-        buffers=element.current_level_buffers,
-        bytes=element.current_level_bytes,
-        time_ns=element.current_level_time,
+        buffers=buffers,
+        bytes=getattr(element, "current_level_bytes", 0),
+        time_ns=getattr(element, "current_level_time", 0),
         max_buffers=getattr(element, "highest_level_buffers", None),
         max_bytes=getattr(element, "highest_level_bytes", None),
         max_time_ns=getattr(element, "highest_level_time", None),
-        limit_buffers=getattr(element, "max_size_buffers", 0),
+        limit_buffers=getattr(element, "max_size_buffers", getattr(element, "max_buffers", 0)),
     )
