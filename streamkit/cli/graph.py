@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import json
 from pathlib import Path
@@ -54,7 +55,7 @@ def graph(
     except DescriptionError as error:
         fail_description(error, source, as_json=form is GraphFormat.JSON)
     draw = {GraphFormat.DOT: as_dot, GraphFormat.MERMAID: as_mermaid, GraphFormat.SVG: as_svg}
-    with remembered_caps(built):
+    with contextlib.nullcontext() if built.has_loop() else remembered_caps(built):
         if form is GraphFormat.JSON:
             drawn = json.dumps(as_json(built), indent=2)
         else:

@@ -83,7 +83,14 @@ class GraphBuilder:
         self._make_links()
         self._placement.demand_all_placed()
         self._set_waiting()
-        negotiate(self.graph, self._linker.places)
+        if self.graph.has_loop():
+            what = "the links form a loop: caps are not negotiated, and the pipeline will refuse to start"
+            self.graph.warnings.append(("loop", what))
+            for element in self.graph.elements:
+                for pad in element.pads.values():
+                    pad.known_caps = pad.template.caps  # a query would go round for ever
+        else:
+            negotiate(self.graph, self._linker.places)
         return self.graph
 
     def _make_links(self) -> None:

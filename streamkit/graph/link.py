@@ -124,7 +124,12 @@ def _choices(element: Element, direction: Direction) -> Iterator[Pad | PadTempla
 
 
 def _caps(choice: Pad | PadTemplate) -> Caps:
-    return choice.query_caps() if isinstance(choice, Pad) else choice.caps
+    if not isinstance(choice, Pad):
+        return choice.caps
+    try:
+        return choice.query_caps()
+    except RecursionError:  # a loop of links asks itself
+        return choice.template.caps
 
 
 def _make(element: Element, choice: Pad | PadTemplate) -> Pad:

@@ -321,7 +321,9 @@ class Pipeline:
         return Playback(self.graph, self.bus, self.timing, self._adopt)
 
     def _demand_links(self) -> None:
-        """Refuses a graph with a sink pad that nothing is linked to: it would wait for ever."""
+        """Refuses a graph with a sink pad that nothing is linked to, or a loop: it would not end."""
+        if self.graph.has_loop():
+            raise StateError("the links form a loop; frames would run in it for ever")
         if self.graph.delayed_links:
             return
         for element in self.graph.elements:

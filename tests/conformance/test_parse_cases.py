@@ -34,7 +34,6 @@ DEPARTURES: dict[str, str] = {
     "x-q33": "syntax",
     "x-v04": "could-not-set-property",
     "x-v45": "could-not-set-property",
-    "x-y15": "link",
 }
 PROPERTY_ERRORS = ("NO_SUCH_PROPERTY", "COULD_NOT_SET_PROPERTY")
 NO_TEXT = "filesrc location=" + "a" * 100_000  # of the case whose text is too long to be written down
