@@ -31,6 +31,7 @@ from streamkit_decoder.streams import KLV_CAPS, StreamKind
 
 STOP_LIMIT_S = 1.8
 LEAVE_LIMIT_S = 0.5
+KINDS = frozenset({StreamKind.VIDEO, StreamKind.KLV})
 # Readers that FFmpeg has not let go of yet; each ends at its own time limit, so few are ever there.
 ABANDONED_LIMIT = 8
 # A live picture is wanted now: FFmpeg would otherwise collect up to five seconds to guess the frame rate.
@@ -191,28 +192,36 @@ class RtspSrc(Source):
             if is_first:
                 self._epoch += 1
                 self._backoff.reset()
+                self._add_pads(connection.reader.found)
                 self._tell("connected", epoch=self._epoch, caps=str(frame.caps))
             flags = frame.flags | (FrameFlags.DISCONTINUITY if is_first and self._epoch else 0)
             is_first = False
             own = frame.replace(epoch=self._epoch, flags=flags)
             if kind is StreamKind.VIDEO:
                 yield own
-            else:
+            elif kind.value in self.pads:
                 yield kind.value, own
         if is_first and not self.stopping.is_set():
             raise StreamError(f"{redact(self.location)}: the server ended before the first packet")
 
+    def _add_pads(self, found: frozenset[StreamKind]) -> None:
+        """Pads for what the server sends beside the video."""
+        for kind in sorted(found - {StreamKind.VIDEO}):
+            if kind.value not in self.pads:
+                self.add_pad(kind.value)
+        if self._epoch == 0:
+            self.no_more_pads()
+
     def _settings(self) -> ConnectionSettings:
-        kinds = {StreamKind.VIDEO} | ({StreamKind.KLV} if "klv" in self.pads else set())
         options = {
             **LIVE_OPTIONS,
             "rtsp_transport": self.transport.value,
             "timeout": str(round(self.timeout_s * 1e6)),
             "max_delay": str(self.latency_ms * 1000),
-            "allowed_media_types": "video+data" if len(kinds) > 1 else "video",
+            "allowed_media_types": "video+data",
         }
         return ConnectionSettings(
-            self._address(), options, self.timeout_s, self.latency_ms, self.max_packets, frozenset(kinds)
+            self._address(), options, self.timeout_s, self.latency_ms, self.max_packets, KINDS
         )
 
     def _address(self) -> str:

@@ -36,6 +36,9 @@ class PacketReader:
         ring: told when the stream is over.
         arrived: called with each packet, its caps and its stream's kind, in the reader's thread.
         kinds: streams to read; the video must be there.
+
+    Attributes:
+        found: the kinds of them that are there, known before the first packet is handed on.
     """
 
     def __init__(
@@ -53,6 +56,7 @@ class PacketReader:
         self._ring = ring
         self._arrived = arrived
         self._kinds = kinds
+        self.found: frozenset[StreamKind] = frozenset()
         self._ending = threading.Event()
         self._asked = 0.0
         self._known = frozenset(open_sockets())
@@ -102,6 +106,7 @@ class PacketReader:
             streams = streams_of(container, self._kinds)
             caps = {stream.index: stream_caps(stream, kind) for stream, kind in streams}
             kinds = {stream.index: kind for stream, kind in streams}
+            self.found = frozenset(kinds.values())
             self._asked = time.monotonic()
             try:
                 packets = read_packets(container, *(stream for stream, _ in streams))

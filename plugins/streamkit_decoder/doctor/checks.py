@@ -1,0 +1,99 @@
+"""The checks of what came out of a stream."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from streamkit_decoder.doctor.measure import Measured, measure
+from streamkit_decoder.doctor.report import Check, Verdict
+from streamkit_decoder.doctor.watch import Seen
+
+LONG_KEYFRAME_INTERVAL_S = 2.0
+LARGE_JITTER_MS = 50.0
+RATE_TOLERANCE = 0.1
+
+
+def stream_checks(seen: Seen, *, is_live: bool, transport: str) -> list[Check]:
+    """All checks of a stream that gave packets."""
+    found = measure(seen.packets)
+    checks = [_format_check(seen, transport), _rate_check(seen, found), _keyframe_check(found, is_live)]
+    if is_live:
+        checks += [_jitter_check(found), _clock_check(seen)]
+    return [*checks, _loss_check(found), _telemetry_check(seen)]
+
+
+def _format_check(seen: Seen, transport: str) -> Check:
+    assert seen.first is not None
+    caps = seen.first.caps
+    width, height = caps.get("width"), caps.get("height")
+    size = f"{width!s} x {height!s}" if width else "size not told before the first key frame"
+    over = f" over {transport.upper()}" if transport else ""
+    facts = {"codec": caps.name, "width": width, "height": height, "transport": transport}
+    return Check("stream", Verdict.GOOD, f"{caps.name}, {size}{over}", facts)
+
+
+def _rate_check(seen: Seen, found: Measured) -> Check:
+    assert seen.first is not None
+    declared = seen.first.caps.get("framerate")
+    told = float(declared) if isinstance(declared, int | Fraction) else None
+    facts = {"declared": told, "measured": found.rate, "bit_rate": found.bit_rate}
+    if found.rate is None:
+        return Check("frame rate", Verdict.NOTE, "too few frames to measure it", facts)
+    text = f"{found.rate:.2f}/s measured"
+    text += f", {told:.2f}/s declared" if told else ", none declared"
+    text += f", {found.bit_rate / 1e6:.2f} Mbit/s" if found.bit_rate else ""
+    if found.is_variable:
+        return Check("frame rate", Verdict.NOTE, f"{text}; it varies", facts)
+    is_off = told is not None and abs(found.rate - told) > RATE_TOLERANCE * told
+    return Check("frame rate", Verdict.NOTE if is_off else Verdict.GOOD, text, facts)
+
+
+def _keyframe_check(found: Measured, is_live: bool) -> Check:
+    interval = found.keyframe_interval_s
+    facts = {"interval_s": interval, "seen": found.keyframes}
+    if interval is None:
+        text = (
+            f"{found.keyframes} seen; set the camera's key-frame interval to 1 or 2 s" if is_live else "one"
+        )
+        return Check("key frames", Verdict.NOTE if is_live else Verdict.GOOD, text, facts)
+    if interval > LONG_KEYFRAME_INTERVAL_S and is_live:
+        text = f"every {interval:.1f} s; after a loss the picture is whole only then: 1 or 2 s are better"
+        return Check("key frames", Verdict.NOTE, text, facts)
+    return Check("key frames", Verdict.GOOD, f"every {interval:.1f} s at most", facts)
+
+
+def _jitter_check(found: Measured) -> Check:
+    if found.jitter_ms is None:
+        return Check("jitter", Verdict.NOTE, "too few frames to measure it")
+    verdict = Verdict.NOTE if found.jitter_ms > LARGE_JITTER_MS else Verdict.GOOD
+    hint = "; raise latency=" if verdict is Verdict.NOTE else ""
+    return Check("jitter", verdict, f"{found.jitter_ms:.1f} ms{hint}", {"jitter_ms": found.jitter_ms})
+
+
+def _loss_check(found: Measured) -> Check:
+    total = found.packets + found.missing
+    facts = {"missing": found.missing, "received": found.packets}
+    if not found.missing:
+        return Check("loss", Verdict.GOOD, f"none of {total} frames is missing", facts)
+    return Check("loss", Verdict.NOTE, f"{found.missing} of {total} frames are missing", facts)
+
+
+def _clock_check(seen: Seen) -> Check:
+    if seen.origins.get("rtcp"):
+        return Check("clock", Verdict.GOOD, "capture times by the server's RTCP reports", dict(seen.origins))
+    text = "no RTCP sender report yet: capture times are those of arrival here"
+    return Check("clock", Verdict.NOTE, text, dict(seen.origins))
+
+
+def _telemetry_check(seen: Seen) -> Check:
+    counts = seen.telemetry.counts()
+    if counts["bad_packets"]:
+        total = counts["bad_packets"] + counts["good_packets"]
+        text = f"{counts['bad_packets']} of {total} KLV packets are damaged"
+        return Check("telemetry", Verdict.NOTE, text, counts)
+    if counts["good_packets"]:
+        text = f"MISB KLV, {counts['good_packets']} packets, {counts['poses']} with a position"
+        return Check("telemetry", Verdict.GOOD, text, counts)
+    return Check(
+        "telemetry", Verdict.NOTE, "none inside; posesync location=FILE.SRT reads it from beside", counts
+    )

@@ -1,0 +1,133 @@
+"""Looks at a stream or file from all sides."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import asdict
+from urllib.parse import urlsplit, urlunsplit
+
+from streamkit import StreamkitError
+from streamkit_decoder.container import check_file
+from streamkit_decoder.doctor.checks import stream_checks
+from streamkit_decoder.doctor.report import Check, Report, Verdict
+from streamkit_decoder.doctor.server import NoAnswer, ask_options
+from streamkit_decoder.doctor.watch import Seen, watch
+from streamkit_decoder.location import local_path, redact
+from streamkit_decoder.rtsp.connections import refusal
+from streamkit_decoder.rtsp.packetreader import DEFAULT_PORTS, port_of
+from streamkit_decoder.telemetry.files import NoTelemetry, read_telemetry
+
+TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"
+
+
+def examine(location: str, seconds: float, timeout_s: float, transport: str) -> Report:
+    """Makes all checks.
+
+    Args:
+        location: path or RTSP URL.
+        seconds: how long to watch a live stream.
+        timeout_s: limit for connecting and for silence.
+        transport: tcp or udp.
+    """
+    if urlsplit(location).scheme in DEFAULT_PORTS:
+        return _examine_live(location, seconds, timeout_s, transport)
+    return _examine_file(location, timeout_s)
+
+
+# A live stream.
+
+
+def _examine_live(location: str, seconds: float, timeout_s: float, transport: str) -> Report:
+    where = redact(location)
+    checks = _reach(location, timeout_s)
+    if checks[-1].verdict is Verdict.BAD:
+        return Report(where, tuple(checks), "")
+    source = f"rtspsrc name=s location={shlex.quote(location)} reconnect=never timeout-s={timeout_s:g}"
+    seen = watch(f"{source} transport={transport}", seconds + timeout_s, seconds)
+    if not seen.packets:
+        checks.append(Check("stream", Verdict.BAD, seen.error or f"no packet within {timeout_s:g} s"))
+        return Report(where, tuple(checks), "")
+    checks += stream_checks(seen, is_live=True, transport=transport)
+    return Report(where, tuple(checks), _live_line(location, transport, seen))
+
+
+def _reach(location: str, timeout_s: float) -> list[Check]:
+    parts = urlsplit(location)
+    try:
+        host, port = parts.hostname or "", port_of(location)
+    except ValueError as error:
+        return [Check("address", Verdict.BAD, f"{error}; write rtsp://host:port/path")]
+    if not host:
+        return [Check("address", Verdict.BAD, "no host in it; write rtsp://host:port/path")]
+    reason = refusal(host, port, timeout_s)
+    if reason:
+        return [Check("reach", Verdict.BAD, f"{reason}; check address, cable and firewall")]
+    bare = urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
+    if parts.scheme == "rtsps":
+        return [Check("reach", Verdict.GOOD, f"{host} port {port} answers")]
+    try:
+        server = ask_options(host, port, bare, timeout_s)
+    except (NoAnswer, OSError) as error:
+        return [Check("server", Verdict.BAD, f"{host} port {port}: {error}; is this an RTSP server?")]
+    return [
+        Check("reach", Verdict.GOOD, f"{host} port {port}, connected in {server.connect_ms:.0f} ms"),
+        Check(
+            "server",
+            Verdict.GOOD,
+            f"{server.software or 'unnamed'}, answers in {server.answer_ms:.0f} ms ({server.status})",
+            asdict(server),
+        ),
+    ]
+
+
+def _live_line(location: str, transport: str, seen: Seen) -> str:
+    parts = urlsplit(location)
+    user, mark, host = parts.netloc.rpartition("@")
+    bare = urlunsplit(parts._replace(netloc=host))
+    secrets = " user-id=${user} user-pw=${password}" if mark and user else ""
+    settings = "--set user=NAME --set password=SECRET " if secrets else ""
+    source = f"rtspsrc name=s location={bare}{secrets} transport={transport}"
+    pose, klv = _pose_parts(seen)
+    queue = "queue max-size-buffers=1 leaky=downstream"
+    line = f"{source} ! decode{pose} ! {queue} ! {TRACKING} ! zenohsink key=uav/1{klv}"
+    return f"streamkit launch {settings}'{line}'"
+
+
+# A file.
+
+
+def _examine_file(location: str, timeout_s: float) -> Report:
+    where = redact(location)
+    try:
+        check_file(location)
+    except StreamkitError as error:
+        return Report(where, (Check("file", Verdict.BAD, str(error)),), "")
+    size = local_path(location).stat().st_size
+    checks = [Check("file", Verdict.GOOD, f"{size / 1e6:.1f} MB", {"bytes": size})]
+    seen = watch(f"filesrc name=s location={shlex.quote(location)}", max(timeout_s, 10.0), None)
+    if not seen.packets:
+        return _telemetry_file(location, checks, seen.error)
+    checks += stream_checks(seen, is_live=False, transport="")
+    pose, klv = _pose_parts(seen)
+    source = f"filesrc name=s location={shlex.quote(location)}"
+    line = f'streamkit launch "{source} ! decode{pose} ! {TRACKING} ! tracksink location=tracks.jsonl{klv}"'
+    return Report(where, tuple(checks), line)
+
+
+def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
+    """What is no video may be the telemetry beside one."""
+    where = redact(location)
+    try:
+        samples = read_telemetry(local_path(location))
+    except (NoTelemetry, OSError, ValueError):
+        return Report(where, (*checks, Check("stream", Verdict.BAD, error)), "")
+    length = (samples[-1].pts - samples[0].pts) / 1e9
+    text = f"{len(samples)} positions over {length:.1f} s, {samples[0].source}"
+    facts = {"positions": len(samples), "seconds": length, "source": samples[0].source}
+    pose = f"posesync location={shlex.quote(location)}"
+    line = f'streamkit launch "filesrc location=VIDEO ! decode ! {pose} ! fakesink"'
+    return Report(where, (*checks, Check("telemetry", Verdict.GOOD, text, facts)), line)
+
+
+def _pose_parts(seen: Seen) -> tuple[str, str]:
+    return (" ! posesync name=p", "  s.klv ! p.telemetry") if seen.telemetry.counts()["poses"] else ("", "")

@@ -1,0 +1,64 @@
+"""Checks with verdicts, and how they are shown."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+
+class Verdict(enum.StrEnum):
+    """How a check came out."""
+
+    GOOD = "good"
+    NOTE = "note"
+    BAD = "bad"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One check.
+
+    Attributes:
+        name: what was looked at.
+        verdict: good, note (worth knowing) or bad.
+        text: what was found, for people; where it is not good, also what to do.
+        facts: the same for programs.
+    """
+
+    name: str
+    verdict: Verdict
+    text: str
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """All checks of one stream.
+
+    Attributes:
+        location: without passwords.
+        checks: in the order they were made.
+        pipeline: a line to begin with; "" where the stream cannot be used.
+    """
+
+    location: str
+    checks: tuple[Check, ...]
+    pipeline: str
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether nothing is bad."""
+        return all(check.verdict is not Verdict.BAD for check in self.checks)
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON values."""
+        return {"usable": self.is_usable, **asdict(self)}
+
+    def as_text(self) -> str:
+        """The report for people."""
+        width = max((len(check.name) for check in self.checks), default=0)
+        lines = [f"{check.verdict:<4}  {check.name:<{width}}  {check.text}" for check in self.checks]
+        if self.pipeline:
+            lines += ["", f"  {self.pipeline}"]
+        return "\n".join(lines)

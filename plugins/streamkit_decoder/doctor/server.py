@@ -1,0 +1,91 @@
+"""What an RTSP server says of itself."""
+
+from __future__ import annotations
+
+import re
+import socket
+import time
+from dataclasses import dataclass
+
+LARGEST_REPLY = 1 << 16
+BEGINNING = b"RTSP/"
+
+
+@dataclass(frozen=True, slots=True)
+class ServerFacts:
+    """The answer to OPTIONS.
+
+    Attributes:
+        status: "200 OK" and the like.
+        software: the Server field, or "".
+        methods: the Public field, or "".
+        connect_ms: time until the connection stood.
+        answer_ms: time until the answer had come.
+    """
+
+    status: str
+    software: str
+    methods: str
+    connect_ms: float
+    answer_ms: float
+
+
+class NoAnswer(Exception):
+    """The server did not answer as RTSP asks for."""
+
+
+def ask_options(host: str, port: int, url: str, limit_s: float) -> ServerFacts:
+    """Asks a server what it can do.
+
+    Args:
+        host: its name or address.
+        port: of RTSP.
+        url: of the stream, without user name and password.
+        limit_s: for everything together, and once more for connecting.
+
+    Raises:
+        OSError: no connection.
+        NoAnswer: it stays silent or answers with something else.
+    """
+    began = time.monotonic()
+    with socket.create_connection((host, port), limit_s) as connection:
+        connected = time.monotonic()
+        connection.sendall(f"OPTIONS {url} RTSP/1.0\r\nCSeq: 1\r\nUser-Agent: streamkit\r\n\r\n".encode())
+        reply = _read_head(connection, connected + limit_s)
+    answered = time.monotonic()
+    status = re.match(r"RTSP/\d\.\d (\d{3}[^\r\n]*)", reply)
+    if status is None:
+        raise NoAnswer(f"it answers with something else than RTSP: {reply[:40]!r}")
+    return ServerFacts(
+        status[1],
+        _field(reply, "Server"),
+        _field(reply, "Public"),
+        (connected - began) * 1000,
+        (answered - connected) * 1000,
+    )
+
+
+def _read_head(connection: socket.socket, deadline: float) -> str:
+    data = b""
+    while b"\r\n\r\n" not in data and len(data) < LARGEST_REPLY:
+        left = deadline - time.monotonic()
+        if left <= 0:
+            raise NoAnswer("it accepts the connection and does not answer")
+        connection.settimeout(left)
+        try:
+            more = connection.recv(4096)
+        except TimeoutError:
+            continue
+        except ConnectionError:
+            more = b""
+        data += more
+        if not more or not data.startswith(BEGINNING[: len(data)]):
+            break
+    if not data:
+        raise NoAnswer("it accepts the connection and closes it")
+    return data.decode("latin-1")
+
+
+def _field(reply: str, name: str) -> str:
+    found = re.search(rf"(?im)^{name}:\s*([^\r\n]*)", reply)
+    return found[1].strip() if found else ""

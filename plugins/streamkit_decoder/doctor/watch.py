@@ -1,0 +1,77 @@
+"""Plays a stream for a while and takes down what comes out of it."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from streamkit import Frame, FrameFlags, Pipeline, StreamkitError
+from streamkit_decoder.doctor.measure import PacketFacts
+from streamkit_decoder.telemetry.telemetrydecoder import TelemetryDecoder
+
+POLL_S = 0.1
+FILE_PACKETS = 3000
+
+
+class Seen:
+    """What came out of a stream.
+
+    Attributes:
+        packets: of the video.
+        caps: of the first, as text and fields.
+        origins: of the capture times.
+        telemetry: decodes what came beside.
+        error: the one that ended it, or "".
+    """
+
+    def __init__(self) -> None:
+        self.packets: list[PacketFacts] = []
+        self.first: Frame | None = None
+        self.origins: dict[str, int] = {}
+        self.telemetry = TelemetryDecoder()
+        self.error = ""
+
+    def add_video(self, frame: Frame) -> None:
+        """Takes a packet of the video."""
+        self.first = self.first or frame
+        size, is_key = memoryview(frame.data).nbytes, bool(frame.flags & FrameFlags.KEYFRAME)
+        self.packets.append(PacketFacts(frame.pts, frame.arrival_ns, size, is_key))
+        if frame.capture is not None:
+            self.origins[frame.capture.origin] = self.origins.get(frame.capture.origin, 0) + 1
+
+    def add_telemetry(self, frame: Frame) -> None:
+        """Takes a packet of telemetry."""
+        self.telemetry.decode(frame.data, frame.pts or 0, frame.caps)
+
+
+def watch(source: str, limit_s: float, seconds: float | None) -> Seen:
+    """Plays a source and takes down what comes out of it, until its end or for some seconds."""
+    seen = Seen()
+    full = "max-buffers=1000 drop=true" if seconds is not None else ""
+    text = f"{source}  s.src ! appsink name=video {full}  s.klv ! appsink name=klv {full}"
+    deadline, until = time.monotonic() + limit_s, None
+    try:
+        with Pipeline.parse(text) as pipeline:
+            pipeline.play()
+            while time.monotonic() < (until or deadline) and len(seen.packets) < FILE_PACKETS:
+                frame = _pull(pipeline["video"])
+                if frame is None and (pipeline.ended.is_set() or pipeline.error is not None):
+                    break
+                if frame is not None:
+                    seen.add_video(frame)
+                    if until is None and seconds is not None:
+                        until = time.monotonic() + seconds
+                while (packet := _pull(pipeline["klv"], 0.0)) is not None:
+                    seen.add_telemetry(packet)
+            seen.error = str(pipeline.error or "")
+    except StreamkitError as error:
+        seen.error = str(error)
+    return seen
+
+
+def _pull(sink: Any, timeout_s: float = POLL_S) -> Frame | None:
+    try:
+        found: Frame | None = sink.pull(timeout_s)
+    except StreamkitError:
+        return None
+    return found
