@@ -15,7 +15,7 @@ from streamkit_zenoh.receive.reception import Received, Reception
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.forms import RECORD_LIMIT_BYTES, Form, form_of
 from streamkit_zenoh.wire.frame_header import picture_frame, read_header
-from streamkit_zenoh.wire.pictures import PICTURE_LIMIT_BYTES, decode_picture
+from streamkit_zenoh.wire.pictures import PICTURE_LIMIT_BYTES, decode_picture, picture_size
 from streamkit_zenoh.wire.records import TRACKS_CAPS, TRACKS_NAME, record_frame
 
 LOOK_EVERY_S = 0.2
@@ -165,4 +165,6 @@ class ZenohSrc(Connection, Source):
 
     def _picture(self, item: Received) -> Frame:
         header = read_header(item.header)
+        if picture_size(item.payload) != (header.picture_width, header.picture_height):
+            raise ValueError("the picture has another size than its header says")
         return picture_frame(decode_picture(item.payload), header, self.clock_ns(), self._epoch_base)

@@ -124,7 +124,7 @@ def picture_frame(picture: NDArray[np.uint8], header: FrameHeader, arrival_ns: i
     record = header.record
     height, width = picture.shape[:2]
     scaling = _scaling(record.width or width, record.height or height, width, height)
-    caps: Caps = raw_video_caps(header.format, width, height, None)
+    caps: Caps = raw_video_caps("GRAY8" if picture.ndim == 2 else "BGR", width, height, None)
     frame = Frame(
         picture,
         caps,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -21,6 +22,8 @@ _TO_BGR = {
     "NV12": cv2.COLOR_YUV2BGR_NV12,
 }
 _PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+# What a still picture needs. Text and colour profiles may be bombs, animations are no pictures.
+_PNG_CHUNKS = frozenset((b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND", b"sBIT", b"pHYs", b"gAMA", b"sRGB"))
 # JPEG markers that begin a frame and carry its size; C4, C8 and CC lie among them and do not.
 _START_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
@@ -92,6 +95,8 @@ def decode_picture(data: bytes) -> Picture:
         raise BadPicture(f"neither JPEG nor PNG [{len(data)} bytes]")
     if size[0] * size[1] > PIXEL_LIMIT or 0 in size:
         raise BadPicture(f"{size[0]}x{size[1]} px: a picture has 1 to {PIXEL_LIMIT} pixels")
+    if data.startswith(_PNG_MAGIC) and not _is_whole_png(data):
+        raise BadPicture(f"a PNG that is broken or more than a still picture [{len(data)} bytes]")
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
     except cv2.error as error:
@@ -99,6 +104,23 @@ def decode_picture(data: bytes) -> Picture:
     if picture is None or picture.dtype != np.uint8:
         raise BadPicture(f"a picture that cannot be decoded [{len(data)} bytes]")
     return np.asarray(picture)
+
+
+def _is_whole_png(data: bytes) -> bool:
+    """Whether its chunks are whole: OpenCV believes lengths that lie, and takes seconds and gigabytes."""
+    place = len(_PNG_MAGIC)
+    while place + 12 <= len(data):
+        size, kind = int.from_bytes(data[place : place + 4], "big"), data[place + 4 : place + 8]
+        end = place + 8 + size
+        checksum = int.from_bytes(data[end : end + 4], "big")
+        if kind not in _PNG_CHUNKS or end + 4 > len(data):
+            return False
+        if zlib.crc32(data[place + 4 : end]) != checksum:
+            return False
+        if kind == b"IEND":
+            return True
+        place = end + 4
+    return False
 
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
