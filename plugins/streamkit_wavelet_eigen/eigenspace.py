@@ -147,17 +147,12 @@ def _checked(vectors: FloatArray) -> FloatArray:
 
 def _principal_rows(rows: FloatArray, components: int, energy: float) -> tuple[FloatArray, FloatArray]:
     """Leading right singular vectors float64[k, d] and values float64[k] of float64[m, d]."""
-    if rows.shape[0] > rows.shape[1]:
-        squares, columns = np.linalg.eigh(rows.T @ rows)
-        right = columns[:, ::-1].T
-        singular_values = np.sqrt(np.maximum(squares[::-1], 0.0))
-    else:
-        squares, left = np.linalg.eigh(rows @ rows.T)
-        singular_values = np.sqrt(np.maximum(squares[::-1], 0.0))
-        right = left[:, ::-1].T @ rows
-        right /= np.where(singular_values > 0, singular_values, 1.0)[:, None]
+    tall = rows.shape[0] > rows.shape[1]
+    squares, vectors = np.linalg.eigh(rows.T @ rows if tall else rows @ rows.T)
+    singular_values = np.sqrt(np.maximum(squares[::-1], 0.0))
     kept = _how_many(singular_values, components, energy, rows.shape[1])
-    basis = right[:kept].copy()
+    leading = vectors[:, ::-1][:, :kept].T
+    basis = leading.copy() if tall else (leading @ rows) / singular_values[:kept, None]
     # Eigenvectors have no sign of their own; the largest element made positive keeps runs comparable.
     strongest = np.abs(basis).argmax(axis=1)
     basis *= np.where(basis[np.arange(kept), strongest] < 0, -1.0, 1.0)[:, None]

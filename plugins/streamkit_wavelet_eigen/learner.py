@@ -16,7 +16,7 @@ from streamkit_wavelet_eigen.wavelet import FloatBatch
 FIRST_BATCH = 2
 # Eigenvectors that are carried along beside those asked for: what an update cuts off is lost for later ones,
 # and without them the leading directions of 200 windows end up to 7 degrees from those of one batch.
-CARRIED = 16
+CARRIED = 8
 # Values of all prepared windows together: 512 MB of float64. More would not make a better basis.
 LARGEST_BATCH_VALUES = 64 * 1024 * 1024
 

@@ -66,17 +66,18 @@ def cut_windows(
     """
     height, width = image.shape
     places = np.reshape(np.asarray(places, np.float64), (-1, 5))
-    valid = np.isfinite(places).all(axis=1)
+    valid: NDArray[np.bool_] = np.isfinite(places).all(axis=1)
     extents = np.where(valid, places[:, 2:4].max(axis=1), 0.0)
     # A box may be as large as a float: the margin then has to come after the limit.
     sides = np.clip(np.rint(np.minimum(extents, 4.0 * max(height, width)) * margin), 1, max(height, width))
+    # Farther out every window is the same edge pixels, and the coordinates would overflow OpenCV's int.
+    farthest = np.array([[width, height]]) + sides[:, None]
+    centres = np.clip(np.nan_to_num(places[:, :2]), -sides[:, None], farthest)
     patches = np.zeros((len(places), patch, patch), np.float32)
     clipped = np.ones(len(places))
-    for index in np.flatnonzero(valid):
-        side = int(sides[index])
-        # Farther out every window is the same edge pixels, and the coordinates would overflow OpenCV's int.
-        x, y = (float(value) for value in np.clip(places[index, :2], -side, (width + side, height + side)))
-        angle = float(math.remainder(places[index, 4], 2 * math.pi))
+    for index in np.flatnonzero(valid).tolist():
+        (x, y), side = centres[index].tolist(), int(sides[index])
+        angle = math.remainder(float(places[index, 4]), 2 * math.pi)
         if angle == 0.0:
             patches[index] = _upright(image, x, y, side, patch)
             clipped[index] = 1.0 - _share_inside(x, side, width) * _share_inside(y, side, height)

@@ -1,0 +1,14 @@
+"""The published tables: accuracy beside the printed values and beside scikit-learn and scikit-image.
+
+Run it:  STREAMKIT_DATA=FOLDER python benchmarks/paper.py --output out/experiments
+The same as `streamkit experiments`; docs/paper-tables.md holds the result.
+"""
+
+from __future__ import annotations
+
+import typer
+
+from streamkit_wavelet_eigen.experiments.command import experiments
+
+if __name__ == "__main__":
+    typer.run(experiments)
