@@ -53,6 +53,9 @@ class Case:
 
 
 IDENTITY = "identity silent=true"
+LARGE = "fakesrc num-buffers=FRAMES ! tee name=t " + 8 * (
+    "t. " + "! queue ! identity ! identity ! identity ! identity " * 5 + "! fakesink async=false "
+)
 BRANCHES = "fakesrc num-buffers=FRAMES ! tee name=t " + "t. ! queue ! fakesink sync=false " * 4
 CASES = (
     Case("identity hop", *[(chain(IDENTITY, 1), chain(IDENTITY, 21))] * 2, (20, 20), 0.6),
@@ -98,14 +101,21 @@ class Worker:
         frames = self._frames[text]
         return self._ask(text, frames) / frames * 1e6
 
+    def whole_ms(self, text: str) -> float:
+        """Time to build a graph, stream one frame through it and stop it, ms."""
+        return sum(self._answers(text, 1)) * 1e3
+
     def _ask(self, text: str, frames: int) -> float:
+        return self._answers(text, frames)[0]
+
+    def _answers(self, text: str, frames: int) -> tuple[float, float]:
         assert self._process.stdin is not None
         self._process.stdin.write(json.dumps({"text": text, "frames": frames}) + "\n")
         self._process.stdin.flush()
         answer = self._answer()
         if not answer:
             raise SystemExit(f"the worker failed at: {text}")
-        return answer["wall_s"]
+        return answer["wall_s"], answer["rest_s"]
 
     def close(self) -> None:
         """Ends the process."""
@@ -170,6 +180,8 @@ def main() -> None:
             results[case.name].append(measure_case(case, ours, peer))
     for case in CASES:
         print_row(case.name, "us", results[case.name], case.target)
+    pairs = [(ours.whole_ms(LARGE), peer.whole_ms(LARGE) if peer else None) for _ in range(rounds)]
+    print_row("graph of 210 elements, 40 queues", "ms", pairs, None)
     for worker in (ours, peer):
         if worker is not None:
             worker.close()
