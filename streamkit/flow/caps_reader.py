@@ -5,7 +5,6 @@ Source: the caps syntax of GStreamer's documentation ("Appendices: caps syntax")
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Callable
 from fractions import Fraction
@@ -210,6 +209,8 @@ class CapsReader:
         """The type after an opening parenthesis."""
         name = self.take(BARE, "a type name")
         if name not in TYPES:
+            import difflib  # Slow to import, and needed for this error only.
+
             near = difflib.get_close_matches(name, TYPES, 1)
             known = f"no type {name!r}; types are {', '.join(sorted(set(TYPES.values())))}"
             hint = f"did you mean {near[0]!r}?" if near else ""
