@@ -28,7 +28,8 @@ def element_page(facts: dict[str, Any]) -> str:
         lines += ["", "| property | values | default | |", "|---|---|---|---|"]
         for item in facts["properties"]:
             default = "" if item["default"] is None else str(item["default"])
-            values = item["values"].replace("|", "\\|") + (" (live)" if item["live"] else "")
+            mark = " (read only)" if item["readonly"] else " (live)" if item["live"] else ""
+            values = item["values"].replace("|", "\\|") + mark
             lines.append(f"| `{item['name']}` | {values} | {default} | {item['doc']} |")
     return "\n".join([*lines, ""])
 
@@ -39,7 +40,7 @@ def document() -> str:
         "# Elements",
         "",
         "Made from the declarations by `python docs/generate.py`; `streamkit inspect NAME` shows the same.",
-        "A property marked live may change while the pipeline plays.",
+        "A property marked live may change while the pipeline plays; one marked read only is told, not set.",
         "",
     ]
     names = [entry.name for entry in installed_elements().values() if entry.package == PACKAGE]

@@ -12,6 +12,8 @@ import typer
 from streamkit.cli.description import fail_usage
 from streamkit.errors import DescriptionError, PluginBroken
 
+ATTRIBUTES = re.compile(r"^Attributes:\n(?:[ ]+.*\n?|\n(?=[ ]))*", re.MULTILINE)
+
 
 def inspect(
     element: Annotated[
@@ -60,7 +62,7 @@ def describe_element(name: str) -> dict[str, Any]:
 
     found = element_class(name)
     entry = installed_elements()[name]
-    doc = python_inspect.getdoc(found) or ""
+    doc = ATTRIBUTES.sub("", python_inspect.getdoc(found) or "")  # those are for programs
     prose, _, example = doc.partition("Example:")
     return {
         "name": name,
@@ -87,6 +89,10 @@ def describe_element(name: str) -> dict[str, Any]:
                 "type": declared.kind.__name__,
                 "values": declared.describe(),
                 "default": declared.to_json(declared.default),
+                "minimum": declared.to_json(declared.minimum),
+                "maximum": declared.to_json(declared.maximum),
+                "unit": declared.unit,
+                "choices": list(declared.choices),
                 "live": declared.live,
                 "readonly": declared.readonly,
                 "doc": declared.doc,

@@ -29,6 +29,11 @@ class Gain(Transform):
 
     Of every pixel.
 
+    Attributes:
+        number: for programs, not for descriptions.
+
+            In two paragraphs.
+
     Example:
         fakesrc num-buffers=5
             ! gain factor=2 ! fakesink
@@ -92,6 +97,7 @@ def test_an_element_as_json() -> None:
     leaky = next(item for item in found["properties"] if item["name"] == "leaky")
     assert leaky == {
         "name": "leaky", "type": "Leaky", "values": "no | upstream | downstream", "default": "no",
+        "minimum": None, "maximum": None, "unit": "", "choices": ["no", "upstream", "downstream"],
         "live": True, "readonly": False,
         "doc": "Which frame a full queue drops instead of waiting.",
     }  # fmt: skip
