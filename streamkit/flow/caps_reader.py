@@ -40,7 +40,7 @@ UNESCAPED = re.compile(r"\\(.)", re.DOTALL)
 FEATURE = re.compile(r"ANY(?![A-Za-z:])|[A-Za-z]+:[A-Za-z][A-Za-z0-9]*(?![A-Za-z0-9_.:-])")
 BLANKS = re.compile(r"(?:\s|\\\s)*")
 # What tells a nested structure or nested caps from a range, after the opening bracket.
-NESTED = re.compile(rf"\s*{NAME.pattern}\s*(?:[\];(]|,\s*(?:[\];]|{FIELD.pattern}\s*=))")
+NESTED = rf"\s*{NAME.pattern}\s*(?:[\];(]|,\s*(?:[\];]|{FIELD.pattern}\s*=))"
 WORDS = ("ANY", "EMPTY", "NONE")
 SYSTEM_MEMORY = "memory:SystemMemory"
 DEPTH_LIMIT = 16
@@ -197,13 +197,18 @@ class CapsReader:
                 return ValueList(self.items(kind, "}"))
             if mark == "<":
                 return ValueArray(self.items(kind, ">"))
-            if kind in ("structure", "GstCaps") or (
-                kind is None and NESTED.match(self.text, self.position) is not None
-            ):
+            if kind in ("structure", "GstCaps") or (kind is None and self.is_nested()):
                 return self.nested(kind)
             return self.range(kind, start)
         finally:
             self.depth -= 1
+
+    def is_nested(self) -> bool:
+        """Whether a structure stands after the opening bracket, and not a range."""
+        self.skip_blanks()
+        if not self.text[self.position : self.position + 1].isalpha():
+            return False
+        return re.match(NESTED, self.text[self.position :]) is not None
 
     def type_name(self) -> str:
         """The type after an opening parenthesis."""

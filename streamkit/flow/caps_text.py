@@ -34,21 +34,24 @@ from streamkit.flow.caps_values import (
 
 INTEGER = re.compile(r"[+-]?(?:0[xX][0-9A-Fa-f]{1,40}|0[0-7]{0,40}|[1-9][0-9]{0,40})")
 FLOAT = re.compile(r"[+-]?(?:[0-9]+\.[0-9]*|\.[0-9]+|[0-9]+)(?:[eE][+-]?[0-9]+)?")
-HEX_FLOAT = re.compile(r"[+-]?0[xX](?:[0-9A-Fa-f]{1,40}\.?[0-9A-Fa-f]{0,40})(?:[pP][+-]?[0-9]{1,5})?")
+HEX_FLOAT = r"[+-]?0[xX](?:[0-9A-Fa-f]{1,40}\.?[0-9A-Fa-f]{0,40})(?:[pP][+-]?[0-9]{1,5})?"
 FRACTION = re.compile(r"([+-]?[0-9]{1,40})/([+-]?[0-9]{1,40})")
 WHOLE = re.compile(r"[+-]?[0-9]{1,40}")
-FLAGS = re.compile(r"(?:0[xX])?([0-9A-Fa-f]{1,8}):(?:0[xX])?([0-9A-Fa-f]{1,8})(?::(?:[+/][A-Za-z0-9_-]+)*)?")
-DATE = re.compile(r"([0-9]{1,4})-([0-9]{1,2})-([0-9]{1,2})")
-DATE_TIME = re.compile(
+FLAGS = r"(?:0[xX])?([0-9A-Fa-f]{1,8}):(?:0[xX])?([0-9A-Fa-f]{1,8})(?::(?:[+/][A-Za-z0-9_-]+)*)?"
+DATE = r"([0-9]{1,4})-([0-9]{1,2})-([0-9]{1,2})"
+DATE_TIME = (
     r"[0-9]{4}(?:-[01][0-9](?:-[0-3][0-9](?:T[0-2][0-9]:[0-5][0-9](?::[0-5][0-9](?:\.[0-9]{1,6})?)?"
     r"(?:Z|[+-][01][0-9](?::?[0-5][0-9])?)?)?)?)?"
 )
-BYTES = re.compile(r"(?:[0-9A-Fa-f]{2})*")
-ESCAPE = re.compile(rb"\\([0-3][0-7]{2}|[^0-3])", re.DOTALL)
+# Those that are rarely used are compiled when they are first used.
+BYTES = r"(?:[0-9A-Fa-f]{2})*"
+ESCAPE = rb"(?s)\\([0-3][0-7]{2}|[^0-3])"
 FRACTION_WORDS = {"max": FRACTION_MAX, "min": -FRACTION_MAX, "1/max": Fraction(1, INT_MAX)}
 FLOAT_MAX = sys.float_info.max
 FLOAT32_MAX = 3.4028234663852886e38
 BYTE_ORDERS = {"little_endian": 1234, "big_endian": 4321}
+INTEGER_WORDS = frozenset(("min", "max", "little_endian", "big_endian", "byte_order"))
+NUMBER_STARTS = frozenset("+-.0123456789")
 BYTE_ORDERS["byte_order"] = BYTE_ORDERS[f"{sys.byteorder}_endian"]
 
 
@@ -94,7 +97,7 @@ def read_float(text: str) -> float | None:
     """A finite number, or None."""
     if FLOAT.fullmatch(text):
         value = float(text)
-    elif HEX_FLOAT.fullmatch(text):
+    elif re.fullmatch(HEX_FLOAT, text):
         try:
             value = float.fromhex(text)
         except OverflowError:
@@ -126,7 +129,7 @@ def read_boolean(text: str) -> bool | None:
 
 def read_flag_set(text: str) -> FlagSet | None:
     """A flag set `flags:mask`, both hexadecimal, or None."""
-    match = FLAGS.fullmatch(text)
+    match = re.fullmatch(FLAGS, text)
     return FlagSet(int(match[1], 16), int(match[2], 16)) if match else None
 
 
@@ -140,10 +143,10 @@ def read_string(text: str) -> str | None:
     if "\\" not in inner:
         return inner if len(text) > 1 and '"' not in inner and _is_text(inner) else None
     raw = inner.encode("utf-8", "surrogatepass")
-    plain = ESCAPE.sub(b"", raw)
+    plain = re.sub(ESCAPE, b"", raw)
     if b"\\" in plain or b'"' in plain:
         return None
-    raw = ESCAPE.sub(lambda m: bytes((int(m[1], 8),)) if len(m[1]) == 3 else m[1], raw)
+    raw = re.sub(ESCAPE, lambda m: bytes((int(m[1], 8),)) if len(m[1]) == 3 else m[1], raw)
     try:
         return raw.decode() if b"\0" not in raw else None
     except UnicodeDecodeError:
@@ -155,7 +158,7 @@ def _is_text(text: str) -> bool:
 
 
 def _read_date(text: str) -> date | None:
-    match = DATE.fullmatch(text)
+    match = re.fullmatch(DATE, text)
     try:
         return date(int(match[1]), int(match[2]), int(match[3])) if match else None
     except ValueError:
@@ -163,7 +166,7 @@ def _read_date(text: str) -> date | None:
 
 
 def _read_date_time(text: str) -> DateTime | None:
-    return DateTime(text) if DATE_TIME.fullmatch(text) else None
+    return DateTime(text) if re.fullmatch(DATE_TIME, text) else None
 
 
 def _read_multiview(text: str) -> MultiviewFlags | None:
@@ -173,7 +176,7 @@ def _read_multiview(text: str) -> MultiviewFlags | None:
 
 def _read_bytes(text: str) -> bytes | None:
     text = "" if text == '""' else text
-    return bytes.fromhex(text) if BYTES.fullmatch(text) else None
+    return bytes.fromhex(text) if re.fullmatch(BYTES, text) else None
 
 
 def _integers(number: type[int], bits: int, *, signed: bool) -> Callable[[str], Value | None]:
@@ -225,15 +228,18 @@ def read_untyped(text: str, raw: str) -> Value | None:
     Returns:
         The value; None for a number, or fraction, that its type cannot hold.
     """
-    number = read_int(text)
-    if number is not None:
-        return number
-    if FLOAT.fullmatch(text) or HEX_FLOAT.fullmatch(text):
-        return read_float(text)
-    match = FRACTION.fullmatch(text)
-    if (match and int(match[2])) or text.lower() == "1/max":
-        return read_fraction(text)
-    flags = read_flag_set(text)
+    if text[:1] in NUMBER_STARTS:
+        number = read_int(text)
+        if number is not None:
+            return number
+        if FLOAT.fullmatch(text) or re.fullmatch(HEX_FLOAT, text):
+            return read_float(text)
+        match = FRACTION.fullmatch(text)
+        if (match and int(match[2])) or text.lower() == "1/max":
+            return read_fraction(text)
+    elif text.lower() in INTEGER_WORDS:
+        return read_int(text)
+    flags = read_flag_set(text) if ":" in text else None
     if flags is not None:
         return flags
     truth = read_boolean(text)

@@ -104,10 +104,10 @@ class IntRange:
         return type(value) is self.number and self.low <= value <= self.high and value % self.step == 0
 
 
-@dataclass(frozen=True, slots=True)
 class Int64Range(IntRange):
     """64-bit integers from `low` to `high`, both included, that are multiples of `step`."""
 
+    __slots__ = ()
     number: ClassVar[type[int]] = Int64
 
 
@@ -158,10 +158,10 @@ class FlagSet:
         object.__setattr__(self, "flags", self.flags & self.mask)
 
 
-@dataclass(frozen=True, slots=True)
 class MultiviewFlags(FlagSet):
     """How the views of stereoscopic video lie in a frame, as decoders write it into their caps."""
 
+    __slots__ = ()
     names: ClassVar[Mapping[int, str]] = MappingProxyType(
         {
             0x1: "right-view-first",
