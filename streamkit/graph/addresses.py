@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import urllib.parse
 
-from streamkit.element.base import Element
-from streamkit.element.pad import Direction
 from streamkit.element.registry import element_class, installed_elements
 from streamkit.errors import DescriptionError, Place, PluginBroken, mask_credentials
 
@@ -38,21 +36,18 @@ def factory_for(url: str, *, as_source: bool, place: Place) -> str:
 
 
 def _candidates(scheme: str, *, as_source: bool) -> list[tuple[int, str]]:
-    """Rank and name of every element that declares a scheme; this imports them all."""
+    """Rank and name of every element of that side that declares a scheme; this imports them."""
     found = []
     for name in installed_elements():
+        if not name.endswith("src" if as_source else "sink"):
+            continue
         try:
             known = element_class(name)
         except (PluginBroken, DescriptionError):
             continue
-        if scheme in known.uri_schemes and _is_source(known) is as_source:
+        if scheme in known.uri_schemes:
             found.append((known.rank, name))
     return found
-
-
-def _is_source(known: type[Element]) -> bool:
-    directions = {template.direction for template in known.pad_templates.values()}
-    return Direction.SINK not in directions
 
 
 def location_of(url: str, place: Place) -> str:

@@ -237,7 +237,12 @@ def _filter_caps(link: LinkNode) -> Caps | None:
     try:
         return Caps(re.sub(r"\\(.)", r"\1", link.caps, flags=re.DOTALL) if "\\" in link.caps else link.caps)
     except CapsSyntax as error:
-        raise DescriptionError("link", f"could not parse caps: {error}", link.place) from None
+        hint = (
+            "a filter runs on to the last ':' or the first '!': close it with '!'"
+            if " : " in link.caps
+            else ""
+        )
+        raise DescriptionError("link", f"could not parse caps: {error}", link.place, hint) from None
 
 
 def _demand_known(factory: str, place: Place) -> None:

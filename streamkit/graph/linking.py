@@ -94,20 +94,21 @@ class Linker:
         if caps is None:
             return [self._link(*choose_pads(ends, strict=strict), ends.place)]
         capsfilter = self._make_filter(caps, ends.place)
-        parent = self._placement.container_of(ends.source)
-        capsfilter.parent = parent.name if parent is not None else ""
-        first = self._link(
-            *choose_pads(ends._replace(sink=capsfilter, sink_name=""), strict=strict), ends.place
-        )
+        self._placement.place(capsfilter, self._placement.container_of(ends.source), ends.place)
+        self._placement.demand_placed(capsfilter)
+        made: list[tuple[Pad, Pad]] = []
         try:
-            onward = ends._replace(source=capsfilter, src_name="")
-            second = self._link(*choose_pads(onward, strict=strict), ends.place)
+            for now in (
+                ends._replace(sink=capsfilter, sink_name=""),
+                ends._replace(source=capsfilter, src_name=""),
+            ):
+                made.append(self._link(*choose_pads(now, strict=strict), ends.place))
         except DescriptionError:
-            self._undo(first[0])
+            self._undo(made)
+            self._placement.take_out(capsfilter)
             raise
-        self._placement.place(capsfilter, parent, ends.place)
         self._graph.elements.append(capsfilter)
-        return [first, second]
+        return made
 
     def _make_filter(self, caps: Caps, place: Place) -> Element:
         try:
@@ -124,10 +125,12 @@ class Linker:
         self._placement.cross(src, sink)
         return src, sink
 
-    def _undo(self, src: Pad) -> None:
-        src.unlink()
-        if src.template.presence is Presence.REQUEST:
-            src.element.release_pad(src)
+    def _undo(self, made: list[tuple[Pad, Pad]]) -> None:
+        for src, _ in made:
+            src.unlink()
+            self._placement.uncross(src)
+            if src.template.presence is Presence.REQUEST:
+                src.element.release_pad(src)
 
     def _resolve(self, end: End) -> Element:
         found = end.element or self._placement.find(end.name)

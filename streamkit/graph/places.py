@@ -23,6 +23,7 @@ class Placement:
         self._by_name: defaultdict[str, list[Element]] = defaultdict(list)
         self._names: defaultdict[int, set[str]] = defaultdict(set)
         self._doubles: dict[int, DescriptionError] = {}
+        self._crossings: dict[int, list[tuple[Bin, str]]] = {}
         self._ghost_number = 0
 
     def place(self, element: Element, container: Bin | None, place: Place) -> None:
@@ -41,6 +42,13 @@ class Placement:
         element.parent = "" if container is None else container.name
         if isinstance(element, Bin):
             element.container = container
+
+    def take_out(self, element: Element) -> None:
+        """Undoes `place` for the element that came last."""
+        container = self._containers.pop(id(element))
+        self._names[id(container)].discard(element.name)
+        self._by_name[element.name].remove(element)
+        (self.root if container is None else container.children).remove(element)
 
     def container_of(self, element: Element) -> Bin | None:
         """The bin that an element stands in."""
@@ -77,6 +85,7 @@ class Placement:
         source, target = self.container_of(src.element), self.container_of(sink.element)
         if source is target:
             return
+        self._crossings[id(src)] = []
         outer, inner = list(containers(source)), list(containers(target))
         common = {id(group) for group in outer} & {id(group) for group in inner}
         for pad, chain in ((src, outer), (sink, inner)):
@@ -87,4 +96,10 @@ class Placement:
                 name = f"ghost{self._ghost_number}"
                 self._ghost_number += 1
                 group.ghost_pads[name] = reached
+                self._crossings[id(src)].append((group, name))
                 reached = f"{group.name}.{name}"
+
+    def uncross(self, src: Pad) -> None:
+        """Undoes `cross` for a link that is taken back; the numbers of its ghost pads are used up."""
+        for group, name in self._crossings.pop(id(src), ()):
+            del group.ghost_pads[name]

@@ -1,15 +1,21 @@
 """Syntax tree to elements: names, properties, bins, addresses, and what cannot be made."""
 
 import re
+import time
 from collections.abc import Callable
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from streamkit import Caps, Element, Property, PropertyError, Source
 from streamkit.errors import DescriptionError
 from streamkit.graph.build import build
 
 Register = Callable[..., None]
+CODES = {
+    "syntax", "no-such-element", "no-such-property", "link", "could-not-set-property", "empty-bin", "empty",
+}  # fmt: skip
 
 
 def names(text: str) -> list[str]:
@@ -256,3 +262,45 @@ def test_caps_and_properties_may_be_set_later() -> None:
     graph.element("capsfilter0").set_property("caps", Caps("a/b"))
     with pytest.raises(PropertyError):
         graph.element("fakesrc0").set_property("nosuch", 1)
+
+
+pieces = st.sampled_from(
+    ["fakesrc", "queue", "tee", "fakesink", "funnel", "name=t", "name=b", "t.", "t.src_1", "b.", ".sink", "!",
+     "!", "!", "!", ":", "(", ")", "bin.(", "pipeline.( name=b", "x::y=1", "t::num-buffers=1", 'name="x y"',
+     ",", ";", "! a/b, x={1,2} !", ": video/x-raw !", "file:///x", "@preset=p", "leaky=1", "leaky=x", "ü",
+     "${X:-queue}", "capsfilter caps=a/b", "identity", "\n# c\n", "nosuch", "bin", "input-selector", ".src_0"]
+)  # fmt: skip
+
+
+@given(st.lists(pieces, max_size=25).map(" ".join) | st.text(max_size=60))
+@settings(max_examples=300, deadline=None, derandomize=True)
+def test_any_text_is_a_graph_or_a_description_error(text: str) -> None:
+    """Nothing else is raised, and in a graph every link has two ends that know each other."""
+    try:
+        graph = build(text, {})
+    except DescriptionError as error:
+        if error.code not in CODES:
+            raise
+        return
+    for src, sink in graph.links():
+        assert src.peer is sink
+        assert sink.peer is src
+        assert src.element in graph.elements
+        assert sink.element in graph.elements
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "fakesrc ! " + "identity ! " * 998 + "fakesink",
+        "tee name=t " + "t. ! queue ! fakesink " * 300,
+        "fakesrc name=a0 " + " ".join(f"a{n}. ! identity name=a{n + 1}" for n in range(300)),
+        "( " * 60 + "fakesrc" + " )" * 60 + " ! fakesink",
+        "identity " * 2_000,
+    ],
+)
+def test_large_graphs_are_built_quickly(text: str) -> None:
+    """The time grows with the text, not with its square."""
+    begun = time.process_time()
+    assert build(text, {}).elements
+    assert time.process_time() - begun < 15.0

@@ -1,0 +1,117 @@
+"""What a description sets on an element: presets, names, and what can only be read."""
+
+from collections.abc import Callable
+
+import pytest
+
+from streamkit import Choice, Element, Property
+from streamkit.errors import DescriptionError
+from streamkit.graph.build import build
+
+Register = Callable[..., None]
+
+
+class Quality(Choice):
+    """Has labels."""
+
+    LOW = "low", 1, "Small files"
+    HIGH = "high", 7, "Good pictures"
+
+
+class Coder(Element):
+    """Has presets."""
+
+    sink = "ANY"
+    presets = {"Fast Lane": {"quality": Quality.LOW, "speed": 9}, "bad": {"speed": 10}}  # noqa: RUF012
+    quality: Quality = Property(Quality.HIGH)
+    speed: int = Property(1, min=0, max=9)
+    place: str | None = Property(None)
+    label: str = Property("x")
+    frames_coded: int = Property(0, readonly=True)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        r"coder @preset=Fast\ Lane speed=3",
+        r"coder quality=high @preset=Fast\ Lane",
+        r"coder speed=3 @preset=Fast\ Lane quality=7",
+    ],
+)
+def test_a_preset_goes_over_the_properties(register: Register, text: str) -> None:
+    """s07: wherever it is written, it is set last; what it sets is shown."""
+    register(coder=Coder)
+    assert build(text, {}).elements[0].settings() == {"quality": "low", "speed": 9}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("coder @preset=Fast", "coder has no preset 'Fast'; did you mean \"Fast Lane\"?"),
+        ('coder @preset="bad"', "coder has no preset '\"bad\"'"),
+        ("coder @preset= bad", "coder has no preset ' bad'"),
+        ("coder @preset=bad", "coder0: property speed cannot be 10: it takes int 0..9"),
+        ("queue @preset=bad", "queue has no presets"),
+    ],
+)
+def test_a_preset_that_cannot_be(register: Register, text: str, message: str) -> None:
+    """s01-s08: quotes and blanks belong to the name, as in gst-launch."""
+    register(coder=Coder)
+    with pytest.raises(DescriptionError) as caught:
+        build(text, {})
+    assert caught.value.code == "could-not-set-property"
+    assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize("value", ["high", "7", "0x7", '"Good pictures"'])
+def test_a_choice_by_word_number_or_label(register: Register, value: str) -> None:
+    """v17-v20: what is shown is the word."""
+    register(coder=Coder)
+    assert build(f"coder quality={value}", {}).elements[0].settings() == {"quality": "high"}
+
+
+@pytest.mark.parametrize("value", ["HIGH", "High", "0", "2", "Quality.HIGH", '"good pictures"'])
+def test_a_choice_is_read_exactly(register: Register, value: str) -> None:
+    """v19-v23: neither Python's names nor other capitals."""
+    register(coder=Coder)
+    with pytest.raises(DescriptionError, match="it takes low, high"):
+        build(f"coder quality={value}", {})
+
+
+def test_no_text_at_all(register: Register) -> None:
+    """NULL is how GStreamer writes a text that is not there."""
+    register(coder=Coder)
+    coder = build("coder place=NULL label=NULL name=NULL", {}).elements[0]
+    assert (coder.name, coder.settings()) == ("coder0", {"place": None, "label": ""})
+
+
+def test_what_can_only_be_read_is_ignored_with_a_warning(register: Register) -> None:
+    """v36: the element is made; the graph tells it."""
+    register(coder=Coder)
+    graph = build("coder frames-coded=x speed=2", {})
+    assert graph.elements[0].settings() == {"speed": 2}
+    assert graph.warnings == [
+        ("read-only-property", "coder0: frames-coded can only be read; x is ignored"),
+    ]  # fmt: skip
+
+
+def test_a_second_name_is_told() -> None:
+    """n04: the first counts."""
+    graph = build("fakesrc name=a name=b ! fakesink", {})
+    assert (graph.elements[0].name, [code for code, _ in graph.warnings]) == ("a", ["name-ignored"])
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ('queue name="x y"', "x y"),
+        ("queue name='x'", "'x'"),
+        (r"queue name=\"x\"", "x"),
+        ("queue name=a.b", "a.b"),
+        ("queue name=日本", "日本"),
+        ("input-selector", "inputselector0"),
+    ],
+)
+def test_names(text: str, name: str) -> None:
+    """q31, q41: any text can be a name; automatic ones have no dashes."""
+    assert build(text, {}).elements[0].name == name

@@ -1,0 +1,125 @@
+"""Links that wait for a pad which only the stream brings."""
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from streamkit import (
+    ANY,
+    Caps,
+    Direction,
+    Frame,
+    Message,
+    MessageKind,
+    PadTemplate,
+    Pipeline,
+    Presence,
+    Property,
+    Source,
+)
+from streamkit.errors import DescriptionError
+from streamkit.graph.build import build
+
+Register = Callable[..., None]
+
+
+class Demuxer(Source):
+    """Finds out in its stream which pads it has."""
+
+    templates = (
+        PadTemplate("video_%u", Direction.SRC, Caps("video/x-raw"), Presence.SOMETIMES),
+        PadTemplate("data_%u", Direction.SRC, Caps("meta/x-klv"), Presence.SOMETIMES),
+    )
+    pads_found: str = Property("video_0", doc="Names of the pads of the stream.")
+
+    def frames(self) -> Iterator[tuple[str, Frame]]:
+        """Two frames on each pad."""
+        found = self.pads_found.split("+")
+        for name in found:
+            self.add_pad(f"{name.partition('_')[0]}_%u", name)
+        self.no_more_pads()
+        for number in range(2):
+            for name in found:
+                caps = Caps("video/x-raw, format=GRAY8, width=1, height=1, framerate=1/1")
+                yield name, Frame(b"x", caps if name.startswith("video") else Caps("meta/x-klv"), number)
+
+
+@pytest.fixture
+def demuxer(register: Register) -> None:
+    """An element `demux` whose pads come with the stream."""
+    register(demux=Demuxer)
+
+
+def run(text: str) -> tuple[dict[str, int], list[str]]:
+    """How many frames each appsink got, and the codes of the warnings."""
+    told: list[Message] = []
+    with Pipeline.parse(text) as pipeline:
+        sinks = [element.name for element in pipeline.graph.elements if element.factory == "appsink"]
+        pipeline.bus.watch(told.append)
+        pipeline.play()
+        got = {name: len(list(pipeline[name])) for name in sinks}  # type: ignore[call-overload]
+    return got, [str(message.fields.get("code")) for message in told if message.kind is MessageKind.WARNING]
+
+
+@pytest.mark.usefixtures("demuxer")
+@pytest.mark.parametrize(
+    ("text", "got"),
+    [
+        ("demux ! appsink", {"appsink0": 2}),
+        ("demux ! video/x-raw ! appsink", {"appsink0": 2}),
+        ("demux name=d d.video_0 ! appsink", {"appsink0": 2}),
+        ("demux pads-found=data_0+video_3 ! video/x-raw ! appsink", {"appsink0": 2}),
+        ("demux pads-found=data_0+video_3 name=d d.video_3 ! appsink", {"appsink0": 2}),
+        (
+            "demux pads-found=data_0+video_0 name=d d.video_0 ! appsink name=v d.data_0 ! appsink name=k",
+            {"v": 2, "k": 2},
+        ),
+        ("demux pads-found=video_0+video_1 name=d d. ! appsink d. ! appsink", {"appsink0": 2, "appsink1": 2}),
+        ("demux pads-found=video_0+video_1+data_0 : funnel ! appsink", {"appsink0": 6}),
+        ("demux pads-found=video_0+video_1+data_0 : video/x-raw ! funnel ! appsink", {"appsink0": 4}),
+    ],
+)
+def test_the_link_is_made_when_the_pad_comes(text: str, got: dict[str, int]) -> None:
+    """By name and by filter as the text says; `:` links every pad that comes, `!` the first that fits."""
+    assert run(text) == (got, [])
+
+
+@pytest.mark.usefixtures("demuxer")
+def test_a_pad_that_never_comes_is_a_warning() -> None:
+    """Code `delayed-link` on the bus once there will be no more pads; what it should have fed ends."""
+    text = "demux name=d d.video_0 ! appsink name=v d.video_7 ! appsink name=w"
+    assert run(text) == ({"v": 2, "w": 0}, ["delayed-link"])
+
+
+@pytest.mark.usefixtures("demuxer")
+def test_what_waits_is_told() -> None:
+    """The graph lists its delayed links; a filter is not made before its time."""
+    graph = build("demux name=d d.video_0 ! a/b ! fakesink  d. : fakesink", {})
+    assert [link.description for link in graph.delayed_links] == ["d.video_0 ! fakesink0", "d. ! fakesink1"]
+    assert [element.name for element in graph.elements] == ["d", "fakesink0", "fakesink1"]
+
+
+@pytest.mark.usefixtures("demuxer")
+def test_only_src_pads_are_waited_for() -> None:
+    """A sink side that is not there fails at once, as does an element without such pads."""
+    for text in ("fakesrc ! demux", "fakesrc name=a a.video_0 ! fakesink"):
+        with pytest.raises(DescriptionError) as caught:
+            build(text, {})
+        assert caught.value.code == "link"
+
+
+class Listed(Source):
+    """A pad that is named in the text is made at once."""
+
+    src = ANY
+    templates = (PadTemplate("telemetry", Direction.SRC, ANY, Presence.SOMETIMES),)
+
+
+def test_a_sometimes_pad_of_a_fixed_name_is_linked_at_once(register: Register) -> None:
+    """The element then knows what is wanted of it; an unnamed link takes the pad that is there."""
+    register(listed=Listed)
+    graph = build("listed name=l ! fakesink  l.telemetry ! fakesink  l. ! fakesink", {})
+    assert [f"{src.path} -> {sink.path}" for src, sink in graph.links()] == [
+        "l.src -> fakesink0.sink", "l.telemetry -> fakesink1.sink",
+    ]  # fmt: skip
+    assert len(graph.delayed_links) == 1

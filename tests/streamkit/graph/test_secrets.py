@@ -1,0 +1,41 @@
+"""What must not be shown with a text."""
+
+from collections.abc import Callable
+
+from streamkit import Element, Property
+from streamkit.errors import DescriptionError, Place, mask_credentials
+from streamkit.graph.secrets import secret_assignments
+
+Register = Callable[..., None]
+
+
+class Vault(Element):
+    """Has a secret whose name does not tell."""
+
+    sink = "ANY"
+    word: str = Property("", secret=True)
+
+
+def test_secrets_are_found_by_declaration_and_by_name(register: Register) -> None:
+    """Also where the text does not fit the grammar, and where the element is unknown."""
+    register(vault=Vault)
+    text = ') vault word=w1 other=x ! nosuch user-pw = "p w" word=seen ! vault a::access-token=t ;'
+    assert secret_assignments(text) == ("word=w1", 'user-pw = "p w"', "a::access-token=t")
+
+
+def test_credentials_of_addresses_are_masked() -> None:
+    """Up to the last @ before the path; what has none stays."""
+    assert mask_credentials("a rtsp://me:p@ss@cam/x b http://h/@x y://u@h") == (
+        "a rtsp://***@cam/x b http://h/@x y://***@h"
+    )
+
+
+def test_the_pointed_line_keeps_its_columns() -> None:
+    """Secrets become stars, one for each character, so that the caret still stands below the fault."""
+    text = "x password=hunter2 location=rtsp://me:pw@h nosuch"
+    error = DescriptionError("syntax", "no", Place(1, 44, 6))
+    error.secrets = ("password=hunter2",)
+    assert error.pointed(text).split("\n")[1:] == [
+        "    x password=******* location=rtsp://*****@h nosuch",
+        "                                               ^^^^^^",
+    ]
