@@ -12,6 +12,7 @@ from typing import Any
 
 from streamkit.errors import CapsSyntax
 from streamkit.flow.caps_algebra import SCALARS
+from streamkit.flow.caps_algebra import SCALARS
 from streamkit.flow.caps_structure import Structure
 from streamkit.flow.caps_text import (
     READERS,
@@ -225,12 +226,9 @@ class CapsReader:
         return TYPES[name]
 
     def items(self, kind: str | None, closing: str) -> tuple[Value, ...]:
-        """The members of a list or array up to its closing mark."""
+        """The members of a list or array up to its closing mark; one comma may stand before and after them."""
         found: list[Value] = []
-        if self.accept(","):
-            if self.accept(closing):
-                return ()
-            raise self.fail("expected a value before ','")
+        self.accept(",")
         while not self.accept(closing):
             found.append(self.value(kind))
             self.members += type(found[-1]) not in SCALARS
