@@ -12,7 +12,6 @@ from typing import Any
 
 from streamkit.errors import CapsSyntax
 from streamkit.flow.caps_algebra import SCALARS
-from streamkit.flow.caps_algebra import SCALARS
 from streamkit.flow.caps_structure import Structure
 from streamkit.flow.caps_text import (
     READERS,
@@ -226,7 +225,7 @@ class CapsReader:
         return TYPES[name]
 
     def items(self, kind: str | None, closing: str) -> tuple[Value, ...]:
-        """The members of a list or array up to its closing mark; one comma may stand before and after them."""
+        """The members of a list or array up to its closing mark; a comma may stand before and after."""
         found: list[Value] = []
         self.accept(",")
         while not self.accept(closing):
