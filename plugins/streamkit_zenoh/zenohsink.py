@@ -76,6 +76,11 @@ class ZenohSink(Connection, Sink):
     cut_off_s: float = Property(
         5.0, min=1.0, max=3600.0, unit="s", doc="A receiver that takes nothing for so long is cut off."
     )
+    ground_altitude: float | None = Property(
+        None,
+        unit="m",
+        doc="Of the ground, counted as the poses count it: targets then have their place on it.",
+    )
     tracks_qos: str = Property(
         "block,data-high", doc="Of KEY/tracks: block or drop, a priority (real-time to background), express."
     )
@@ -163,6 +168,7 @@ class ZenohSink(Connection, Sink):
             max_queue=self.max_queue,
             patience_s=self.patience_s,
             cut_off_s=self.cut_off_s,
+            ground_altitude_m=self.ground_altitude,
             qualities={
                 "tracks": quality(self.tracks_qos),
                 "track": quality(self.track_qos),

@@ -11,6 +11,8 @@ from streamkit.errors import StreamError
 from streamkit.flow.metadata import Registration, RegistrationStatus, Track, Tracks, TrackState
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from streamkit.flow.frame import Frame
 
 SCHEMA: Literal["streamkit.tracks/1"] = "streamkit.tracks/1"
@@ -107,7 +109,14 @@ _ENCODER = msgspec.json.Encoder()
 _DECODER = msgspec.json.Decoder(TrackRecord)
 
 
-def track_record(frame: Frame, *, source: str, published_ns: int | None, dropped: int = 0) -> TrackRecord:
+def track_record(
+    frame: Frame,
+    *,
+    source: str,
+    published_ns: int | None,
+    dropped: int = 0,
+    places: Mapping[int, tuple[float, float, float | None]] | None = None,
+) -> TrackRecord:
     """The record of a frame, from its `Tracks` and `Registration`.
 
     Args:
@@ -115,6 +124,7 @@ def track_record(frame: Frame, *, source: str, published_ns: int | None, dropped
         source: who publishes.
         published_ns: UTC now, ns; None leaves it and the age out.
         dropped: records lost so far.
+        places: where targets are on the ground, by id: latitude, longitude (deg, WGS84), radius of error (m).
 
     Raises:
         ValueError: a track's place, size, angle or score is not a finite number.
@@ -135,7 +145,7 @@ def track_record(frame: Frame, *, source: str, published_ns: int | None, dropped
         width=_pixels(frame, "width"),
         height=_pixels(frame, "height"),
         registration=_registration_record(registration) if registration else None,
-        tracks=tuple(_target_record(track) for track in tracks.tracks) if tracks else (),
+        tracks=tuple(_target_record(track, places) for track in tracks.tracks) if tracks else (),
         dropped=dropped,
     )
 
@@ -173,7 +183,9 @@ def _registration_record(registration: Registration) -> RegistrationRecord:
     )
 
 
-def _target_record(track: Track) -> TargetRecord:
+def _target_record(
+    track: Track, places: Mapping[int, tuple[float, float, float | None]] | None
+) -> TargetRecord:
     x, y, length, width = float(track.x), float(track.y), float(track.length), float(track.width)
     angle, score = float(track.angle), float(track.score)
     # A sum is finite only where all its terms are: one test instead of six, at every track of every frame.
@@ -201,7 +213,12 @@ def _target_record(track: Track) -> TargetRecord:
         position_covariance=((xx, xy), (yx, yy)) if spread else None,
         score=score,
         age_ns=int(track.age_ns),
+        geo=_geo_record(places.get(track.id)) if places else None,
     )
+
+
+def _geo_record(place: tuple[float, float, float | None] | None) -> GeoRecord | None:
+    return None if place is None else GeoRecord(lat=place[0], lon=place[1], error_m=place[2])
 
 
 def _demand_finite(track: Track, place: tuple[float, ...]) -> None:

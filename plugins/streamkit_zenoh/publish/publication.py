@@ -45,6 +45,7 @@ class PublicationSettings:
     max_queue: int
     patience_s: float
     cut_off_s: float
+    ground_altitude_m: float | None
     qualities: Mapping[str, Quality]
 
 
@@ -154,6 +155,7 @@ class Publication:
             settings.patience_s,
             settings.max_queue,
             settings.qualities[TRACK],
+            settings.ground_altitude_m,
         )
 
     def _picture_feed(self, name: str, failed: Callable[[Exception], None]) -> PictureFeed:

@@ -40,6 +40,7 @@ class FeedSettings:
         patience_s: how long a frame may wait for room in the line.
         max_queue: most records that wait.
         each_quality: quality of service of KEY/track/ID.
+        ground_altitude_m: of the ground that is looked at, or None.
     """
 
     source: str
@@ -48,6 +49,7 @@ class FeedSettings:
     patience_s: float
     max_queue: int
     each_quality: Quality
+    ground_altitude_m: float | None = None
 
 
 class RecordsFeed:
@@ -202,7 +204,8 @@ class RecordsFeed:
                 yield f"{self._root}/{TRACK}/{target.id}", self._codec.encode(alone)
 
     def _record(self, item: Outgoing, published_ns: int) -> TrackRecord:
-        return record_of(item.frame, self._settings.source, published_ns, self._lost)
+        settings = self._settings
+        return record_of(item.frame, settings.source, published_ns, self._lost, settings.ground_altitude_m)
 
     def _payload(self, item: Outgoing, published_ns: int) -> tuple[TrackRecord, bytes]:
         record = self._record(item, published_ns)

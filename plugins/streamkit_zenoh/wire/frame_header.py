@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -68,7 +68,7 @@ class FrameHeader(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
         duration_ns: of the frame.
         motion: its registration, in pixels of the frame before scaling.
         detections: what was found in it; None where nothing looked.
-        pose: where the camera was.
+        pose: where the camera was: the fields of `streamkit.Pose`.
     """
 
     schema: Literal["streamkit.frame/1"]
@@ -79,7 +79,7 @@ class FrameHeader(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     duration_ns: int | None = None
     motion: MotionRecord | None = None
     detections: tuple[DetectionRecord, ...] | None = None
-    pose: Pose | None = None
+    pose: dict[str, Any] | None = None
 
 
 _ENCODER = msgspec.json.Encoder()
@@ -88,7 +88,7 @@ _DECODER = msgspec.json.Decoder(FrameHeader)
 
 def frame_header(frame: Frame, source: str, published_ns: int, dropped: int, shape: tuple[int, ...]) -> bytes:
     """The header of a frame whose picture has this array shape."""
-    registration, detections = frame.get(Registration), frame.get(Detections)
+    registration, detections, pose = frame.get(Registration), frame.get(Detections), frame.get(Pose)
     header = FrameHeader(
         schema=FRAME_SCHEMA,
         record=record_of(frame, source, published_ns, dropped),
@@ -98,7 +98,7 @@ def frame_header(frame: Frame, source: str, published_ns: int, dropped: int, sha
         duration_ns=frame.duration,
         motion=None if registration is None else _motion(registration),
         detections=None if detections is None else _detections(detections),
-        pose=frame.get(Pose),
+        pose=None if pose is None else msgspec.to_builtins(pose),
     )
     return _ENCODER.encode(header)
 
@@ -120,7 +120,11 @@ def read_header(data: bytes) -> FrameHeader:
 
 
 def picture_frame(picture: NDArray[np.uint8], header: FrameHeader, arrival_ns: int, epoch: int) -> Frame:
-    """The frame with this picture, its metadata in pixels of the picture."""
+    """The frame with this picture, its metadata in pixels of the picture.
+
+    Raises:
+        ValueError: the pose is none.
+    """
     record = header.record
     height, width = picture.shape[:2]
     scaling = _scaling(record.width or width, record.height or height, width, height)
@@ -141,7 +145,7 @@ def picture_frame(picture: NDArray[np.uint8], header: FrameHeader, arrival_ns: i
     if header.detections is not None:
         items.append(_as_detections(header.detections, scaling))
     if header.pose is not None:
-        items.append(header.pose)
+        items.append(msgspec.convert(header.pose, Pose))
     return frame.attach(*items) if items else frame
 
 

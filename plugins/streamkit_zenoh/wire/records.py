@@ -1,13 +1,16 @@
 """Between frames and their records."""
 
 from functools import lru_cache
+from typing import Any
 
+import msgspec
 import numpy as np
 
 from streamkit import (
     Caps,
     Capture,
     Frame,
+    Pose,
     Registration,
     Track,
     TrackRecord,
@@ -16,6 +19,7 @@ from streamkit import (
     encode_record,
     track_record,
 )
+from streamkit_zenoh.wire.georeference import Camera, ground_places
 
 TRACKS_NAME = "application/x-tracks"
 TRACKS_SCHEMA = "streamkit.tracks/1"
@@ -37,8 +41,12 @@ def payload_of(frame: Frame, source: str, published_ns: int | None, dropped: int
     return encode_record(record) if b"\n" in data else data
 
 
-def record_of(frame: Frame, source: str, published_ns: int | None, dropped: int) -> TrackRecord:
+def record_of(
+    frame: Frame, source: str, published_ns: int | None, dropped: int, ground_altitude_m: float | None = None
+) -> TrackRecord:
     """The record of a frame; a frame that is a record gives that.
+
+    With the altitude of the ground, targets have their places on it where the frame has a pose.
 
     Raises:
         ValueError: a track has no place.
@@ -46,7 +54,42 @@ def record_of(frame: Frame, source: str, published_ns: int | None, dropped: int)
     """
     if frame.caps.name == TRACKS_NAME:
         return decode_record(frame.data)
-    return track_record(frame, source=source, published_ns=published_ns, dropped=dropped)
+    places = None if ground_altitude_m is None else _places(frame, ground_altitude_m)
+    return track_record(frame, source=source, published_ns=published_ns, dropped=dropped, places=places)
+
+
+def plain_record(
+    frame: Frame, source: str, published_ns: int | None, ground_altitude_m: float | None
+) -> dict[str, Any]:
+    """The record of a frame as JSON has it, with numbers and words only."""
+    fields: dict[str, Any] = msgspec.to_builtins(record_of(frame, source, published_ns, 0, ground_altitude_m))
+    return fields
+
+
+def _places(frame: Frame, ground_altitude_m: float) -> dict[int, tuple[float, float, float | None]]:
+    pose, tracks = frame.get(Pose), frame.get(Tracks)
+    if pose is None or tracks is None or not tracks.tracks or pose.is_stale:
+        return {}
+    if pose.altitude is None or pose.heading is None or pose.field_of_view is None:
+        return {}
+    width, height = frame.caps.get("width"), frame.caps.get("height")
+    if not (isinstance(width, int) and isinstance(height, int)):
+        return {}
+    camera = Camera(
+        pose.latitude,
+        pose.longitude,
+        pose.altitude - ground_altitude_m,
+        (pose.heading, pose.pitch or 0.0, pose.roll or 0.0),
+        pose.sensor_angles or (0.0, 0.0, 0.0),
+        pose.field_of_view,
+        (width, height),
+    )
+    found = ground_places(camera, np.array([(track.x, track.y) for track in tracks.tracks]))
+    return {
+        track.id: (float(latitude), float(longitude), None)
+        for track, (latitude, longitude) in zip(tracks.tracks, found, strict=True)
+        if np.isfinite(latitude)
+    }
 
 
 def essence(frame: Frame) -> Frame:
@@ -54,7 +97,7 @@ def essence(frame: Frame) -> Frame:
     if frame.caps.name == TRACKS_NAME:
         return frame
     found = frame.metadata
-    kept: dict[type, object] = {kind: found[kind] for kind in (Tracks, Registration) if kind in found}
+    kept: dict[type, object] = {kind: found[kind] for kind in (Tracks, Registration, Pose) if kind in found}
     return Frame(
         b"", frame.caps, pts=frame.pts, epoch=frame.epoch, seq=frame.seq, capture=frame.capture, metadata=kept
     )

@@ -190,6 +190,15 @@ def test_geo_is_read() -> None:
     assert (geo.lat, geo.lon, geo.error_m) == (48.1, 11.5, 3.5)
 
 
+def test_places_on_the_ground_are_written() -> None:
+    """Whoever knows where a target is says so by its id; the others have no place."""
+    frame = _frame(Tracks((_track(), _track(id=8))))
+    record = track_record(frame, source="a", published_ns=5, places={8: (48.1, 11.5, None)})
+    written = json.loads(encode_record(record))["tracks"]
+    assert "geo" not in written[0]
+    assert written[1]["geo"] == {"lat": 48.1, "lon": 11.5}
+
+
 def _changed(**changes: Any) -> bytes:
     record = track_record(_frame(Tracks((_track(),)), _registration(np.eye(3))), source="a", published_ns=5)
     return json.dumps({**json.loads(encode_record(record)), **changes}).encode()

@@ -1,0 +1,84 @@
+"""Where on the ground the pixels of a posed camera are, on flat ground of a known altitude."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+EQUATOR_RADIUS_M = 6_378_137.0
+ECCENTRICITY_SQUARED = 6.694379990141e-3
+# Nearer to the horizon than this (3 deg) a pixel is hundreds of metres long, and ground is not flat.
+LEAST_DESCENT = math.sin(math.radians(3.0))
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where a camera is and how it looks.
+
+    Attributes:
+        latitude: deg, WGS84.
+        longitude: deg, WGS84.
+        height_m: above the ground that is looked at.
+        platform: heading (clockwise from north), pitch (nose up), roll (right wing down), rad.
+        sensor: azimuth, elevation, roll of the sensor to the platform, rad.
+        field_of_view: horizontal, vertical, rad.
+        size: width, height of the picture, px.
+    """
+
+    latitude: float
+    longitude: float
+    height_m: float
+    platform: tuple[float, float, float]
+    sensor: tuple[float, float, float]
+    field_of_view: tuple[float, float]
+    size: tuple[int, int]
+
+
+def ground_places(camera: Camera, pixels: FloatArray) -> FloatArray:
+    """Latitude and longitude of pixels; NaN where the ray does not meet the ground, or too flat.
+
+    Args:
+        camera: the camera.
+        pixels: float64[n, 2], x y, (0, 0) the centre of the top-left pixel.
+
+    Returns:
+        float64[n, 2], deg.
+
+    Source: MISB ST 0601 (angles of platform and sensor); Torge, Geodesy, section 4.1 (radii of curvature).
+    """
+    width, height = camera.size
+    across, down = (math.tan(angle / 2) for angle in camera.field_of_view)
+    offsets = (np.asarray(pixels, dtype=np.float64) - ((width - 1) / 2, (height - 1) / 2)) / (
+        width / 2,
+        height / 2,
+    )
+    rays = np.column_stack([np.ones(len(offsets)), offsets[:, 0] * across, offsets[:, 1] * down])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    # North, east, down.
+    directions = rays @ (_rotation(*camera.platform) @ _rotation(*camera.sensor)).T
+    descent = np.where(directions[:, 2] >= LEAST_DESCENT, directions[:, 2], math.nan)
+    metres = directions[:, :2] * (camera.height_m / descent)[:, np.newaxis]
+    return np.array([camera.latitude, camera.longitude]) + metres / _metres_per_degree(camera.latitude)
+
+
+def _rotation(yaw: float, pitch: float, roll: float) -> FloatArray:
+    """float64[3, 3]: forward-right-down of the body to its frame, by yaw, then pitch, then roll."""
+    cy, sy, cp, sp, cr, sr = (f(a) for a in (yaw, pitch, roll) for f in (math.cos, math.sin))
+    about_down = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    about_right = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    about_forward = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    return np.asarray(about_down @ about_right @ about_forward)
+
+
+def _metres_per_degree(latitude: float) -> FloatArray:
+    """Of latitude and of longitude."""
+    sine = math.sin(math.radians(latitude))
+    bend = 1 - ECCENTRICITY_SQUARED * sine * sine
+    meridian = EQUATOR_RADIUS_M * (1 - ECCENTRICITY_SQUARED) / bend**1.5
+    parallel = EQUATOR_RADIUS_M / math.sqrt(bend) * math.cos(math.radians(latitude))
+    return np.radians([meridian, parallel])

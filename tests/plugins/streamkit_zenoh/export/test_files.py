@@ -1,0 +1,88 @@
+"""Files for other programs are what their formats say, and hold what the records hold."""
+
+import csv
+import io
+import json
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from streamkit_zenoh.export.files import KINDS, FileKind, utc_text
+
+
+def _track(number: int, state: str = "confirmed", **more: Any) -> dict[str, Any]:
+    return {
+        "id": number, "state": state, "x": 20.0, "y": 30.0, "length": 8.0, "width": 4.0, "angle": 0.5,
+        "bbox": [16.0, 27.5, 24.0, 32.5], "score": 0.875, "age_ns": 5, **more,
+    }  # fmt: skip
+
+
+def _record(seq: int, *tracks: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "schema": "streamkit.tracks/1", "source": "uav <1>\x01", "seq": seq, "epoch": 0,
+        "capture_ns": 1_763_690_000_123_456_789, "width": 64, "height": 48, "dropped": 0,
+        "tracks": list(tracks),
+    }  # fmt: skip
+
+
+PLACED = {"geo": {"lat": 48.125, "lon": 11.5, "error_m": 3.5}}
+RECORDS = [
+    _record(0, _track(7, **PLACED), _track(8, "tentative", **PLACED)),
+    _record(1),
+    _record(2, _track(7, vx=1.5)),
+]
+
+
+def _written(kind: FileKind) -> str:
+    file = KINDS[kind]()
+    return (file.begin() + b"".join(map(file.record, RECORDS)) + file.end()).decode()
+
+
+def test_mot_counts_frames_from_one() -> None:
+    """Frame, id, left, top, width, height, score and three times -1; tentative targets are no results."""
+    assert _written(FileKind.MOT).splitlines() == [
+        "1,7,16,27.5,8,5,0.875,-1,-1,-1",
+        "3,7,16,27.5,8,5,0.875,-1,-1,-1",
+    ]
+
+
+def test_csv_has_a_row_a_target() -> None:
+    """A target's own width is not the frame's, and what is not known is empty."""
+    rows = list(csv.DictReader(io.StringIO(_written(FileKind.CSV))))
+    assert [(row["seq"], row["id"], row["state"]) for row in rows] == [
+        ("0", "7", "confirmed"), ("0", "8", "tentative"), ("2", "7", "confirmed"),
+    ]  # fmt: skip
+    assert (rows[0]["width"], rows[0]["lat"], rows[0]["x1"]) == ("4.0", "48.125", "24.0")
+    assert (rows[2]["vx"], rows[2]["lat"]) == ("1.5", "")
+
+
+def test_geojson_is_a_collection_of_points() -> None:
+    """Longitude comes first; only confirmed targets with a place are there."""
+    collection = json.loads(_written(FileKind.GEOJSON))
+    (feature,) = collection["features"]
+    assert feature["geometry"] == {"type": "Point", "coordinates": [11.5, 48.125]}
+    assert feature["properties"]["id"] == 7
+    assert feature["properties"]["time"] == "2025-11-21T01:53:20.123Z"
+    file = KINDS[FileKind.GEOJSON]()
+    assert json.loads(file.begin() + file.end()) == {"type": "FeatureCollection", "features": []}
+
+
+def test_kml_is_a_document_of_placemarks() -> None:
+    """Well-formed whatever the source is called, with time and place."""
+    root = ElementTree.fromstring(_written(FileKind.KML))
+    space = {"k": "http://www.opengis.net/kml/2.2"}
+    (mark,) = root.findall("k:Document/k:Placemark", space)
+    assert mark.findtext("k:name", namespaces=space) == "7"
+    assert mark.findtext("k:description", namespaces=space) == "uav <1>? confirmed"
+    assert mark.findtext("k:TimeStamp/k:when", namespaces=space) == "2025-11-21T01:53:20.123Z"
+    assert mark.findtext("k:Point/k:coordinates", namespaces=space) == "11.50000000,48.12500000"
+
+
+@pytest.mark.parametrize(
+    ("record", "expected"),
+    [({}, None), ({"published_ns": 0}, "1970-01-01T00:00:00.000Z"), ({"capture_ns": 10**25}, None)],
+)
+def test_a_time_that_is_none_is_left_out(record: dict[str, Any], expected: str | None) -> None:
+    """Publishing stands in for capture; a year beyond the calendar is no time."""
+    assert utc_text(record) == expected
