@@ -66,7 +66,7 @@ def cut_windows(
     """
     height, width = image.shape
     places = np.reshape(np.asarray(places, np.float64), (-1, 5))
-    valid: NDArray[np.bool_] = np.isfinite(places).all(axis=1)
+    valid = np.asarray(np.isfinite(places).all(axis=1))
     extents = np.where(valid, places[:, 2:4].max(axis=1), 0.0)
     # A box may be as large as a float: the margin then has to come after the limit.
     sides = np.clip(np.rint(np.minimum(extents, 4.0 * max(height, width)) * margin), 1, max(height, width))

@@ -34,6 +34,7 @@ def page(results: Results) -> str:
         *(line for table in PERCENTAGES for line in _percentages(table, results)),
         *_reading_c(results),
         FIGURE,
+        *_figure_3(results),
         ERRORS_READING,
         *(line for table in ERRORS for line in _errors(table, results)),
         *_averages(),
@@ -103,6 +104,19 @@ def _reading_c(results: Results) -> Iterable[str]:
     yield from _head("features", partitions)
     for index in range(len(next(iter(partitions.values()))["reading_c"])):
         yield _row(str(index + 1), [_shown(one["reading_c"][index]) for one in partitions.values()])
+    yield ""
+
+
+def _figure_3(results: Results) -> Iterable[str]:
+    partitions = results["partitions"]
+    yield "Mean over 1 to 10 targets, percent:\n"
+    yield from _head("method", partitions)
+    means = {}
+    for name in (PROPOSED, TRADITIONAL):
+        means[name] = [_mean(one["reading_a"][name]) for one in partitions.values()]
+        yield _row(name, [f"{value:.2f}" for value in means[name]])
+    apart = [one - other for one, other in zip(means[PROPOSED], means[TRADITIONAL], strict=True)]
+    yield _row("proposed above traditional", [f"{value:+.2f}" for value in apart])
     yield ""
 
 

@@ -1,0 +1,61 @@
+"""`streamkit experiments` writes its files, and tells what it misses."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from streamkit_wavelet_eigen.experiments import run
+from streamkit_wavelet_eigen.experiments.command import experiments
+
+DOCS = Path(__file__).parents[4] / "docs"
+COMMAND = [sys.executable, "-c", "from streamkit.cli.main import main; main()", "experiments"]
+
+
+def _run(folder: Path, *arguments: str, data: Path | None) -> subprocess.CompletedProcess[str]:
+    environment = {name: value for name, value in os.environ.items() if name != "STREAMKIT_DATA"}
+    if data is not None:
+        environment["STREAMKIT_DATA"] = str(data)
+    return subprocess.run(
+        [*COMMAND, *arguments],
+        capture_output=True, text=True, timeout=85, check=False, cwd=folder, env=environment,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("arguments", [(), ("--data", "nothing")])
+def test_missing_databases_are_told(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    """Exit 1, one line that says what to give; no traceback, no file."""
+    done = _run(tmp_path, *arguments, data=None)
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_broken_database_is_told(tmp_path: Path) -> None:
+    """A process that fails ends the run with the name of the picture."""
+    for name in ("orl/s1", "coil20"):
+        (tmp_path / "data" / name).mkdir(parents=True)
+    cv2.imwrite(str(tmp_path / "data" / "orl" / "s1" / "1.pgm"), np.zeros((112, 92), np.uint8))
+    done = _run(tmp_path, "--data", "data", data=None)
+    assert done.returncode == 1, done.stderr
+    assert "error: " in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_results_are_written_as_json_and_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shared_folder: Path
+) -> None:
+    """What the last full run found comes out as the files in docs/, byte for byte."""
+    results = json.loads((DOCS / "paper-tables.json").read_text(encoding="utf-8"))
+    monkeypatch.setattr(run, "run_all", lambda folder, **settings: results)
+    output = tmp_path / "a" / "b"
+    experiments(data=shared_folder, output=output, plots=False)
+    for name in ("paper-tables.json", "paper-tables.md"):
+        assert (output / name).read_bytes() == (DOCS / name).read_bytes()
+    assert len(list(output.iterdir())) == 2
