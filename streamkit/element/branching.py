@@ -11,7 +11,16 @@ from streamkit.element.negotiation import demand_accepted
 from streamkit.element.pad import Pad, PadTemplate
 from streamkit.errors import StreamkitError
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.events import EOS, CapsEvent, EosEvent, Event, FlushStart, FlushStop, SegmentEvent
+from streamkit.flow.events import (
+    EOS,
+    CapsEvent,
+    EosEvent,
+    Event,
+    FlushStart,
+    FlushStop,
+    GapEvent,
+    SegmentEvent,
+)
 from streamkit.flow.frame import Frame
 from streamkit.flow.signals import EndOfStream, FlowStop, NotLinked
 
@@ -72,13 +81,19 @@ class Combine(Element):
     def _push(self, frame: Frame, pad: Pad | None = None) -> None:
         """Sends a frame that came in at a pad on, after the events that must come before it."""
         src = self.src_pad
-        if frame.caps is not src.caps:
-            demand_accepted(src, frame.caps)
-            src.send_event(CapsEvent(frame.caps))
+        if frame.caps is not src.caps or (pad is not None and pad is not self._source):
+            self._lead_in(frame.caps, pad)
+        src.push(frame)
+
+    def _lead_in(self, caps: Caps | None, pad: Pad | None) -> None:
+        """Sends the caps of what follows, and the segment of its input where that is another than before."""
+        src = self.src_pad
+        if caps is not None and caps is not src.caps:
+            demand_accepted(src, caps)
+            src.send_event(CapsEvent(caps))
         if pad is not None and pad is not self._source:
             self._source = pad
             self.switched(pad)
-        src.push(frame)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """EOS goes on when every input has ended; caps and segments go with the frames; the rest at once."""
@@ -93,6 +108,8 @@ class Combine(Element):
                 if pad is self._source:
                     self.switched(pad)
             elif not isinstance(event, CapsEvent):
+                if isinstance(event, GapEvent):
+                    self._lead_in(pad.caps, pad)
                 self.src_pad.send_event(event)
 
     def _end_if_all_have(self) -> None:
