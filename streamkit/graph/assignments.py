@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from streamkit.element.base import Element
 from streamkit.element.property import PropertyDeclaration
-from streamkit.element.property_text import unquote_string
+from streamkit.element.property_text import unquote_string, value_from_text
 from streamkit.element.suggest import did_you_mean
 from streamkit.errors import DescriptionError, Place, StreamkitError
 from streamkit.graph.parse import resolve_escapes, unquote_value
@@ -77,12 +77,9 @@ def set_text(
         DescriptionError: code `could-not-set-property`.
     """
     if declaration.readonly:
-        warnings.append(
-            (
-                "read-only-property",
-                f"{element.name}: {declaration.spelling} can only be read; {text} is ignored",
-            )
-        )
+        _demand_readable(element, declaration, text, place)
+        what = f"{element.name}: {declaration.spelling} can only be read; {text} is ignored"
+        warnings.append(("read-only-property", what))
         return
     try:
         value: str | None = text
@@ -97,6 +94,15 @@ def set_text(
         hint = did_you_mean(text, declaration.choices) if declaration.choices else ""
         raise DescriptionError("could-not-set-property", str(error), place, hint) from None
     element.set_in_text[declaration.spelling] = text
+
+
+def _demand_readable(element: Element, declaration: PropertyDeclaration, text: str, place: Place) -> None:
+    """Refuses what is no value of the property's type, even though a value would be ignored."""
+    try:
+        value_from_text(declaration.kind, text)
+    except ValueError as error:
+        refusal = declaration.refusal(text, str(error), element.name)
+        raise DescriptionError("could-not-set-property", str(refusal), place) from None
 
 
 def load_presets(element: Element, presets: Iterable[Assignment]) -> None:

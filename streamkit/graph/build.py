@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from streamkit.element.base import Element
 from streamkit.element.registry import element_class, make_element
 from streamkit.element.suggest import did_you_mean
-from streamkit.errors import CapsSyntax, DescriptionError, Place, PluginBroken
+from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, Place, PluginBroken
 from streamkit.flow.caps import Caps
 from streamkit.graph.addresses import factory_for, location_of
 from streamkit.graph.assignments import load_presets, name_in_text, set_properties
@@ -90,8 +90,14 @@ class GraphBuilder:
                 for pad in element.pads.values():
                     pad.known_caps = pad.template.caps  # a query would go round for ever
         else:
-            negotiate(self.graph, self._linker.places)
+            self._negotiate()
         return self.graph
+
+    def _negotiate(self) -> None:
+        try:
+            negotiate(self.graph, self._linker.places)
+        except CapsTooLarge as error:
+            raise DescriptionError("link", f"the caps of the links cannot be compared: {error}") from None
 
     def _make_links(self) -> None:
         for link in self._pending:
@@ -100,7 +106,7 @@ class GraphBuilder:
             except DescriptionError:
                 # Links made before this one are negotiated last, but their conflicts came first.
                 if not self.graph.has_loop():
-                    negotiate(self.graph, self._linker.places)
+                    self._negotiate()
                 raise
 
     def _set_waiting(self) -> None:
@@ -236,13 +242,16 @@ def _filter_caps(link: LinkNode) -> Caps | None:
         return None
     try:
         return Caps(re.sub(r"\\(.)", r"\1", link.caps, flags=re.DOTALL) if "\\" in link.caps else link.caps)
+    except CapsTooLarge as error:
+        raise DescriptionError("link", f"could not parse caps: {error}", link.place) from None
     except CapsSyntax as error:
-        hint = (
-            "a filter runs on to the last ':' or the first '!': close it with '!'"
-            if " : " in link.caps
-            else ""
-        )
-        raise DescriptionError("link", f"could not parse caps: {error}", link.place, hint) from None
+        place, hint = link.place, error.hint
+        if "\\" not in link.caps and link.place_in_caps is not None and error.position < len(link.caps):
+            place = link.place_in_caps(error.position, error.length)
+        if " : " in link.caps:
+            hint = "a filter runs on to the last ':' or the first '!': close it with '!'"
+        shown = link.caps if len(link.caps) <= 60 else link.caps[:57] + "..."
+        raise DescriptionError("link", f"could not parse caps {shown!r}: {error.rule}", place, hint) from None
 
 
 def _demand_known(factory: str, place: Place) -> None:

@@ -160,7 +160,13 @@ class TreeBuilder(Transformer[Token, Any]):
 
     def link(self, token: Token) -> LinkNode:
         """A link with its filter."""
-        return LinkNode(self._place(token), str(token)[1:-1].strip(), every_pad=":" in (token[0], token[-1]))
+        inner = str(token)[1:-1]
+        begin = (token.start_pos or 0) + 1 + len(inner) - len(inner.lstrip())
+
+        def place_in_caps(offset: int, length: int) -> Any:
+            return self.expanded.place(begin + offset, begin + offset + length)
+
+        return LinkNode(self._place(token), inner.strip(), ":" in (token[0], token[-1]), place_in_caps)
 
     def pads(self, first: Token, *rest: Token) -> tuple[str, ...]:
         """Pad names."""

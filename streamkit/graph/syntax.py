@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from streamkit.errors import DescriptionError, Place
@@ -66,11 +67,15 @@ class FaultNode:
 
 @dataclass(frozen=True, slots=True)
 class LinkNode:
-    """`!` or `:`, with caps between two of them; `every_pad` where one of them is `:`."""
+    """`!` or `:`, with caps between two of them; `every_pad` where one of them is `:`.
+
+    `place_in_caps` finds the place of a stretch of the caps, from its offset and length.
+    """
 
     place: Place
     caps: str = ""
     every_pad: bool = False
+    place_in_caps: Callable[[int, int], Place] | None = None
 
 
 Node = ElementNode | BinNode | ReferenceNode | UrlNode | FaultNode

@@ -88,11 +88,19 @@ def test_no_text_at_all(register: Register) -> None:
 def test_what_can_only_be_read_is_ignored_with_a_warning(register: Register) -> None:
     """v36: the element is made; the graph tells it."""
     register(coder=Coder)
-    graph = build("coder frames-coded=x speed=2", {})
+    graph = build("coder frames-coded=3 speed=2", {})
     assert graph.elements[0].settings() == {"speed": 2}
     assert graph.warnings == [
-        ("read-only-property", "coder0: frames-coded can only be read; x is ignored"),
+        ("read-only-property", "coder0: frames-coded can only be read; 3 is ignored"),
     ]  # fmt: skip
+
+
+def test_what_can_only_be_read_has_a_type_too(register: Register) -> None:
+    """A text that is no such value is refused."""
+    register(coder=Coder)
+    with pytest.raises(DescriptionError, match="frames-coded cannot be 'x'") as caught:
+        build("coder frames-coded=x", {})
+    assert caught.value.code == "could-not-set-property"
 
 
 def test_a_second_name_is_told() -> None:
