@@ -7,17 +7,28 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from datetime import date
 from fractions import Fraction
 
 from streamkit.errors import CapsTooLarge
 from streamkit.flow.caps_values import (
     RANGES,
+    Bitmask,
+    DateTime,
     FlagSet,
+    Float32,
     FloatRange,
     FractionRange,
+    Int64,
     IntRange,
+    Long,
     NestedValue,
+    NullText,
     Range,
+    UChar,
+    UInt,
+    UInt64,
+    ULong,
     Value,
     ValueArray,
     ValueList,
@@ -25,7 +36,13 @@ from streamkit.flow.caps_values import (
 
 MEMBER_LIMIT = 1_000
 PIECE_LIMIT = 256
-SCALARS = frozenset((int, str, bool, float, Fraction))
+# Types whose values meet only where they are equal; all can be told apart by type and hash.
+SCALARS = frozenset(
+    (
+        *(int, str, bool, float, Fraction, bytes, date, Int64, UInt, UInt64, Long, ULong, UChar),
+        *(Bitmask, Float32, NullText, DateTime),
+    )
+)
 
 
 def same_type_equal(left: Value, right: Value) -> bool:

@@ -46,7 +46,7 @@ SYSTEM_MEMORY = "memory:SystemMemory"
 DEPTH_LIMIT = 16
 TEXT_LIMIT = 16_384
 STRUCTURE_LIMIT = 256
-MEMBER_LIMIT = 512
+MEMBER_LIMIT = 256
 SHOWN_LENGTH = 400
 CapsMaker = Callable[[tuple[Structure, ...] | None], NestedValue]
 
@@ -230,13 +230,14 @@ class CapsReader:
         self.accept(",")
         while not self.accept(closing):
             found.append(self.value(kind))
-            self.members += type(found[-1]) not in SCALARS
-            if self.members > MEMBER_LIMIT:
-                raise self.fail(f"lists hold at most {MEMBER_LIMIT} ranges, arrays and structures in all")
             if not self.accept(","):
                 if not self.accept(closing):
                     raise self.fail(f"expected ',' or '{closing}'")
                 break
+        if any(type(item) not in SCALARS for item in found):
+            self.members += len(found)
+            if self.members > MEMBER_LIMIT:
+                raise self.fail(f"lists that hold more than plain values have at most {MEMBER_LIMIT} members")
         return tuple(found)
 
     def range(self, kind: str | None, start: int) -> Range:

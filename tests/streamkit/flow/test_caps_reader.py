@@ -202,7 +202,10 @@ def test_an_unknown_type_gets_a_suggestion() -> None:
     [
         ("a" * 20_000, "caps text of 20000 characters: at most 16384 are read"),
         ("a;" * 300, "caps have at most 256 structures"),
-        ("a/b, f={" + "[ 1, 2 ]," * 600 + "}", "lists hold at most 512 ranges, arrays and structures in all"),
+        (
+            "a/b, f={" + "[ 1, 2 ]," * 600 + "}",
+            "lists that hold more than plain values have at most 256 members",
+        ),
         ("a/b, f=" + "[s, f=" * 30, "values nest at most 16 deep"),
         ("a/b, f=" + "{ <" * 30, "values nest at most 16 deep"),
     ],
