@@ -48,10 +48,11 @@ def join_arguments(arguments: Sequence[str]) -> str:
 
 def _escape_blanks(argument: str) -> str:
     kept: list[str] = []
-    quoted = False
+    quoted, previous = False, ""
     for mark in argument:
-        if mark == '"':
+        if mark == '"' and not (quoted and previous == "\\"):
             quoted = not quoted
+        previous = mark
         kept.append("\\ " if mark == " " and not quoted else mark)
     return "".join(kept)
 

@@ -1,0 +1,77 @@
+"""The description that commands are given: arguments, files, variables, and how its errors are told."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from streamkit.cli.description import join_arguments
+from streamkit.cli.main import make_app
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["fakesrc ! fakesink"], "fakesrc ! fakesink"),
+        (["fakesrc", "!", "fakesink"], "fakesrc ! fakesink"),
+        (["filesrc", "location=a b"], r"filesrc location=a\ b"),
+        (["filesrc", 'location="a b"'], 'filesrc location="a b"'),
+        (["filesrc", r'location="a \" b" c d'], r'filesrc location="a \" b"\ c\ d'),
+        (["a", "b\tc"], "a b\tc"),
+        (["fakesrc", "!", "a/b, x=1", "!", "fakesink"], r"fakesrc ! a/b,\ x=1 ! fakesink"),
+    ],
+)
+def test_arguments_are_joined_as_gst_launch_does(arguments: list[str], text: str) -> None:
+    """g10-g17: one is the text; of several the blanks outside double quotes are escaped."""
+    assert join_arguments(arguments) == text
+
+
+def graph(*arguments: str) -> tuple[int, str, str]:
+    """Exit code and what was printed."""
+    done = CliRunner().invoke(make_app(()), ["graph", "--format", "json", *arguments])
+    return done.exit_code, done.stdout, done.stderr
+
+
+def test_a_bad_description_is_an_error_object() -> None:
+    """On stderr, alone, with exit code 2: code, message, place and hint."""
+    code, out, error = graph("fakesrc\n ! queu ! fakesink")
+    assert (code, out) == (2, "")
+    assert json.loads(error) == {
+        "error": {
+            "code": "no-such-element", "message": 'no element "queu"', "line": 2, "column": 4, "length": 4,
+            "hint": 'did you mean "queue"?',
+        }
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("", "empty"),
+        (" \n", "empty"),
+        ("fakesrc !", "syntax"),
+        ("nosuch", "no-such-element"),
+        ("fakesrc nosuch=1", "no-such-property"),
+        ("fakesrc num-buffers=x", "could-not-set-property"),
+        ("fakesink ! fakesrc", "link"),
+        ("( )", "empty-bin"),
+    ],
+)
+def test_every_code_comes_out(text: str, code: str) -> None:
+    """The codes of the contract."""
+    exit_code, _, error = graph(text)
+    assert (exit_code, json.loads(error)["error"]["code"]) == (2, code)
+
+
+def test_a_file_has_comments_line_breaks_and_variables(tmp_path: Path) -> None:
+    """Places count in the file, and a long pipeline reads well."""
+    file = tmp_path / "a.pipe"
+    file.write_text("# what it does\nfakesrc num-buffers=${N:-2}  # few\n  ! ${SINK}\n", encoding="utf-8")
+    code, out, _ = graph("-f", str(file), "--set", "SINK=fakesink")
+    assert code == 0
+    assert [item["properties"] for item in json.loads(out)["elements"]] == [{"num-buffers": 2}, {}]
+    code, _, error = graph("-f", str(file), "--set", "SINK=fakesunk")
+    assert code == 2
+    found = json.loads(error)["error"]
+    assert (found["line"], found["column"], found["length"]) == (3, 5, 7)
