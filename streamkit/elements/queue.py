@@ -135,7 +135,7 @@ class Queue(ThreadBoundary):
     def _admit(self, frame: Frame) -> Frame | None:
         """The frame if it may go in, perhaps after a wait; None where it was dropped."""
         if self._refusal is not None:
-            raise type(self._refusal)(self.name)
+            raise self._refusal(self.name)
         if self._is_full() and not self._make_room():
             return None
         if self._tail_gap:
@@ -197,7 +197,7 @@ class Queue(ThreadBoundary):
             self._room.wait(LOOK_S)
         self._set(_upstream_sleeps=False)
         if self._refusal is not None:
-            raise type(self._refusal)(self.name)
+            raise self._refusal(self.name)
         if self.stopping.is_set():
             raise Flushing(self.name)
 

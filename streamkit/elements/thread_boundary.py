@@ -41,7 +41,7 @@ class ThreadBoundary(Element):
         self._items: deque[Frame | Event] = deque()
         self._levels = Levels(self._items)
         self._lock = threading.Lock()  # of the flags below, which seldom change
-        self._refusal: FlowStop | None = None
+        self._refusal: type[FlowStop] | None = None  # no exception: its traceback would keep frames alive
         self._halted = self._thresholded = self._head_gap = self._special = False
         self._tail_gap = False
         self._limit_buffers = sys.maxsize
@@ -102,7 +102,7 @@ class ThreadBoundary(Element):
             self._parked.clear()
             self._flush_over.clear()
             self._flushes = True
-            self._refusal = self._refusal or Flushing(self.name)
+            self._refusal = self._refusal or Flushing
             with contextlib.suppress(ValueError, IndexError):
                 self._items.remove(EOS)
             super().flush(begins=True)
@@ -117,7 +117,7 @@ class ThreadBoundary(Element):
     def _finish_flush(self, event: Event) -> None:
         """Tells downstream of the end of the flush, then lets both sides go on."""
         self.pads["src"].send_event(event)
-        if isinstance(self._refusal, Flushing):
+        if self._refusal is Flushing:
             self._refusal = None
         self._set(_halted=self.stopping.is_set())
         self._flush_over.set()
@@ -157,18 +157,18 @@ class ThreadBoundary(Element):
         except _Drained:
             return
         except EndOfStream as stop:
-            self._refuse(stop)
+            self._refuse(type(stop))
             src.send_event(EOS)
         except NotLinked as stop:
             had_ended = self.pads["sink"].is_eos
-            self._refuse(stop)
+            self._refuse(type(stop))
             if had_ended:  # else the next push tells upstream, which knows whether it minds
                 raise
         except FlowStop as stop:
-            self._refuse(stop)
+            self._refuse(type(stop))
             raise
         except Exception:
-            self._refuse(EndOfStream(self.name))
+            self._refuse(EndOfStream)
             raise
         finally:
             self._thread_id = 0
@@ -249,7 +249,7 @@ class ThreadBoundary(Element):
             if self.stopping.is_set():
                 raise Flushing(self.name)
 
-    def _refuse(self, stop: FlowStop) -> None:
+    def _refuse(self, stop: type[FlowStop]) -> None:
         """Drops what is held and answers every later push with the reason why streaming ended."""
         self._refusal = stop
         self._set()

@@ -261,7 +261,7 @@ def test_a_blocked_push_learns_that_downstream_has_ended() -> None:
     element = queue(max_size_buffers=1)
     fill(element, [frame(0)])
     pushing = demand_blocked(element, frame(1))
-    element._refuse(EndOfStream("q"))
+    element._refuse(EndOfStream)
     assert isinstance(pushing.ended(), EndOfStream)
 
 
