@@ -32,13 +32,13 @@ class Graph:
     warnings: list[tuple[str, str]] = field(default_factory=list)
 
     def element(self, name: str) -> Element:
-        """The element of a name.
+        """The element of a name; where bins share it, of `bin/name`.
 
         Raises:
             KeyError: there is none; lists those that there are.
         """
         for element in self.elements:
-            if element.name == name:
+            if name in (element.name, f"{element.parent}/{element.name}"):
                 return element
         raise KeyError(
             f"no element {name!r} in the pipeline; it has {', '.join(e.name for e in self.elements)}"

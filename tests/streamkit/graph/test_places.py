@@ -2,6 +2,7 @@
 
 import pytest
 
+from streamkit import Pipeline
 from streamkit.errors import DescriptionError
 from streamkit.graph.build import build
 
@@ -64,3 +65,16 @@ def test_the_name_of_the_only_bin_means_nothing() -> None:
     with pytest.raises(DescriptionError) as caught:
         build("( name=b fakesrc name=s b. ! s. )", {})
     assert caught.value.code == "no-such-element"
+
+
+def test_elements_of_one_name_run_beside_each_other() -> None:
+    """r35: equal names in different bins; each is found by its bin's name too."""
+    text = "".join(
+        f"( name={n} fakesrc num-buffers={c} name=a ! fakesink name=b ) " for n, c in (("x", 2), ("y", 5))
+    )
+    with Pipeline.parse(text) as pipeline:
+        assert pipeline["x/a"] is not pipeline["y/a"]
+        assert pipeline["a"] is pipeline["x/a"]
+        pipeline.run(timeout_s=30)
+        counted = {f"{row.parent}/{row.element}": row.frames_in for row in pipeline.statistics()}
+    assert counted == {"x/a": 0, "x/b": 2, "y/a": 0, "y/b": 5}
