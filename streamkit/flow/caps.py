@@ -16,6 +16,7 @@ from streamkit.flow.caps_values import NestedValue, Value
 
 __all__ = ["ANY", "EMPTY", "Caps", "Structure", "read_value"]
 CACHED_TEXTS, CACHED_LENGTH = 512, 2_000
+WORK_LIMIT = 1_000_000
 
 
 class Caps(NestedValue):
@@ -234,11 +235,15 @@ def _merge(found: list[Structure], structure: Structure) -> None:
 
 def _met(pairs: Iterable[tuple[Structure, Structure]]) -> Caps:
     found: list[Structure] = []
+    work = 0
     for mine, theirs in pairs:
         if mine.name == theirs.name:
             common = mine.intersect(theirs)
             if common is not None:
                 _merge(found, common)
+                work += len(found)
+                if work > WORK_LIMIT:
+                    raise CapsTooLarge(f"the intersection takes more than {WORK_LIMIT} comparisons")
     return Caps(found)
 
 

@@ -44,8 +44,8 @@ NESTED = rf"\s*{NAME.pattern}\s*(?:[\];(]|,\s*(?:[\];]|{FIELD.pattern}\s*=))"
 WORDS = ("ANY", "EMPTY", "NONE")
 SYSTEM_MEMORY = "memory:SystemMemory"
 DEPTH_LIMIT = 16
-TEXT_LIMIT = 16_384
-STRUCTURE_LIMIT = 256
+TEXT_LIMIT = 65_536
+STRUCTURE_LIMIT = 512
 MEMBER_LIMIT = 256
 SHOWN_LENGTH = 400
 CapsMaker = Callable[[tuple[Structure, ...] | None], NestedValue]

@@ -161,7 +161,7 @@ def test_caps_without_end_are_refused() -> None:
     """An intersection that would give more structures than are kept says so."""
     one = Caps("; ".join(f"a/b, f={index}" for index in range(40)))
     other = Caps("; ".join(f"a/b, g={index}" for index in range(40)))
-    with pytest.raises(CapsTooLarge, match=r"^the caps would have more than 256 structures$"):
+    with pytest.raises(CapsTooLarge, match=r"^the caps would have more than 512 structures$"):
         one & other
 
 

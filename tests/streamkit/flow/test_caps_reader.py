@@ -200,8 +200,8 @@ def test_an_unknown_type_gets_a_suggestion() -> None:
 @pytest.mark.parametrize(
     ("text", "rule"),
     [
-        ("a" * 20_000, "caps text of 20000 characters: at most 16384 are read"),
-        ("a;" * 300, "caps have at most 256 structures"),
+        ("a" * 70_000, "caps text of 70000 characters: at most 65536 are read"),
+        ("a;" * 600, "caps have at most 512 structures"),
         (
             "a/b, f={" + "[ 1, 2 ]," * 600 + "}",
             "lists that hold more than plain values have at most 256 members",
