@@ -6,13 +6,21 @@ from types import TracebackType
 from typing import Any, Self
 
 from streamkit.element.base import Element
-from streamkit.element.pad import Direction, Pad, PadTemplate
+from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.registry import make_element
 from streamkit.element.sink import Sink
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.clock import Clock
-from streamkit.flow.events import EOS, CapsEvent, DiscontinuityEvent, SegmentEvent
+from streamkit.flow.events import (
+    EOS,
+    FLUSH_START,
+    FLUSH_STOP,
+    CapsEvent,
+    DiscontinuityEvent,
+    Event,
+    SegmentEvent,
+)
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message
 from streamkit.flow.segment import Segment
@@ -43,11 +51,13 @@ class _Collect(Sink):
 
 
 class Harness:
-    """Runs one element in the calling thread.
+    """Runs one element in the calling thread, and is its host: pads that it adds meanwhile are collected too.
 
     Attributes:
         element: the element under test.
         messages: what it posted.
+        has_all_pads: whether it has said that no more pads come.
+        has_ended: whether it is a sink and has finished all that came before EOS.
     """
 
     def __init__(
@@ -73,12 +83,15 @@ class Harness:
         self.element.poster = self.messages.append
         if clock is not None:
             self.element.clock = clock
+        self.element.host = self
+        self.has_all_pads = self.has_ended = False
+        self._downstream = Caps(downstream)
         for template in self.element.pad_templates.values():
-            if template.name not in self.element.pads:
+            if template.presence is Presence.REQUEST:
                 self.element.request_pad(template)
         for pad in self.element.pads.values():
-            self._surround(pad, Caps(downstream))
-        for owner in [*self._feeds.values(), self.element]:
+            self._surround(pad)
+        for owner in [*self._feeds.values(), self.element]:  # once all is linked
             for pad in owner.src_pads():
                 pad.push = Chain(pad).compose()
         self._epochs: dict[str, int] = {}
@@ -90,10 +103,10 @@ class Harness:
             raise
         self.element.is_playing = True
 
-    def _surround(self, pad: Pad, downstream: Caps) -> None:
+    def _surround(self, pad: Pad) -> None:
         if pad.is_src:
             collect = _Collect(f"collect_{pad.name}", self._frames)
-            collect.accepts = downstream
+            collect.accepts = self._downstream
             collect.poster = self.messages.append
             pad.link(collect.pads["sink"])
         else:
@@ -116,6 +129,19 @@ class Harness:
         src.push(frame)
         return self.take()
 
+    def send(self, event: Event, pad: str = "sink") -> list[Frame]:
+        """Sends an event in, for example a gap; what came out meanwhile."""
+        self._feed(pad).send_event(event)
+        return self.take()
+
+    def flush(self) -> list[Frame]:
+        """Sends a flush through every sink pad: what was held is dropped; what came out meanwhile."""
+        for event in (FLUSH_START, FLUSH_STOP):
+            for pad in self._feeds:
+                self._feed(pad).send_event(event)
+        self._epochs.clear()
+        return self.take()
+
     def drain(self) -> list[Frame]:
         """Sends EOS; what came out."""
         for pad in self._feeds:
@@ -132,6 +158,33 @@ class Harness:
         if not self._open:
             raise StateError("the harness is closed")
         return self._feeds[pad].pads["src"]
+
+    # What the element calls.
+
+    def pad_added(self, pad: Pad) -> None:
+        """Feeds or collects from a new pad."""
+        self._surround(pad)
+        src = pad if pad.is_src else self._feeds[pad.name].pads["src"]
+        src.push = Chain(src).compose()
+
+    def pad_removed(self, pad: Pad) -> None:
+        """A pad goes; what came out of it stays."""
+
+    def no_more_pads(self, element: Element) -> None:
+        """The element has all its pads."""
+        self.has_all_pads = True
+
+    def reconfigure(self, element: Element) -> None:
+        """Negotiates anew before the next frame."""
+        for feed in self._feeds.values():
+            feed.pads["src"].caps = None
+
+    def sink_ended(self, element: Element) -> None:
+        """The element is a sink and has drained."""
+        self.has_ended = True
+
+    def prerolled(self, element: Element) -> None:
+        """Nothing waits for it: a harness never pauses."""
 
     def close(self) -> None:
         """Stops the element."""

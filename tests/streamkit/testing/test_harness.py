@@ -4,10 +4,13 @@ import pytest
 
 from streamkit import (
     Caps,
+    CapsEvent,
     Direction,
     Element,
     EndOfStream,
+    Event,
     Frame,
+    GapEvent,
     PadTemplate,
     Presence,
     Property,
@@ -124,3 +127,91 @@ def test_a_closed_harness_takes_nothing() -> None:
     harness.close()
     with pytest.raises(StreamkitError, match=r"^the harness is closed$"):
         harness.push(Frame(b"", ANYTHING))
+
+
+def test_pads_that_come_with_the_stream_are_collected() -> None:
+    """An element that adds a sometimes pad while frames flow is heard on it at once."""
+
+    class Unpacks(Split):
+        """Adds an output for each kind of data it meets."""
+
+        sink = "ANY"
+        templates = (PadTemplate("kind_%u", Direction.SRC, ANY, Presence.SOMETIMES),)
+
+        def split(self, frame: Frame) -> dict[str, Frame]:
+            name = f"kind_{frame.data}"
+            if name not in self.pads:
+                self.add_pad("kind_%u", name)
+                self.pads[name].send_event(CapsEvent(frame.caps))
+            if frame.data == 1:
+                self.no_more_pads()
+            return {name: frame}
+
+    with Harness(Unpacks()) as harness:
+        assert not list(harness.element.src_pads())
+        assert len(harness.push(Frame(0, ANYTHING))) == 1
+        assert not harness.has_all_pads
+        assert len(harness.push(Frame(1, ANYTHING))) == 1
+        assert harness.has_all_pads
+        assert [pad.name for pad in harness.element.src_pads()] == ["kind_0", "kind_1"]
+
+
+def test_an_element_that_asks_for_it_is_negotiated_anew() -> None:
+    """Before the next frame, whose caps are the same."""
+
+    class Changes(Transform):
+        """Configured how often."""
+
+        sink = src = "ANY"
+        configured = 0
+
+        def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
+            self.configured += 1
+
+        def transform(self, frame: Frame) -> Frame:
+            return frame
+
+    element = Changes()
+    with Harness(element) as harness:
+        for _ in range(2):
+            harness.push(Frame(b"", ANYTHING))
+        assert element.configured == 1
+        element.reconfigure()
+        harness.push(Frame(b"", ANYTHING))
+    assert element.configured == 2
+
+
+def test_events_pass_through_an_element() -> None:
+    """In order with the frames; a flush as well, after which frames are welcome again."""
+
+    class Listens(Transform):
+        """Remembers events."""
+
+        sink = src = "ANY"
+
+        def start(self) -> None:
+            self.heard: list[type] = []
+
+        def event(self, event: Event) -> None:
+            self.heard.append(type(event))
+
+        def transform(self, frame: Frame) -> Frame:
+            return frame
+
+    element = Listens()
+    with Harness(element) as harness:
+        harness.push(Frame(b"", ANYTHING))
+        harness.send(GapEvent(5))
+        harness.flush()
+        assert len(harness.push(Frame(b"", ANYTHING))) == 1
+    assert GapEvent in element.heard
+    assert element.heard.index(GapEvent) < len(element.heard) - 1
+
+
+def test_a_sink_tells_when_it_has_finished() -> None:
+    """After EOS, when everything is drained."""
+    with Harness("fakesink") as harness:
+        harness.push(Frame(b"", ANYTHING))
+        assert not harness.has_ended
+        harness.drain()
+        assert harness.has_ended
