@@ -21,7 +21,7 @@ import pywt
 from streamkit import Detections, Frame, raw_video_caps
 from streamkit.testing import Harness
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
-from streamkit_wavelet_eigen.gallery import Gallery, Recogniser
+from streamkit_wavelet_eigen.gallery import Gallery, Recogniser, prepare_gallery
 from streamkit_wavelet_eigen.learner import SpaceLearner, learn_space
 from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing, prepare
 from streamkit_wavelet_eigen.recipe import PRESETS, Recipe
@@ -96,7 +96,7 @@ def recognising(space: WaveletEigenSpace) -> None:
     """Milliseconds to recognise 20 targets in a gallery of 200 windows."""
     gallery = windows(200, space.recipe.patch, 2).astype(np.uint8)
     labels = tuple(f"{number % 40}" for number in range(200))
-    recogniser = Recogniser(space, Gallery(gallery, labels))
+    recogniser = Recogniser(space, prepare_gallery(Gallery(gallery, labels), space.recipe))
     vectors = space.embed(windows(TARGETS, space.recipe.patch, 3))
     taken = seconds(lambda: recogniser.recognise(vectors))
     print(f"recognise {TARGETS} in a gallery of 200: {taken * 1e3:.2f} ms")

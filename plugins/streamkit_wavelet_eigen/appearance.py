@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit_wavelet_eigen.feature_space import Projection, WaveletEigenSpace
-from streamkit_wavelet_eigen.gallery import Gallery, Matches, Recogniser
+from streamkit_wavelet_eigen.gallery import Gallery, Matches, Recogniser, prepare_gallery
 from streamkit_wavelet_eigen.learner import SpaceLearner
 from streamkit_wavelet_eigen.preprocessing import prepare
 from streamkit_wavelet_eigen.recipe import Recipe
@@ -54,6 +54,9 @@ class Appearance:
         settings: how to learn.
         start: a space to begin with, or None.
         gallery: labelled windows; may be empty.
+
+    Raises:
+        ValueError: there are too many labelled windows.
     """
 
     def __init__(self, settings: Settings, start: WaveletEigenSpace | None, gallery: Gallery) -> None:
@@ -61,8 +64,13 @@ class Appearance:
         self._learner = SpaceLearner(
             settings.recipe, batch=settings.batch, forgetting=settings.forgetting, start=start
         )
-        self.gallery = gallery
+        self._known = prepare_gallery(gallery, settings.recipe)
         self._recogniser: Recogniser | None = None
+
+    @property
+    def gallery(self) -> Gallery:
+        """The labelled windows so far."""
+        return self._known.gallery
 
     @property
     def space(self) -> WaveletEigenSpace | None:
@@ -90,7 +98,8 @@ class Appearance:
         if learn and not self._settings.recipe.discriminative:
             self._learner.add(prepared[usable])
         if label:
-            self.gallery = self.gallery.joined(windows.patches[usable], label, self._settings.gallery_limit)
+            gallery = self.gallery.joined(windows.patches[usable], label, self._settings.gallery_limit)
+            self._known = self._known.grown(gallery, self._settings.recipe)
         space = self._learner.space
         if space is None:
             return None
@@ -101,9 +110,9 @@ class Appearance:
 
     def _current(self, space: WaveletEigenSpace) -> Recogniser | None:
         """The recogniser of this space and gallery; a new one when either has changed."""
-        known = self._recogniser
         if not len(self.gallery):
             return None
-        if known is None or known.space is not space or known.gallery is not self.gallery:
-            self._recogniser = Recogniser(space, self.gallery)
+        current = self._recogniser
+        if current is None or current.space is not space or current.known is not self._known:
+            self._recogniser = Recogniser(space, self._known)
         return self._recogniser

@@ -126,7 +126,10 @@ class WaveletEigen(Transform):
             )
         self._look = self._looking()
         settings = Settings(recipe, self.batch, self.forgetting, self.gallery_limit)
-        self._appearance = Appearance(settings, start, gallery)
+        try:
+            self._appearance = Appearance(settings, start, gallery)
+        except ValueError as error:
+            raise ResourceError(f"gallery: {error}") from error
 
     def transform(self, frame: Frame) -> Frame:
         """Attaches Features and TargetFeatures, where there are targets, and the space they were made in."""

@@ -7,9 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, flat_windows
-from streamkit_wavelet_eigen.recipe import Metric
+from streamkit_wavelet_eigen.recipe import Metric, Recipe
 from streamkit_wavelet_eigen.virtual_views import prepared_views, view_count
 from streamkit_wavelet_eigen.wavelet import FloatBatch
+
+# Values of all prepared windows and views together: 256 MB of float32.
+LARGEST_VALUES = 64 * 1024 * 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,24 +60,81 @@ class Matches:
     margins: NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class PreparedGallery:
+    """A gallery whose windows, and their virtual views, are prepared: what does not change with the space.
+
+    Attributes:
+        gallery: the labelled windows.
+        prepared: float32[views, m, h, w].
+        flat: bool[m], windows that show no structure.
+    """
+
+    gallery: Gallery
+    prepared: FloatBatch
+    flat: NDArray[np.bool_]
+
+    def grown(self, gallery: Gallery, recipe: Recipe) -> "PreparedGallery":
+        """The same for this gallery with more windows behind those it has; only the new ones are prepared.
+
+        Raises:
+            ValueError: there are too many windows.
+        """
+        added = Gallery(gallery.patches[len(self.gallery) :], gallery.labels[len(self.gallery) :])
+        if not len(added):
+            return self
+        more = prepare_gallery(added, recipe)
+        check_values(len(gallery), recipe)
+        return PreparedGallery(
+            gallery,
+            np.concatenate([self.prepared, more.prepared], axis=1),
+            np.concatenate([self.flat, more.flat]),
+        )
+
+
+def prepare_gallery(gallery: Gallery, recipe: Recipe) -> PreparedGallery:
+    """Prepares the windows of a gallery and their views as a recipe says.
+
+    Raises:
+        ValueError: there are too many windows.
+    """
+    check_values(len(gallery), recipe)
+    patches = gallery.patches.astype(np.float32)
+    prepared = prepared_views(patches, recipe.views, recipe.preprocessing)
+    shape = (view_count(recipe.views), len(gallery), *recipe.prepared_size)
+    return PreparedGallery(gallery, prepared.reshape(shape), flat_windows(patches))
+
+
+def check_values(windows: int, recipe: Recipe) -> None:
+    """Refuses more windows than fit the memory set aside, 256 MB.
+
+    Raises:
+        ValueError: says how many values there are, and what makes them fewer.
+    """
+    values = windows * view_count(recipe.views) * recipe.block_values * recipe.blocks**2
+    if values > LARGEST_VALUES:
+        raise ValueError(
+            f"labelled windows, their views and pixels make {values} values, at most {LARGEST_VALUES} are "
+            "taken; give fewer windows, views=none or a higher approximation"
+        )
+
+
 class Recogniser:
     """Nearest neighbour on a gallery, in one space.
 
     Args:
         space: in which vectors are compared.
-        gallery: at least one labelled window, of the space's patch size.
+        known: at least one labelled window, prepared by the space's recipe.
     """
 
-    def __init__(self, space: WaveletEigenSpace, gallery: Gallery) -> None:
-        recipe = space.recipe
-        self.space, self.gallery = space, gallery
-        patches = gallery.patches.astype(np.float32)
-        prepared = prepared_views(patches, recipe.views, recipe.preprocessing)
-        flat = np.tile(flat_windows(patches), view_count(recipe.views))
-        self._vectors = space.vectors_of(prepared, flat)
-        names, index = np.unique(np.asarray(gallery.labels), return_inverse=True)
+    def __init__(self, space: WaveletEigenSpace, known: PreparedGallery) -> None:
+        views, windows = known.prepared.shape[:2]
+        self.space, self.known = space, known
+        prepared = known.prepared.reshape(views * windows, *known.prepared.shape[2:])
+        self._vectors = space.vectors_of(prepared, np.tile(known.flat, views))
+        names, index = np.unique(np.asarray(known.gallery.labels), return_inverse=True)
         self._names: list[str] = [str(name) for name in names]
-        self._index = np.tile(index, view_count(recipe.views))
+        self._index = np.tile(index, views)
 
     def recognise(self, vectors: FloatBatch) -> Matches:
         """The nearest label to each feature vector, float32[n, length]."""

@@ -8,6 +8,7 @@ from streamkit_wavelet_eigen.blocks import cut_blocks
 from streamkit_wavelet_eigen.eigenspace import Eigenspace, FloatArray, learn_eigenspace, update_eigenspace
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, checked_patches, flat_windows
 from streamkit_wavelet_eigen.fisher import learn_fisher_axes
+from streamkit_wavelet_eigen.gallery import check_values
 from streamkit_wavelet_eigen.recipe import Recipe
 from streamkit_wavelet_eigen.virtual_views import prepared_views, view_count
 from streamkit_wavelet_eigen.wavelet import FloatBatch
@@ -17,8 +18,6 @@ FIRST_BATCH = 2
 # Eigenvectors that are carried along beside those asked for: what an update cuts off is lost for later ones,
 # and without them the leading directions of 200 windows end up to 7 degrees from those of one batch.
 CARRIED = 8
-# Values of all prepared windows together: 512 MB of float64. More would not make a better basis.
-LARGEST_BATCH_VALUES = 64 * 1024 * 1024
 
 
 def learn_space(patches: FloatBatch, recipe: Recipe, labels: Sequence[str] = ()) -> WaveletEigenSpace:
@@ -41,12 +40,7 @@ def learn_space(patches: FloatBatch, recipe: Recipe, labels: Sequence[str] = ())
             f"learning a space: at least one window must show structure, got {len(patches)} windows, "
             "all of them flat; give others"
         )
-    values = int(usable.sum()) * view_count(recipe.views) * recipe.block_values * recipe.blocks**2
-    if values > LARGEST_BATCH_VALUES:
-        raise ValueError(
-            f"learning a space: windows, views and pixels make {values} values, at most "
-            f"{LARGEST_BATCH_VALUES} are taken; give fewer windows or a higher approximation"
-        )
+    check_values(int(usable.sum()), recipe)
     prepared = prepared_views(patches[usable], recipe.views, recipe.preprocessing)
     spaces = tuple(
         learn_eigenspace(vectors, recipe.components, recipe.energy)

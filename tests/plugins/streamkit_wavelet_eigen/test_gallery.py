@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from streamkit_wavelet_eigen.gallery import Gallery, Recogniser, distances, empty_gallery
+from streamkit_wavelet_eigen.gallery import Gallery, Recogniser, distances, empty_gallery, prepare_gallery
 from streamkit_wavelet_eigen.gallery_folder import read_gallery
 from streamkit_wavelet_eigen.learner import learn_space
 from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
@@ -26,7 +26,8 @@ def _recogniser(recipe: Recipe, names: str = "abcabcabcabc") -> tuple[Recogniser
     patches = np.stack([base[name] for name in names]) + noise
     patches = np.clip(patches, 0, 255).astype(np.uint8)
     space = learn_space(patches.astype(np.float32), recipe, names)
-    return Recogniser(space, Gallery(patches, tuple(names))), np.stack(list(base.values()))
+    known = prepare_gallery(Gallery(patches, tuple(names)), recipe)
+    return Recogniser(space, known), np.stack(list(base.values()))
 
 
 @pytest.mark.parametrize(
@@ -93,6 +94,29 @@ def test_a_gallery_is_bounded() -> None:
     assert gallery.labels == ("car",) * 8
     assert gallery.joined(_windows(1), "car", 8) is gallery
     assert gallery.joined(_windows(2), "van", 8).labels == ("car",) * 8 + ("van",) * 2
+
+
+@pytest.mark.parametrize("views", list(Views))
+def test_a_grown_gallery_is_the_whole_one(views: Views) -> None:
+    """Preparing only what is new gives what preparing everything gives; nothing new changes nothing."""
+    recipe = Recipe(16, Preprocessing(Mode.PAPER), components=4, views=views)
+    first = empty_gallery(16).joined(_windows(3), "car", 9)
+    more = first.joined(_windows(2, seed=4), "van", 9)
+    known = prepare_gallery(first, recipe)
+    grown, whole = known.grown(more, recipe), prepare_gallery(more, recipe)
+    np.testing.assert_allclose(grown.prepared, whole.prepared, atol=1e-3)
+    assert grown.gallery.labels == ("car", "car", "car", "van", "van")
+    assert known.grown(first, recipe) is known
+    assert (
+        prepare_gallery(empty_gallery(16), recipe).grown(more, recipe).prepared.shape == whole.prepared.shape
+    )
+
+
+def test_too_large_a_gallery_is_refused() -> None:
+    """More values than fit the memory set aside are refused before they are made."""
+    patches = np.broadcast_to(np.zeros((1, 64, 64), np.uint8), (4096, 64, 64))
+    with pytest.raises(ValueError, match="fewer windows, views=none"):
+        prepare_gallery(Gallery(patches, ("car",) * 4096), Recipe(64, RAW, views=Views.MIRRORED))
 
 
 def test_a_folder_is_a_gallery(tmp_path: Path) -> None:
