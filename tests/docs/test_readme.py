@@ -24,6 +24,11 @@ BINARY = Path(sys.executable).with_name("streamkit")
 NEEDS_PEER = ("rtsp://",)
 
 
+def commands_of(*verbs: str) -> list[str]:
+    """The lines that call one of these commands of streamkit."""
+    return [command for command in COMMANDS if re.match(rf"streamkit ({'|'.join(verbs)})\b", command)]
+
+
 def run(command: str, folder: Path, limit_s: float = 100) -> subprocess.CompletedProcess[str]:
     """Runs one streamkit command in a folder that holds the pipelines."""
     arguments = [str(BINARY), *shlex.split(command)[1:]]
@@ -52,12 +57,29 @@ def test_launch_lines_run_in_order(folder: Path) -> None:
         assert done.returncode == 0, f"{command}\n{done.stderr}"
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if re.match(r"streamkit (inspect|graph)", c)])
-def test_looking_commands_run(command: str, folder: Path) -> None:
-    """`inspect` and `graph` lines end with exit code 0 and print something."""
+@pytest.mark.parametrize("command", commands_of("inspect", "graph", "caps", "new"))
+def test_commands_without_a_stream_run(command: str, folder: Path) -> None:
+    """They end with exit code 0 and print something."""
     done = run(command, folder)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip()
+
+
+@pytest.mark.parametrize("command", [*commands_of("subscribe", "doctor", "experiments"), "streamkit launch"])
+def test_options_of_other_commands_are_there(command: str, folder: Path) -> None:
+    """What needs a peer or data is asked for its help, which has every option that the README gives."""
+    words = shlex.split(command)
+    done = run(f"streamkit {words[1]} --help", folder)
+    assert done.returncode == 0, done.stderr
+    for option in (word.partition("=")[0] for word in words if word.startswith("-")):
+        assert option in done.stdout
+
+
+def test_no_command_is_left_out() -> None:
+    """Every line that begins with streamkit is in one of the tests here."""
+    verbs = ("launch", "inspect", "graph", "caps", "new", "subscribe", "doctor", "experiments")
+    known = {*LAUNCHES, *commands_of(*verbs)}
+    assert [command for command in COMMANDS if command.startswith("streamkit") and command not in known] == []
 
 
 def test_element_listing_runs(tmp_path: Path) -> None:
