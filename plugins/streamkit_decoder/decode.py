@@ -21,6 +21,9 @@ from streamkit_decoder.skipping import is_reference
 from streamkit_decoder.videodecoder import AscendingNumbers, Threading, VideoDecoder
 
 SIDEWAYS = (90, 270)
+ONE_THREAD_PIXELS = 1920 * 1088
+# Pictures built on a damaged one are damaged too, until a key frame; streams without any heal in time.
+DAMAGE_LASTS = 300
 Decoded = list[tuple[VideoFrame, Frame]]
 
 
@@ -75,7 +78,7 @@ class Decode(Transform):
         self._coded_caps: Caps | None = None
         self._raw_caps: Caps | None = None
         self._framerate: Fraction | None = None
-        self._rotation = 0
+        self._rotation = self._damage = 0
         self._epoch = 0
         self._numbers = AscendingNumbers()
         self._next_pts = 0
@@ -150,7 +153,7 @@ class Decode(Transform):
         try:
             parameters = self._parameters = caps_parameters(frame.caps)
             device, name = accelerator(self.hwaccel)
-            self._decoder = VideoDecoder(parameters, self._threading(), self.threads, device)
+            self._decoder = VideoDecoder(parameters, self._threading(), self._thread_count(), device)
         except (KeyError, UnknownCodecError) as error:
             raise StreamError(
                 f"no decoder in this FFmpeg for {frame.caps}: {error}; convert to H.264"
@@ -171,6 +174,13 @@ class Decode(Transform):
         if self.threads_type is ThreadsType.AUTO:
             return Threading.SLICE if self._is_live() else Threading.FRAME
         return Threading(self.threads_type.value)
+
+    def _thread_count(self) -> int:
+        """Live H.264 of usual size gets one thread: with slice threads FFmpeg does not notice lost slices."""
+        parameters = self._parameters
+        is_small = parameters.width * parameters.height <= ONE_THREAD_PIXELS
+        is_auto = not self.threads and self.threads_type is ThreadsType.AUTO
+        return 1 if is_auto and is_small and parameters.codec == "h264" and self._is_live() else self.threads
 
     def _is_live(self) -> bool:
         """Whether the source that this element's packets come from is live."""
@@ -221,6 +231,7 @@ class Decode(Transform):
         """Counts a packet that gave no picture; the bus hears of each kind of error once."""
         reason = reason_of(error)
         self._first_error = self._first_error or reason
+        self._damage = DAMAGE_LASTS
         if frame is not None:
             self._numbers.discard(frame.seq)
         self.count_drop(f"undecodable packet: {reason}")
@@ -241,6 +252,16 @@ class Decode(Transform):
                 self.count_drop(hidden.reason)
         return frames
 
+    def _is_damaged(self, picture: VideoFrame, origin: Frame) -> bool:
+        """Whether a picture, or one that it is built on, is not whole."""
+        if picture.is_corrupt or origin.flags & FrameFlags.CORRUPT:
+            self._damage = DAMAGE_LASTS
+        elif picture.key_frame:
+            self._damage = 0
+        else:
+            self._damage = max(0, self._damage - 1)
+        return self._damage > 0
+
     def _frame(self, picture: VideoFrame, origin: Frame, number: int) -> Frame:
         try:
             pixels = self._reader.read(picture)
@@ -255,7 +276,7 @@ class Decode(Transform):
             caps = self._raw_caps = raw_video_caps(self._reader.pixel_format, width, height, self._framerate)
         flags = origin.flags & ~(FrameFlags.KEYFRAME | FrameFlags.CORRUPT)
         flags |= FrameFlags.KEYFRAME if picture.key_frame else 0
-        flags |= FrameFlags.CORRUPT if picture.is_corrupt or origin.flags & FrameFlags.CORRUPT else 0
+        flags |= FrameFlags.CORRUPT if self._is_damaged(picture, origin) else 0
         duration = origin.duration
         if duration is None and self._framerate is not None:
             duration = round(SECOND_NS / self._framerate)

@@ -55,7 +55,10 @@ def _first(container: InputContainer, kind: StreamKind) -> Stream | None:
 def _carries(stream: Stream, wanted: str) -> bool:
     if stream.type != wanted:
         return False
-    return stream.name == "klv" if wanted == "data" else stream.name in PLAIN_SUBTITLES
+    if wanted == "subtitle":
+        return stream.name in PLAIN_SUBTITLES
+    # Over RTSP FFmpeg does not name it (RFC 6597): what is something else has no keys and is passed over.
+    return stream.name == "klv" or (stream.name is None and stream.container.format.name == "rtsp")
 
 
 def stream_caps(stream: Stream, kind: StreamKind) -> Caps:

@@ -11,6 +11,7 @@ from av.stream import Stream
 from streamkit import (
     Caps,
     Direction,
+    EosEvent,
     Frame,
     PadTemplate,
     Presence,
@@ -132,6 +133,10 @@ class FileSrc(Source):
         for kind in StreamKind:
             if kind in self._kinds and kind.value not in self.pads:
                 self.add_pad(kind.value)
+            elif kind not in self._kinds and self._is_linked(kind.value):
+                self.post_warning(f"{redact(self.location)}: it holds no stream for the pad {kind.value}")
+                self.pads[kind.value].is_eos = True
+                self.pads[kind.value].send_event(EosEvent())
         self.no_more_pads()
 
     def _video_is_wanted(self) -> bool:

@@ -210,6 +210,8 @@ class RtspSrc(Source):
             if kind.value not in self.pads:
                 self.add_pad(kind.value)
         if self._epoch == 0:
+            if "klv" in self.pads and StreamKind.KLV not in found:
+                self.post_warning(f"{redact(self.location)}: it sends no stream for the pad klv")
             self.no_more_pads()
 
     def _settings(self) -> ConnectionSettings:
@@ -235,8 +237,10 @@ class RtspSrc(Source):
         connection, self._connection = self._connection, None
         if connection is None:
             return
-        self._received += connection.ring.received
         ended = connection.reader.end(limit_s)
+        self._received += connection.ring.received
+        if left := len(connection.ring):
+            self.count_drop("the connection was left", left)
         self._next_seq = connection.next_seq
         self._abandoned = [reader for reader in self._abandoned if not reader.end(0)]
         if not ended:

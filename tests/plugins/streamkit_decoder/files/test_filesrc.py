@@ -1,3 +1,4 @@
+import random
 import resource
 import time
 from collections.abc import Callable
@@ -133,3 +134,70 @@ def test_odd_media_ends_in_frames_or_one_error(streamkit_data: Path) -> None:
     assert len(outcomes) - len(errors) > 60
     assert all(error.startswith(("filesrc", "decode")) for error in errors)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 2**20  # KiB: one GiB
+
+
+def test_each_stream_has_its_pad(streamkit_data: Path) -> None:
+    """Video and KLV come out of their own pads, in the file's own times."""
+    location = streamkit_data / "telemetry" / "sample-stream.ts"
+    text = f"filesrc name=s location={location}  s.video ! appsink name=video max-buffers=0"
+    with Pipeline.parse(f"{text}  s.klv ! appsink name=klv max-buffers=0") as pipeline:
+        pipeline.play()
+        video, klv = list(pipeline["video"]), list(pipeline["klv"])
+    assert (len(video), len(klv)) == (277, 277)
+    assert [frame.pts for frame in video] == [frame.pts for frame in klv]
+    assert {frame.caps.name for frame in klv} == {"meta/x-klv"}
+
+
+def test_a_pad_the_file_lacks_is_told(small_video: Path) -> None:
+    """A link to telemetry that is not there warns, and the video plays on."""
+    text = f"filesrc name=s location={small_video}  s.video ! appsink name=out  s.klv ! fakesink"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        assert len(list(pipeline["out"])) == 12
+        warning = pipeline.bus.pop(5, (MessageKind.WARNING,))
+    assert warning is not None
+    assert "klv" in warning.text
+
+
+def test_a_loop_goes_on_in_time(small_video: Path) -> None:
+    """With loop the video begins again at its end, and times ascend by the frame interval."""
+    text = f"filesrc location={small_video} loop=true ! decode ! appsink name=out"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = [pipeline["out"].pull(5) for _ in range(40)]
+    assert [frame.pts for frame in frames] == [n * 40_000_000 for n in range(40)]
+    np.testing.assert_array_equal(frames[0].data, frames[12].data)
+
+
+def test_a_variable_rate_keeps_its_times(tmp_path: Path) -> None:
+    """Each frame of a video with irregular distances has its own time, to the millisecond of the file."""
+    path, times = tmp_path / "variable.mkv", [0, 40, 50, 200, 210, 900, 1000, 5000]
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for time_ms in times:
+            picture = av.VideoFrame.from_ndarray(np.full((72, 64), 100, np.uint8), "yuv420p")
+            picture.pts, picture.time_base = time_ms, Fraction(1, 1000)
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode(None))
+    assert [frame.pts for frame in decoded(path)] == [time_ms * 1_000_000 for time_ms in times]
+
+
+@pytest.mark.parametrize("name", ["h264_white_frame_sar_16_9.mp4", "matroska.mkv", "mjpeg.avi"])
+def test_mutated_files_end_in_frames_or_one_error(streamkit_data: Path, tmp_path: Path, name: str) -> None:
+    """40 mutations of a small file each end in time (benchmarks/fuzz_media.py makes 5000)."""
+    (source,) = (streamkit_data / "odd_media").rglob(name)
+    data, path = source.read_bytes(), tmp_path / name
+    for number in range(40):
+        chance, variant = random.Random(number), bytearray(data)
+        for _ in range(chance.choice((1, 4, 30))):
+            variant[chance.randrange(len(variant))] = chance.randrange(256)
+        path.write_bytes(variant)
+        pipeline = Pipeline.parse(f"filesrc location={path} ! decode ! fakesink name=out")
+        outcome = ""
+        try:
+            pipeline.run(timeout_s=10)
+        except ElementFailure as error:
+            outcome = error.element
+        assert outcome in ("filesrc0", "decode0") or pipeline["out"].count > 0

@@ -25,6 +25,11 @@ POLL_S = 0.02
 METHODS = "OPTIONS, DESCRIBE, SETUP, PLAY, TEARDOWN, GET_PARAMETER"
 
 
+TELEMETRY_SDP = (
+    "m=application 0 RTP/AVP 97\r\nc=IN IP4 0.0.0.0\r\na=rtpmap:97 smpte336m/90000\r\na=control:telemetry\r\n"
+)
+
+
 class Behaviour(enum.StrEnum):
     """What the server does with a client."""
 
@@ -86,6 +91,8 @@ class FakeServer:
         rate: frames per second.
         user: "name:password" it asks for, or "".
         wall_clock_offset_s: added to the wall clock that the sender reports tell.
+        telemetry: KLV packets sent beside the pictures, one with each, again and again; none where empty.
+        loses_every: of so many RTP packets of the video one is not sent; 0 loses none.
         connections: clients accepted so far.
         frames_sent: over all clients.
     """
@@ -96,6 +103,8 @@ class FakeServer:
     rate: float = 30.0
     user: str = ""
     wall_clock_offset_s: float = 0.0
+    telemetry: Sequence[bytes] = ()
+    loses_every: int = 0
     connections: int = 0
     frames_sent: int = 0
     _closing: threading.Event = field(default_factory=threading.Event)
@@ -238,13 +247,14 @@ class Client:
             "v=0\r\no=- 1 1 IN IP4 127.0.0.1\r\ns=drone\r\nt=0 0\r\nm=video 0 RTP/AVP 96\r\n"
             "c=IN IP4 0.0.0.0\r\na=rtpmap:96 H264/90000\r\n"
             f"a=fmtp:96 packetization-mode=1;sprop-parameter-sets={sets}\r\na=control:video\r\n"
-        )
+        ) + (TELEMETRY_SDP if self.server.telemetry else "")
 
     def transport(self, request: str) -> str:
         """The Transport field of the answer to SETUP."""
         ports = re.search(r"client_port=(\d+)", request)
+        channels = re.search(r"interleaved=(\d+-\d+)", request)
         if ports is None:
-            return "RTP/AVP/TCP;unicast;interleaved=0-1"
+            return f"RTP/AVP/TCP;unicast;interleaved={channels and channels[1]}"
         sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         sender.bind(("127.0.0.1", 0))
         self.udp = (sender, int(ports[1]))
@@ -282,6 +292,7 @@ class Client:
             if frames % 15 == 0:
                 self.send(1, self.report(frames, began_utc))
             self.send_frame(frames, list(rtp_payloads(self.server.units[frames % len(self.server.units)])))
+            self.send_telemetry(frames)
             frames += 1
             self.server.frames_sent += 1
 
@@ -291,7 +302,16 @@ class Client:
             mark = 0x80 if index == len(payloads) - 1 else 0
             head = struct.pack(">BBHII", 0x80, mark | 96, self.number, self.stamp(frames), 7)
             self.number = (self.number + 1) & 0xFFFF
-            self.send(0, head + payload)
+            if not self.server.loses_every or self.number % self.server.loses_every:
+                self.send(0, head + payload)
+
+    def send_telemetry(self, frames: int) -> None:
+        """Sends the KLV packet of a frame, over TCP only (RFC 6597)."""
+        if self.server.telemetry and self.udp is None:
+            data = self.server.telemetry[frames % len(self.server.telemetry)]
+            self.send(
+                2, struct.pack(">BBHII", 0x80, 0x80 | 97, frames & 0xFFFF, self.stamp(frames), 9) + data
+            )
 
     def leave(self, frames: int) -> None:
         """After ten frames: half a frame, a good-bye, or the end of the connection."""

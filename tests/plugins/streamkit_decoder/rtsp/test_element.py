@@ -139,9 +139,10 @@ def test_a_server_that_dies_ends_the_stream(real_server: Any) -> None:
         assert len(list(islice(frames, 15))) == 15
         real_server.close()
         assert len(list(frames)) < 15
-        warning = pipeline.bus.pop(5, (MessageKind.WARNING,))
-    assert warning is not None
-    assert "the server has ended the stream" in warning.text
+        texts = []
+        while (warning := pipeline.bus.pop(1, (MessageKind.WARNING,))) is not None:
+            texts.append(warning.text)
+    assert any("the server has ended the stream" in text for text in texts)
 
 
 def test_a_slow_consumer_gets_the_newest(real_server: Any) -> None:

@@ -13,7 +13,8 @@ from typing import Any
 
 import pytest
 
-from streamkit import ElementFailure, Frame, FrameFlags, Message, MessageKind, Pipeline
+from streamkit import ElementFailure, Frame, FrameFlags, Message, MessageKind, Pipeline, Pose
+from streamkit_decoder.telemetry.klv import KlvReader
 
 StartServer = Callable[..., Any]
 QUICK = "retry-delay-s=0.05 max-retry-delay-s=0.2"
@@ -288,3 +289,36 @@ def test_two_sources_of_one_server_leave_each_other_alone(start_server: StartSer
                 assert goes["out"].pull(5) is not None
         assert len(list(islice(stays["out"], 10))) == 10
         assert stays.error is None
+
+
+def test_telemetry_comes_beside_the_video(start_server: StartServer, streamkit_data: Path) -> None:
+    """A server's KLV stream comes out of the pad `klv` with the video's times, and pairs with the frames."""
+    data = (streamkit_data / "telemetry" / "Cheyenne.bin").read_bytes()
+    klv = [packet.data for packet in KlvReader().feed(data)]
+    server = start_server(telemetry=klv)
+    source = f"rtspsrc name=s location={server.url}"
+    text = f"{source}  s.src ! decode ! posesync name=p ! appsink name=out drop=true  s.klv ! p.telemetry"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = list(islice(pipeline["out"], 60))
+    poses = [frame.get(Pose) for frame in frames]
+    assert sum(pose is not None for pose in poses) >= 58
+    assert all(abs(pose.gap_ns) <= 34e6 for pose in poses if pose is not None)
+
+
+@pytest.mark.parametrize("transport", ["tcp", "udp"])
+def test_lost_packets_are_survived(start_server: StartServer, fake: ModuleType, transport: str) -> None:
+    """One RTP packet in 20 lost: pictures come on, times ascend, damage is marked up to a key frame."""
+    server = start_server(units=fake.access_units((320, 240), count=60), loses_every=20)
+    text = f"rtspsrc location={server.url} transport={transport} ! decode ! appsink name=out drop=true"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = list(islice(pipeline["out"], 90))
+    assert all(a.pts < b.pts for a, b in pairwise(frames))
+    marked = [bool(frame.flags & FrameFlags.CORRUPT) for frame in frames]
+    assert 10 < sum(marked) < 85
+    assert all(
+        now or not before
+        for before, now, frame in zip(marked, marked[1:], frames[1:], strict=False)
+        if not frame.flags & FrameFlags.KEYFRAME
+    )
