@@ -6,13 +6,16 @@ import numpy as np
 
 from streamkit_wavelet_eigen.feature_space import Projection, WaveletEigenSpace
 from streamkit_wavelet_eigen.gallery import Gallery, Matches, Recogniser, prepare_gallery
-from streamkit_wavelet_eigen.learner import SpaceLearner
+from streamkit_wavelet_eigen.learner import FIRST_BATCH, SpaceLearner
 from streamkit_wavelet_eigen.preprocessing import prepare
 from streamkit_wavelet_eigen.recipe import Recipe
+from streamkit_wavelet_eigen.wavelet import FloatBatch
 from streamkit_wavelet_eigen.windows import Windows
 
 # A window that is mostly replicated border would teach the space streaks.
 CLIPPED_LIMIT = 0.25
+# Fewest frames that make a batch, however many targets they have.
+FRAMES_PER_BATCH = 4
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ class Appearance:
         prepared = prepare(windows.patches, self._settings.recipe.preprocessing)
         usable = ~windows.flat & (windows.clipped <= CLIPPED_LIMIT)
         if learn and not self._settings.recipe.discriminative:
-            self._learner.add(prepared[usable])
+            self._learner.add(self._share(prepared[usable]))
         if label:
             gallery = self.gallery.joined(windows.patches[usable], label, self._settings.gallery_limit)
             self._known = self._known.grown(gallery, self._settings.recipe)
@@ -107,6 +110,18 @@ class Appearance:
         recogniser = self._current(space)
         matches = recogniser.recognise(projection.vectors) if recogniser else None
         return Seen(projection, matches)
+
+    def _share(self, prepared: FloatBatch) -> FloatBatch:
+        """What one frame teaches: all before there is a space, then evenly spaced at most a part of a batch.
+
+        Windows of neighbouring frames show much the same; an update for every frame of a crowd would take
+        longer than everything else.
+        """
+        most = max(self._settings.batch // FRAMES_PER_BATCH, FIRST_BATCH)
+        if self._learner.space is None or len(prepared) <= most:
+            return prepared
+        chosen: FloatBatch = prepared[np.linspace(0, len(prepared) - 1, most).round().astype(int)]
+        return chosen
 
     def _current(self, space: WaveletEigenSpace) -> Recogniser | None:
         """The recogniser of this space and gallery; a new one when either has changed."""

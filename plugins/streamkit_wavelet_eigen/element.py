@@ -80,7 +80,9 @@ class WaveletEigen(Transform):
     discriminative: bool = Property(False, doc="Fisher step on the labels of `gallery`; the space is fixed.")
     views: Views = Property(Views.NONE, doc="Virtual views learnt with each labelled window.")
     metric: Metric = Property(Metric.EUCLIDEAN, doc="How vectors are compared; summed: block by block.")
-    batch: int = Property(32, min=2, max=1024, doc="Windows per update of the space.")
+    batch: int = Property(
+        32, min=2, max=1024, doc="Windows per update of the space; a frame gives a quarter."
+    )
     forgetting: float = Property(
         0.95, min=0.01, max=1.0, doc="Weight of the past at each update; 1 keeps all."
     )

@@ -102,12 +102,19 @@ def test_frames_without_detections_carry_the_space() -> None:
 def test_version_rises_with_learning_and_stays_without() -> None:
     """`learn` may be switched off while playing; then vectors of the same window stay the same."""
     with Harness("waveleteigen", batch=8) as harness:
-        versions = [_space(harness.push(_frame(8, seed))[0]).version for seed in range(3)]
-        assert versions == [1, 2, 3]
+        versions = [_space(harness.push(_frame(2, seed))[0]).version for seed in range(9)]
+        assert versions == [1, 1, 1, 1, 2, 2, 2, 2, 3]
         harness.element.set_property("learn", False)
         still = [harness.push(_frame(8, 50))[0] for _ in range(3)]
         assert [_space(frame).version for frame in still] == [3, 3, 3]
         np.testing.assert_array_equal(_vectors(still[0]), _vectors(still[2]))
+
+
+def test_a_crowd_does_not_update_with_each_frame() -> None:
+    """However many targets a frame has, four of them make a batch."""
+    with Harness("waveleteigen", batch=8) as harness:
+        versions = [_space(harness.push(_frame(30, seed))[0]).version for seed in range(9)]
+    assert versions == [1, 1, 1, 1, 2, 2, 2, 2, 3]
 
 
 def test_same_input_same_output() -> None:
@@ -307,9 +314,9 @@ def test_facts_tell_what_a_window_was_like() -> None:
 def test_blocks_learn_from_the_stream(properties: dict[str, Any]) -> None:
     """Vectors have the blocks' components one after the other, in a space that goes on learning."""
     with Harness("waveleteigen", components=5, batch=4, **properties) as harness:
-        versions = [_space(harness.push(_frame(5, seed))[0]).version for seed in range(3)]
+        versions = [_space(harness.push(_frame(5, seed))[0]).version for seed in range(5)]
         (frame,) = harness.push(_frame(5, 9))
-    assert versions == [1, 2, 3]
+    assert versions == [1, 1, 2, 2, 3]
     assert _vectors(frame).shape == (5, 5 * properties.get("blocks", 1) ** 2)
 
 
