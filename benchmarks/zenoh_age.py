@@ -2,9 +2,9 @@
 
 Run it:  python benchmarks/zenoh_age.py
 
-A video file is decoded and paced at 30 frames a second; each frame is stamped as it reaches zenohsink, so that
-the age is what zenohsink, zenoh on loopback and the decoding of the record add to the pipeline's own. Every
-second message is a bare put, stamped and received the same way. Limit: 5 ms at the 99th percentile.
+A video file is decoded and paced at 30 frames a second; each frame is stamped as it reaches zenohsink, so
+that the age is what zenohsink, zenoh on loopback and the decoding of the record add to the pipeline's own.
+Every second message is a bare put, stamped and received the same way. Limit: 5 ms at the 99th percentile.
 """
 
 from __future__ import annotations

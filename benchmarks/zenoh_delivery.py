@@ -235,7 +235,8 @@ def main() -> None:
         for one in found["subscribers"]:
             whole = one["received"] + one["lost"] + one["overwritten"]
             print(
-                f"  received {one['received']}  lost {one['lost']}  overwritten {one['overwritten']}"
+                f"  first {one['first']}  received {one['received']}  lost {one['lost']}"
+                f"  overwritten {one['overwritten']}"
                 f"  bad {one['bad']}  in order {one['in_order']}  unaccounted {published['count'] - whole}"
             )
     found = failures(RESTARTS, 500, 500.0)

@@ -2,6 +2,7 @@
 
 import enum
 import threading
+from collections import OrderedDict
 from collections.abc import Iterator
 
 import zenoh
@@ -15,6 +16,7 @@ from streamkit_zenoh.receive.reception import Received, Reception
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.forms import RECORD_LIMIT_BYTES, Form, form_of
 from streamkit_zenoh.wire.frame_header import picture_frame, read_header
+from streamkit_zenoh.wire.numbering import remember
 from streamkit_zenoh.wire.pictures import PICTURE_LIMIT_BYTES, decode_picture, picture_size
 from streamkit_zenoh.wire.records import TRACKS_CAPS, TRACKS_NAME, record_frame
 
@@ -66,7 +68,9 @@ class ZenohSrc(Connection, Source):
         """Opens the session and listens; records are held until frames are asked for."""
         self._session = self._reception = None
         self._interrupted = threading.Event()
-        self._epoch_base = self._last_epoch = self._run = 0
+        self._epoch_base = self._last_epoch = 0
+        self._first: tuple[int, int] | None = None
+        self._runs: OrderedDict[str, int] = OrderedDict()
         self._decoder = RecordDecoder()
         self._counted: dict[str, int] = {}
         self._box: Mailbox[Received] = Mailbox(self.max_records, HELD_LIMIT_BYTES, self.newest)
@@ -144,9 +148,9 @@ class ZenohSrc(Connection, Source):
     def _frame(self, item: Received) -> Frame | None:
         if item.is_deleted or self._reception is None:
             return None
-        if item.run != self._run:
-            self._epoch_base = self._last_epoch + 1 if self._run else self._epoch_base
-            self._run = item.run
+        if self._runs.get(item.key, item.run) != item.run:
+            self._epoch_base = self._last_epoch + 1
+        remember(self._runs, item.key, item.run)
         try:
             frame = self._picture(item) if self.receive is Content.FRAME else self._record(item)
         except ValueError as error:
@@ -155,7 +159,18 @@ class ZenohSrc(Connection, Source):
             self._reception.count_bad()
             self._count_drops()
             return None
+        frame = self._in_time(frame)
         self._last_epoch = frame.epoch
+        return frame
+
+    def _in_time(self, frame: Frame) -> Frame:
+        """The frame, in a new epoch where its time lies before the first one's: publishers differ in time."""
+        if frame.pts is not None and self._first is not None and self._first[0] == frame.epoch:
+            if frame.pts >= self._first[1]:
+                return frame
+            self._epoch_base += 1
+            frame = frame.replace(epoch=frame.epoch + 1)
+        self._first = (frame.epoch, frame.pts or 0)
         return frame
 
     def _record(self, item: Received) -> Frame:

@@ -188,9 +188,10 @@ class RecordsFeed:
     def _delete(self, ids: Iterable[int], attachment: bytes) -> None:
         quality = self._settings.each_quality
         for number in sorted(ids):
+            # Never thrown away: a target that has ended would be shown for ever.
             self._session.delete(
                 f"{self._root}/{TRACK}/{number}",
-                congestion_control=quality.congestion,
+                congestion_control=zenoh.CongestionControl.BLOCK,
                 priority=quality.priority,
                 express=quality.express,
                 attachment=attachment,

@@ -140,7 +140,7 @@ class Reception:
         stamp, header = read_attachment(raw)
         key, size = str(sample.key_expr), len(sample.payload)
         with self._lock:
-            arrival = self._numbering.arrived(key, stamp, live)
+            arrival = (self._numbering.arrived if live else self._numbering.answered)(key, stamp)
             self._counts["received"] += 1
             self._counts["lost"] += arrival.lost
             self._counts["restarts"] += arrival.is_restart
@@ -161,12 +161,13 @@ class Reception:
         with self._lock:
             appeared = count > self._publishers
             self._publishers = count
+        if appeared:
+            # The status first: it tells which records come by themselves.
+            handler = zenoh.handlers.Callback(self._status_answered, indirect=False)
+            self._session.get(self._status_key, handler, timeout=LAST_LIMIT_S)
         if appeared and self._ask_last:
             handler = zenoh.handlers.Callback(self._answered, indirect=False)
             self._session.get(self._expression, handler, timeout=LAST_LIMIT_S)
-        if appeared:
-            handler = zenoh.handlers.Callback(self._status_answered, indirect=False)
-            self._session.get(self._status_key, handler, timeout=LAST_LIMIT_S)
         self._publishers_changed(count)
 
     def _status_answered(self, reply: zenoh.Reply) -> None:

@@ -59,34 +59,47 @@ class Numbering:
         self._last: OrderedDict[tuple[str, int], int] = OrderedDict()
         self._runs: OrderedDict[str, int] = OrderedDict()
         self._begins: OrderedDict[tuple[str, int], int] = OrderedDict()
+        self._answered: OrderedDict[tuple[str, int], int] = OrderedDict()
 
-    def arrived(self, key: str, stamp: Stamp | None, live: bool = True) -> Arrival:
+    def arrived(self, key: str, stamp: Stamp | None) -> Arrival:
         """Takes note of a message; one without stamp tells nothing.
 
         What a publisher sent before the first message that arrived here is not missed, unless `begins` was
         told, or it took over from another one heard before: then this receiver was there from its first
         number on.
-
-        Args:
-            key: where it was published.
-            stamp: its stamp.
-            live: False for an answer to a query, which may be of a publisher of the past.
         """
         if stamp is None:
             return Arrival()
         run, number = stamp
-        last, heard = self._last.get((key, run)), self._runs.get(key)
+        last, heard, answered = (
+            self._last.get((key, run)),
+            self._runs.get(key),
+            self._answered.get((key, run)),
+        )
         if last is not None and number <= last:
             return Arrival(is_new=False)
-        if last is None and heard is not None and run < heard and not live:
-            return Arrival(is_new=False)
+        first = self._first_missed(key, run, number)
         remember(self._last, (key, run), number)
         remember(self._runs, key, run)
-        if last is not None:
-            return Arrival(lost=number - last - 1)
-        if heard is None:
-            return Arrival(lost=max(0, number - self._begins.get((key, run), number)))
-        return Arrival(lost=number if run > heard else 0, is_restart=True)
+        is_restart = last is None and heard is not None
+        lost = max(0, number - first)
+        if answered is not None and first <= answered < number:
+            lost -= 1
+        return Arrival(lost, is_new=number != answered, is_restart=is_restart)
+
+    def answered(self, key: str, stamp: Stamp | None) -> Arrival:
+        """Takes note of the last message, asked for: it may overtake those that come by themselves."""
+        if stamp is None:
+            return Arrival()
+        run, number = stamp
+        last, heard, begins = self._last.get((key, run)), self._runs.get(key), self._begins.get((key, run))
+        known = max(-1 if last is None else last, self._answered.get((key, run), -1))
+        of_the_past = last is None and heard is not None and run < heard
+        comes_by_itself = last is None and begins is not None and number >= begins
+        if number <= known or of_the_past or comes_by_itself:
+            return Arrival(is_new=False)
+        remember(self._answered, (key, run), number)
+        return Arrival()
 
     def begins(self, key: str, run: int, next_number: int) -> None:
         """A publisher says which number comes next, now that this receiver is there."""
@@ -95,11 +108,21 @@ class Numbering:
 
     def catch_up(self, key: str, run: int, next_number: int) -> int:
         """How many were missed at the end, when a publisher says which number comes next."""
-        last = self._last.get((key, run))
-        if last is None or next_number <= last + 1:
+        first = self._first_missed(key, run, next_number)
+        if (key, run) not in self._last or next_number <= first:
             return 0
         self._last[key, run] = next_number - 1
-        return next_number - last - 1
+        return next_number - first - (first <= self._answered.get((key, run), -1) < next_number)
+
+    def _first_missed(self, key: str, run: int, number: int) -> int:
+        """The first number that is missing if this one comes next."""
+        last, heard = self._last.get((key, run)), self._runs.get(key)
+        if last is not None:
+            return last + 1
+        if heard is not None:
+            return 0 if run > heard else number
+        answered = self._answered.get((key, run), number)
+        return self._begins.get((key, run), min(answered, number))
 
 
 Key = TypeVar("Key")

@@ -113,7 +113,7 @@ def test_a_late_comer_has_state_at_once(sink: Callable[..., Harness], key: str, 
 def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
     """Confirmed and coasting targets have keys of their own, which are deleted when they end."""
     with TrackSubscriber(f"{key}/track/*", connect=endpoint, ring=64) as subscriber:
-        harness = sink()
+        harness = sink(track_qos="block")
         publication = harness.element._publication
         _wait_for(lambda: publication.records._each_is_wanted)
         confirmed, tentative, lost = TrackState.CONFIRMED, TrackState.TENTATIVE, TrackState.LOST

@@ -140,6 +140,24 @@ def test_wildcards_receive_several_publishers(open_test_session: Opener, endpoin
         assert [frame.seq for frame in pipeline["out"]] == [7]
 
 
+def test_publishers_with_times_of_their_own_lose_nothing(
+    publisher: _Publisher, receive: Callable[..., Pipeline]
+) -> None:
+    """A time before the first one's begins a new epoch: within one, times only go up."""
+    pipeline = receive()
+    publisher.wait()
+    for seq in (9, 10, 3, 11, 4):
+        publisher.put(_payload(seq))
+    publisher.close()
+    assert [(frame.seq, frame.epoch) for frame in pipeline["out"]] == [
+        (9, 0),
+        (10, 0),
+        (3, 1),
+        (11, 1),
+        (4, 1),
+    ]
+
+
 def test_bad_data_is_counted_and_skipped(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
     """What is no record neither ends the stream nor passes; one warning tells."""
     pipeline = receive()

@@ -18,12 +18,41 @@ def test_what_comes_next_may_be_told() -> None:
     """A publisher that is asked says where a receiver begins: what it misses from there on is lost."""
     numbering = Numbering()
     numbering.begins("a", 7, 10)
-    assert numbering.arrived("a", Stamp(7, 9), live=False) == Arrival()
     assert _lost(numbering, 12) == [2]
-    numbering.begins("b", 7, 10)
-    assert _lost(numbering, 13, 14, key="b") == [3, 0]
-    numbering.begins("b", 7, 100)
-    assert _lost(numbering, 15, key="b") == [0]
+    numbering.begins("a", 7, 100)
+    assert _lost(numbering, 14) == [1]
+
+
+def test_an_answer_is_state_for_a_late_comer() -> None:
+    """The last message is passed on once, and what follows it is not missed."""
+    numbering = Numbering()
+    numbering.begins("a", 7, 10)
+    assert numbering.answered("a", Stamp(7, 9)) == Arrival()
+    assert numbering.answered("a", Stamp(7, 9)) == Arrival(is_new=False)
+    assert _lost(numbering, 10, 11) == [0, 0]
+    assert numbering.answered("a", Stamp(7, 11)) == Arrival(is_new=False)
+
+
+def test_an_answer_may_overtake_what_comes_by_itself() -> None:
+    """Then nothing is lost by it: left out where it is known to come, else the others pass behind it."""
+    told, untold = Numbering(), Numbering()
+    told.begins("a", 7, 0)
+    assert told.answered("a", Stamp(7, 3)) == Arrival(is_new=False)
+    assert [told.arrived("a", Stamp(7, number)) for number in range(5)] == [Arrival()] * 5
+    assert untold.answered("a", Stamp(7, 3)) == Arrival()
+    passed = [untold.arrived("a", Stamp(7, number)) for number in range(5)]
+    assert [one.is_new for one in passed] == [True, True, True, False, True]
+    assert sum(one.lost for one in passed) == 0
+
+
+def test_an_answer_after_a_gap_was_not_missed() -> None:
+    """The way was cut: of what came meanwhile, the last one was asked for and is here."""
+    numbering = Numbering()
+    _lost(numbering, 0, 1)
+    assert numbering.answered("a", Stamp(7, 6)) == Arrival()
+    assert _lost(numbering, 8) == [5]
+    assert numbering.answered("a", Stamp(7, 12)) == Arrival()
+    assert numbering.catch_up("a", 7, 14) == 4
 
 
 def test_keys_are_apart() -> None:
@@ -60,7 +89,7 @@ def test_an_answer_of_the_past_is_not_new() -> None:
     """What an older publisher answers does not come behind what the new one has said."""
     numbering = Numbering()
     _lost(numbering, 0)
-    assert numbering.arrived("a", Stamp(2, 5), live=False) == Arrival(is_new=False)
+    assert numbering.answered("a", Stamp(2, 5)) == Arrival(is_new=False)
 
 
 def test_two_publishers_at_one_key_cost_no_false_loss() -> None:
