@@ -135,11 +135,16 @@ def caps(
 ) -> None:
     """Computes with caps and prints the result as a JSON object.
 
-    Caps are printed as {"caps", "any", "empty", "size", "fixed", "structures"}, where "caps" is the text and
-    a structure is {"name", "features", "fields": {name: {"type", "value"}}}. What can be true or false is
-    {"result"}. The value operations work on single values, as they stand in a field; deserialize takes a
-    type and a text. A bad text prints {"error": {"code", "message", "line", "column", "length", "hint"}} on
-    stderr and ends with exit code 2.
+    Caps are {"caps": text, "any", "empty", "size", "fixed", "structures"}; a
+    structure is {"name", "features", "fields": {name: {"type", "value"}}}.
+
+    What is true or false is {"result": true} or {"result": false}.
+
+    The value operations work on single values as they stand in a field and
+    print {"result": text, "type", "value"}; deserialize takes a type and a text.
+
+    A bad text prints {"error": {"code", "message", "line", "column", "length",
+    "hint"}} on stderr and ends with exit code 2.
     """
     name = operation.replace("_", "-")
     found = OPERATIONS.get(SYNONYMS.get(name, name))
