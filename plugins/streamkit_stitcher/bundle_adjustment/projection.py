@@ -51,7 +51,7 @@ def robust_cost(residuals: FloatArray, huber: float) -> tuple[float, FloatArray]
     lengths = np.sqrt(np.einsum("ki,ki->k", residuals, residuals))
     beyond = lengths > huber
     squared = np.where(beyond, 2 * huber * lengths - huber**2, lengths**2) if beyond.any() else lengths**2
-    weights = np.where(beyond, huber / np.maximum(lengths, 1e-300), 1.0)
+    weights = np.divide(huber, lengths, out=np.ones_like(lengths), where=beyond)
     return 0.5 * float(squared.sum()), weights
 
 

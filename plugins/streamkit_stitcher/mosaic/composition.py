@@ -193,8 +193,7 @@ def _blended(
     """The pictures of a block joined, uint8[h, w, 3]; a block of one picture is that picture as it is."""
     size = labels.shape[1] * plan.factor, labels.shape[0] * plan.factor
     if len(numbers) == 1:
-        colours = _warped(int(numbers[0]), corner, size, plan, load)
-        return np.asarray(np.clip(np.rint(colours), 0, 255), dtype=np.uint8)
+        return _whole_grey(_warped(int(numbers[0]), corner, size, plan, load))
     blender: Any = cv2.detail.MultiBandBlender(0, _BANDS)
     blender.prepare((0, 0, *size))
     for number in numbers:
@@ -202,7 +201,11 @@ def _blended(
     blended, _ = blender.blend(None, None)
     if blended is None:
         return None
-    return np.asarray(np.clip(np.rint(np.asarray(blended) / _FINENESS), 0, 255), dtype=np.uint8)
+    return _whole_grey(np.asarray(blended))
+
+
+def _whole_grey(sixteenths: npt.NDArray[np.int16]) -> PictureArray:
+    return np.asarray(cv2.convertScaleAbs(np.maximum(sixteenths, 0), alpha=1 / _FINENESS), dtype=np.uint8)
 
 
 def _warped(
@@ -211,13 +214,14 @@ def _warped(
     size: tuple[int, int],
     plan: _Plan,
     load: Callable[[int], PictureArray],
-) -> npt.NDArray[np.float32]:
-    """A picture with its gain in a box of the mosaic, float32[h, w, 3]; its edge goes on beyond it."""
+) -> npt.NDArray[np.int16]:
+    """A picture with its gain in a box of the mosaic, int16[h, w, 3] in sixteenths; its edge goes on."""
     shift = np.array([[1, 0, -corner[0]], [0, 1, -corner[1]], [0, 0, 1.0]])
     picture, matrix = shrunk(like(load(plan.placed[number].number), plan.channels), plan.to_mosaic[number])
     warped = cv2.warpPerspective(picture, normalised(shift @ matrix), size, borderMode=cv2.BORDER_REPLICATE)
-    scaled = warped.reshape(size[1], size[0], -1) * plan.gains[number].astype(np.float32)
-    return np.broadcast_to(scaled, (size[1], size[0], 3))
+    colours = warped if warped.ndim == 3 else cv2.cvtColor(warped, cv2.COLOR_GRAY2BGR)
+    factors: Any = (*np.broadcast_to(plan.gains[number] * _FINENESS, 3).tolist(), 1.0)
+    return np.asarray(cv2.multiply(colours, factors, dtype=cv2.CV_16S), dtype=np.int16)
 
 
 def _inside(
@@ -248,6 +252,5 @@ def _feed(
     mask = np.kron(own[top:bottom, left:right], np.full((factor, factor), 255, dtype=np.uint8))
     mask = mask.astype(np.uint8)
     place = corner[0] + left * factor, corner[1] + top * factor
-    colours = _warped(number, place, mask.shape[::-1], plan, load)
-    fine = np.rint(colours * _FINENESS).astype(np.int16)
-    blender.feed(np.ascontiguousarray(fine), mask, (left * factor, top * factor))
+    colours = _warped(number, place, (mask.shape[1], mask.shape[0]), plan, load)
+    blender.feed(colours, mask, (left * factor, top * factor))

@@ -14,6 +14,7 @@ from streamkit_stitcher.homographies import FloatArray, GreyArray, inverse, scal
 from streamkit_stitcher.plane.graph import Tie
 from streamkit_stitcher.plane.keyframes import Keyframe
 from streamkit_stitcher.plane.loop_closure import LoopCloser
+from streamkit_stitcher.registration.descriptors import Description
 
 _TIMEOUT_S: Final = 20.0
 _LARGEST_SCALE: Final = 50.0
@@ -30,6 +31,7 @@ class AdjustmentJob:
         keyframe: the new key picture.
         images: its picture and halvings, not changed by anybody.
         candidates: key pictures that may show the same ground, without a tie to it.
+        description: what the new key picture is recognised by, if that was worked out before.
     """
 
     problem: PlaneProblem | None
@@ -38,6 +40,7 @@ class AdjustmentJob:
     keyframe: Keyframe
     images: Sequence[GreyArray]
     candidates: Sequence[Keyframe]
+    description: Description | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +121,7 @@ class Adjuster:
             executor.shutdown(wait=True, cancel_futures=True)
 
     def _work(self, job: AdjustmentJob) -> Adjusted:
-        ties = self._closer.close(job.keyframe, job.images, job.candidates)
+        ties = self._closer.close(job.keyframe, job.images, job.candidates, job.description)
         if job.problem is None:
             return Adjusted({}, ties, 0.0, 0)
         places, rmse, iterations = adjusted_places(job.problem, job.indices, job.settings)

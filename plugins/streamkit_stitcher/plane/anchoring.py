@@ -28,7 +28,7 @@ from streamkit_stitcher.plane.keyframes import (
 from streamkit_stitcher.plane.loop_closure import Recogniser, better, tie_of
 from streamkit_stitcher.plane.settings import ModelChoice, PlaneSettings
 from streamkit_stitcher.registration.corners import CornerDetector
-from streamkit_stitcher.registration.descriptors import describe
+from streamkit_stitcher.registration.descriptors import Description, describe
 from streamkit_stitcher.registration.model_selection import ModelSelection
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
 from streamkit_stitcher.registration.patches import pyramid
@@ -97,6 +97,7 @@ class KeyframeAnchor:
         self._adjuster = Adjuster()
         self._reference = 0
         self._closed_loops = False
+        self._described: Description | None = None
         self._active: Keyframe | None = None
         self._unmatched = 0
 
@@ -133,6 +134,8 @@ class KeyframeAnchor:
         levels = max(LEVELS, self._level + 1)
         self._active = self._store.add(pyramid(images, levels), points, to_reference, self._level)
         index = self._active.index
+        if self._described is not None:
+            self._recogniser.remember(self._active, self._described)
         self._graph.add(index, to_reference, [replace(tie, observer=index) for tie in ties])
         self._unmatched = 0
         return self._active
@@ -156,7 +159,7 @@ class KeyframeAnchor:
         """
         if self._active is None:
             return None
-        description = describe(small)
+        description = self._described = describe(small)
         recent = [keyframe for keyframe in self._store.keyframes if keyframe.index != self._active.index]
         for keyframe in [self._active, *recent[::-1][: _RECOGNISED - 1]]:
             seen = self._recogniser.place(description, keyframe)
@@ -185,6 +188,8 @@ class KeyframeAnchor:
             seen: what `recognise` found, from where the search begins.
             due: whether it should become a key picture in any case.
         """
+        if seen is None:
+            self._described = None
         if self._active is None:
             return Anchored(carried, measured=False)
         match = followed
@@ -281,7 +286,13 @@ class KeyframeAnchor:
         settings = self._adjustment(self._settings.adjustment_iterations)
         self._adjuster.submit(
             AdjustmentJob(
-                problem, indices, settings, self._active, pyramid(own, LEVELS) if own else (), candidates
+                problem,
+                indices,
+                settings,
+                self._active,
+                pyramid(own, LEVELS) if own else (),
+                candidates,
+                self._described,
             )
         )
 

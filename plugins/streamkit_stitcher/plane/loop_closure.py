@@ -40,6 +40,10 @@ class Recogniser:
             del self._descriptions[next(iter(self._descriptions))]
         return found
 
+    def remember(self, keyframe: Keyframe, description: Description) -> None:
+        """Keeps the description of a key picture that was made before."""
+        self._descriptions[keyframe.index] = description
+
     def place(self, picture: Description, keyframe: Keyframe) -> KeyframeMatch | None:
         """Places a picture of the same working size on a key picture; None if that is not seen in it.
 
@@ -81,7 +85,11 @@ class LoopCloser:
         self._matcher = KeyframeMatcher()
 
     def close(
-        self, keyframe: Keyframe, images: Sequence[GreyArray], candidates: Sequence[Keyframe]
+        self,
+        keyframe: Keyframe,
+        images: Sequence[GreyArray],
+        candidates: Sequence[Keyframe],
+        description: Description | None = None,
     ) -> tuple[Tie, ...]:
         """The ties to those of `candidates` in which the key picture was found.
 
@@ -89,7 +97,10 @@ class LoopCloser:
             keyframe: the new key picture.
             images: its picture and halvings.
             candidates: key pictures to look in.
+            description: of the new key picture, if there is one already.
         """
+        if description is not None:
+            self._recogniser.remember(keyframe, description)
         ties = []
         limits = replace(FitLimits(), max_step=1.0, threshold=2.0)
         for candidate in candidates:

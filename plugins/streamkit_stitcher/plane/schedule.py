@@ -27,7 +27,7 @@ def left_checkpoints(length: int) -> tuple[int, ...]:
 
 
 def right_checkpoints(length: int) -> tuple[int, ...]:
-    """(n / 2 + n) / 2 and on, each halving what is left of a strip of `length` key pictures, and its end."""
+    """(n / 2 + n) / 2 and on, each halving what is left of a strip of `length` key pictures."""
     found = []
     count = length // 2
     while length - count > 1:

@@ -1,0 +1,59 @@
+"""Flight strips before they are flown."""
+
+import math
+
+import pytest
+
+from streamkit_stitcher.flight_plan.plan import CameraView, GeodeticPoint, footprint, parse_strip, plan_strip
+
+pytest.importorskip("pyproj")
+
+
+def test_a_strip_along_the_equator():
+    """A thousandth of a degree is 111.32 m there; pictures and seconds follow from overlap and speed."""
+    ends = GeodeticPoint(0.0, 10.0), GeodeticPoint(0.0, 10.01)
+    view = CameraView.of_width(2 * math.atan(0.5), (720, 1280))
+    plan = plan_strip(ends, 100.0, view, 0.6, 10.0, 1280)
+    assert plan.length_m == pytest.approx(1113.2, abs=0.1)
+    assert plan.heading == pytest.approx(math.pi / 2)
+    assert plan.footprint_m == pytest.approx((100.0, 56.25))
+    assert plan.images == math.ceil(1113.2 / 22.5) + 1
+    assert plan.interval_s == pytest.approx(2.25)
+    assert plan.sampling_m == pytest.approx(100 / 1280)
+
+
+def test_a_lens_and_its_sensor():
+    """The field of view is that of the focal length."""
+    view = CameraView.of_lens(4.73, (6.17, 3.47))
+    assert math.degrees(view.horizontal) == pytest.approx(66.2, abs=0.1)
+    assert footprint(50.0, view)[0] == pytest.approx(50 * 6.17 / 4.73)
+
+
+def test_the_ends_are_read_longitude_first():
+    """lon,lat,lon,lat."""
+    assert parse_strip("-46.84,-23.51,-46.83,-23.5") == (
+        GeodeticPoint(-23.51, -46.84),
+        GeodeticPoint(-23.5, -46.83),
+    )
+
+
+@pytest.mark.parametrize("text", ["", "1,2,3", "a,b,c,d", "nan,0,0,0", "0,95,0,0", "190,0,0,0"])
+def test_other_texts_are_refused(text):
+    """The error quotes what came."""
+    with pytest.raises(ValueError, match="got"):
+        parse_strip(text)
+
+
+@pytest.mark.parametrize(("altitude", "speed", "overlap"), [(0, 5, 0.5), (50, 0, 0.5), (50, 5, 1.0)])
+def test_no_flight_is_refused(altitude, speed, overlap):
+    """Standing on the ground, hovering, or a picture that never moves on."""
+    ends = GeodeticPoint(0.0, 0.0), GeodeticPoint(0.0, 0.01)
+    with pytest.raises(ValueError, match="above 0"):
+        plan_strip(ends, altitude, CameraView(1.0, 0.6), overlap, speed, 1280)
+
+
+def test_an_endless_strip_is_refused():
+    """A strip around the earth from a metre up names the number of pictures."""
+    ends = GeodeticPoint(0.0, 0.0), GeodeticPoint(0.0, 170.0)
+    with pytest.raises(ValueError, match="at most 100000 are possible"):
+        plan_strip(ends, 1.0, CameraView(1.0, 0.6), 0.9, 5.0, 1280)

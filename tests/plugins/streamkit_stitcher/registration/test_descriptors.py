@@ -1,0 +1,34 @@
+"""Recognising a picture without a guess."""
+
+import cv2
+import numpy as np
+
+from streamkit_stitcher.homographies import project
+from streamkit_stitcher.registration.descriptors import describe, recognise
+
+
+def test_a_picture_is_recognised_after_a_long_way_and_a_turn(aerial_ground):
+    """40 % of common ground, turned by a radian and zoomed, is enough for a pixel's accuracy."""
+    view = aerial_ground[600:960, 800:1440]
+    cos, sin = 1.1 * np.cos(1.0), 1.1 * np.sin(1.0)
+    turn = np.array([[cos, -sin, 320.0], [sin, cos, 180.0], [0, 0, 1]])
+    centred = turn @ np.array([[1, 0, -1120.0 - 150], [0, 1, -780.0 - 60], [0, 0, 1]])
+    moved = cv2.warpPerspective(aerial_ground, centred, (640, 360))
+    found = recognise(describe(view), describe(moved), 20)
+    true = centred @ np.array([[1, 0, 800.0], [0, 1, 600.0], [0, 0, 1]])
+    assert found is not None
+    error = np.hypot(*(found.target_points - project(true, found.source_points)).T)
+    assert np.median(error) < 1.0
+    assert len(found.target_indices) == found.fit.count
+
+
+def test_other_ground_is_not_recognised(ground):
+    """Pictures without common ground give None."""
+    assert recognise(describe(ground[:360, :640]), describe(ground[900:1260, 1000:1640]), 20) is None
+
+
+def test_a_flat_picture_has_no_features():
+    """Nothing to describe is no error."""
+    flat = describe(np.full((100, 100), 90, np.uint8))
+    assert len(flat.points) == 0
+    assert recognise(flat, flat, 20) is None
