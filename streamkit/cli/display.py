@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import sys
 import time
 from typing import TYPE_CHECKING
 
 import typer
 
-from streamkit.cli.table import as_line, as_table, measure_rows
+from streamkit.cli.table import age_text, as_line, as_table, measure_rows
 from streamkit.graph.statistics import RunStatistics
 
 if TYPE_CHECKING:
@@ -62,6 +64,9 @@ class Display:
     def end(self) -> None:
         """Leaves the last state standing."""
 
+    def abandon(self) -> None:
+        """The process ends at once: gives the terminal back as it was."""
+
 
 class Progress(Display):
     """A line on the terminal that tells how far the pipeline is."""
@@ -83,7 +88,11 @@ class Progress(Display):
         words = [f"{now.elapsed_s:7.1f} s{self._position()}  {frames} frames  {rate:.1f}/s"]
         if dropped:
             words.append(f"{dropped} dropped")
-        sys.stderr.write(f"\r\x1b[K{', '.join(words)}")
+        ages_ns = [row.age_ns for row in now.elements if row.age_ns is not None and not row.frames_out]
+        if ages_ns and self.pipeline.is_live and not is_last:
+            words.append(f"{age_text(max(ages_ns))} old")
+        width = shutil.get_terminal_size().columns - 1
+        sys.stderr.write(f"\r\x1b[K{', '.join(words)[:width]}")
         sys.stderr.flush()
         self.shown = True
 
@@ -145,6 +154,11 @@ class Table(Lines):
         self._update(now, self.before)
         if self.before is None or now.elapsed_s - self.before.elapsed_s >= LINE_EVERY_S:
             self.before = now
+
+    def abandon(self) -> None:
+        """Shows the cursor, which the table hides."""
+        if self._live is not None:
+            os.write(sys.stderr.fileno(), b"\x1b[?25h\n")
 
     def _update(self, now: RunStatistics, before: RunStatistics | None) -> None:
         from rich.console import Console

@@ -82,9 +82,9 @@ class Run:
             if self.interrupts > handled:
                 handled = self.interrupts
                 if not self.eos_on_shutdown or handled > 1:
+                    self._tell_interrupt("stopping; Ctrl-C again ends the process at once")
                     return 0
-                if not self.quiet:
-                    self.display.tell("interrupt: ending the stream; Ctrl-C again stops at once")
+                self._tell_interrupt("ending the stream; Ctrl-C again stops at once")
                 self.pipeline.finish()
                 deadline = time.monotonic() + EOS_LIMIT_S
             if deadline is not None and time.monotonic() > deadline:
@@ -98,6 +98,7 @@ class Run:
         def interrupted(number: int, _: object) -> None:
             self.interrupts += 1
             if self.interrupts > limit:
+                self.display.abandon()
                 os._exit(128 + number)
 
         before = {number: signal.signal(number, interrupted) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -106,6 +107,10 @@ class Run:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+
+    def _tell_interrupt(self, text: str) -> None:
+        if not self.quiet:
+            self.display.tell(f"interrupt: {text}")
 
     def _tell_rest(self) -> None:
         """Shows what was posted while stopping."""

@@ -10,29 +10,46 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 BINARY = str(Path(sys.executable).with_name("streamkit"))
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 TAKE_TERMINAL = ["/bin/sh", "-c", 'exec "$0" "$@" <"$TERMINAL"']  # whose Ctrl-C is then this session's
+NO_VARIABLES: Mapping[str, str] = MappingProxyType({})
 LIMIT_S = 60
-SLOW = "videotestsrc num-buffers=45 ! video/x-raw,framerate=30/1 ! queue ! fakesink sync=true"
+SLOW = "videotestsrc num-buffers=33 ! video/x-raw,framerate=30/1 ! queue ! fakesink sync=true"
 ENDLESS = "fakesrc ! queue max-size-buffers=50 ! identity sleep-time=200000 ! fakesink"
 
 
-def on_terminal(*arguments: str, keys: Sequence[tuple[str, bytes]] = ()) -> tuple[int, str]:
+HANGS = """
+import time
+from streamkit import Sink
+class Hangs(Sink):
+    sink = "ANY"
+    def render(self, frame):
+        pass
+    def stop(self):
+        time.sleep(100)
+"""
+
+
+def on_terminal(
+    *arguments: str, keys: Sequence[tuple[str, bytes]] = (), variables: Mapping[str, str] = NO_VARIABLES
+) -> tuple[int, str]:
     """Exit code and output of `launch` on a terminal.
 
     Args:
         *arguments: of launch.
         keys: what is typed, each after a text has appeared.
+        variables: of its environment.
     """
     master, slave = pty.openpty()
     fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 80, 0, 0))
     with subprocess.Popen(
         [*TAKE_TERMINAL, BINARY, "launch", *arguments], stdout=slave, stderr=slave, start_new_session=True,
-        env={**os.environ, "TERMINAL": os.ttyname(slave), "COLUMNS": "80"},
+        env={**os.environ, "TERMINAL": os.ttyname(slave), "COLUMNS": "80", **variables},
     ) as process:  # fmt: skip
         os.close(slave)
         try:
@@ -69,32 +86,26 @@ def test_a_progress_line_is_drawn_in_its_place() -> None:
     assert code == 0
     assert out.count("\x1b[K") > 3
     (line,) = [line for line in lines_of(out) if line]
-    assert re.fullmatch(r" +1\.\d s  at 1\.\d of 1\.5 s \(\d+ %\)  45 frames  \d+\.\d/s", line)
+    assert re.fullmatch(r" +1\.\d s  at 1\.\d of 1\.1 s \(\d+ %\)  33 frames  \d+\.\d/s", line)
 
 
 def test_quiet_draws_nothing() -> None:
     """Not even on a terminal."""
-    assert on_terminal("-q", SLOW.replace("45", "3")) == (0, "")
+    assert on_terminal("-q", SLOW.replace("33", "3")) == (0, "")
 
 
 def test_statistics_are_a_table_drawn_in_its_place() -> None:
-    """One row for each element, with what a queue holds; its last state stays."""
-    code, out = on_terminal("--stats", SLOW)
-    assert code == 0
-    assert out.count("element") > 3
-    rows = [line.split() for line in lines_of(out)[-8:]]
-    sink = next(row for row in rows if row[:1] == ["fakesink0"])
-    assert sink[1:3] == ["45", "0"]
-    queue = next(row for row in rows if row[:1] == ["queue0"])
-    assert queue[1:3] == ["45", "45"]
-    assert "0/200" in queue
-
-
-def test_messages_stand_above_the_table() -> None:
-    """And do not break it."""
+    """One row for each element, with what a queue holds; messages stand above; its last state stays."""
     code, out = on_terminal("--stats", "-v", SLOW)
     assert code == 0
     assert "state: pipeline: playing" in lines_of(out)
+    assert out.count("element") > 3
+    rows = [line.split() for line in lines_of(out)[-8:]]
+    sink = next(row for row in rows if row[:1] == ["fakesink0"])
+    assert sink[1:3] == ["33", "0"]
+    queue = next(row for row in rows if row[:1] == ["queue0"])
+    assert queue[1:3] == ["33", "33"]
+    assert "0/200" in queue
 
 
 def test_control_c_is_a_clean_stop() -> None:
@@ -123,6 +134,28 @@ def test_a_second_control_c_does_not_wait_for_the_end() -> None:
     assert "eos: pipeline" not in out
     assert "state: pipeline: null" in out
     assert time.monotonic() - began < 9
+
+
+def test_a_second_control_c_ends_a_process_that_hangs(tmp_path: Path) -> None:
+    """Where an element does not stop; the terminal's cursor is shown again."""
+    (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
+    (tmp_path / "hangs-1.dist-info").mkdir()
+    (tmp_path / "hangs-1.dist-info" / "entry_points.txt").write_text(
+        "[streamkit.elements]\nhangs = hangs:Hangs\n", encoding="utf-8"
+    )
+    keys = [("hangs0", b"\x03"), ("interrupt: stopping", b"\x03")]
+    code, out = on_terminal(
+        "--stats", "fakesrc is-live=true ! hangs", keys=keys, variables={"PYTHONPATH": str(tmp_path)}
+    )
+    assert code == 128 + 2
+    assert out.rindex("\x1b[?25h") > out.rindex("\x1b[?25l")
+
+
+def test_a_live_source_tells_the_age_of_frames() -> None:
+    """How far behind the camera the sink is."""
+    code, out = on_terminal("fakesrc is-live=true num-buffers=20 ! queue ! fakesink")
+    assert code == 0
+    assert re.search(r"\d+ frames  \d+\.\d/s, \d+ ms old", out)
 
 
 def test_errors_stand_on_a_line_of_their_own() -> None:
