@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shlex
+import re
 from dataclasses import asdict
 from urllib.parse import urlsplit, urlunsplit
 
@@ -42,8 +42,8 @@ def _examine_live(location: str, seconds: float, timeout_s: float, transport: st
     checks = _reach(location, timeout_s)
     if checks[-1].verdict is Verdict.BAD:
         return Report(where, tuple(checks), "")
-    source = f"rtspsrc name=s location={shlex.quote(location)} reconnect=never timeout-s={timeout_s:g}"
-    seen = watch(f"{source} transport={transport}", seconds + timeout_s, seconds)
+    properties = {"location": location, "reconnect": "never", "timeout_s": timeout_s, "transport": transport}
+    seen = watch("rtspsrc", properties, 2 * timeout_s + 1, seconds)
     if not seen.packets:
         checks.append(Check("stream", Verdict.BAD, seen.error or f"no packet within {timeout_s:g} s"))
         return Report(where, tuple(checks), "")
@@ -104,12 +104,12 @@ def _examine_file(location: str, timeout_s: float) -> Report:
         return Report(where, (Check("file", Verdict.BAD, str(error)),), "")
     size = local_path(location).stat().st_size
     checks = [Check("file", Verdict.GOOD, f"{size / 1e6:.1f} MB", {"bytes": size})]
-    seen = watch(f"filesrc name=s location={shlex.quote(location)}", max(timeout_s, 10.0), None)
+    seen = watch("filesrc", {"location": location}, max(timeout_s, 10.0), None)
     if not seen.packets:
         return _telemetry_file(location, checks, seen.error)
     checks += stream_checks(seen, is_live=False, transport="")
     pose, klv = _pose_parts(seen)
-    source = f"filesrc name=s location={shlex.quote(location)}"
+    source = f"filesrc name=s location={in_description(location)}"
     line = f'streamkit launch "{source} ! decode{pose} ! {TRACKING} ! tracksink location=tracks.jsonl{klv}"'
     return Report(where, tuple(checks), line)
 
@@ -124,10 +124,15 @@ def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
     length = (samples[-1].pts - samples[0].pts) / 1e9
     text = f"{len(samples)} positions over {length:.1f} s, {samples[0].source}"
     facts = {"positions": len(samples), "seconds": length, "source": samples[0].source}
-    pose = f"posesync location={shlex.quote(location)}"
+    pose = f"posesync location={in_description(location)}"
     line = f'streamkit launch "filesrc location=VIDEO ! decode ! {pose} ! fakesink"'
     return Report(where, (*checks, Check("telemetry", Verdict.GOOD, text, facts)), line)
 
 
 def _pose_parts(seen: Seen) -> tuple[str, str]:
     return (" ! posesync name=p", "  s.klv ! p.telemetry") if seen.telemetry.counts()["poses"] else ("", "")
+
+
+def in_description(value: str) -> str:
+    """A value as a description within double quotes of a shell needs it: bare, or with blanks escaped."""
+    return re.sub(r"([^\w./:@%+,=-])", r"\\\1", value)

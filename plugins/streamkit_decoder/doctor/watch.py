@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any
 
 from streamkit import Frame, FrameFlags, Pipeline, StreamkitError
@@ -44,14 +45,23 @@ class Seen:
         self.telemetry.decode(frame.data, frame.pts or 0, frame.caps)
 
 
-def watch(source: str, limit_s: float, seconds: float | None) -> Seen:
-    """Plays a source and takes down what comes out of it, until its end or for some seconds."""
+def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: float | None) -> Seen:
+    """Plays a source and takes down what comes out of it, until its end or for some seconds.
+
+    Args:
+        factory: filesrc or rtspsrc.
+        properties: of the source.
+        limit_s: longest wait for the first packet, and for a file altogether.
+        seconds: how long to watch a live stream from its first packet on; None plays a file to its end.
+    """
     seen = Seen()
     full = "max-buffers=1000 drop=true" if seconds is not None else ""
-    text = f"{source}  s.src ! appsink name=video {full}  s.klv ! appsink name=klv {full}"
+    text = f"{factory} name=s  s.src ! appsink name=video {full}  s.klv ! appsink name=klv {full}"
     deadline, until = time.monotonic() + limit_s, None
     try:
         with Pipeline.parse(text) as pipeline:
+            for name, value in properties.items():
+                pipeline["s"].set_property(name, value)
             pipeline.play()
             while time.monotonic() < (until or deadline) and len(seen.packets) < FILE_PACKETS:
                 frame = _pull(pipeline["video"])
@@ -63,6 +73,8 @@ def watch(source: str, limit_s: float, seconds: float | None) -> Seen:
                         until = time.monotonic() + seconds
                 while (packet := _pull(pipeline["klv"], 0.0)) is not None:
                     seen.add_telemetry(packet)
+            while (packet := _pull(pipeline["klv"], 0.0)) is not None:
+                seen.add_telemetry(packet)
             seen.error = str(pipeline.error or "")
     except StreamkitError as error:
         seen.error = str(error)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from av.packet import Packet
@@ -49,7 +49,7 @@ class ConnectionSettings:
         kinds: streams to read.
     """
 
-    location: str
+    location: str = field(repr=False)  # it may hold a password
     options: Mapping[str, str]
     timeout_s: float
     latency_ms: int

@@ -25,7 +25,7 @@ from streamkit_decoder.container import AccessRefused
 from streamkit_decoder.location import redact
 from streamkit_decoder.rtsp.backoff import Backoff
 from streamkit_decoder.rtsp.connection import Connection, ConnectionSettings
-from streamkit_decoder.rtsp.packetreader import DEFAULT_PORTS, HungUp, PacketReader, port_of
+from streamkit_decoder.rtsp.packetreader import DEFAULT_PORTS, HungUp, PacketReader, Silence, port_of
 from streamkit_decoder.rtsp.timeline import Timeline
 from streamkit_decoder.streams import KLV_CAPS, StreamKind
 
@@ -259,7 +259,7 @@ class RtspSrc(Source):
         Raises:
             ResourceError: it is not to be tried again.
         """
-        if failure is not None and "silent" in str(failure):
+        if isinstance(failure, Silence):
             self._tell("stalled", reason=str(failure))
         ends = self.reconnect is Reconnect.NEVER
         if failure is None or (ends and isinstance(failure, HungUp)):

@@ -160,9 +160,13 @@ def hung_up(location: str) -> HungUp:
     return HungUp(f"{redact(location)}: the server has closed the connection; check that it still runs")
 
 
-def silence(location: str, timeout_s: float) -> ResourceError:
+class Silence(ResourceError):
+    """The server has stopped sending."""
+
+
+def silence(location: str, timeout_s: float) -> Silence:
     """The error for a server that sends nothing."""
-    return ResourceError(
+    return Silence(
         f"{redact(location)}: the server has been silent for {timeout_s:g} s (timeout-s); "
         "check that it plays elsewhere, or allow more time"
     )

@@ -63,6 +63,8 @@ def test_telemetry_is_recorded_with_its_times(streamkit_data: Path, tmp_path: Pa
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
         message = pipeline.bus.pop(20, (MessageKind.ELEMENT,))
+        while message is not None and message.fields["name"] != "telemetry":
+            message = pipeline.bus.pop(20, (MessageKind.ELEMENT,))
     assert message is not None
     assert (message.fields["paired"], message.fields["largest_gap_ns"]) == (277, 0)
 

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from streamkit import Caps, ElementFailure, Frame, MessageKind, Pipeline, Pose, raw_video_caps
+from streamkit import Caps, ElementFailure, Frame, Message, MessageKind, Pipeline, Pose, raw_video_caps
 from streamkit.testing import Harness
 from streamkit_decoder.telemetry.klv import UAS_LOCAL_SET, checksum
 from streamkit_decoder.telemetry.sample import Sample
@@ -37,6 +37,14 @@ def latitudes(frames: list[Frame]) -> list[float | None]:
     return [round(pose.latitude, 3) if (pose := frame.get(Pose)) else None for frame in frames]
 
 
+def next_telemetry(pipeline: Pipeline) -> Message | None:
+    """The next message about telemetry."""
+    while (message := pipeline.bus.pop(5, (MessageKind.ELEMENT,))) is not None:
+        if message.fields["name"] == "telemetry":
+            return message
+    return None
+
+
 def test_a_real_stream_pairs_each_frame(streamkit_data: Path) -> None:
     """277 frames of a real recording get 277 poses, each with its own time and gap 0."""
     location = streamkit_data / "telemetry" / "sample-stream.ts"
@@ -45,7 +53,7 @@ def test_a_real_stream_pairs_each_frame(streamkit_data: Path) -> None:
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
         frames = list(pipeline["out"])
-        message = pipeline.bus.pop(5, (MessageKind.ELEMENT,))
+        message = next_telemetry(pipeline)
     poses = [frame.get(Pose) for frame in frames]
     assert len(poses) == 277
     assert all(pose is not None and pose.gap_ns == 0 and not pose.is_stale for pose in poses)
