@@ -188,15 +188,18 @@ class ThreadBoundary(Element):
                 if type(item) is not Frame:
                     self._hand_on(src, item)
                     continue
-                if self._special and not self._heed(item):
-                    continue
+                if self._special:
+                    if not self._may_pass(item):
+                        continue
+                    levels.weigh_out(item)
+                    return self._marked(item) if self._head_gap else item
                 if item.data is not EMPTY or item.pts is not None:
                     levels.weigh_out(item)
-                return item if not self._head_gap else self._marked(item)
+                return item
 
         return take
 
-    def _heed(self, frame: Frame) -> bool:
+    def _may_pass(self, frame: Frame) -> bool:
         """Looks at what is special; False where the frame just taken has to wait for a threshold."""
         if self._halted:
             raise Flushing(self.name)
