@@ -1,0 +1,108 @@
+"""What a session opens to the network is what it was told to open, and nothing else."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from streamkit_zenoh.configuration import (
+    LEASE_MS,
+    MESSAGE_LIMIT_BYTES,
+    Mode,
+    Reach,
+    SessionFailure,
+    SessionSettings,
+    configuration,
+    meets_locally,
+)
+
+
+def _settings(path: Path, content: dict[str, Any], **more: Any) -> SessionSettings:
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return SessionSettings(config=str(path), **more)
+
+
+def _found(settings: SessionSettings, key: str) -> Any:
+    return json.loads(configuration(settings).get_json(key))
+
+
+@pytest.mark.parametrize(
+    ("content", "local"),
+    [
+        ({}, True),
+        ({"transport": {"auth": {"usrpwd": {"user": "a", "password": "b"}}}}, True),
+        ({"connect": {"endpoints": ["tcp/10.0.0.1:7447"]}}, False),
+        ({"listen": {"endpoints": ["tcp/10.0.0.1:7447"]}}, False),
+        ({"scouting": {"multicast": {"enabled": True}}}, False),
+        ({"mode": "router"}, False),
+    ],
+)
+def test_a_file_without_partners_stays_on_this_machine(
+    tmp_path: Path, content: dict[str, Any], local: bool
+) -> None:
+    """Only what names somebody leads to somebody."""
+    assert meets_locally(_settings(tmp_path / "z.json5", content)) is local
+
+
+@pytest.mark.parametrize(
+    ("content", "listens"),
+    [
+        ({"connect": {"endpoints": ["tcp/127.0.0.1:1"]}}, ["tcp/127.0.0.1:0"]),
+        ({"mode": "peer", "connect": {"endpoints": ["tcp/10.0.0.1:1"]}}, ["tcp/[::]:0"]),
+        ({"mode": "peer", "connect": {"endpoints": ["tls/10.0.0.1:1"]}}, []),
+        ({"mode": "peer", "connect": {"endpoints": ["tls/127.0.0.1:1"]}}, []),
+        ({"mode": "router"}, ["tcp/127.0.0.1:7447"]),
+        ({"listen": {"endpoints": ["tls/0.0.0.0:1"]}}, ["tls/0.0.0.0:1"]),
+    ],
+)
+def test_who_is_not_told_to_listen_does_so_in_bounds(
+    tmp_path: Path, content: dict[str, Any], listens: list[str]
+) -> None:
+    """On loopback; for partners that a router brings; and never in clear beside an encrypted link."""
+    settings = _settings(tmp_path / "z.json5", content)
+    assert _found(settings, "listen/endpoints") == listens
+    assert _found(settings, "scouting/multicast/enabled") is False
+
+
+def test_what_the_file_says_holds(tmp_path: Path) -> None:
+    """Endpoints given as properties come on top; the mode does only where it is given."""
+    content = {
+        "mode": "peer",
+        "connect": {"endpoints": ["tcp/10.0.0.1:1"]},
+        "scouting": {"multicast": {"enabled": True}},
+    }
+    settings = _settings(tmp_path / "z.json5", content)
+    assert _found(settings, "mode") == "peer"
+    assert _found(settings, "scouting/multicast/enabled") is True
+    above = _settings(tmp_path / "z.json5", content, connect=("tcp/10.0.0.2:2",), mode=Mode.CLIENT)
+    assert (_found(above, "mode"), _found(above, "connect/endpoints")) == ("client", ["tcp/10.0.0.2:2"])
+
+
+@pytest.mark.parametrize(
+    ("settings", "mode"),
+    [
+        (SessionSettings(connect=("tcp/127.0.0.1:1",)), "peer"),
+        (SessionSettings(connect=("tls/127.0.0.1:1",)), "client"),
+        (SessionSettings(connect=("tcp/10.0.0.1:1",)), "client"),
+        (SessionSettings(listen=("tcp/0.0.0.0:1",)), "peer"),
+        (SessionSettings(reach=Reach.NETWORK), "peer"),
+    ],
+)
+def test_the_mode_follows_from_the_endpoints(settings: SessionSettings, mode: str) -> None:
+    """Who only connects away, or encrypted, is a client: it opens nothing itself."""
+    assert _found(settings, "mode") == mode
+
+
+def test_dead_links_and_large_messages_are_bounded() -> None:
+    """A link that says nothing is given up within 3 s; shared memory, which loses records, is off."""
+    settings = SessionSettings(listen=("tcp/127.0.0.1:0",))
+    assert _found(settings, "transport/link/tx/lease") == LEASE_MS < 3000
+    assert _found(settings, "transport/link/rx/max_message_size") == MESSAGE_LIMIT_BYTES
+    assert _found(settings, "transport/shared_memory/enabled") is False
+
+
+def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
+    """The error names it."""
+    with pytest.raises(SessionFailure, match=r"zenoh configuration .*z\.json5"):
+        configuration(SessionSettings(config=str(tmp_path / "z.json5")))
