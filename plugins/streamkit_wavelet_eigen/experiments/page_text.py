@@ -77,6 +77,8 @@ LIMITS = """## What cannot be reproduced, and why
 - **Level and shape at once.** The shape of tables 1 and 3, flat with more training pictures and falling
   with the number of targets with fewer, is that of reading A; their level on ORL, 75 to 87 %, is nearer
   to reading B. No one reading gives both.
+- **Tables 2 and 4.** What was tracked in two databases of stills is not said. Under our reading a few runs
+  lose the target and miss it by tens of px, which the deviations show.
 - **Figure 3's 80 and 65 %.** They do not follow from any table, and the method called traditional is not
   named.
 - **The merit of the preparation.** The published preparation lowers recognition here for the PCA family,
