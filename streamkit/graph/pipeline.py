@@ -263,8 +263,9 @@ class Pipeline:
 
     def statistics(self) -> list[ElementStatistics]:
         """Counters of every element since streaming began."""
-        chains = list(self._playback.chains)
-        return collect_statistics(self.graph, chains, self._tally.counts, self.clock.monotonic_ns())
+        chains, parted = list(self._playback.chains), self._playback.parted
+        now_ns = self.clock.monotonic_ns()
+        return collect_statistics(self.graph, chains, parted, self._tally.counts, now_ns)
 
     def latency(self) -> Latency:
         """How old live frames are at the sinks at least, and for how long they can be held."""

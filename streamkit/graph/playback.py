@@ -17,7 +17,7 @@ from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.branches import first_push
 from streamkit.graph.bus import Bus
-from streamkit.graph.chain import Chain, composed_when_used
+from streamkit.graph.chain import Chain, Parted, composed_when_used
 from streamkit.graph.graph import Graph
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.streaming import Streaming, StreamingThread
@@ -28,6 +28,7 @@ class Playback:
 
     Attributes:
         chains: one behind every src pad.
+        parted: what the chains of branches that have gone had counted.
         error: the first failure, or None.
         ended: set at the end of the stream, after a failure, and after a stop.
         is_streaming: whether threads have been started.
@@ -44,6 +45,7 @@ class Playback:
             adopt: starts an element that joins while the graph streams.
         """
         self.chains: list[Chain] = []
+        self.parted = Parted()
         self.error: Exception | None = None
         self.ended = threading.Event()
         self.is_prerolled = threading.Event()
@@ -77,6 +79,7 @@ class Playback:
         self._expect_preroll()
         remember_caps(graph)
         self.chains = []
+        self.parted = Parted()
         compose_chains(graph.elements, self.chains)
         for source in self._sources():
             if self.is_live and not self._timing.running.is_set():
@@ -262,6 +265,9 @@ class Playback:
             gone = [c for c in self.chains if c.src is src or id(c.src.element) in members]
             for chain in gone:
                 self.chains.remove(chain)
+                if chain.src is src:
+                    self.parted.add(chain)
+            self.parted.forget(members)
             had_some = bool(self._open_sinks)
             self._open_sinks -= members
             has_all = had_some and not self._open_sinks

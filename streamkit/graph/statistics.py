@@ -18,7 +18,7 @@ from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.graph.chain import Chain
+from streamkit.graph.chain import Chain, Parted
 from streamkit.graph.graph import Graph
 
 
@@ -124,13 +124,14 @@ class Tally:
 class _Sums:
     """What the chains of a graph add up to, by pad and by element, whose name another may share."""
 
-    def __init__(self, chains: Iterable[Chain]) -> None:
+    def __init__(self, chains: Iterable[Chain], parted: Parted) -> None:
         self.frames: Counter[Pad] = Counter()
         self.came: Counter[int] = Counter()
-        self.left: Counter[int] = Counter()
+        self.left: Counter[int] = Counter(parted.frames)
         self.busy_ns: Counter[int] = Counter()
         self.newest_ns: dict[int, int] = {}
         self._behind: dict[int, list[Chain]] = {}
+        self._parted = parted
         for chain in chains:
             self._behind.setdefault(id(chain.src.element), []).append(chain)
             self._add(chain)
@@ -165,7 +166,8 @@ class _Sums:
             made_ns = 0 if owner.is_live else behind[0].source_ns
             self.busy_ns[id(owner)] = made_ns - sum(self._spent_ns(chain) for chain in behind[1:])
         elif not isinstance(owner, Transform) and not hasattr(owner, "stream"):  # with no thread of its own
-            self.busy_ns[id(owner)] -= sum(self._spent_ns(chain) for chain in behind)
+            called_ns = self._parted.busy_ns[id(owner)]
+            self.busy_ns[id(owner)] -= called_ns + sum(self._spent_ns(chain) for chain in behind)
 
     def _spent_ns(self, chain: Chain) -> int:
         """Working time in a chain, with the chains of transforms that make several frames of one."""
@@ -174,17 +176,22 @@ class _Sums:
 
 
 def collect_statistics(
-    graph: Graph, chains: Iterable[Chain], counts: Counter[tuple[str, MessageKind]], now_ns: int
+    graph: Graph,
+    chains: Iterable[Chain],
+    parted: Parted,
+    counts: Counter[tuple[str, MessageKind]],
+    now_ns: int,
 ) -> list[ElementStatistics]:
     """The counters of every element of a graph, in its order.
 
     Args:
         graph: its elements.
         chains: the chains of its run.
+        parted: what the chains of branches that have gone had counted.
         counts: messages by element and kind.
         now_ns: time of the pipeline's clock, ns.
     """
-    sums = _Sums(chains)
+    sums = _Sums(chains, parted)
 
     def row(element: Element) -> ElementStatistics:
         name = element.name

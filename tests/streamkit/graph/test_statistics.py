@@ -237,3 +237,16 @@ def test_waiting_for_a_frames_time_is_no_work() -> None:
         pipeline.run(timeout_s=20)
         rows = {row.element: row for row in pipeline.statistics()}
     assert rows["fakesink0"].busy_ns < 90_000_000
+
+
+def test_a_branch_that_goes_takes_no_counts_with_it() -> None:
+    """What a tee has handed out stays counted."""
+    with Pipeline.parse("appsrc name=in ! tee name=t ! fakesink") as pipeline:
+        pipeline.play()
+        branch = pipeline.add_branch("t", "appsink name=out")
+        pipeline["in"].push(Frame(b"", ANY))
+        assert pipeline["out"].pull(timeout_s=10) is not None
+        pipeline.remove_branch(branch)
+        rows = {row.element: row for row in pipeline.statistics()}
+    assert "out" not in rows
+    assert (rows["t"].frames_in, rows["t"].frames_out) == (1, 2)
