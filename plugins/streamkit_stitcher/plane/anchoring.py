@@ -111,6 +111,10 @@ class KeyframeAnchor:
         """float64[3, 3] of each key picture of the plane, its pixels to the reference plane."""
         return self._graph.places
 
+    def tied_to(self, index: int) -> set[int]:
+        """The earlier key pictures that a key picture shares tie points with."""
+        return self._graph.hosts(index)
+
     @property
     def model(self) -> MotionModel:
         """What the motion between pictures may be, as far as is known."""

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit_stitcher.homographies import FloatArray, GreyArray
-from streamkit_stitcher.registration.motion_models import MotionFit, fit_homography
+from streamkit_stitcher.registration.motion_models import MotionFit, fit_wide_baseline
 
 _FEATURES: Final = 2500
 _CONTRAST: Final = 0.01
@@ -95,7 +95,7 @@ def recognise(source: Description, target: Description, min_inliers: int) -> Rec
     if len(own) < min_inliers:
         return None
     first, second = source.points[own], target.points[other]
-    fit = fit_homography(first, second, _THRESHOLD)
+    fit = fit_wide_baseline(first, second, _THRESHOLD)
     if fit is None or fit.count < max(min_inliers, _LEAST_SHARE * len(own)):
         return None
     return Recognition(fit, first[fit.inliers], second[fit.inliers], other[fit.inliers])

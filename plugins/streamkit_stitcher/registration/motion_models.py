@@ -17,6 +17,9 @@ _LEAST_TRIM: Final = 0.1
 _REFINEMENTS: Final = 2
 _REFINABLE: Final = 12
 _KEPT: Final = 0.9
+_WIDE_METHODS: Final = (cv2.RANSAC, cv2.USAC_ACCURATE, cv2.USAC_MAGSAC)
+_WIDE_SCALES: Final = (0.5, 1.0, 2.0)
+_WIDE_ITERATIONS: Final = 5000
 
 
 class MotionModel(StrEnum):
@@ -109,6 +112,45 @@ def fit_homography(
         matrix = _refined(matrix, source, target, threshold)
     refined = _judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
     return refined if refined is not None and refined.count >= _KEPT * fit.count else fit
+
+
+def fit_wide_baseline(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
+    """Fits a homography to matches of which few may be right, as those of descriptors are.
+
+    Several estimators propose at several thresholds; the proposal that most pairs support, the more the
+    closer they lie, is taken. No single estimator or threshold suits a plane and a street at once.
+
+    Args:
+        source: float64[n, 2].
+        target: float64[n, 2].
+        threshold: distance of an inlier, px of the target; half and twice of it are tried, too.
+
+    Returns:
+        The fit, or None for fewer than 4 pairs or degenerate ones.
+    """
+    if len(source) < 4:
+        return None
+    best, most = None, 0.0
+    for method in _WIDE_METHODS:
+        for scale in _WIDE_SCALES:
+            matrix, _ = cv2.findHomography(
+                source, target, method, scale * threshold, maxIters=_WIDE_ITERATIONS, confidence=0.9999
+            )
+            fit = _judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+            if fit is None:
+                continue
+            support = _support(fit.matrix, source, target, threshold)
+            if support > most:
+                best, most = fit, support
+    return best
+
+
+def _support(matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float) -> float:
+    """How much pairs agree with a motion, summed over bounds from half the threshold to four times it."""
+    residuals = project(matrix, source) - target
+    squares = np.einsum("ni,ni->n", residuals, residuals)
+    bounds = (threshold * np.array([0.5, 1.0, 2.0, 4.0])) ** 2
+    return float(np.maximum(0.0, 1 - squares[:, np.newaxis] / bounds).sum())
 
 
 def fit_affine(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:

@@ -1,5 +1,7 @@
 """stitch in a harness and in pipelines."""
 
+from fractions import Fraction
+
 import cv2
 import numpy as np
 import pytest
@@ -187,3 +189,116 @@ def test_a_pipeline_registers_a_drone_to_the_truth(tmp_path):
 def test_the_example_line_runs():
     """The line that `inspect` shows works as written."""
     Pipeline.parse("dronetestsrc num-buffers=5 ! stitch ! fakesink").run(timeout_s=30)
+
+
+def test_the_plane_moves_to_the_middle_and_says_so(flight):
+    """Whatever moves the plane is told: change @ before @ step is the place, on every frame."""
+    with Harness("stitch") as harness:
+        before, planes = None, set()
+        for index in range(60):
+            _, found = push(harness, grey(flight.picture(index), index))
+            if before is not None:
+                change = np.eye(3) if found.reference_change is None else found.reference_change
+                chained = change @ before.to_reference @ found.to_previous
+                assert chained / chained[2, 2] == pytest.approx(found.to_reference, abs=1e-6)
+                assert found.reference == before.reference or found.reference_change is not None
+            before = found
+            planes.add(found.reference)
+        assert len(planes) > 1
+
+
+def test_the_mosaic_pad_shows_the_mosaic_as_it_grows():
+    """A branch gets pictures of the size it asks for, the last at EOS, without a location."""
+    text = (
+        "dronetestsrc num-buffers=40 speed=20 ! video/x-raw, width=640, height=360 ! stitch name=s "
+        "! fakesink  s.mosaic ! queue ! video/x-raw, format=BGR, width=320, height=240 ! appsink name=out"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        shown = list(pipeline["out"])
+    assert len(shown) >= 1
+    assert shown[-1].data.shape == (240, 320, 3)
+    place = shown[-1].get(Registration)
+    assert np.isfinite(place.to_reference).all()
+    painted = (shown[-1].data.max(axis=2) > 0).mean()
+    assert painted > 0.3
+
+
+def test_a_mosaic_asks_for_colour(tmp_path):
+    """With a mosaic wanted and nothing else said, frames come in colour; without one they come grey."""
+    formats = []
+    for location in (f"location={tmp_path}/m.png", ""):
+        text = f"dronetestsrc num-buffers=2 ! stitch {location} ! appsink name=out"
+        with Pipeline.parse(text) as pipeline:
+            pipeline.play()
+            formats.append({frame.caps["format"] for frame in pipeline["out"]})
+    assert formats == [{"I420"}, {"GRAY8"}]
+    assert np.ptp(cv2.imread(str(tmp_path / "m.png")).astype(int), axis=2).max() > 20
+
+
+def test_a_strip_tells_its_length(flight):
+    """The flight plan is posted, and key frames come at its interval."""
+    pytest.importorskip("pyproj")
+    caps = raw_video_caps("GRAY8", 640, 360, Fraction(10))
+    with Harness("stitch", strip="0,0,0.001,0", altitude=40.0, field_of_view=60.0, speed=15.0) as harness:
+        keys = []
+        for index in range(16):
+            _, found = push(harness, Frame(flight.picture(index), caps, seq=index))
+            keys.append(found.keyframe)
+    plan = next(m.fields for m in harness.messages if m.fields.get("name") == "flight-plan")
+    assert plan["length_m"] == pytest.approx(111.3, abs=0.1)
+    interval = round(plan["interval_s"] * 10)
+    assert [index for index, key in enumerate(keys) if key] == list(range(0, 16, interval))
+
+
+@pytest.mark.parametrize(
+    ("properties", "reason"),
+    [
+        ({"strip": "somewhere"}, "strip must be longitude,latitude"),
+        ({"strip": "0,0,0.001,0"}, "strip needs altitude, field-of-view and speed above 0"),
+    ],
+)
+def test_a_strip_without_its_camera_is_refused(flight, properties, reason):
+    """The error says what is missing."""
+    pytest.importorskip("pyproj")
+    with pytest.raises(Exception, match=reason), Harness("stitch", **properties) as harness:
+        push(harness, grey(flight.picture(0)))
+
+
+def test_the_fault_script(ground, flight):
+    """Every fault gets its status, nothing raises, nothing is NaN, and the second good frame is ok again."""
+    random = np.random.default_rng(5)
+    noise = flight.picture(7).copy()
+    hit = random.random(noise.shape)
+    noise[hit < 0.25], noise[hit > 0.75] = 0, 255
+    blurred = cv2.GaussianBlur(flight.picture(8), (0, 0), 25)
+    brighter = np.clip(flight.picture(9) * 1.35, 0, 255).astype(np.uint8)
+    movers = flight.picture(10).copy()
+    for column in range(0, 640, 20):
+        movers[:, column : column + 14] = np.roll(
+            movers[:, column : column + 14], 3 * column // 20 + 9, axis=0
+        )
+    faults = {
+        "black": (np.zeros(SMALL, np.uint8), {"lost"}),
+        "flat": (np.full(SMALL, 128, np.uint8), {"lost"}),
+        "noise": (noise, {"lost", "weak", "ok"}),
+        "blur": (blurred, {"lost", "weak", "ok"}),
+        "gain": (brighter, {"ok", "still"}),
+        "movers": (movers, {"lost", "weak", "ok"}),
+    }
+    for name, (fault, statuses) in faults.items():
+        with Harness("stitch") as harness:
+            for index in range(3):
+                push(harness, grey(flight.picture(index), index))
+            for repeat in range(5 if name == "black" else 1):
+                _, found = push(harness, grey(fault, 3 + repeat))
+                assert found.status in statuses, name
+                assert np.isfinite(found.to_reference).all()
+                assert np.isfinite(found.to_previous).all()
+            after = [push(harness, grey(flight.picture(4 + index), 20 + index))[1] for index in range(2)]
+            assert after[1].status == RegistrationStatus.OK, name
+    with Harness("stitch") as harness:
+        push(harness, grey(flight.picture(0)))
+        _, cut = push(harness, grey(ground[1100:1460, 100:740].copy(), 1))
+        _, after = push(harness, grey(ground[1103:1463, 104:744].copy(), 2))
+        assert (cut.status, after.status) == (RegistrationStatus.CUT, RegistrationStatus.OK)
