@@ -22,7 +22,7 @@ from streamkit.flow.events import (
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame
-from streamkit.flow.messages import Message
+from streamkit.flow.messages import Message, MessageKind
 from streamkit.flow.segment import Segment
 from streamkit.graph.chain import Chain
 
@@ -182,6 +182,7 @@ class Harness:
     def sink_ended(self, element: Element) -> None:
         """The element is a sink and has drained."""
         self.has_ended = True
+        self.messages.append(Message(MessageKind.EOS, element.name))
 
     def prerolled(self, element: Element) -> None:
         """Nothing waits for it: a harness never pauses."""
