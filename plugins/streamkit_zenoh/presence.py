@@ -46,6 +46,11 @@ class Watch:
         with self._lock:
             return sum(wanted(token) for token in self._tokens)
 
+    def tokens(self, wanted: Callable[[str], bool]) -> list[str]:
+        """The tokens that are there and wanted."""
+        with self._lock:
+            return sorted(token for token in self._tokens if wanted(token))
+
     def close(self) -> None:
         """Stops watching."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
@@ -62,6 +67,53 @@ def show_publisher(session: zenoh.Session, records: str) -> zenoh.LivelinessToke
 def show_receiver(session: zenoh.Session, records: str) -> zenoh.LivelinessToken:
     """Shows that records of this key expression are received; declare the subscriber first."""
     return session.liveliness().declare_token(listening_key(str(session.info.zid()), records))
+
+
+def confirm_receiver(session: zenoh.Session, records: str) -> zenoh.Queryable[None]:
+    """Lets publishers ask whether everything they have sent has been taken: see `wait_until_taken`."""
+    key = listening_key(str(session.info.zid()), records)
+
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply(key, b"")
+
+    return session.declare_queryable(key, zenoh.handlers.Callback(answer, indirect=False))
+
+
+def wait_until_taken(
+    session: zenoh.Session, records: str, receivers: Watch, limit_s: float, cancelled: threading.Event
+) -> bool:
+    """Waits until what was sent has been taken by receivers that show themselves, and by a router between.
+
+    A question of the lowest priority comes behind all that was sent before. Without it the end of a session
+    overtakes records that are under way, and they are lost.
+
+    Returns:
+        Whether all have answered, or there was nobody to ask.
+    """
+    tokens = receivers.tokens(lambda token: listens_to(token, records))
+    # Nobody answers at this key; a router on the way says so when it has come to the question.
+    asked = [*tokens, f"{LISTENING}/nobody/{session.info.zid()}"]
+    left = threading.Semaphore(0)
+
+    def ignore(reply: zenoh.Reply) -> None:
+        """Only the end of the answers counts."""
+
+    for key in asked:
+        session.get(
+            key,
+            zenoh.handlers.Callback(ignore, left.release, indirect=False),
+            timeout=limit_s,
+            priority=zenoh.Priority.BACKGROUND,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+    waited_s, answered = 0.0, 0
+    while answered < len(asked) and waited_s < limit_s and not cancelled.is_set():
+        if left.acquire(timeout=0.05):
+            answered += 1
+        else:
+            waited_s += 0.05
+    return answered == len(asked)
 
 
 def watch_receivers(session: zenoh.Session) -> Watch:

@@ -10,7 +10,7 @@ import zenoh
 
 from streamkit import TrackRecord
 from streamkit_zenoh.keys import FRAME, MOSAIC, RECORDS, SCHEMA, STATUS, TRACK
-from streamkit_zenoh.presence import show_publisher, watch_receivers
+from streamkit_zenoh.presence import show_publisher, wait_until_taken, watch_receivers
 from streamkit_zenoh.publish.answers import Answer, Answers, schema_answers
 from streamkit_zenoh.publish.outlet import Outlet
 from streamkit_zenoh.publish.picture_feed import PictureFeed, PictureSettings
@@ -103,7 +103,15 @@ class Publication:
                 left += feed.line.flush(patience_s, cancelled)
         if not left and not cancelled.is_set():
             self.records.end_tracks()
+        self._end()
+        wait_until_taken(self._session, self.tracks.key, self.receivers, patience_s, cancelled)
         return left
+
+    def _end(self) -> None:
+        """Tells once that the stream has ended."""
+        if not self._has_ended:
+            self._has_ended = True
+            self._tick()
 
     def close(self, limit_s: float, cancelled: threading.Event | None = None) -> bool:
         """Ends all streams and the session; whether that was done within the limit."""
@@ -114,9 +122,8 @@ class Publication:
         for feed in (self.pictures, self.mosaics):
             if feed is not None:
                 feed.line.close()
-        self._has_ended = True
         outlets = [outlet for outlet in (*self._outlets(), self._status) if outlet is not None]
-        undeclare: list[Callable[[], object]] = [self._tick, self.receivers.close, self._answers.close]
+        undeclare: list[Callable[[], object]] = [self._end, self.receivers.close, self._answers.close]
         undeclare += [outlet.close for outlet in outlets]
         is_closed = close_session(self._session, limit_s, cancelled, undeclare)
         for feed in (self.pictures, self.mosaics):

@@ -9,7 +9,7 @@ import msgspec
 import zenoh
 
 from streamkit_zenoh.keys import STATUS, alive_key, root_of
-from streamkit_zenoh.presence import Watch, show_receiver
+from streamkit_zenoh.presence import Watch, confirm_receiver, show_receiver
 from streamkit_zenoh.receive.mailbox import Mailbox
 from streamkit_zenoh.wire.forms import BadPayload, Codec, form_of
 from streamkit_zenoh.wire.numbering import ATTACHMENT_LIMIT_BYTES, Numbering, read_attachment, remember
@@ -101,9 +101,11 @@ class Reception:
         self._status_key = f"{root_of(expression)}/{STATUS}"
         status = session.declare_subscriber(self._status_key, direct(self._status_arrived, indirect=False))
         alive = Watch(session, alive_key(expression), self._alive_changed)
+        confirms = confirm_receiver(session, expression)
         shown = show_receiver(session, expression)
         self.declared: list[Callable[[], object]] = [
             shown.undeclare,
+            confirms.undeclare,
             alive.close,
             status.undeclare,
             subscriber.undeclare,
