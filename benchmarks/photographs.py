@@ -83,8 +83,8 @@ def survey(location: Path) -> None:
     misfit = "no positions" if written.position_misfit_m is None else f"{written.position_misfit_m:.2f}"
     print(
         f"| {len(paths)} | {written.pictures} ({', '.join(sorted(set(states)))}) "
-        f"| {across} of {len(ties)} ties | {written.rmse_px:.2f} | {misfit} | {written.width} x {written.height} "
-        f"| {time.perf_counter() - began:.1f} |"
+        f"| {across} of {len(ties)} ties | {written.rmse_px:.2f} | {misfit} "
+        f"| {written.width} x {written.height} | {time.perf_counter() - began:.1f} |"
     )
 
 
