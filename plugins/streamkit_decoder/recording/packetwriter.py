@@ -27,16 +27,15 @@ WITH_KLV = frozenset({"mpegts"})
 
 
 class PacketWriter:
-    """One file (or RTSP session) being written.
+    """One file being written.
 
     Args:
-        target: path with `file:` before it, or URL.
+        target: path with `file:` before it.
         container: FFmpeg's format name and its options.
         codec: of the video, FFmpeg's name.
         size: width, height, px.
         extradata: the codec's headers kept outside the packets.
         with_klv: whether there is a stream of KLV telemetry too.
-        limits_s: time limits for opening and writing, for URLs.
 
     Raises:
         FFmpegError: it cannot be written.
@@ -52,12 +51,11 @@ class PacketWriter:
         size: tuple[int, int],
         extradata: bytes,
         with_klv: bool,
-        limits_s: tuple[float, float] | None = None,
     ) -> None:
         self._annexb = AnnexBWriter(codec, extradata)
         name, options = container
         self._container: OutputContainer | None = av.open(
-            target, "w", format=name, container_options={**ALWAYS, **options}, timeout=limits_s
+            target, "w", format=name, container_options={**ALWAYS, **options}
         )
         try:
             self._video = self._container.add_mux_stream(codec, width=size[0], height=size[1])
