@@ -103,7 +103,8 @@ def wait_until_taken(
         session.get(
             key,
             zenoh.handlers.Callback(ignore, left.release, indirect=False),
-            timeout=limit_s,
+            # zenoh ends a question that is not answered, too: that must not look like an answer.
+            timeout=limit_s + 5.0,
             priority=zenoh.Priority.BACKGROUND,
             congestion_control=zenoh.CongestionControl.BLOCK,
         )

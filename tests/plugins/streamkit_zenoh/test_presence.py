@@ -6,7 +6,15 @@ from collections.abc import Callable
 import zenoh
 
 from streamkit_zenoh.keys import alive_key
-from streamkit_zenoh.presence import Watch, show_publisher, show_receiver, wait_for_receivers, watch_receivers
+from streamkit_zenoh.presence import (
+    Watch,
+    confirm_receiver,
+    show_publisher,
+    show_receiver,
+    wait_for_receivers,
+    wait_until_taken,
+    watch_receivers,
+)
 
 Opener = Callable[..., zenoh.Session]
 NEVER = threading.Event()
@@ -62,4 +70,59 @@ def test_a_cancelled_wait_ends(open_test_session: Opener, key: str) -> None:
     cancelled.set()
     receivers = watch_receivers(session)
     assert not wait_for_receivers(session.declare_publisher(key), receivers, 1, 3600.0, cancelled)
+    receivers.close()
+
+
+def test_a_publisher_waits_until_all_is_taken(open_test_session: Opener, endpoint: str, key: str) -> None:
+    """A receiver answers behind what was sent to it, however much that is; nobody to ask is no wait."""
+    publishing = open_test_session(listen=(endpoint,))
+    receivers = watch_receivers(publishing)
+    records = f"{key}/tracks"
+    assert wait_until_taken(publishing, records, receivers, 10.0, NEVER)
+    receiving, taken = open_test_session(connect=(endpoint,)), []
+    slow = threading.Event()
+
+    def take(sample: zenoh.Sample) -> None:
+        slow.wait(0.002)
+        taken.append(sample)
+
+    subscriber = receiving.declare_subscriber(records, zenoh.handlers.Callback(take, indirect=False))
+    held = [subscriber, confirm_receiver(receiving, records), show_receiver(receiving, records)]
+    publisher = publishing.declare_publisher(records, congestion_control=zenoh.CongestionControl.BLOCK)
+    assert wait_for_receivers(publisher, receivers, 2, 0.0, NEVER) is False
+    for _ in range(1000):
+        if receivers.count():
+            break
+        slow.wait(0.01)
+    for _ in range(200):
+        publisher.put(bytes(1000))
+    assert wait_until_taken(publishing, records, receivers, 20.0, NEVER)
+    assert len(taken) == 200
+    assert held
+    receivers.close()
+
+
+def test_waiting_for_a_receiver_that_takes_nothing_is_bounded(
+    open_test_session: Opener, endpoint: str, key: str
+) -> None:
+    """A stuck receiver costs the limit, and nothing where the pipeline stops."""
+    publishing = open_test_session(listen=(endpoint,))
+    receivers, records, stuck = watch_receivers(publishing), f"{key}/tracks", threading.Event()
+    receiving = open_test_session(connect=(endpoint,))
+    subscriber = receiving.declare_subscriber(
+        records, zenoh.handlers.Callback(lambda _: stuck.wait(20), indirect=False)
+    )
+    held = [subscriber, confirm_receiver(receiving, records), show_receiver(receiving, records)]
+    publisher = publishing.declare_publisher(records)
+    for _ in range(1000):
+        if receivers.count() and publisher.matching_status.matching:
+            break
+        NEVER.wait(0.01)
+    publisher.put(b"x")
+    stopping = threading.Event()
+    stopping.set()
+    assert not wait_until_taken(publishing, records, receivers, 3600.0, stopping)
+    assert not wait_until_taken(publishing, records, receivers, 0.2, NEVER)
+    assert held
+    stuck.set()
     receivers.close()
