@@ -61,10 +61,11 @@ ERRORS_READING = """## Tables 2 and 4: "target tracking error"
 No unit and no sequence is given, and the databases hold stills. Our reading: the mean distance in px
 between the tracked and the true middle of the target over a sequence, and n is the number of runs
 averaged. A run takes a target, learns its eigenspace from the training pictures of that target alone, and
-tracks its test pictures, shown one after the other, 48 px wide, on a moving textured ground of 320x240 px
-with noise of 3 grey levels, for 24 frames. The elements are `waveleteigen` with the saved space and
-`particletrack compare=features` with 120, 4 and 4 particles. Settings were fixed before the run and not
-fitted to the tables; agreement would be chance.
+tracks its test pictures, shown one after the other in the split's random order (on COIL-20 the object
+jumps from view to view), 48 px wide, on a moving textured ground of 320x240 px with noise of 3 grey
+levels, for 24 frames. The elements are `waveleteigen` with the saved space and `particletrack
+compare=features` with 120, 4 and 4 particles. Settings were fixed before the run and not fitted to the
+tables; agreement would be chance.
 """
 
 LIMITS = """## What cannot be reproduced, and why

@@ -72,8 +72,6 @@ def splits(pictures: NDArray[np.uint8], training: int, count: int = REPETITIONS)
     targets, views = pictures.shape[:2]
     for seed in range(FIRST_SEED, FIRST_SEED + count):
         order = np.random.default_rng(seed).permuted(np.tile(np.arange(views), (targets, 1)), axis=1)
-        # Test pictures stay in the order of the views: the tracker is shown a turntable, not a shuffle.
-        order[:, training:].sort(axis=1)
         chosen = pictures[np.arange(targets)[:, None], order]
         yield Split(sample_of(chosen[:, :training]), sample_of(chosen[:, training:]), seed)
 

@@ -39,13 +39,6 @@ def test_splits_differ_and_repeat() -> None:
     assert len(set(one)) == 10
 
 
-def test_test_pictures_are_in_the_order_of_the_views() -> None:
-    """A turntable turns on; training pictures come in the split's random order."""
-    for split in splits(_numbered(4, 10), 5):
-        numbers = split.test.pictures[:, 0, 0].reshape(4, 5)
-        assert (np.diff(numbers.astype(int), axis=1) > 0).all()
-
-
 def test_choices_see_training_pictures_alone() -> None:
     """Inner splits divide the training pictures of a split; its test pictures are in none of them."""
     for split in splits(_numbered(4, 10), 5, 3):
