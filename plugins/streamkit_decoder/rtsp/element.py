@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import random
+import time
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import quote, urlsplit
@@ -165,8 +166,10 @@ class RtspSrc(Source):
 
     def stop(self) -> None:
         """Ends the connection and the thread that reads it."""
+        deadline = time.monotonic() + STOP_LIMIT_S
         self._leave(STOP_LIMIT_S)
-        if any(not reader.end(0) for reader in self._abandoned):
+        ended = [reader.end(max(0.0, deadline - time.monotonic())) for reader in self._abandoned]
+        if not all(ended):
             self.post_warning(
                 f"FFmpeg has not let go of {redact(self.location)} within {STOP_LIMIT_S:g} s; "
                 f"it will within {self.timeout_s:g} s"
