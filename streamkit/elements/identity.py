@@ -21,6 +21,10 @@ INT = 2**31 - 1
 INT64 = 2**63 - 1
 FLAGS = {"discont": FrameFlags.DISCONTINUITY, "corrupted": FrameFlags.CORRUPT}
 DELTA_UNIT = "delta-unit"  # a frame that is no keyframe; only coded streams tell them apart
+NEVER_SET = (  # GStreamer's other marks, which no frame here has
+    "live", "decode-only", "resync", "marker", "header", "gap", "droppable", "tag-memory", "sync-after",
+    "non-droppable", "last",
+)  # fmt: skip
 
 
 class Identity(Transform):
@@ -45,7 +49,7 @@ class Identity(Transform):
     eos_after: int = Property(-1, min=-1, max=INT, doc="Ends the stream at the n-th frame; -1 is never.")
     drop_probability: float = Property(0.0, min=0.0, max=1.0, doc="Share of frames dropped at random.")
     drop_buffer_flags: str = Property(
-        "", doc="Drop frames that have any of these marks: discont, corrupted, delta-unit, joined by `+`."
+        "", doc="Drop frames with any of these marks, joined by `+`: discont, corrupted, delta-unit."
     )
     datarate: int = Property(
         0, min=0, max=INT, unit="bytes/s", doc="Stamps frames as if so much came a second; 0 is no stamp."
@@ -85,11 +89,11 @@ class Identity(Transform):
         if name != "drop_buffer_flags":
             return
         words = [word for word in self.drop_buffer_flags.split("+") if word]
-        unknown = [word for word in words if word not in FLAGS and word != DELTA_UNIT]
+        unknown = [word for word in words if word not in (*FLAGS, DELTA_UNIT, *NEVER_SET)]
         if unknown:
             raise PropertyError(
                 f"{self.name}: property drop-buffer-flags cannot be {self.drop_buffer_flags!r}: it takes "
-                f"{', '.join(FLAGS)} and {DELTA_UNIT}, joined by +"
+                f"{', '.join((*FLAGS, DELTA_UNIT, *NEVER_SET))}, joined by +"
             )
         self._flags = sum(FLAGS[word] for word in words if word in FLAGS)
         self._drops_delta_units = DELTA_UNIT in words
