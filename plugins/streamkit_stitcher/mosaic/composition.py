@@ -127,8 +127,9 @@ class _Plan:
 def _empty(shape: tuple[int, int, int], memory_px: int) -> PictureArray:
     if shape[0] * shape[1] <= memory_px:
         return np.zeros(shape, dtype=np.uint8)
-    file = tempfile.TemporaryFile(prefix="streamkit-mosaic-")  # noqa: SIM115  lives as long as its map
-    return np.memmap(file, dtype=np.uint8, mode="w+", shape=shape)
+    with tempfile.TemporaryFile(prefix="streamkit-mosaic-") as file:
+        # The map keeps the nameless file alive for as long as it is needed.
+        return np.memmap(file, dtype=np.uint8, mode="w+", shape=shape)
 
 
 def _plan(

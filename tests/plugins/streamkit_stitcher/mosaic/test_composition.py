@@ -1,0 +1,84 @@
+"""The finished mosaic: gains, seams, bands."""
+
+import numpy as np
+import pytest
+
+from streamkit_stitcher.homographies import translation
+from streamkit_stitcher.mosaic.composition import PlacedPicture, compose
+from streamkit_stitcher.mosaic.seams import SeamKind
+
+SMALL = (360, 640)
+
+
+def shift(x, y=0.0):
+    """The homography of a shift."""
+    return translation(np.array([float(x), float(y)]))
+
+
+def row(ground, gains=(1.0, 1.0, 1.0), moved=0):
+    """Three pictures side by side, each with its gain, and the ground they show."""
+    views = [
+        np.clip(ground[:360, x : x + 640] * gain, 0, 255)
+        for x, gain in zip((0, 300, 600), gains, strict=True)
+    ]
+    places = [PlacedPicture(n, SMALL, shift(300 * n + (moved if n == 1 else 0))) for n in range(3)]
+    return [view.astype(np.uint8) for view in views], places, ground[:360, :1240]
+
+
+@pytest.mark.parametrize("seam", list(SeamKind))
+def test_right_places_give_the_ground(ground, seam):
+    """Blended pictures at their places are the ground, to a grey level or two."""
+    views, places, truth = row(ground)
+    whole = compose(places, views.__getitem__, seam, 64_000_000)
+    assert whole.pictures == 3
+    assert whole.picture.shape == truth.shape
+    difference = np.abs(whole.picture.astype(int) - truth)
+    assert np.percentile(difference, 99) <= 2
+
+
+def test_exposures_are_made_even(ground):
+    """A picture half as bright again does not stand out after its gain is taken back."""
+    views, places, truth = row(ground // 2 + 20, (1.0, 1.3, 1.0))
+    whole = compose(places, views.__getitem__, SeamKind.VORONOI, 64_000_000)
+    ratio = whole.picture[40:320, 40:1200] / truth[40:320, 40:1200].astype(float)
+    columns = ratio.mean(axis=0)
+    assert columns.max() / columns.min() < 1.12
+
+
+def test_each_part_shows_one_picture(ground):
+    """A thing that moved between two pictures is there once or not at all, never as a ghost."""
+    views, places, _ = row(ground * 0 + 100)
+    views[0][150:180, 500:530] = 250
+    views[1][150:180, 260:290] = 250
+    whole = compose(places, views.__getitem__, SeamKind.VORONOI, 64_000_000)
+    bright = whole.picture[165, :].astype(int)
+    half_way = ((bright > 130) & (bright < 220)).sum()
+    assert half_way < 12
+
+
+def test_a_large_mosaic_is_put_together_in_a_file(ground):
+    """Beyond the memory it may take, the picture is a map of a file with the same pixels."""
+    views, places, _ = row(ground)
+    small = compose(places, views.__getitem__, SeamKind.VORONOI, 64_000_000)
+    mapped = compose(places, views.__getitem__, SeamKind.VORONOI, 1000)
+    assert isinstance(mapped.picture.base, np.memmap) or isinstance(mapped.picture, np.memmap)
+    assert np.array_equal(mapped.picture, small.picture)
+
+
+def test_degenerate_places_are_left_out(ground):
+    """What cannot be placed does not smear the mosaic; if nothing can, there is none."""
+    view = ground[:360, :640]
+    wrong = PlacedPicture(0, SMALL, np.diag([-1.0, 1.0, 1.0]))
+    assert compose([wrong], lambda _: view, SeamKind.VORONOI, 1_000_000) is None
+    whole = compose([wrong, PlacedPicture(0, SMALL, np.eye(3))], lambda _: view, SeamKind.VORONOI, 1_000_000)
+    assert whole.pictures == 1
+    assert np.array_equal(whole.picture, view)
+
+
+def test_what_fills_gaps_gives_way(ground):
+    """It shows only beyond the others."""
+    views = [ground[:360, :640], np.full(SMALL, 255, np.uint8)]
+    places = [PlacedPicture(0, SMALL, np.eye(3)), PlacedPicture(1, SMALL, shift(320), fills_gaps=True)]
+    whole = compose(places, views.__getitem__, SeamKind.VORONOI, 64_000_000)
+    assert np.abs(whole.picture[100:260, 40:400].astype(float) - ground[100:260, 40:400]).mean() < 25
+    assert whole.picture[180, 900] > 120

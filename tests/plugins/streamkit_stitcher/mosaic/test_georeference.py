@@ -1,0 +1,82 @@
+"""Mosaics laid onto the earth, and GeoTIFF."""
+
+import math
+
+import numpy as np
+import pytest
+
+from streamkit_stitcher.homographies import translation
+from streamkit_stitcher.mosaic.georeference import PositionFix, georeference, local_metres
+from streamkit_stitcher.mosaic.geotiff import to_utm, utm_code, write_geotiff
+
+ORIGIN = PositionFix(46.8, -92.1)
+SHAPE = (200, 300)
+
+
+def fixes_of(pixels, wrong=()):
+    """Positions of picture middles: 0.1 m a pixel, mosaic turned by 30 degrees; some 40 m off."""
+    turn = math.radians(30)
+    fixes = []
+    for number, (x, y) in enumerate(pixels):
+        east = 0.1 * (x * math.cos(turn) + y * math.sin(turn))
+        north = 0.1 * (x * math.sin(turn) - y * math.cos(turn))
+        scale = local_metres([PositionFix(ORIGIN.latitude + 1e-4, ORIGIN.longitude + 1e-4)], ORIGIN)[0] / 1e-4
+        shift = 40.0 if number in wrong else 0.0
+        fixes.append(
+            PositionFix(ORIGIN.latitude + (north + shift) / scale[1], ORIGIN.longitude + east / scale[0])
+        )
+    return fixes
+
+
+PIXELS = [(149.5 + 100 * column, 99.5 + 80 * row) for row in range(3) for column in range(6)]
+PLACES = [translation(np.array([x - 149.5, y - 99.5])) for x, y in PIXELS]
+
+
+def test_the_similarity_is_found_in_spite_of_wrong_positions():
+    """Scale and turn come out right with one position in nine 40 m off."""
+    found = georeference(PLACES, [SHAPE] * 18, fixes_of(PIXELS, wrong=(2, 11)))
+    assert found.metres_per_px == pytest.approx(0.1, rel=1e-3)
+    assert found.misfit_m < 0.05
+    assert math.degrees(math.atan2(found.to_local[1, 0], found.to_local[0, 0])) == pytest.approx(30, abs=0.1)
+
+
+def test_too_few_positions_say_nothing():
+    """Two positions, or such in one place, give no fit."""
+    assert georeference(PLACES[:2], [SHAPE] * 2, fixes_of(PIXELS[:2])) is None
+    assert georeference(PLACES[:3], [SHAPE] * 3, [ORIGIN] * 3) is None
+
+
+@pytest.mark.parametrize(
+    ("place", "code"),
+    [(ORIGIN, 32615), (PositionFix(-23.5, -46.8), 32723), (PositionFix(10.0, 180.0), 32660)],
+)
+def test_the_zone_of_a_place(place, code):
+    """North and south, east and west, and the last meridian."""
+    assert utm_code(place) == code
+
+
+def test_a_geotiff_tells_where_it_lies(tmp_path):
+    """The pixel below a position has that position's coordinates in the file's zone."""
+    pyproj, tifffile = pytest.importorskip("pyproj"), pytest.importorskip("tifffile")
+    fixes = fixes_of(PIXELS)
+    geo = georeference(PLACES, [SHAPE] * 18, fixes)
+    picture = np.random.default_rng(0).integers(0, 255, (400, 900, 3), dtype=np.uint8)
+    write_geotiff(picture, tmp_path / "m.tif", geo)
+    with tifffile.TiffFile(tmp_path / "m.tif") as file:
+        page = file.pages[0]
+        assert np.array_equal(page.asarray(), picture[:, :, ::-1])
+        matrix = np.array(page.tags[34264].value).reshape(4, 4)
+        keys = page.tags[34735].value
+    assert keys[keys.index(3072) + 3] == 32615
+    projection = pyproj.Transformer.from_crs(4326, 32615, always_xy=True)
+    for pixel, fix in zip(PIXELS, fixes, strict=True):
+        # Raster space has its origin at the corner of the first pixel.
+        place = matrix @ [pixel[0] + 0.5, pixel[1] + 0.5, 0, 1]
+        assert place[:2] == pytest.approx(projection.transform(fix.longitude, fix.latitude), abs=0.05)
+
+
+def test_the_zone_of_the_mosaic():
+    """The matrix into the zone has the mosaic's ground sampling distance, up to the grid's own scale."""
+    pytest.importorskip("pyproj")
+    matrix, _ = to_utm(georeference(PLACES, [SHAPE] * 18, fixes_of(PIXELS)))
+    assert np.hypot(matrix[0, 0], matrix[1, 0]) == pytest.approx(0.1, rel=2e-3)

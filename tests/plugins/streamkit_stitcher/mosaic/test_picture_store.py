@@ -1,0 +1,40 @@
+"""Pictures kept for the end."""
+
+import numpy as np
+
+from streamkit_stitcher.mosaic.picture_store import PictureStore, thumbnail_factor
+
+
+def test_pictures_come_back(ground):
+    """In memory as they were, from the file nearly so; the order is that of their coming."""
+    picture = ground[:360, :640]
+    store = PictureStore(memory_bytes=2 * picture.nbytes)
+    numbers = [store.add(np.roll(picture, 10 * shift)) for shift in range(4)]
+    assert numbers == [0, 1, 2, 3]
+    for number in (3, 0, 2, 1, 2):
+        difference = np.abs(store.get(number).astype(int) - np.roll(picture, 10 * number))
+        assert difference.mean() < (0.001 if number < 2 else 2.0)
+    store.close()
+    assert len(store) == 0
+
+
+def test_a_kept_picture_is_a_copy(ground):
+    """What happens to the frame afterwards does not matter."""
+    picture = ground[:360, :640].copy()
+    store = PictureStore()
+    store.add(picture)
+    picture[:] = 0
+    assert store.get(0).max() > 0
+
+
+def test_beyond_the_limit_pictures_are_refused(ground):
+    """The file does not grow for ever."""
+    store = PictureStore(memory_bytes=0, file_bytes=1000)
+    assert store.add(ground[:360, :640]) is None
+    store.close()
+
+
+def test_thumbnails_are_about_a_hundred_pixels_wide():
+    """Planning needs no more."""
+    assert 1280 // thumbnail_factor(1280) in range(96, 192)
+    assert thumbnail_factor(64) == 1

@@ -1,0 +1,45 @@
+"""Ties to ground that was not followed, and photographs."""
+
+import numpy as np
+
+from streamkit_stitcher.homographies import translation
+from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
+from streamkit_stitcher.plane.tracker import PlaneTracker, Status
+
+SHAPE = (450, 640)
+
+
+def views(ground, places):
+    """Photographs of a ground, and where they lie in it."""
+    return [ground[y : y + SHAPE[0], x : x + SHAPE[1]] for x, y in places]
+
+
+def test_photographs_with_half_their_ground_in_common_are_placed(aerial_ground):
+    """Strips there and back: every photograph is placed to a pixel, and the strips are tied together."""
+    places = [(200 + 300 * n, 300) for n in range(4)] + [(1100 - 300 * n, 560) for n in range(4)]
+    tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.FIRST))
+    for picture, (x, y) in zip(views(aerial_ground, places), places, strict=True):
+        placement = tracker.place(picture)
+        assert placement.status is Status.OK
+        assert placement.keyframe
+        assert (
+            np.abs(placement.to_reference - translation(np.array([x - 200.0, y - 300.0])))[:2, 2].max() < 2.0
+        )
+    plane = tracker.take_plane(current=True)
+    assert plane.finish() < 0.5
+    assert any(host < 3 for own in (5, 6, 7) for host in plane.tied_to(own))
+    first = plane.places[0]
+    for index, (x, y) in enumerate(places):
+        found = np.linalg.inv(first) @ plane.places[index]
+        assert np.abs(found / found[2, 2] - translation(np.array([x - 200.0, y - 300.0])))[:2, 2].max() < 1.0
+    plane.close()
+    tracker.close()
+
+
+def test_a_photograph_of_elsewhere_is_a_cut(aerial_ground):
+    """Without common ground nothing is tied: the plane is another."""
+    tracker = PlaneTracker(PlaneSettings())
+    first, second = views(aerial_ground, [(100, 100), (2200, 1700)])
+    tracker.place(first)
+    assert tracker.place(second).status is Status.CUT
+    tracker.close()
