@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from streamkit.element.suggest import did_you_mean
 from streamkit.errors import DescriptionError, Place
 
-VARIABLE = r"\$\{(?P<name>[^}:\s]*)(?::-(?P<default>[^}\n]*))?\}"
+VARIABLE = r"\$\{(?P<name>[^}:\s{]*)(?::-(?P<default>(?:[^}\n$]|\$(?!\{))*))?\}"  # none within another
 # What stands in quotes or behind a backslash begins no comment; variables in quotes are filled in.
 COMMENT = r"(?P<comment>(?<!\S)(?<!\\[ \t])\#[^\n]*)"
 QUOTED = r"""(?P<quoted>"(?:\\"|[^"])*"|(?<==)'(?:\\'|[^'])*')"""
