@@ -1,5 +1,7 @@
 """What the pages of docs/ tell to type works; pages with a test of their own are left to it."""
 
+import ast
+import importlib
 import re
 import shlex
 import subprocess
@@ -7,37 +9,74 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
+from streamkit.cli.main import make_app
+from streamkit.graph.build import build
 
 DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
 BINARY = Path(sys.executable).with_name("streamkit")
 OWN_TEST = {"elements.md", "tutorial-first-element.md", "tutorial-feature-space.md"}
-PAGES = sorted(
+WIDE = {"COLUMNS": "200"}  # no option is cut short in the help
+FOLLOWED = ("statistics.md",)
+LOOKED_AT = sorted(
     page.relative_to(DOCS)
     for page in DOCS.rglob("*.md")
-    if page.name not in OWN_TEST and re.search(r"```(sh|python)\n", page.read_text(encoding="utf-8"))
+    if page.name not in OWN_TEST.union(FOLLOWED)
+    and re.search(r"```(sh|python)\n", page.read_text(encoding="utf-8"))
 )
 
 
-@pytest.mark.parametrize("page", PAGES, ids=str)
-def test_a_page_can_be_followed(page: Path, tmp_path: Path) -> None:
+def blocks(page: Path | str) -> list[tuple[str, str]]:
+    """Language and text of each listing of a page."""
+    return BLOCK.findall((DOCS / page).read_text(encoding="utf-8"))
+
+
+def commands(text: str) -> list[list[str]]:
+    """The calls of streamkit in a listing for the shell."""
+    lines = text.replace("\\\n", " ").splitlines()
+    return [shlex.split(line, comments=True) for line in lines if line.startswith("streamkit ")]
+
+
+@pytest.mark.parametrize("page", FOLLOWED)
+def test_a_page_can_be_followed(page: str, tmp_path: Path) -> None:
     """Its commands, in order and in one folder, end with code 0; its programs run."""
-    for language, body in BLOCK.findall((DOCS / page).read_text(encoding="utf-8")):
-        lines = body.replace("\\\n", " ").splitlines() if language == "sh" else []
-        commands = [[str(BINARY), *shlex.split(line)[1:]] for line in lines if line.startswith("streamkit ")]
+    for language, body in blocks(page):
+        calls = [[str(BINARY), *words[1:]] for words in commands(body)] if language == "sh" else []
         if language == "python":
-            commands.append([sys.executable, "-c", body])
-        for command in commands:
-            done = subprocess.run(
-                command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
-            )
-            assert done.returncode == 0, f"{shlex.join(command)}\n{done.stderr}"
+            calls.append([sys.executable, "-c", body])
+        for call in calls:
+            done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+            assert done.returncode == 0, f"{shlex.join(call)}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("page", LOOKED_AT, ids=str)
+def test_what_needs_a_peer_can_be_typed(page: Path) -> None:
+    """Where cameras, peers or data are needed: descriptions can be built, options and names are there."""
+    for language, body in blocks(page):
+        if language == "python":
+            demand_imports(body)
+        for words in commands(body) if language == "sh" else []:
+            done = CliRunner().invoke(make_app(words[1:]), [*words[1:2], "--help"], env=WIDE)
+            assert done.exit_code == 0, f"{shlex.join(words)}\n{done.output}"
+            for option in (word.partition("=")[0] for word in words[2:] if re.match(r"--?[a-z]", word)):
+                assert option in done.stdout, f"{shlex.join(words)}: {option}"
+            if words[1] in ("launch", "graph") and not {"-f", "--file"}.intersection(words):
+                texts = [word for word in words[2:] if "!" in word]
+                assert all(build(text, {}).elements for text in texts), shlex.join(words)
+
+
+def demand_imports(program: str) -> None:
+    """Fails where a program is no Python, or imports what is not there."""
+    for node in ast.walk(ast.parse(program)):
+        if isinstance(node, ast.ImportFrom):
+            module = importlib.import_module(node.module or "")
+            assert all(hasattr(module, alias.name) for alias in node.names), ast.unparse(node)
 
 
 def test_every_example_of_an_element_can_be_built() -> None:
     """The launch lines of docs/elements.md are the examples of the elements."""
-    from streamkit.graph.build import build
-
     text = (DOCS / "elements.md").read_text(encoding="utf-8")
     lines = re.findall(r'^streamkit launch "(.*)"$', text, re.MULTILINE)
     assert len(lines) > 20

@@ -1,5 +1,6 @@
 """Every command and every listing in the README runs."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -32,7 +33,10 @@ def commands_of(*verbs: str) -> list[str]:
 def run(command: str, folder: Path, limit_s: float = 100) -> subprocess.CompletedProcess[str]:
     """Runs one streamkit command in a folder that holds the pipelines."""
     arguments = [str(BINARY), *shlex.split(command)[1:]]
-    return subprocess.run(arguments, cwd=folder, timeout=limit_s, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        arguments, cwd=folder, timeout=limit_s, capture_output=True, text=True, check=False,
+        env={**os.environ, "COLUMNS": "200"},
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
