@@ -45,6 +45,7 @@ _RECOGNISED: Final = 3
 _SCALE_RANGE: Final = (0.8, 1.25)
 _MAX_UNMATCHED: Final = 3
 _FOLLOW_LEVEL: Final = 1
+_FOLLOW_POINTS: Final = 48
 _WHOLE_LIMIT: Final = 60
 _FINAL_ITERATIONS: Final = 30
 
@@ -151,7 +152,9 @@ class KeyframeAnchor:
             images: the picture and its halvings.
             expected: float64[3, 3], its place if the camera goes on as it did.
         """
-        return None if self._active is None else self._match(self._active, images, expected, _FOLLOW_LEVEL)
+        if self._active is None:
+            return None
+        return self._match(self._active, images, expected, _FOLLOW_LEVEL, coarse=_FOLLOW_POINTS)
 
     def recognise(self, small: GreyArray) -> KeyframeMatch | None:
         """Looks for a picture of unknown motion in the newest key pictures, by what it shows.
@@ -388,6 +391,7 @@ class KeyframeAnchor:
         to_reference: FloatArray,
         top_level: int,
         most: int = 0,
+        coarse: int = 96,
     ) -> KeyframeMatch | None:
         return self._matcher.match(
             keyframe,
@@ -397,6 +401,7 @@ class KeyframeAnchor:
             top_level=top_level,
             max_points=most or self._settings.max_points,
             model=self.model,
+            coarse_points=coarse,
         )
 
 

@@ -176,6 +176,7 @@ class KeyframeMatcher:
         top_level: int,
         max_points: int,
         model: MotionModel = MotionModel.HOMOGRAPHY,
+        coarse_points: int = _COARSE_POINTS,
     ) -> KeyframeMatch | None:
         """Places a picture on a key picture to sub-pixel accuracy.
 
@@ -187,6 +188,7 @@ class KeyframeMatcher:
             top_level: the coarsest level to start from, 0 for full size only.
             max_points: patches to use, spread evenly over the key picture; fewer at the coarse levels.
             model: what the motion may be.
+            coarse_points: patches to use at half size.
 
         Returns:
             The match, or None when too few patches agree.
@@ -194,7 +196,7 @@ class KeyframeMatcher:
         top_level = min(top_level, len(images) - 1, len(keyframe.patches) - 1)
         key_to_frame = inverse(frame_to_key)
         for level in range(top_level, -1, -1):
-            patches, chosen = self._level(keyframe, level, _COARSE_POINTS if level == 1 else max_points)
+            patches, chosen = self._level(keyframe, level, coarse_points if level == 1 else max_points)
             key_points, frame_points, found = align(
                 patches, images[level], reduced_motion(key_to_frame, level)
             )
