@@ -3,39 +3,87 @@
 from __future__ import annotations
 
 import enum
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 ByteArray = NDArray[np.uint8]
+Colour = tuple[int, int, int]
 
 
 class Pattern(enum.StrEnum):
-    """What a test picture shows."""
+    """What a test picture shows: GStreamer's words, numbers and labels.
 
-    SMPTE = "smpte"
-    BALL = "ball"
-    SNOW = "snow"
-    CHECKERS = "checkers"
-    GRADIENT = "gradient"
-    BLACK = "black"
-    WHITE = "white"
+    Attributes:
+        number: GStreamer's number of the pattern.
+        label: GStreamer's words for it.
+    """
+
+    number: int
+    label: str
+
+    def __new__(cls, word: str, number: int, label: str) -> Pattern:
+        """A pattern with its number and label."""
+        member = str.__new__(cls, word)
+        member._value_ = word
+        member.number, member.label = number, label
+        return member
+
+    SMPTE = "smpte", 0, "SMPTE 100% color bars"
+    SNOW = "snow", 1, "Random (television snow)"
+    BLACK = "black", 2, "100% Black"
+    WHITE = "white", 3, "100% White"
+    RED = "red", 4, "Red"
+    GREEN = "green", 5, "Green"
+    BLUE = "blue", 6, "Blue"
+    CHECKERS_1 = "checkers-1", 7, "Checkers 1px"
+    CHECKERS_2 = "checkers-2", 8, "Checkers 2px"
+    CHECKERS_4 = "checkers-4", 9, "Checkers 4px"
+    CHECKERS_8 = "checkers-8", 10, "Checkers 8px"
+    CIRCULAR = "circular", 11, "Circular"
+    BLINK = "blink", 12, "Blink"
+    SMPTE75 = "smpte75", 13, "SMPTE 75% color bars"
+    ZONE_PLATE = "zone-plate", 14, "Zone plate"
+    SOLID_COLOR = "solid-color", 17, "Solid color"
+    BALL = "ball", 18, "Moving ball"
+    SMPTE100 = "smpte100", 19, "SMPTE 100% color bars"
+    BAR = "bar", 20, "Bar"
+    PINWHEEL = "pinwheel", 21, "Pinwheel"
+    SPOKES = "spokes", 22, "Spokes"
+    GRADIENT = "gradient", 23, "Gradient"
+    COLORS = "colors", 24, "Colors"
 
 
-MOVING = (Pattern.BALL, Pattern.SNOW)
+MOVING = (Pattern.BALL, Pattern.SNOW, Pattern.BLINK)
+CHECKER_SIDES = {
+    Pattern.CHECKERS_1: 1, Pattern.CHECKERS_2: 2, Pattern.CHECKERS_4: 4, Pattern.CHECKERS_8: 8,
+}  # fmt: skip
+PLAIN = {
+    Pattern.BLACK: (0, 0, 0), Pattern.WHITE: (255, 255, 255), Pattern.RED: (0, 0, 255),
+    Pattern.GREEN: (0, 255, 0), Pattern.BLUE: (255, 0, 0),
+}  # fmt: skip
+SPOKES = 16
+BAR_PX = 7
 BARS = ((191, 191, 191), (0, 191, 191), (191, 191, 0), (0, 191, 0), (191, 0, 191), (0, 0, 191), (191, 0, 0))
 """White, yellow, cyan, green, magenta, red, blue at 75 %, BGR."""
 BLACK, WHITE = (19, 19, 19), (191, 191, 191)
 REVERSED_BARS = ((191, 0, 0), BLACK, (191, 0, 191), BLACK, (191, 191, 0), BLACK, WHITE)
 FOOT = ((76, 33, 0), (255, 255, 255), (106, 0, 50), (19, 19, 19), (9, 9, 9), (29, 29, 29), (19, 19, 19))
 """-I, white, +Q, black, and the pluge: blacker than black, black, brighter than black; BGR."""
-CHECKER_SIDE = 8
 BALL_PERIODS = (200.0, 180.0)
 """Frames of one swing of the ball across and down."""
 
 
-def paint(pattern: Pattern, width: int, height: int, index: int, seed: int) -> ByteArray:
+def paint(
+    pattern: Pattern,
+    width: int,
+    height: int,
+    index: int,
+    seed: int,
+    colours: tuple[Colour, Colour] = (PLAIN[Pattern.WHITE], PLAIN[Pattern.BLACK]),
+) -> ByteArray:
     """Paints a test picture: the same arguments, the same picture.
 
     Args:
@@ -44,25 +92,72 @@ def paint(pattern: Pattern, width: int, height: int, index: int, seed: int) -> B
         height: px.
         index: number of the frame; only the patterns in `MOVING` depend on it.
         seed: of the snow.
+        colours: foreground and background, BGR, of ball, blink, bar and solid-color.
 
     Returns:
         uint8[height, width, 3], BGR.
     """
-    if pattern is Pattern.SMPTE:
+    front, back = colours
+    if pattern in CHECKER_SIDES:
+        return _grey(_checkers(width, height, CHECKER_SIDES[pattern]))
+    if pattern in PLAIN:
+        return _plain(width, height, PLAIN[pattern])
+    if pattern in (Pattern.SMPTE, Pattern.SMPTE100, Pattern.SMPTE75):
         return _bars(width, height)
     if pattern is Pattern.BALL:
-        return _ball(width, height, index)
+        return _ball(width, height, index, front, back)
     if pattern is Pattern.SNOW:
-        grey = np.random.default_rng((seed, index)).integers(0, 256, (height, width, 1), dtype=np.uint8)
-        return np.repeat(grey, 3, axis=2)
-    if pattern is Pattern.CHECKERS:
-        rows, columns = np.arange(height) // CHECKER_SIDE, np.arange(width) // CHECKER_SIDE
-        light = ((rows[:, None] + columns) % 2).astype(np.uint8)
-        return np.repeat(light[:, :, None] * np.uint8(255), 3, axis=2)
+        return _grey(np.random.default_rng((seed, index)).integers(0, 256, (height, width), dtype=np.uint8))
+    if pattern is Pattern.BLINK:
+        return _plain(width, height, back if index % 2 else front)
+    if pattern is Pattern.BAR:
+        picture = _plain(width, height, back)
+        picture[:, :BAR_PX] = front
+        return picture
+    if pattern is Pattern.SOLID_COLOR:
+        return _plain(width, height, front)
+    if pattern is Pattern.COLORS:
+        return _colours(width, height)
     if pattern is Pattern.GRADIENT:
-        ramp = np.rint(np.linspace(255.0, 0.0, height)).astype(np.uint8)
-        return np.ascontiguousarray(np.broadcast_to(ramp[:, None, None], (height, width, 3)))
-    return np.full((height, width, 3), 255 if pattern is Pattern.WHITE else 0, np.uint8)
+        return _grey(np.broadcast_to(np.linspace(255.0, 0.0, height)[:, None], (height, width)))
+    return _grey(_round_pattern(pattern, width, height))
+
+
+def _grey(values: NDArray[Any]) -> ByteArray:
+    plane = np.rint(values).astype(np.uint8)
+    return np.repeat(plane[:, :, None], 3, axis=2)
+
+
+def _plain(width: int, height: int, colour: Colour) -> ByteArray:
+    return np.full((height, width, 3), colour, np.uint8)
+
+
+def _checkers(width: int, height: int, side: int) -> NDArray[Any]:
+    rows, columns = np.arange(height) // side, np.arange(width) // side
+    light: NDArray[np.int64] = (rows[:, None] + columns) % 2
+    return light * 255
+
+
+def _colours(width: int, height: int) -> ByteArray:
+    """Every colour there is room for: red across, green down, blue in squares."""
+    across, down = np.arange(width), np.arange(height)[:, None]
+    picture = np.empty((height, width, 3), np.uint8)
+    picture[:, :, 2] = across * 255 // max(1, width - 1)
+    picture[:, :, 1] = down * 255 // max(1, height - 1)
+    picture[:, :, 0] = (across // 16 + down // 16) * 32 % 256
+    return picture
+
+
+def _round_pattern(pattern: Pattern, width: int, height: int) -> NDArray[Any]:
+    """Patterns around the middle: rings, a zone plate, a pinwheel, spokes."""
+    x, y = np.arange(width) - (width - 1) / 2, np.arange(height)[:, None] - (height - 1) / 2
+    radius, angle = np.hypot(x, y), np.arctan2(y, x)
+    if pattern is Pattern.CIRCULAR:
+        return np.where((radius // 8) % 2 == 0, 255, 0)
+    if pattern is Pattern.ZONE_PLATE:
+        return 127.5 + 127.5 * np.cos(np.pi * radius**2 / max(width, height))
+    turn = radius / 16 if pattern is Pattern.PINWHEEL else 0.0
+    return np.where(np.sin(angle * SPOKES + turn) >= 0, 255, 0)
 
 
 def _bars(width: int, height: int) -> ByteArray:
@@ -75,12 +170,12 @@ def _bars(width: int, height: int) -> ByteArray:
     return picture
 
 
-def _ball(width: int, height: int, index: int) -> ByteArray:
-    """A white ball on black that swings through the picture."""
-    picture = np.zeros((height, width, 3), np.uint8)
+def _ball(width: int, height: int, index: int, front: Colour, back: Colour) -> ByteArray:
+    """A ball that swings through the picture."""
+    picture = _plain(width, height, back)
     radius = max(1, min(20, width // 4, height // 4))
     swings = np.sin(2.0 * np.pi * index / np.array(BALL_PERIODS))
     room = np.array([width, height]) / 2.0 - radius
     x, y = np.array([width - 1, height - 1]) / 2.0 + swings * np.maximum(room, 0.0)
     centre = (round(float(x) * 16), round(float(y) * 16))
-    return np.asarray(cv2.circle(picture, centre, radius * 16, (255, 255, 255), -1, cv2.LINE_AA, 4), np.uint8)
+    return np.asarray(cv2.circle(picture, centre, radius * 16, front, -1, cv2.LINE_AA, 4), np.uint8)

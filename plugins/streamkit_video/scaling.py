@@ -16,22 +16,38 @@ Size = tuple[int, int]
 
 
 class ScaleMethod(enum.StrEnum):
-    """How pixels between pixels are found."""
+    """How pixels between pixels are found: GStreamer's words and numbers, as far as OpenCV has the filter.
 
-    NEAREST = "nearest"
-    LINEAR = "linear"
-    AREA = "area"
-    CUBIC = "cubic"
-    LANCZOS = "lanczos"
+    Attributes:
+        number: GStreamer's number of the method.
+        label: GStreamer's words for it.
+    """
+
+    number: int
+    label: str
+
+    def __new__(cls, word: str, number: int, label: str) -> ScaleMethod:
+        """A method with its number and label."""
+        member = str.__new__(cls, word)
+        member._value_ = word
+        member.number, member.label = number, label
+        return member
+
+    NEAREST = "nearest-neighbour", 0, "Nearest Neighbour"
+    LINEAR = "bilinear", 1, "Bilinear (2-tap)"
+    CUBIC = "4-tap", 2, "4-tap Sinc"
+    LANCZOS = "lanczos", 3, "Lanczos"
+    AREA = "bilinear2", 4, "Bilinear (multi-tap)"
 
 
 INTERPOLATIONS = {
     # Plain INTER_NEAREST takes pixels half a pixel off for shrinking; the exact one agrees with the others.
     ScaleMethod.NEAREST: cv2.INTER_NEAREST_EXACT,
     ScaleMethod.LINEAR: cv2.INTER_LINEAR,
-    ScaleMethod.AREA: cv2.INTER_AREA,
     ScaleMethod.CUBIC: cv2.INTER_CUBIC,
     ScaleMethod.LANCZOS: cv2.INTER_LANCZOS4,
+    # Averages over every pixel that falls into the new one, as GStreamer's multi-tap filter does.
+    ScaleMethod.AREA: cv2.INTER_AREA,
 }
 
 

@@ -27,7 +27,7 @@ class VideoScale(Transform):
     )
 
     method: ScaleMethod = Property(
-        ScaleMethod.LINEAR, live=True, doc="Interpolation; area is best for shrinking much."
+        ScaleMethod.LINEAR, live=True, doc="Interpolation; bilinear2 averages and is best for shrinking much."
     )
 
     def start(self) -> None:

@@ -6,6 +6,8 @@ import itertools
 from collections.abc import Iterator
 from fractions import Fraction
 
+import numpy as np
+
 from streamkit import Caps, Frame, Property, Source
 from streamkit_video.patterns import MOVING, Pattern, paint
 from streamkit_video.pixel_formats import FORMATS, convert
@@ -27,8 +29,18 @@ class VideoTestSrc(Source):
         "framerate=[ 0/1, 1000/1 ]"
     )
 
-    num_buffers: int = Property(-1, min=-1, doc="Frames before EOS; -1 is endless.")
+    num_buffers: int = Property(-1, min=-1, max=2**31 - 1, doc="Frames before EOS; -1 is endless.")
     pattern: Pattern = Property(Pattern.SMPTE, doc="What the pictures show.")
+    foreground_color: int = Property(
+        0xFFFFFFFF, min=0, max=2**32 - 1, unit="ARGB", doc="Of ball, blink, bar and solid-color."
+    )
+    background_color: int = Property(
+        0xFF000000, min=0, max=2**32 - 1, unit="ARGB", doc="Behind the ball and the bar, and between blinks."
+    )
+    horizontal_speed: int = Property(
+        0, min=-(2**31), max=2**31 - 1, unit="px/frame", doc="How fast the picture rolls to the left."
+    )
+    timestamp_offset: int = Property(0, min=0, max=2874452364, unit="ns", doc="Added to every timestamp.")
     seed: int = Property(0, min=0, doc="Another seed is other snow.")
     is_live: bool = Property(False, doc="Pace the frames in real time, as a camera would.")
 
@@ -51,7 +63,7 @@ class VideoTestSrc(Source):
             for frame in self._run(self.src_caps, start_ns, began_ns):
                 yield frame
                 count += 1
-                start_ns = (frame.pts or 0) + (frame.duration or 0)
+                start_ns = (frame.pts or 0) + (frame.duration or 0) - self.timestamp_offset
                 if count == left or self.src_caps is not frame.caps:
                     break
             else:
@@ -62,15 +74,24 @@ class VideoTestSrc(Source):
         """Frames of one format, without end; ends early only where the pipeline stops."""
         rate = caps["framerate"]
         pace = rate if isinstance(rate, Fraction) and rate > 0 else PACE_OF_VARIABLE_RATE
-        still = None if self.pattern in MOVING else self._picture(caps, 0)
+        is_moving = self.pattern in MOVING or self.horizontal_speed != 0
+        still = None if is_moving else self._picture(caps, 0)
         first = round(start_ns * pace / 1_000_000_000)
         for count in itertools.count():
             pts, end = (start_ns + int(number * 1_000_000_000 / pace) for number in (count, count + 1))
             if self.is_live and not self.clock.wait_until(began_ns + pts, self.stopping):
                 return
             picture = still or self._picture(caps, first + count)
-            yield picture.replace(pts=pts, duration=end - pts)
+            yield picture.replace(pts=pts + self.timestamp_offset, duration=end - pts)
 
     def _picture(self, caps: Caps, index: int) -> Frame:
-        picture = paint(self.pattern, caps.integer("width"), caps.integer("height"), index, self.seed)
+        size = caps.integer("width"), caps.integer("height")
+        colours = _bgr(self.foreground_color), _bgr(self.background_color)
+        picture = paint(self.pattern, *size, index, self.seed, colours)
+        if self.horizontal_speed:
+            picture = np.roll(picture, -index * self.horizontal_speed, axis=1)
         return Frame(convert(picture, "BGR", str(caps["format"])), caps)
+
+
+def _bgr(argb: int) -> tuple[int, int, int]:
+    return argb & 255, argb >> 8 & 255, argb >> 16 & 255

@@ -17,6 +17,7 @@ from streamkit.flow.messages import Message, MessageKind
 from streamkit.flow.signals import Flushing
 
 MAX_NS = 2**63 - 1
+MAX_UNSIGNED_NS = 2**64 - 1
 
 
 class Sink(Element):
@@ -43,13 +44,17 @@ class Sink(Element):
         0, min=-MAX_NS, max=MAX_NS, unit="ns", doc="With sync: show each frame so much later."
     )
     render_delay: int = Property(
-        0, min=0, max=MAX_NS, unit="ns", doc="With sync: show each frame so much earlier."
+        0, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="With sync: show each frame so much earlier."
     )
     throttle_time: int = Property(
-        0, min=0, max=MAX_NS, unit="ns", doc="Shortest time between two frames shown."
+        0, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="Shortest time between two frames shown."
     )
     processing_deadline: int = Property(
-        20_000_000, min=0, max=MAX_NS, unit="ns", doc="What live frames are given to be worked on, with sync."
+        20_000_000,
+        min=0,
+        max=MAX_UNSIGNED_NS,
+        unit="ns",
+        doc="What live frames are given to be worked on, with sync.",
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:

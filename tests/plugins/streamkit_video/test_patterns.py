@@ -60,7 +60,7 @@ def test_plain_patterns() -> None:
     """Black, white, checkers of eight pixels, and a gradient from white to black."""
     assert paint(Pattern.BLACK, 4, 4, 0, 0).max() == 0
     assert paint(Pattern.WHITE, 4, 4, 0, 0).min() == 255
-    checkers = paint(Pattern.CHECKERS, 32, 32, 0, 0)[:, :, 0]
+    checkers = paint(Pattern.CHECKERS_8, 32, 32, 0, 0)[:, :, 0]
     assert checkers[0, 0] == 0
     assert checkers[0, 8] == checkers[8, 0] == 255
     gradient = paint(Pattern.GRADIENT, 4, 256, 0, 0)[:, 0, 0]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from streamkit import Frame, Pipeline, StreamkitError
+from streamkit_video.patterns import Pattern
 
 FORMATS = ("I420", "NV12", "BGR", "RGB", "BGRA", "RGBA", "GRAY8")
 
@@ -35,7 +36,7 @@ def test_formats(name: str) -> None:
     assert not frame.data.flags.writeable
 
 
-@pytest.mark.parametrize("pattern", ["smpte", "ball", "snow", "checkers", "gradient", "black", "white"])
+@pytest.mark.parametrize("pattern", [str(pattern) for pattern in Pattern])
 def test_patterns_repeat_bit_for_bit(pattern: str) -> None:
     """Two runs agree in every frame."""
     runs = [
@@ -72,7 +73,7 @@ def test_an_odd_size_takes_a_format_that_has_it() -> None:
 
 def test_an_unknown_pattern_lists_the_known() -> None:
     """The error names the property and the choices."""
-    with pytest.raises(StreamkitError, match=r"pattern cannot be 'bars': it takes smpte, ball"):
+    with pytest.raises(StreamkitError, match=r"pattern cannot be 'bars': it takes smpte, snow"):
         Pipeline.parse("videotestsrc pattern=bars ! fakesink")
 
 
@@ -80,3 +81,28 @@ def test_a_live_source_keeps_real_time() -> None:
     """Four frames at 20 a second take no less than three of their intervals."""
     frames = frames_of("videotestsrc num-buffers=4 is-live=true ! video/x-raw, framerate=20/1")
     assert frames[-1].arrival_ns - frames[0].arrival_ns >= 100_000_000
+
+
+def test_patterns_have_gstreamers_numbers_and_labels() -> None:
+    """A pattern is written by word, number or label."""
+    for text in ("ball", "18", '"Moving ball"'):
+        pipeline = Pipeline.parse(f"videotestsrc name=v pattern={text} ! fakesink")
+        assert pipeline["v"].pattern is Pattern.BALL
+
+
+def test_colours_of_a_solid_picture() -> None:
+    """foreground-color is ARGB."""
+    (frame,) = frames_of(
+        "videotestsrc num-buffers=1 pattern=solid-color foreground-color=0xff102030 ! video/x-raw,format=RGB"
+    )
+    assert frame.data[0, 0].tolist() == [0x10, 0x20, 0x30]
+
+
+def test_a_picture_that_rolls_and_times_that_begin_later() -> None:
+    """horizontal-speed rolls to the left frame by frame, timestamp-offset is added to every time."""
+    first, second = frames_of(
+        "videotestsrc num-buffers=2 horizontal-speed=4 timestamp-offset=1000 "
+        "! video/x-raw, format=GRAY8, width=32, height=16, framerate=10/1"
+    )
+    assert np.array_equal(second.data, np.roll(first.data, -4, axis=1))
+    assert [first.pts, second.pts] == [1000, 100_001_000]
