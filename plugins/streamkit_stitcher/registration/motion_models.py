@@ -20,6 +20,7 @@ _KEPT: Final = 0.9
 _WIDE_METHODS: Final = (cv2.RANSAC, cv2.USAC_ACCURATE, cv2.USAC_MAGSAC)
 _WIDE_SCALES: Final = (0.5, 1.0, 2.0)
 _WIDE_ITERATIONS: Final = 5000
+_PLAIN_RATIO: Final = 0.6
 
 
 class MotionModel(StrEnum):
@@ -118,7 +119,8 @@ def fit_wide_baseline(source: FloatArray, target: FloatArray, threshold: float) 
     """Fits a homography to matches of which few may be right, as those of descriptors are.
 
     Several estimators propose at several thresholds; the proposal that most pairs support, the more the
-    closer they lie, is taken. No single estimator or threshold suits a plane and a street at once.
+    closer they lie, is taken; where most pairs agree at once, that is enough. No single
+    estimator or threshold suits a plane and a street at once.
 
     Args:
         source: float64[n, 2].
@@ -130,6 +132,9 @@ def fit_wide_baseline(source: FloatArray, target: FloatArray, threshold: float) 
     """
     if len(source) < 4:
         return None
+    plain = fit_homography(source, target, threshold)
+    if plain is not None and plain.ratio >= _PLAIN_RATIO:
+        return plain
     best, most = None, 0.0
     for method in _WIDE_METHODS:
         for scale in _WIDE_SCALES:
