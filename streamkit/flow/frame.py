@@ -72,7 +72,10 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
 
     def __post_init__(self) -> None:
         """Makes the array read-only: whoever shares a frame can trust it."""
-        flags = getattr(self.data, "flags", None)
+        data = self.data
+        if data.__class__ is bytes:
+            return
+        flags = getattr(data, "flags", None)
         if flags is not None:
             flags.writeable = False
 

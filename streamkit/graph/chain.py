@@ -56,11 +56,12 @@ class Chain:
             self.sinks.append(pad.peer)
             self.terminal = pad.peer.element
             self._consume = pad.peer.element.receiver(pad.peer)
-        self.frames = 0
         self.swallowed = [0] * len(self.transforms)
         self.busy_ns = [0] * (len(self.transforms) + 1)
         self.newest_ns = [0] * (len(self.transforms) + 1)
-        self.due = 1
+        self._due = 1
+        self._count: Callable[[], int] = lambda: 0
+        self._set_due: Callable[[int], None] = lambda number: None
         self.source_ns = self._timed_frames = self._timed_ns = self._ended_ns = self._gaps = 0
         self._takes_gaps = isinstance(src.element, Source)
         self._replace_consumer: Callable[[Callable[[Frame], None]], None] = lambda consume: None
@@ -72,13 +73,18 @@ class Chain:
                 self._positions[self._stages[-1]] = position
 
     def compose(self) -> Callable[[Frame], None]:
-        """The function that sends a frame through the chain."""
-        stages, consume, chain = tuple(self._stages), self._consume, self
+        """The function that sends a frame through the chain.
+
+        The count and the number of the next timed frame live in its closure, where they cost least.
+        """
+        stages, consume = tuple(self._stages), self._consume
         failed, timed, odd = self._failed, self._timed, self._odd
+        count, due = self._count(), self._due
 
         def push(frame: Frame) -> None:
-            chain.frames = count = chain.frames + 1
-            if count >= chain.due:
+            nonlocal count
+            count += 1
+            if count >= due:
                 box = [frame]
                 del frame  # the box is emptied: an element may still be the sole owner
                 timed(box)
@@ -97,12 +103,47 @@ class Chain:
             except Exception as cause:
                 raise failed(stage, frame, cause) from cause
 
+        def hand_over(frame: Frame) -> None:
+            nonlocal count
+            count += 1
+            if count >= due:
+                box = [frame]
+                del frame
+                timed(box)
+                return
+            try:
+                consume(frame)
+            except (FlowStop, ElementFailure, NotNegotiated):
+                raise
+            except Exception as cause:
+                raise failed(consume, frame, cause) from cause
+
         def replace_consumer(function: Callable[[Frame], None]) -> None:
             nonlocal consume
             consume = function
 
-        self._replace_consumer = replace_consumer
-        return push
+        def set_due(number: int) -> None:
+            nonlocal due
+            due = number
+
+        self._replace_consumer, self._set_due = replace_consumer, set_due
+        self._count = lambda: count
+        return push if stages else hand_over
+
+    @property
+    def frames(self) -> int:
+        """Frames pushed into the chain."""
+        return self._count()
+
+    @property
+    def due(self) -> int:
+        """Number of the next frame to be timed."""
+        return self._due
+
+    @due.setter
+    def due(self, number: int) -> None:
+        self._due = number
+        self._set_due(number)
 
     def refresh(self) -> None:
         """Asks the element the chain ends in anew for the function that takes its frames."""
