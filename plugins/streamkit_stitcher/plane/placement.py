@@ -21,6 +21,30 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
+class Anchored:
+    """A picture's place after comparison with key pictures.
+
+    Attributes:
+        to_reference: float64[3, 3], the picture's pixels to the reference plane.
+        measured: whether a key picture was found in it; otherwise the place is the one carried forward.
+        change: float64[3, 3], how the plane moved under the picture, old to new, because another key picture
+            took over or places were adjusted; None where it did not.
+        keyframe: whether the picture became a key picture.
+        matches: patches compared.
+        inliers: patches that agree with the place.
+        rmse: root mean square distance of the inliers, px.
+    """
+
+    to_reference: FloatArray
+    measured: bool
+    change: FloatArray | None = None
+    keyframe: bool = False
+    matches: int = 0
+    inliers: int = 0
+    rmse: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
 class Placement:
     """Where one picture lies.
 

@@ -17,9 +17,9 @@ from streamkit_stitcher.homographies import (
     scale_change,
     translation,
 )
-from streamkit_stitcher.plane.anchoring import Anchored, KeyframeAnchor
-from streamkit_stitcher.plane.keyframes import Keyframe
-from streamkit_stitcher.plane.placement import Placement, Status
+from streamkit_stitcher.plane.anchoring import KeyframeAnchor
+from streamkit_stitcher.plane.keyframe_map import KeyframeMap
+from streamkit_stitcher.plane.placement import Anchored, Placement, Status
 from streamkit_stitcher.plane.schedule import ReferenceSchedule
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 from streamkit_stitcher.registration.corners import CornerDetector
@@ -64,14 +64,14 @@ class PlaneTracker:
         self._reference = 0
         self._published: Placement | None = None
         self._change: FloatArray | None = None
-        self._closed: KeyframeAnchor | None = None
+        self._closed: KeyframeMap | None = None
         self._anchor: KeyframeAnchor | None = None
         self._forget((0, 0))
 
     @property
     def model(self) -> MotionModel:
         """What the motion between pictures may be, as far as is known."""
-        return MotionModel.HOMOGRAPHY if self._anchor is None else self._anchor.model
+        return MotionModel.HOMOGRAPHY if self._anchor is None else self._anchor.keyframes.model
 
     def restart(self) -> None:
         """Starts a new plane with the next picture; nothing relates it to the ones before."""
@@ -84,11 +84,11 @@ class PlaneTracker:
 
     def close(self) -> None:
         """Ends the workers."""
-        for anchor in (self._anchor, self._closed):
-            if anchor is not None:
-                anchor.close()
+        for keyframes in (None if self._anchor is None else self._anchor.keyframes, self._closed):
+            if keyframes is not None:
+                keyframes.close()
 
-    def take_plane(self, current: bool = False) -> KeyframeAnchor | None:
+    def take_plane(self, current: bool = False) -> KeyframeMap | None:
         """The key pictures of the plane that was left last, or of the current one; the caller finishes them.
 
         Args:
@@ -123,8 +123,8 @@ class PlaneTracker:
         if self._anchor is None or self._base is None:
             return self._begin(images)
         self._since_key += 1
-        if self._anchor.is_adjusting and self._since_key >= _ADOPT_AFTER:
-            self._move_plane(self._anchor.adopt())
+        if self._anchor.keyframes.is_adjusting and self._since_key >= _ADOPT_AFTER:
+            self._move_plane(self._anchor.keyframes.adopt())
         if is_flat(images[self._level]):
             return self._coast()
         return self._continue(images, self._anchor, self._base)
@@ -138,7 +138,7 @@ class PlaneTracker:
         if self._anchor is not None:
             if self._closed is not None:
                 self._closed.close()
-            self._closed = self._anchor
+            self._closed = self._anchor.keyframes
         self._anchor = None
         self._base: GreyArray | None = None
         self._base_to_reference = IDENTITY
@@ -229,7 +229,7 @@ class PlaneTracker:
         self._coasting = self._lost = 0
         self._unmeasured = 0 if anchored.measured else self._unmeasured + 1
         counted: Anchored | PairwiseMotion = anchored if anchored.measured or motion is None else motion
-        active = None if self._anchor is None else self._anchor.active
+        active = None if self._anchor is None else self._anchor.keyframes.active
         return self._publish(
             Placement(
                 to_previous,
@@ -256,17 +256,17 @@ class PlaneTracker:
         """
         self._since_key = 0
         anchor = self._anchor
-        if anchor is None or anchor.active is None:
+        if anchor is None or anchor.keyframes.active is None:
             return to_reference
         checkpoint = None
         if self._settings.reference is ReferenceChoice.CENTER:
-            checkpoint = self._schedule.at(anchor.count)
+            checkpoint = self._schedule.at(len(anchor.keyframes))
         reference = checkpoint.reference if checkpoint is not None else None
         if not _PLANE_SCALE[0] < scale_change(to_reference, self._shape) < _PLANE_SCALE[1]:
             # Drift has tilted the far plane until its numbers mean nothing: go on from here.
-            reference = anchor.active.index
+            reference = anchor.keyframes.active.index
         if reference is not None:
-            change = anchor.rebase(reference)
+            change = anchor.keyframes.rebase(reference)
             if not np.allclose(change, IDENTITY, atol=1e-12):
                 self._reference += 1
                 self._move_plane(change)
@@ -310,7 +310,3 @@ class PlaneTracker:
             placement = replace(placement, change=self._change)
         self._published = placement
         return placement
-
-
-def _relative(key: Keyframe | None, to_reference: FloatArray) -> FloatArray:
-    return IDENTITY if key is None else normalised(inverse(key.to_reference) @ to_reference)
