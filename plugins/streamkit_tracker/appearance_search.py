@@ -67,6 +67,7 @@ class SearchJob:
         reach: how much wider than usual to look, 1 or more, for a target not seen lately.
         prior: expectations beside the image.
         layers: how many particles.
+        tolerance: factor on the variance of the residual, for targets that change their look.
     """
 
     window: FloatArray
@@ -80,6 +81,7 @@ class SearchJob:
     reach: float
     prior: Prior
     layers: LayerSettings
+    tolerance: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +156,7 @@ def _search_alike(
 ) -> list[Found]:
     """Jobs with the same kind of template, patch, layers and shrinking, in one batch."""
     expected = log_prior([job.prior for job in jobs])
-    scale = -0.5 / likelihood.sigma**2
+    scale = -0.5 / (likelihood.sigma**2 * np.array([job.tolerance for job in jobs])[:, None])
 
     def distances(windows: FloatArray) -> FloatArray:
         return _distances(sampler, jobs, windows, factor)[0]

@@ -11,7 +11,10 @@ import numpy as np
 from streamkit_tracker import kinematics
 from streamkit_tracker.appearance_search import Found, Prior, SearchJob, Template, read_window
 from streamkit_tracker.box_shape import window_shape
+from streamkit_tracker.correlation_filter import CorrelationFilter, Response
+from streamkit_tracker.discrimination import ask, response_prior
 from streamkit_tracker.eigen_template import EigenTemplate
+from streamkit_tracker.evidence import Evidence
 from streamkit_tracker.feature_template import FeatureTemplate, Space
 from streamkit_tracker.layered_filter import Cloud
 from streamkit_tracker.observation import Measurement, Sighting, TargetReport, TargetState
@@ -46,6 +49,7 @@ class Appearance:
     cloud: Cloud
     patch: tuple[int, int]
     context: float
+    discriminator: CorrelationFilter | None = None
 
 
 class Target:
@@ -69,6 +73,7 @@ class Target:
         self.manual = manual
         self.window = np.array(window, np.float64)
         self.box = (float(window[2]), float(window[3]))
+        self.drawn_angle = float(window[4])
         self.mean = np.array([window[0], window[1], 0.0, 0.0])
         speed_std = settings.max_speed * SPEED_SHARE
         self.covariance = kinematics.initial_covariance(centroid_std(self.side), speed_std)
@@ -82,10 +87,13 @@ class Target:
         self._credit_s = CREDIT_AT_START_S
         self._similarity = 1.0
         self._alike = True
+        self._learnt = False
         self._frames_unseen = 0
         self._misfits = 0
         self._offset = (0.0, 0.0)
         self._settings = settings
+        self._evidence = Evidence(settings.lost_threshold, settings.update_threshold)
+        self._response: Response | None = None
         self._generator = np.random.default_rng((settings.seed, number))
 
     @property
@@ -140,6 +148,17 @@ class Target:
             vector = (1 - FEATURE_RATE) * self.feature + FEATURE_RATE * vector
         self.feature, self.feature_version = vector, sighting.feature_version
 
+    def propose(self, sampler: WindowSampler, step_s: float) -> None:
+        """Asks the discriminator of a hand-drawn target where it went, before any particle is moved."""
+        self._response = None
+        if self.appearance is None or self.appearance.discriminator is None:
+            return
+        predicted = self.window.copy()
+        predicted[:2] += self.mean[2:] * step_s
+        self._response = ask(
+            self.appearance.discriminator, self._evidence, sampler, predicted, self._frames_unseen
+        )
+
     def job(self, step_s: float, sighting: Sighting | None, followed: int) -> SearchJob:
         """What to look for in this frame, once `mean` and `covariance` are predicted for it."""
         assert self.appearance is not None
@@ -156,19 +175,26 @@ class Target:
             min(1 + REACH_PER_FRAME * self._frames_unseen, LONGEST_REACH),
             self._prior(sighting),
             self._settings.layers_for(sighting is not None, followed),
+            self._evidence.tolerance,
         )
 
     def take(self, found: Found, sighting: Sighting | None) -> Measurement | None:
         """Takes the result of the search; gives the measured position, if there is one to believe."""
         assert self.appearance is not None
         self._similarity = found.similarity
-        self._alike = found.informative and found.similarity >= self._settings.lost_threshold
+        verdict = self._evidence.judge(
+            -math.log(max(found.similarity, 1e-9)),
+            None if self._response is None else (self._response.peak, self._response.sharpness),
+            informative=found.informative,
+            unseen=self.manual and self._frames_unseen > 0,
+        )
+        self._alike = verdict.seen
         if not self._alike:
             return None if sighting is None else measurement_of(sighting)
         self.window = found.window
         self.appearance.cloud = found.cloud
-        learnt = found.similarity >= self._settings.update_threshold
-        if learnt and (self.manual or sighting is not None):
+        self._learnt = verdict.learnt and (self.manual or sighting is not None)
+        if self._learnt:
             self.appearance.template.update(found.patch)
         noise = (0.2 + 0.015 * self.side) ** 2
         return Measurement(
@@ -211,8 +237,10 @@ class Target:
             self._frames_unseen += 1
         if self.manual and self._alike:
             self._credit_s = self._settings.coast_s
-        lost = self._frames_unseen >= self._settings.lost_frames or visible < LEAST_VISIBLE
-        if lost or (self._credit_s <= 0 and not self.manual):
+        if self.manual and self._learnt and self.appearance.discriminator is not None:
+            self.appearance.discriminator.learn(sampler, self.window)
+        unseen = not self.manual and self._frames_unseen >= self._settings.lost_frames
+        if unseen or visible < LEAST_VISIBLE or self._credit_s <= 0:
             self.state = TargetState.LOST
             return
         believed = self.manual or self.frames_undetected < self._settings.lost_frames
@@ -269,7 +297,8 @@ class Target:
         template: Template = (
             EigenTemplate(pixels, self._settings.eigen) if space is None else FeatureTemplate(pixels, space)
         )
-        self.appearance = Appearance(template, Cloud.at(self.window), patch, context)
+        discriminator = CorrelationFilter(sampler, self.window) if self.manual else None
+        self.appearance = Appearance(template, Cloud.at(self.window), patch, context, discriminator)
         self._similarity, self._alike = 1.0, True
 
     def _trust(self, sighting: Sighting) -> float:
@@ -279,7 +308,9 @@ class Target:
         centroid = (0.0, 0.0) if sighting is None else sighting.centroid
         std = math.inf if sighting is None else sighting.std
         if self.manual:
-            return Prior(centroid, std)
+            if self._response is None:
+                return Prior(centroid, std)
+            return response_prior(self._response, self._evidence.tolerance, self.drawn_angle)
         heading, heading_std = self._heading()
         sides = window_shape(*self.box, float(self.window[4]) if heading is None else heading)
         return Prior(centroid, std, sides, SIDES_STD, heading or 0.0, heading_std)

@@ -14,6 +14,7 @@ from streamkit_tracker.pairing import Pairing, pair
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.target import Target, measurement_of
 from streamkit_tracker.window_geometry import (
+    ANGLE,
     LENGTH,
     WIDTH,
     FloatArray,
@@ -125,6 +126,7 @@ class MultiTargetTracker:
         mapped, _ = map_points(homography, np.concatenate(points))
         parts = np.split(mapped, np.cumsum([len(part) for part in points])[:-1])
         for index, target in enumerate(self._targets):
+            target.drawn_angle += float(windows[index, ANGLE] - target.window[ANGLE])
             target.window = windows[index]
             target.trail.positions = parts[index]
         for cloud, part in zip(clouds, parts[len(self._targets) :], strict=True):
@@ -152,6 +154,8 @@ class MultiTargetTracker:
             if isinstance(template, FeatureTemplate) and observation.space is not None:
                 template.follow(observation.space)
         sightings = pairing.sightings
+        for target in seen:
+            target.propose(self._sampler, observation.step_s)
         jobs = [target.job(observation.step_s, sightings.get(target.id), len(seen)) for target in seen]
         measurements = {
             target.id: measurement_of(sightings[target.id])

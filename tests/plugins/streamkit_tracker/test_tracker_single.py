@@ -47,11 +47,12 @@ def test_a_turning_growing_blinking_target_is_followed(scenes: ModuleType, seed:
 
 
 def test_a_removed_target_is_lost_soon_and_once(scenes: ModuleType):
-    """A target that vanishes is reported as lost within five frames, once, and never again."""
-    rows = follow(scenes.TurningScene(seed=1, frames=40, gone_from=25))
+    """A target that vanishes coasts within five frames, ends after `coast_s`, once, and never comes back."""
+    rows = follow(scenes.TurningScene(seed=1, frames=40, gone_from=25), TrackerSettings(coast_s=0.3))
     states = [None if report is None else report.state for _, report in rows]
     assert states.count(TargetState.LOST) == 1
-    assert 24 <= states.index(TargetState.LOST) <= 24 + 5
+    assert 24 <= states.index(TargetState.COASTING) <= 24 + 5
+    assert states.index(TargetState.LOST) <= 24 + 5 + 8
     assert all(state is None for state in states[states.index(TargetState.LOST) + 1 :])
     assert all(state is TargetState.CONFIRMED for state in states[:24])
 

@@ -1,0 +1,186 @@
+"""Tells a target from the ground around it: a correlation filter over oriented gradients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
+from streamkit_tracker.window_sampling import Float32Array, WindowSampler, shrink_factor
+
+ComplexArray = NDArray[np.complex64]
+
+CELL = 3
+GRID = 32
+SAMPLES = CELL * GRID
+DIRECTIONS = 8
+CHANNELS = DIRECTIONS + 1
+CONTRAST_FLOOR = 3.0
+GREY_SHARE = 0.5
+SIDELOBE = 5  # cells around the peak that do not count as ground
+
+
+@dataclass(frozen=True)
+class FilterSettings:
+    """How a correlation filter sees and learns.
+
+    Attributes:
+        padding: ground around the target on both sides together, relative to the mean side of the target.
+        peak_width: standard deviation of the wanted response, relative to the target's sides.
+        regularisation: of the ridge regression, relative to the mean power of the first patch.
+        learning_rate: weight of a new patch.
+    """
+
+    padding: float = 2.0
+    peak_width: float = 0.08
+    regularisation: float = 0.01
+    learning_rate: float = 0.025
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What the filter found around a window.
+
+    Attributes:
+        position: x and y of the peak, px.
+        sides: length and width of the window it was found with, px.
+        peak: its height; about 1 for what was learnt.
+        sharpness: peak to sidelobe ratio.
+    """
+
+    position: tuple[float, float]
+    sides: tuple[float, float]
+    peak: float
+    sharpness: float
+
+
+class CorrelationFilter:
+    """A linear filter over gradient channels, trained against every shifted patch around the target.
+
+    The ground around a target is what it has to be told from; a template that only knows the target cannot
+    say which of two likely places is the better one. The patch is taken in the window's own turn and size,
+    so that the filter needs neither.
+
+    Source: Henriques, Caseiro, Martins and Batista, High-Speed Tracking with Kernelized Correlation Filters,
+    TPAMI 2015; Danelljan, Haeger, Khan and Felsberg, Accurate Scale Estimation for Robust Visual Tracking,
+    BMVC 2014 (running numerator and denominator).
+
+    Args:
+        sampler: has been shown the first frame.
+        window: float64[5], the first window.
+        settings: how it sees and learns.
+    """
+
+    def __init__(
+        self, sampler: WindowSampler, window: FloatArray, settings: FilterSettings | None = None
+    ) -> None:
+        self._settings = settings or FilterSettings()
+        side = float(np.sqrt(window[LENGTH] * window[WIDTH]))
+        self._scale = 1 + self._settings.padding * side / window[LENGTH : WIDTH + 1]
+        self._wanted = _wanted(self._settings.peak_width, float(self._scale[0]), float(self._scale[1]))
+        spectrum = self._spectrum(sampler, window[None])[0]
+        self._numerator = np.conj(self._wanted)[None] * spectrum
+        self._denominator = np.sum(np.abs(spectrum) ** 2, axis=0)
+        power = max(float(self._denominator.mean()), 1.0)  # a flat patch has none
+        self._floor = self._settings.regularisation * power
+
+    def respond(self, sampler: WindowSampler, windows: FloatArray) -> list[Response]:
+        """Where the target is, for each of the windows float64[n, 5] it may have moved from."""
+        spectra = self._spectrum(sampler, windows)
+        transfer = np.conj(self._numerator) / (self._denominator + self._floor)
+        maps = scipy.fft.irfft2(np.sum(transfer * spectra, axis=1), s=(GRID, GRID), axes=(1, 2))
+        return [self._peak(np.asarray(m, np.float32), w) for m, w in zip(maps, windows, strict=True)]
+
+    def learn(self, sampler: WindowSampler, window: FloatArray) -> None:
+        """Learns the patch at a window, float64[5]."""
+        rate = self._settings.learning_rate
+        spectrum = self._spectrum(sampler, window[None])[0]
+        self._numerator += rate * (np.conj(self._wanted)[None] * spectrum - self._numerator)
+        self._denominator += rate * (np.sum(np.abs(spectrum) ** 2, axis=0) - self._denominator)
+
+    def _spectrum(self, sampler: WindowSampler, windows: FloatArray) -> ComplexArray:
+        """complex64[n, channels, grid, grid // 2 + 1] of the region around each window."""
+        wider = windows.copy()
+        wider[:, LENGTH : WIDTH + 1] *= self._scale
+        factor = shrink_factor(wider[0], (SAMPLES, SAMPLES), sampler.shape)
+        patches = sampler.sample(wider, (SAMPLES, SAMPLES), factor)
+        channels = np.stack([gradient_channels(p.reshape(SAMPLES, SAMPLES)) for p in patches])
+        return np.asarray(scipy.fft.rfft2(channels, axes=(2, 3)), np.complex64)
+
+    def _peak(self, response: Float32Array, window: FloatArray) -> Response:
+        row, column = np.unravel_index(int(np.argmax(response)), response.shape)
+        down = _wrap(row + _parabola(response[:, column], int(row)))
+        along = _wrap(column + _parabola(response[row], int(column)))
+        step = window[LENGTH : WIDTH + 1] * self._scale / GRID
+        cosine, sine = np.cos(window[ANGLE]), np.sin(window[ANGLE])
+        dx, dy = along * step[0], down * step[1]
+        position = (
+            float(window[0] + dx * cosine - dy * sine),
+            float(window[1] + dx * sine + dy * cosine),
+        )
+        ground = np.roll(response, (GRID // 2 - row, GRID // 2 - column), axis=(0, 1))
+        mask = np.ones_like(ground, np.bool_)
+        centre = slice(GRID // 2 - SIDELOBE, GRID // 2 + SIDELOBE + 1)
+        mask[centre, centre] = False
+        peak, rest = float(response[row, column]), ground[mask]
+        sides = (float(window[LENGTH]), float(window[WIDTH]))
+        return Response(position, sides, peak, (peak - float(rest.mean())) / max(float(rest.std()), 1e-6))
+
+
+def gradient_channels(patch: Float32Array) -> Float32Array:
+    """Grey level and the gradient along eight directions, averaged over cells and free of light.
+
+    Args:
+        patch: float32[samples, samples].
+
+    Returns:
+        float32[channels, grid, grid], under a Hann window.
+
+    Source: Dalal and Triggs, Histograms of Oriented Gradients, CVPR 2005 (here with rectified projections
+    in place of binned angles, which need no arc tangent).
+    """
+    across = cv2.Sobel(patch, cv2.CV_32F, 1, 0, ksize=1)
+    down = cv2.Sobel(patch, cv2.CV_32F, 0, 1, ksize=1)
+    channels = np.empty((CHANNELS, GRID, GRID), np.float32)
+    for index in range(DIRECTIONS):
+        angle = 2 * np.pi * index / DIRECTIONS
+        along = cv2.addWeighted(across, float(np.cos(angle)), down, float(np.sin(angle)), 0.0)
+        np.maximum(along, 0.0, out=along)
+        channels[index] = cv2.resize(along, (GRID, GRID), interpolation=cv2.INTER_AREA)
+    energy = cv2.blur(np.sqrt(np.sum(channels[:DIRECTIONS] ** 2, axis=0)), (3, 3))
+    channels[:DIRECTIONS] /= energy + CONTRAST_FLOOR
+    grey = cv2.resize(patch, (GRID, GRID), interpolation=cv2.INTER_AREA)
+    channels[DIRECTIONS] = GREY_SHARE * (grey - grey.mean()) / max(float(grey.std()), CONTRAST_FLOOR)
+    channels -= channels.mean(axis=(1, 2), keepdims=True)
+    channels *= _hann()
+    return channels
+
+
+@cache
+def _hann() -> Float32Array:
+    window = np.hanning(GRID + 2)[1:-1].astype(np.float32)
+    return np.outer(window, window)
+
+
+def _wanted(width: float, scale_along: float, scale_across: float) -> ComplexArray:
+    """Spectrum complex64[grid, grid // 2 + 1] of a Gaussian at no shift."""
+    shifts = scipy.fft.fftfreq(GRID) * GRID
+    along = np.exp(-0.5 * (shifts * scale_along / (width * GRID)) ** 2)
+    across = np.exp(-0.5 * (shifts * scale_across / (width * GRID)) ** 2)
+    return np.asarray(scipy.fft.rfft2(np.outer(across, along)), np.complex64)
+
+
+def _parabola(values: Float32Array, index: int) -> float:
+    """Where between the samples a peak at `index` lies, -0.5 to 0.5, on a ring of values."""
+    before, at, after = (float(values[(index + k) % len(values)]) for k in (-1, 0, 1))
+    curve = before - 2 * at + after
+    return 0.0 if curve >= 0 else min(max(0.5 * (before - after) / curve, -0.5), 0.5)
+
+
+def _wrap(shift: float) -> float:
+    return (shift + GRID / 2) % GRID - GRID / 2
