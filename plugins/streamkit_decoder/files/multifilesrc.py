@@ -7,17 +7,21 @@ from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 
-from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Source
+from streamkit import Caps, Capture, Frame, FrameFlags, Property, ResourceError, Source
 from streamkit_decoder.codecs import CODED_CAPS, coded_caps, stream_parameters
 from streamkit_decoder.container import open_container, video_stream
 from streamkit_decoder.location import local_path
 from streamkit_decoder.packets import SECOND_NS
+from streamkit_decoder.stills.photograph import sample_of_photograph
+from streamkit_decoder.telemetry.posesync import pose_of
 
 NUMBER = re.compile(r"%0?\d*d")
 
 
 class MultiFileSrc(Source):
     """Reads numbered picture files as one video, up to the first number that is missing.
+
+    A photograph that tells where it was taken (Exif, DJI's XMP) carries that as `Pose`.
 
     Example:
         multifilesrc location=img/%06d.jpg start-index=1 framerate=25/1 ! decode ! fakesink
@@ -64,7 +68,8 @@ class MultiFileSrc(Source):
                 index = self.start_index
                 continue
             pts, end = self._time_ns(count), self._time_ns(count + 1)
-            yield Frame(data, self._caps, pts=pts, duration=end - pts, flags=FrameFlags.KEYFRAME)
+            frame = Frame(data, self._caps, pts=pts, duration=end - pts, flags=FrameFlags.KEYFRAME)
+            yield with_pose(frame, data)
             count, index = count + 1, index + 1
 
     def _time_ns(self, count: int) -> int:
@@ -86,3 +91,12 @@ class MultiFileSrc(Source):
 
     def _path(self, index: int) -> Path:
         return local_path(self.location % index)
+
+
+def with_pose(frame: Frame, data: bytes) -> Frame:
+    """A picture with what its file tells about its place and time."""
+    sample = sample_of_photograph(data, frame.pts or 0)
+    if sample is None:
+        return frame
+    frame = frame.attach(pose_of(sample, 0, False), sample)
+    return frame if sample.utc_ns is None else frame.replace(capture=Capture(sample.utc_ns, "file"))

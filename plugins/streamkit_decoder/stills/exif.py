@@ -1,0 +1,141 @@
+"""Position, time and focal length out of a photograph's Exif data."""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Final
+
+Value = tuple[float, ...] | str
+
+_ORDERS: Final = {b"II": "<", b"MM": ">"}
+_MAGIC: Final = 42
+_ENTRY_BYTES: Final = 12
+_INLINE_BYTES: Final = 4
+_MOST_VALUES: Final = 64
+_ASCII: Final = 2
+# How one value of each type is laid out; the types with two numbers are fractions.
+_LAYOUTS: Final = {1: "B", 3: "H", 4: "I", 5: "II", 7: "B", 9: "i", 10: "ii", 11: "f", 12: "d"}
+_FRACTIONS: Final = (5, 10)
+_EXIF_DIRECTORY: Final = 0x8769
+_GPS_DIRECTORY: Final = 0x8825
+_FOCAL_35MM: Final = 0xA405
+_LATITUDE, _LONGITUDE, _ALTITUDE_SIDE, _ALTITUDE = 2, 4, 5, 6
+_TIME, _DATE, _DIRECTION_NORTH, _DIRECTION = 7, 29, 16, 17
+
+
+@dataclass(frozen=True, slots=True)
+class ExifData:
+    """What the Exif data of a photograph tells.
+
+    Attributes:
+        position: latitude and longitude, deg, WGS84.
+        altitude: m above sea level.
+        direction: the way the camera looked, rad clockwise from true north.
+        utc_ns: when, by the satellites' clock.
+        focal_35mm: focal length that gives the same diagonal view on 36 x 24 mm, mm.
+    """
+
+    position: tuple[float, float] | None = None
+    altitude: float | None = None
+    direction: float | None = None
+    utc_ns: int | None = None
+    focal_35mm: float | None = None
+
+
+def read_exif(tiff: bytes) -> ExifData:
+    """Reads the TIFF structure of Exif data; what is missing or damaged in it stays None.
+
+    Source: CIPA DC-008 (Exif 2.32), sections 4.6.5 and 4.6.6.
+    """
+    order = _ORDERS.get(tiff[:2])
+    if order is None or len(tiff) < 8 or struct.unpack_from(f"{order}H", tiff, 2)[0] != _MAGIC:
+        return ExifData()
+    first = _directory(tiff, order, struct.unpack_from(f"{order}I", tiff, 4)[0])
+    camera = _directory(tiff, order, _offset(first.get(_EXIF_DIRECTORY)))
+    gps = _directory(tiff, order, _offset(first.get(_GPS_DIRECTORY)))
+    latitude, longitude = _degrees(gps, _LATITUDE, "S", 90), _degrees(gps, _LONGITUDE, "W", 180)
+    fix = None if latitude is None or longitude is None else (latitude, longitude)
+    direction = _number(gps.get(_DIRECTION))
+    is_true = str(gps.get(_DIRECTION_NORTH, "T")).startswith("T")
+    return ExifData(
+        position=None if fix == (0.0, 0.0) else fix,
+        altitude=_altitude(gps),
+        direction=None if direction is None or not is_true else math.radians(direction) % (2 * math.pi),
+        utc_ns=_utc_ns(gps),
+        focal_35mm=_number(camera.get(_FOCAL_35MM)) or None,
+    )
+
+
+def _directory(tiff: bytes, order: str, offset: int) -> dict[int, Value]:
+    """The entries of the directory at an offset by their tags; 0 is no directory."""
+    if not 0 < offset <= len(tiff) - 2:
+        return {}
+    (count,) = struct.unpack_from(f"{order}H", tiff, offset)
+    entries: dict[int, Value] = {}
+    for place in range(offset + 2, offset + 2 + count * _ENTRY_BYTES, _ENTRY_BYTES):
+        if place + _ENTRY_BYTES > len(tiff):
+            break
+        tag, kind, number = struct.unpack_from(f"{order}HHI", tiff, place)
+        value = _value(tiff, order, kind, number, place + 8)
+        if value is not None:
+            entries[tag] = value
+    return entries
+
+
+def _value(tiff: bytes, order: str, kind: int, count: int, place: int) -> Value | None:
+    """An entry's value, which stands in the entry itself where it fits; None for what nobody asks for."""
+    layout = "s" if kind == _ASCII else _LAYOUTS.get(kind)
+    if layout is None or not 0 < count <= _MOST_VALUES:
+        return None
+    size = struct.calcsize(order + layout) * count
+    if size > _INLINE_BYTES:
+        (place,) = struct.unpack_from(f"{order}I", tiff, place)
+    if place + size > len(tiff):
+        return None
+    if kind == _ASCII:
+        return tiff[place : place + size].split(b"\0")[0].decode("ascii", "replace").strip()
+    numbers = struct.unpack_from(order + layout * count, tiff, place)
+    if kind not in _FRACTIONS:
+        return tuple(float(number) for number in numbers)
+    pairs = zip(numbers[::2], numbers[1::2], strict=True)
+    return tuple(above / below if below else math.nan for above, below in pairs)
+
+
+def _offset(value: Value | None) -> int:
+    return int(_number(value) or 0)
+
+
+def _number(value: Value | None) -> float | None:
+    return value[0] if isinstance(value, tuple) and math.isfinite(value[0]) else None
+
+
+def _degrees(gps: dict[int, Value], tag: int, negative: str, most: float) -> float | None:
+    """Degrees, minutes and seconds as one number; the tag before tells the hemisphere."""
+    parts = gps.get(tag)
+    if not isinstance(parts, tuple):
+        return None
+    degrees = sum(part * factor for part, factor in zip(parts, (1, 1 / 60, 1 / 3600), strict=False))
+    if not 0 <= degrees <= most:
+        return None
+    return -degrees if str(gps.get(tag - 1, "")).upper().startswith(negative) else degrees
+
+
+def _altitude(gps: dict[int, Value]) -> float | None:
+    altitude = _number(gps.get(_ALTITUDE))
+    is_below = _number(gps.get(_ALTITUDE_SIDE)) == 1
+    return None if altitude is None else -altitude if is_below else altitude
+
+
+def _utc_ns(gps: dict[int, Value]) -> int | None:
+    date, time = gps.get(_DATE), gps.get(_TIME)
+    if not isinstance(date, str) or not isinstance(time, tuple) or len(time) != 3:
+        return None
+    try:
+        day = datetime.strptime(date, "%Y:%m:%d").replace(tzinfo=UTC)
+        passed = timedelta(hours=time[0], minutes=time[1], seconds=time[2])
+    except (ValueError, OverflowError):
+        return None
+    return round((day + passed).timestamp() * 1e6) * 1000
