@@ -40,8 +40,9 @@ class ParticleTrack(Transform):
     Reads the frame's registration, detections and features where there are any. A detection seen `birth-hits`
     times that has moved over the ground becomes a confirmed track; without detections a track goes on by its
     appearance, for at most half the time it was detected and no longer than `coast`. `window` starts one
-    target by hand. Targets end, each reported once as lost, on a cut, a new plane without a mapping, a new
-    frame size, or a new epoch without registration.
+    target by hand, also while playing; it goes on without detections, coasts when it is not seen, and is
+    looked for in a circle that grows until `coast` has passed. Targets end, each reported once as lost, on a
+    cut, a new plane without a mapping, a new frame size, or a new epoch without registration.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! framediff ! particletrack ! fakesink
@@ -49,7 +50,10 @@ class ParticleTrack(Transform):
 
     sink = src = LUMA_CAPS
     window: str | None = Property(
-        None, unit="px", doc="x,y,w,h[,angle in rad]: left, top and size of one target in the first frame."
+        None,
+        unit="px",
+        live=True,
+        doc="x,y,w,h[,angle in rad]: left, top, size of a target in the next frame; each new one adds one.",
     )
     auto_start: bool = Property(True, doc="Whether detections start targets.")
     max_targets: int = Property(
@@ -98,6 +102,11 @@ class ParticleTrack(Transform):
         self._link = FrameLink(self.compare is Compare.FEATURES)
         self._spaceless = False
 
+    def property_changed(self, name: str) -> None:
+        """A window set while playing starts one more target in the next frame."""
+        if name == "window" and self.window is not None and self.is_playing:
+            self._start_window = parse_window(self.window, self.name)
+
     def transform(self, frame: Frame) -> Frame:
         """Attaches Tracks."""
         image = luma(frame)
@@ -111,15 +120,13 @@ class ParticleTrack(Transform):
             self.post_warning(
                 "compare=features: no feature space comes with the frames yet: put waveleteigen upstream"
             )
-        if self._start_window is None:
-            reports = self._tracker.step(image, observation)
-        else:
-            window, self._start_window = self._start_window, None
+        reports = self._tracker.step(image, observation)
+        window, self._start_window = self._start_window, None
+        if window is not None:
             try:
-                reports = (self._tracker.start_target(image, window, observation),)
+                reports = (*reports, self._tracker.start_target(image, window, observation))
             except ValueError as error:
                 self.post_warning(f"window={self.window}: {error}")
-                reports = ()
         return frame.attach(Tracks(tuple(track(report) for report in reports)))
 
     def _settings(self) -> TrackerSettings:

@@ -138,6 +138,21 @@ def test_a_window_by_hand_is_followed_without_any_metadata(scenes: ModuleType):
             assert np.hypot(track.x - truth[0], track.y - truth[1]) < 1.0
 
 
+def test_a_window_set_while_playing_adds_a_target(scenes: ModuleType):
+    """The target of the first window goes on; the new one starts in the frame after it was set."""
+    (image, first), *_ = scenes.TurningScene(seed=2, frames=1)
+    frame = Frame(image, raw_video_caps("GRAY8", 360, 270))
+    text = f"{first[0] - first[2] / 2},{first[1] - first[3] / 2},{first[2]},{first[3]}"
+    with Harness("particletrack", window=text) as harness:
+        assert [track.id for track in tracks_of(harness.push(frame))] == [1]
+        harness.element.window = "20,20,40,30"
+        tracks = tracks_of(harness.push(frame.replace(seq=1)))
+        assert [track.id for track in tracks] == [1, 2]
+        assert (tracks[1].x, tracks[1].y) == (39.5, 34.5)
+        with pytest.raises(PropertyError, match="property window must be"):
+            harness.element.window = "20,20"
+
+
 @pytest.mark.parametrize("window", ["", "1,2,3", "1,2,3,x", "1,2,0,4", "1,2,nan,4", "1,2,3,4,5,6"])
 def test_an_unreadable_window_is_refused_at_the_start(window: str):
     """The error names element, property, rule, text and an example."""
