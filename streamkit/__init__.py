@@ -77,7 +77,8 @@ _HOMES = {
     "streamkit.element.source": ("Source",),
     "streamkit.element.transform": ("Transform",),
     "streamkit.errors": (
-        "DescriptionError", "ElementFailure", "NotNegotiated", "PropertyError", "ResourceError", "StreamError", "StreamkitError",
+        "DescriptionError", "ElementFailure", "NotNegotiated", "PropertyError", "ResourceError",
+        "StreamError", "StreamkitError",
     ),
     "streamkit.flow.caps": ("ANY", "Caps", "Structure"),
     "streamkit.flow.caps_values": ("FractionRange", "IntRange", "ValueList"),

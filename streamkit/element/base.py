@@ -259,11 +259,11 @@ class Element:
 
     def sink_pads(self) -> Iterator[Pad]:
         """Pads that frames come in through."""
-        return (pad for pad in self.pads.values() if not pad.is_src)
+        return (pad for pad in tuple(self.pads.values()) if not pad.is_src)
 
     def src_pads(self) -> Iterator[Pad]:
         """Pads that frames leave through."""
-        return (pad for pad in self.pads.values() if pad.is_src)
+        return (pad for pad in tuple(self.pads.values()) if pad.is_src)
 
     def query_caps(self, pad: Pad) -> Caps:
         """What `pad` can carry, given what the element's other side can; the pad's template bounds it."""
@@ -288,7 +288,7 @@ class Element:
             name = template.name
             if "%u" in name:
                 head, _, tail = name.partition("%u")
-                numbers = [int(p[len(head) : len(p) - len(tail)]) for p in self.pads if template.matches(p)]
+                numbers = [int(p[len(head) : len(p) - len(tail)]) for p in tuple(self.pads) if template.matches(p)]
                 name = name.replace("%u", str(max(numbers, default=-1) + 1))
         if name in self.pads:
             raise StateError(f"{self.name}: a pad {name!r} is there already")

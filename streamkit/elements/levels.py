@@ -35,18 +35,20 @@ class Levels:
         in_offset_ns, out_offset_ns: running time of a timestamp of 0, in the segment in force at that end.
         has_begun: whether a timestamp has been seen, so that `out_ns` means something.
         most: length of the line from which a frame is to be looked at before it goes in.
+        alert: length from which anything is to be done: `most`, or the most held so far.
         limit_bytes, limit_ns: when the line is full.
         highest_buffers, highest_bytes, highest_ns: the most held.
     """
 
     __slots__ = (
-        "_items", "has_begun", "highest_buffers", "highest_bytes", "highest_ns", "in_bytes", "in_events",
-        "in_ns", "in_offset_ns", "limit_bytes", "limit_ns", "most", "out_bytes", "out_events", "out_ns",
-        "out_offset_ns",
+        "_items", "alert", "has_begun", "highest_buffers", "highest_bytes", "highest_ns", "in_bytes",
+        "in_events", "in_ns", "in_offset_ns", "limit_bytes", "limit_ns", "most", "out_bytes", "out_events",
+        "out_ns", "out_offset_ns",
     )  # fmt: skip
 
     def __init__(self, items: deque[Frame | Event]) -> None:
         self._items = items
+        self.alert = 0
         self.most = self.limit_bytes = self.limit_ns = sys.maxsize
         self.reset()
 
@@ -54,7 +56,7 @@ class Levels:
         """Begins anew, when nothing streams."""
         self.in_bytes = self.in_events = self.in_ns = self.in_offset_ns = 0
         self.out_bytes = self.out_events = self.out_ns = self.out_offset_ns = 0
-        self.highest_buffers = self.highest_bytes = self.highest_ns = 0
+        self.highest_buffers = self.highest_bytes = self.highest_ns = self.alert = 0
         self.has_begun = False
 
     @property
@@ -71,6 +73,11 @@ class Levels:
     def time_ns(self) -> int:
         """Running time from the end of the newest frame handed on to the end of the newest held, ns."""
         return max(0, self.in_ns - self.out_ns) if self.buffers else 0
+
+    def rise(self) -> None:
+        """A frame is about to go in: the most held may grow."""
+        self.highest_buffers = max(self.highest_buffers, self.buffers + 1)
+        self.alert = min(self.most, self.highest_buffers)
 
     def weigh_in(self, frame: Frame) -> None:
         """Counts bytes and time of a frame that goes in."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from streamkit.element.choice import Choice
-from streamkit.element.pad import Pad
+from streamkit.element.pad import WEIGHED, Pad
 from streamkit.element.property import Property
 from streamkit.elements.callbacks import Callbacks
 from streamkit.elements.levels import EMPTY
@@ -101,7 +101,8 @@ class Queue(ThreadBoundary):
         self._levels.limit_bytes = self.max_size_bytes or sys.maxsize
         self._levels.limit_ns = self.max_size_time or sys.maxsize
         self._limit_buffers = self.max_size_buffers or sys.maxsize
-        self._set(_thresholded=any(thresholds))
+        contended = self.leaky is Leaky.DOWNSTREAM or self.flush_on_eos  # upstream takes frames out too
+        self._set(_thresholded=any(thresholds), _contended=contended)
         self._wake()
 
     # The upstream side.
@@ -115,22 +116,31 @@ class Queue(ThreadBoundary):
         items, levels, append = self._items, self._levels, self._items.append
 
         def put(frame: Frame) -> None:
-            held = len(items)
-            if held >= levels.most:
-                admitted = self._admit(frame)
+            if len(items) >= levels.alert:
+                admitted = self._look(frame)
                 if admitted is None:
                     return
                 frame = admitted
             if (frame.data is not EMPTY or frame.pts is not None) and not self._weigh(frame):
                 return
-            if held >= levels.highest_buffers:
-                levels.highest_buffers = levels.buffers + 1
             append(frame)
             if self._downstream_sleeps:
                 self._downstream_sleeps = False
                 self._filled.set()
 
         return put
+
+    def _look(self, frame: Frame) -> Frame | None:
+        """Looks at what the length of the line asks for; the frame, or None where it was dropped."""
+        levels = self._levels
+        if len(self._items) >= levels.most:
+            admitted = self._admit(frame)
+            if admitted is None:
+                return None
+            frame = admitted
+        if frame.data is EMPTY and frame.pts is None:  # others may still have to wait for bytes or time
+            levels.rise()
+        return frame
 
     def _admit(self, frame: Frame) -> Frame | None:
         """The frame if it may go in, perhaps after a wait; None where it was dropped."""
@@ -149,7 +159,11 @@ class Queue(ThreadBoundary):
         is_full = levels.bytes >= levels.limit_bytes or levels.in_ns - levels.out_ns >= levels.limit_ns
         if is_full and self._is_full() and not self._make_room():
             return False
+        levels.rise()
         levels.weigh_in(frame)
+        if not self.care & WEIGHED:
+            with self._lock:
+                self.care |= WEIGHED
         return True
 
     def _is_full(self, taken: int = 0) -> bool:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from streamkit.element.base import Element
-from streamkit.element.pad import Pad
+from streamkit.element.pad import SPECIAL, WEIGHED, Pad
 from streamkit.elements.callbacks import Callbacks
 from streamkit.elements.levels import EMPTY, Levels
 from streamkit.flow.events import EOS, EosEvent, Event, GapEvent, SegmentEvent
@@ -28,7 +28,8 @@ class _Drained(Exception):
 class ThreadBoundary(Element):
     """Hands frames and events over from a line to the src pad, in a thread of its own.
 
-    What fills the line is the derived element's: it appends to `_items` and wakes who sleeps.
+    What fills the line is the derived element's: it appends to `_items` and wakes who sleeps. The plain case,
+    frame after frame, is left to the chain behind it, which takes out of the line itself: see `Line`.
 
     Attributes:
         on_underrun: called with the element when it has run empty.
@@ -40,9 +41,12 @@ class ThreadBoundary(Element):
         self.on_running = Callbacks()
         self._items: deque[Frame | Event] = deque()
         self._levels = Levels(self._items)
+        self.items = self._items
+        self.weigh_out = self._levels.weigh_out
         self._lock = threading.Lock()  # of the flags below, which seldom change
         self._refusal: type[FlowStop] | None = None  # no exception: its traceback would keep frames alive
-        self._halted = self._thresholded = self._head_gap = self._special = False
+        self._halted = self._thresholded = self._head_gap = self._contended = False
+        self.care = 0
         self._tail_gap = False
         self._limit_buffers = sys.maxsize
         self._flushes = False
@@ -82,13 +86,16 @@ class ThreadBoundary(Element):
         return self._levels.highest_ns
 
     def _set(self, **flags: bool) -> None:
-        """Sets flags that one side heeds at its next frame: downstream by `_special`, upstream by `most`."""
+        """Sets flags that one side heeds at its next frame: downstream by `care`, upstream by `alert`."""
         with self._lock:
             for name, value in flags.items():
                 setattr(self, name, value)
-            self._special = self._halted or self._thresholded or self._head_gap or self._upstream_sleeps
+            is_gated = self._halted or self._thresholded or self._contended
+            is_special = is_gated or self._head_gap or self._upstream_sleeps
+            self.care = self.care & WEIGHED | (SPECIAL if is_special else 0)
             is_alert = self._tail_gap or self._refusal is not None
             self._levels.most = 0 if is_alert else self._limit_buffers
+            self._levels.alert = min(self._levels.most, self._levels.highest_buffers)
 
     def _wake(self) -> None:
         self._filled.set()
@@ -139,6 +146,7 @@ class ThreadBoundary(Element):
         self._levels.reset()
         self._refusal = None
         self._flushes = False
+        self.care = 0
         self._set(_halted=False, _head_gap=False, _tail_gap=False)
 
     def stream(self) -> None:
@@ -152,6 +160,8 @@ class ThreadBoundary(Element):
                     while True:
                         # No name here holds the frame: downstream may then be its sole owner.
                         src.push(take())
+                        if src.pull is not None:
+                            src.pull(self)
                 except Flushing:
                     self._park()
         except _Drained:
@@ -188,7 +198,7 @@ class ThreadBoundary(Element):
                 if type(item) is not Frame:
                     self._hand_on(src, item)
                     continue
-                if self._special:
+                if self.care & SPECIAL:
                     if not self._may_pass(item):
                         continue
                     levels.weigh_out(item)

@@ -6,11 +6,13 @@ that a stage has replaced is let go at once, so that `Frame.writable` can see a 
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from streamkit.element.pad import SPECIAL
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated
@@ -19,7 +21,7 @@ from streamkit.flow.signals import FlowStop
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
-    from streamkit.element.pad import Pad
+    from streamkit.element.pad import Line, Pad
 
 SAMPLE_EVERY = 64  # one frame in so many is timed, and the first so many
 SLOW_NS = 100_000  # each, where they come in no shorter a time: timing then costs nothing to speak of
@@ -72,7 +74,7 @@ class Chain:
                 self._stages.append(_stage(transform))
                 self._positions[self._stages[-1]] = position
 
-    def compose(self) -> Callable[[Frame], None]:
+    def compose(self) -> Callable[[Frame], None]:  # noqa: PLR0915  three loops over one set of variables
         """The function that sends a frame through the chain.
 
         The count and the number of the next timed frame live in its closure, where they cost least.
@@ -118,6 +120,26 @@ class Chain:
             except Exception as cause:
                 raise failed(consume, frame, cause) from cause
 
+        def pull(line: Line) -> None:
+            nonlocal count
+            items, popleft = line.items, line.items.popleft
+            with contextlib.suppress(IndexError):  # the line is empty; what elements raise comes wrapped
+                while items[0].__class__ is Frame:
+                    if line.care:
+                        if line.care & SPECIAL:
+                            return
+                        line.weigh_out(items[0])
+                    count += 1
+                    if count >= due:
+                        timed([popleft()])  # type: ignore[list-item]
+                        continue
+                    try:
+                        consume(popleft())  # type: ignore[arg-type]  # a cast would cost a call for each frame
+                    except (FlowStop, ElementFailure, NotNegotiated):
+                        raise
+                    except Exception as cause:
+                        raise failed(consume, _frame_met(cause), cause) from cause
+
         def replace_consumer(function: Callable[[Frame], None]) -> None:
             nonlocal consume
             consume = function
@@ -128,6 +150,7 @@ class Chain:
 
         self._replace_consumer, self._set_due = replace_consumer, set_due
         self._count = lambda: count
+        self.src.pull = None if stages else pull
         return push if stages else hand_over
 
     @property
@@ -244,6 +267,17 @@ def composed_when_used(src: Pad, chains: list[Chain]) -> Callable[[Frame], None]
         src.push(box.pop())
 
     return push
+
+
+def _frame_met(cause: Exception) -> Frame | None:
+    """The frame that was being worked on where an exception was raised: nothing else may have held it."""
+    trace = cause.__traceback__
+    while trace is not None:
+        for value in trace.tb_frame.f_locals.values():
+            if isinstance(value, Frame):
+                return value
+        trace = trace.tb_next
+    return None
 
 
 class Parted:
