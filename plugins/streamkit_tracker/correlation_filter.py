@@ -109,7 +109,7 @@ class CorrelationFilter:
         wider[:, LENGTH : WIDTH + 1] *= self._scale
         factor = shrink_factor(wider[0], (SAMPLES, SAMPLES), sampler.shape)
         patches = sampler.sample(wider, (SAMPLES, SAMPLES), factor)
-        channels = np.stack([gradient_channels(p.reshape(SAMPLES, SAMPLES)) for p in patches])
+        channels = gradient_channels(patches.reshape(-1, SAMPLES, SAMPLES))
         return np.asarray(scipy.fft.rfft2(channels, axes=(2, 3)), np.complex64)
 
     def _peak(self, response: Float32Array, window: FloatArray) -> Response:
@@ -123,42 +123,69 @@ class CorrelationFilter:
             float(window[0] + dx * cosine - dy * sine),
             float(window[1] + dx * sine + dy * cosine),
         )
-        ground = np.roll(response, (GRID // 2 - row, GRID // 2 - column), axis=(0, 1))
-        mask = np.ones_like(ground, np.bool_)
-        centre = slice(GRID // 2 - SIDELOBE, GRID // 2 + SIDELOBE + 1)
-        mask[centre, centre] = False
-        peak, rest = float(response[row, column]), ground[mask]
         sides = (float(window[LENGTH]), float(window[WIDTH]))
-        return Response(position, sides, peak, (peak - float(rest.mean())) / max(float(rest.std()), 1e-6))
+        return Response(
+            position, sides, float(response[row, column]), _sharpness(response, int(row), int(column))
+        )
 
 
-def gradient_channels(patch: Float32Array) -> Float32Array:
+def gradient_channels(patches: Float32Array) -> Float32Array:
     """Grey level and the gradient along eight directions, averaged over cells and free of light.
 
     Args:
-        patch: float32[samples, samples].
+        patches: float32[n, samples, samples].
 
     Returns:
-        float32[channels, grid, grid], under a Hann window.
+        float32[n, channels, grid, grid], under a Hann window.
 
     Source: Dalal and Triggs, Histograms of Oriented Gradients, CVPR 2005 (here with rectified projections
     in place of binned angles, which need no arc tangent).
     """
-    across = cv2.Sobel(patch, cv2.CV_32F, 1, 0, ksize=1)
-    down = cv2.Sobel(patch, cv2.CV_32F, 0, 1, ksize=1)
-    channels = np.empty((CHANNELS, GRID, GRID), np.float32)
-    for index in range(DIRECTIONS):
-        angle = 2 * np.pi * index / DIRECTIONS
-        along = cv2.addWeighted(across, float(np.cos(angle)), down, float(np.sin(angle)), 0.0)
-        np.maximum(along, 0.0, out=along)
-        channels[index] = cv2.resize(along, (GRID, GRID), interpolation=cv2.INTER_AREA)
-    energy = cv2.blur(np.sqrt(np.sum(channels[:DIRECTIONS] ** 2, axis=0)), (3, 3))
-    channels[:DIRECTIONS] /= energy + CONTRAST_FLOOR
-    grey = cv2.resize(patch, (GRID, GRID), interpolation=cv2.INTER_AREA)
-    channels[DIRECTIONS] = GREY_SHARE * (grey - grey.mean()) / max(float(grey.std()), CONTRAST_FLOOR)
-    channels -= channels.mean(axis=(1, 2), keepdims=True)
-    channels *= _hann()
-    return channels
+    count = len(patches)
+    # patches under each other are one picture to OpenCV; what their seams mix up, the Hann window hides
+    column = patches.reshape(count * SAMPLES, SAMPLES)
+    across = np.asarray(cv2.Sobel(column, cv2.CV_32F, 1, 0, ksize=1), np.float32)
+    down = np.asarray(cv2.Sobel(column, cv2.CV_32F, 0, 1, ksize=1), np.float32)
+    rising, falling = across + down, down - across
+    mean_across, mean_down = _cells(across), _cells(down)
+    channels = np.empty((CHANNELS, count * GRID, GRID), np.float32)
+    means = (mean_across, mean_across + mean_down, mean_down, mean_down - mean_across)
+    for index, (along, mean) in enumerate(zip((across, rising, down, falling), means, strict=True)):
+        scale = np.float32(1.0 if index % 2 == 0 else np.sqrt(0.5))
+        channels[index] = _cells(np.maximum(along, 0)) * scale
+        # the opposite direction needs no pass of its own: its rectified mean is this one less the plain mean
+        channels[index + DIRECTIONS // 2] = channels[index] - mean * scale
+    gradients = channels[:DIRECTIONS]
+    energy = cv2.blur(np.sqrt(np.einsum("cij,cij->ij", gradients, gradients)), (3, 3))
+    gradients /= energy + CONTRAST_FLOOR
+    channels[DIRECTIONS] = _cells(column)
+    result = np.ascontiguousarray(channels.reshape(CHANNELS, count, GRID, GRID).transpose(1, 0, 2, 3))
+    result -= result.mean(axis=(2, 3), keepdims=True)
+    deviation = np.maximum(result[:, DIRECTIONS].std(axis=(1, 2), keepdims=True), CONTRAST_FLOOR)
+    result[:, DIRECTIONS] *= GREY_SHARE / deviation
+    result *= _hann()
+    return result
+
+
+def _cells(picture: Float32Array) -> Float32Array:
+    """Means over cells: float32[n * samples, samples] to float32[n * grid, grid]."""
+    size = (GRID, picture.shape[0] // CELL)
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _sharpness(response: Float32Array, row: int, column: int) -> float:
+    """Peak to sidelobe ratio of a ring of values; 0 where all are alike.
+
+    Source: Bolme, Beveridge, Draper and Lui, Visual Object Tracking using Adaptive Correlation Filters,
+    CVPR 2010.
+    """
+    around = np.arange(-SIDELOBE, SIDELOBE + 1)
+    lobe = response[np.ix_((row + around) % GRID, (column + around) % GRID)]
+    number = response.size - lobe.size
+    mean = float(response.sum() - lobe.sum()) / number
+    power = float(np.vdot(response, response) - np.vdot(lobe, lobe)) / number
+    deviation = float(np.sqrt(max(power - mean**2, 0.0)))
+    return (float(response[row, column]) - mean) / max(deviation, 1e-6)
 
 
 @cache

@@ -90,8 +90,8 @@ def test_learning_follows_a_new_look(scenes: ModuleType):
 
 def test_a_flat_patch_gives_finite_channels_and_no_peak():
     """Nothing divides by the contrast of a constant."""
-    channels = gradient_channels(np.zeros((SAMPLES, SAMPLES), np.float32))
-    assert channels.shape == (CHANNELS, GRID, GRID)
+    channels = gradient_channels(np.zeros((2, SAMPLES, SAMPLES), np.float32))
+    assert channels.shape == (2, CHANNELS, GRID, GRID)
     assert not channels.any()
     sampler = WindowSampler()
     sampler.look_at(np.full((60, 80), 90, np.uint8))
