@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from streamkit.flow.frame import Frame
 
 log = logging.getLogger("streamkit")
+PADS_LOCK = threading.Lock()  # pads come and go from several threads, seldom
 LOOK_S = 0.5  # longest sleep between looks at `stopping`, should a wake-up be missed
 
 
@@ -284,21 +285,26 @@ class Element:
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
         """Makes a pad from a request or sometimes template: of the name given, or the next number."""
-        if not name or "%u" in name:
-            name = template.name
-            if "%u" in name:
-                head, _, tail = name.partition("%u")
-                numbers = [int(p[len(head) : len(p) - len(tail)]) for p in tuple(self.pads) if template.matches(p)]
-                name = name.replace("%u", str(max(numbers, default=-1) + 1))
-        if name in self.pads:
-            raise StateError(f"{self.name}: a pad {name!r} is there already")
-        pad = self.pads[name] = Pad(self, template, name)
+        with PADS_LOCK:
+            if not name or "%u" in name:
+                name = self._next_name(template)
+            if name in self.pads:
+                raise StateError(f"{self.name}: a pad {name!r} is there already")
+            pad = self.pads[name] = Pad(self, template, name)
         return pad
+
+    def _next_name(self, template: PadTemplate) -> str:
+        head, mark, tail = template.name.partition("%u")
+        if not mark:
+            return template.name
+        taken = [name[len(head) : len(name) - len(tail)] for name in self.pads if template.matches(name)]
+        return f"{head}{max(map(int, taken), default=-1) + 1}{tail}"
 
     def release_pad(self, pad: Pad) -> None:
         """Takes a request pad away."""
         pad.unlink()
-        self.pads.pop(pad.name, None)
+        with PADS_LOCK:
+            self.pads.pop(pad.name, None)
 
     def settings(self) -> dict[str, Any]:
         """The properties set in the text, as JSON values."""
