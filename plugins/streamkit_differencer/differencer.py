@@ -1,16 +1,28 @@
-"""One frame through the differencer: reduce, place on the canvas, update the model, find objects."""
+"""One frame through the differencer: reduce, place, update the model, find objects, judge them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, cast
 
 import cv2
 import numpy as np
 
-from streamkit_differencer.anchor import Anchor, Change, Motion, Place, map_points, translation
+from streamkit_differencer.anchor import (
+    Anchor,
+    Change,
+    Motion,
+    Place,
+    map_points,
+    translation,
+    working_to_frame,
+)
+from streamkit_differencer.camera_motion import CameraMotion
+from streamkit_differencer.cleaning import cleaned
+from streamkit_differencer.confidence import Persistence, confidence
+from streamkit_differencer.filters.parallax import parallax_objects
 from streamkit_differencer.model import BackgroundModel, Event, ModelSettings
-from streamkit_differencer.objects import NOTHING, Objects, ObjectSettings, find_objects
+from streamkit_differencer.objects import NOTHING, Objects, ObjectSettings, chosen, find_objects
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,6 +37,10 @@ BORDER_PX = 2
 SMALLEST_WORKING = 8
 # A place within this distance of whole pixels needs no interpolation.
 WHOLE_PIXEL_PX = 0.02
+AUTOMATIC_SCALE = 0
+# Widest frames worked on at full resolution, and at half of it, px.
+WIDEST_FULL, WIDEST_HALF = 640, 2048
+CONTRAST_GRID = np.linspace(0.1, 0.9, 5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +49,8 @@ class Result:
 
     Attributes:
         objects: what moves, in frame pixels.
-        foreground: uint8[h, w] at working resolution in the frame's own grid: 0, 128 or 255.
+        foreground: uint8[h, w] at working resolution in the frame's own grid: 0 for ground, 50 for shadow,
+            128 for what has stopped, 255 for what moves.
         change: what happened to the canvas.
         event: what happened to the model.
     """
@@ -49,35 +66,45 @@ class Differencer:
     """Finds what moves in a sequence of frames of one size.
 
     Attributes:
-        scale: frame pixels per working pixel: 1, 2 or 4.
+        scale: frame pixels per working pixel: 1, 2, 4, or 0 to choose by the frame's width.
         model_settings: see `ModelSettings`; may be replaced between frames, but for the interval, the number
             of quiet frames and `three_frame`, which hold until the next reset.
         object_settings: see `ObjectSettings`; may be replaced between frames.
+        own_motion: whether the camera's motion is measured here where a frame has no registration; else such
+            frames are taken for those of a fixed camera.
+        region: uint8[h, w], 255 where objects are looked for, of the frames' size; None for everywhere.
     """
 
-    scale: int = 2
+    scale: int = AUTOMATIC_SCALE
     model_settings: ModelSettings = field(default_factory=ModelSettings)
     object_settings: ObjectSettings = field(default_factory=ObjectSettings)
+    own_motion: bool = False
+    region: ByteImage | None = None
     _shape: tuple[int, int] | None = None
     _grid: int = 1
     _anchor: Anchor | None = None
     _model: BackgroundModel | None = None
+    _camera: CameraMotion = field(default_factory=CameraMotion)
+    _persistence: Persistence = field(default_factory=Persistence)
+    _places: list[Matrix] = field(default_factory=list)
 
     def reset(self) -> None:
         """Forgets the scene: the next frame begins a new model."""
         self._anchor = self._model = None
+        self._camera.reset()
 
     def miss(self) -> None:
         """Leaves a frame out: the model is held as it is."""
         if self._anchor is not None:
             self._anchor.miss()
 
-    def update(self, image: ByteImage, motion: Motion | None) -> Result | None:
+    def update(self, image: ByteImage, motion: Motion | None, registration: float = 1.0) -> Result | None:
         """Takes in one frame.
 
         Args:
             image: uint8[h, w], brightness at full resolution.
-            motion: how the frame was registered; None for a camera that does not move.
+            motion: how the frame was registered, or None.
+            registration: how well that is known, 0 to 1.
 
         Returns:
             None if the frame could not be placed; the model is then held.
@@ -85,25 +112,39 @@ class Differencer:
         if image.shape != self._shape:
             self.reset()
             self._shape = cast("tuple[int, int]", image.shape)
-            self._grid = self.scale if min(image.shape) >= SMALLEST_WORKING * self.scale else 1
+            wanted = self.scale or automatic_scale(image.shape[1])
+            self._grid = wanted if min(image.shape) >= SMALLEST_WORKING * wanted else 1
         working = reduced(image, self._grid)
         if self._model is not None:
-            self._model.settings = self.model_settings
+            self._model.settings = self._settings
+        if motion is None and self.own_motion:
+            motion = self._measured(working)
+            if motion is None:
+                self.miss()
+                return None
         if motion is None:
-            return self._fixed(working)
-        return self._moving(working, motion)
+            return self._fixed(working, registration)
+        return self._moving(working, motion, registration)
 
-    def _fixed(self, working: ByteImage) -> Result:
+    def _measured(self, working: ByteImage) -> Motion | None:
+        place = self._camera.place(working)
+        if place is None:
+            return None
+        grid = working_to_frame(self._grid)
+        # Planes counted downwards are never taken for those of a registration.
+        return Motion(grid @ place @ np.linalg.inv(grid), reference=-1 - self._camera.plane)
+
+    def _fixed(self, working: ByteImage, registration: float) -> Result:
         if self._anchor is not None or self._model is None:
-            self._anchor, self._model = None, BackgroundModel(size_of(working), self.model_settings)
+            self._anchor, self._model = None, self._new_model(size_of(working))
         everything = np.s_[: working.shape[0], : working.shape[1]]
         mask, event = self._model.update(working, np.full_like(working, 255), everything)
-        return Result(find_objects(mask, self._grid, self.object_settings), mask, event=event)
+        return self._judged(working, mask, Place(Change.NONE, np.eye(3), np.eye(3)), event, registration)
 
-    def _moving(self, working: ByteImage, motion: Motion) -> Result | None:
+    def _moving(self, working: ByteImage, motion: Motion, registration: float) -> Result | None:
         if self._anchor is None or self._model is None:
             self._anchor = Anchor(size_of(working), self._grid)
-            self._model = BackgroundModel(self._anchor.canvas_size, self.model_settings)
+            self._model = self._new_model(self._anchor.canvas_size)
         place = self._anchor.place(motion)
         if place is None:
             self.miss()
@@ -112,21 +153,94 @@ class Differencer:
         warped, seen, region = on_canvas(working, place.working_to_canvas, self._model.size)
         mask, event = self._model.update(warped, seen, region)
         if not cv2.countNonZero(mask):
+            self._persistence.update(NOTHING.boxes)
             return Result(NOTHING, np.zeros_like(working), place.change, event)
         mask = in_frame(mask, region, place.working_to_canvas, size_of(working))
-        return Result(find_objects(mask, self._grid, self.object_settings), mask, place.change, event)
+        return self._judged(working, mask, place, event, registration)
 
-    @staticmethod
-    def _follow(model: BackgroundModel, place: Place) -> None:
+    def _new_model(self, size: tuple[int, int]) -> BackgroundModel:
+        self._persistence, self._places = Persistence(), []
+        return BackgroundModel(size, self._settings)
+
+    @property
+    def _settings(self) -> ModelSettings:
+        """The model's settings with the tolerance chosen where that was left open."""
+        settings = self.model_settings
+        if settings.tolerance >= 0:
+            return settings
+        return replace(settings, tolerance=0 if self._grid == 1 else 1)
+
+    def _judged(
+        self, working: ByteImage, mask: ByteImage, place: Place, event: Event, registration: float
+    ) -> Result:
+        """The objects of a frame, without those that are parallax, each with how sure it is."""
+        settings = self.object_settings
+        assert self._model is not None
+        mask = cleaned(mask, settings.median_px // self._grid, settings.fill_holes)
+        if self.region is not None:
+            inside = cv2.resize(self.region, size_of(mask), interpolation=cv2.INTER_NEAREST)
+            mask = mask & cast("ByteImage", inside)
+        objects = find_objects(mask, self._grid, settings)
+        to_canvas = place.working_to_canvas @ np.linalg.inv(working_to_frame(self._grid))
+        if settings.parallax > 0.0:
+            objects = self._without_parallax(objects, to_canvas)
+        boxes = mapped_boxes(to_canvas, objects.boxes)
+        ages = self._persistence.update(boxes)
+        contrast = self._model.contrast(mapped_grids(to_canvas, objects.boxes))
+        objects = replace(objects, confidences=confidence(contrast, ages, registration))
+        return Result(objects, mask, place.change, event)
+
+    def _without_parallax(self, objects: Objects, to_canvas: Matrix) -> Objects:
+        assert self._model is not None
+        assert self._shape is not None
+        middle = np.array([[self._shape[1] / 2, self._shape[0] / 2]])
+        self._places.append(map_points(to_canvas, middle)[0])
+        del self._places[: -self.model_settings.interval - 1]
+        pair = self._model.frames_apart()
+        if pair is None or len(self._places) <= self.model_settings.interval:
+            return objects
+        step = self._places[-1] - self._places[0]
+        boxes = mapped_boxes(to_canvas, objects.boxes)
+        return chosen(objects, ~parallax_objects(*pair, boxes, step, self.object_settings.parallax))
+
+    def _follow(self, model: BackgroundModel, place: Place) -> None:
         match place.change:
             case Change.NEW:
                 model.reset()
+                self._persistence, self._places = Persistence(), []
             case Change.SCROLL:
                 model.scroll(round(place.canvas_change[0, 2]), round(place.canvas_change[1, 2]))
             case Change.REANCHOR:
                 model.warp(place.canvas_change)
             case Change.NONE:
-                pass
+                return
+        self._persistence.follow(lambda boxes: mapped_boxes(place.canvas_change, boxes))
+        self._places = [map_points(place.canvas_change, centre[None])[0] for centre in self._places]
+
+
+def automatic_scale(width: int) -> int:
+    """The working scale for frames of a width: small ones keep their detail, large ones stay quick."""
+    if width <= WIDEST_FULL:
+        return 1
+    return 2 if width <= WIDEST_HALF else 4
+
+
+def mapped_boxes(matrix: Matrix, boxes: Matrix) -> Matrix:
+    """Boxes around boxes under a homography, float64[n, 4] x0 y0 x1 y1."""
+    if not len(boxes):
+        return boxes
+    corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2)
+    placed = map_points(matrix, corners).reshape(len(boxes), 4, 2)
+    return np.hstack([placed.min(axis=1), placed.max(axis=1)])
+
+
+def mapped_grids(matrix: Matrix, boxes: Matrix) -> Matrix:
+    """25 points in each box under a homography, float64[n, 25, 2]."""
+    across = boxes[:, None, 0] + (boxes[:, 2] - boxes[:, 0])[:, None] * CONTRAST_GRID
+    down = boxes[:, None, 1] + (boxes[:, 3] - boxes[:, 1])[:, None] * CONTRAST_GRID
+    count = len(CONTRAST_GRID)
+    points = np.stack([np.tile(across, (1, count)), np.repeat(down, count, axis=1)], axis=2)
+    return map_points(matrix, points.reshape(-1, 2)).reshape(points.shape)
 
 
 def size_of(image: ByteImage) -> tuple[int, int]:
@@ -181,5 +295,9 @@ def on_canvas(
 def in_frame(mask: ByteImage, region: Region, place: Matrix, size: tuple[int, int]) -> ByteImage:
     """The canvas's foreground in the frame's own grid, by nearest neighbour: uint8 of the frame's shape."""
     local = translation(-region[1].start, -region[0].start) @ place
+    if mask.shape == (size[1], size[0]):
+        outline = np.array([[0, 0], size, [0, size[1]], [size[0], 0]], np.float64)
+        if np.abs(map_points(local, outline) - outline).max() <= WHOLE_PIXEL_PX:
+            return mask
     flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
     return cast("ByteImage", cv2.warpPerspective(mask, local, size, flags=flags))

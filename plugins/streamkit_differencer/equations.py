@@ -82,7 +82,7 @@ def update_background(
 def foreground(
     current: ByteImage,
     background: FloatImage | ByteImage,
-    threshold: float,
+    threshold: float | ByteImage,
     *,
     tolerance: int = 0,
     gradient_gain: float = 0.0,
@@ -92,27 +92,30 @@ def foreground(
     Args:
         current: uint8[h, w], f(t).
         background: float32 or uint8[h, w], B(t - 1).
-        threshold: T_F, grey levels; a difference must exceed it.
+        threshold: T_F, grey levels; a difference must exceed it; uint8[h, w] gives each pixel its own.
         tolerance: error of registration to bear, px: a pixel is compared with the range of the background
-            within this distance; 0 with a `gradient_gain` of 0 is the equation itself.
+            within this distance; 0 with a `gradient_gain` of 0 and one threshold is the equation itself.
         gradient_gain: raises the threshold by this share of that range.
 
     Returns:
         uint8[h, w], F(t) as a mask.
     """
-    if tolerance == 0 and gradient_gain == 0.0:
+    if tolerance == 0 and gradient_gain == 0.0 and not isinstance(threshold, np.ndarray):
         exact = cv2.absdiff(current.astype(np.float32), background.astype(np.float32, copy=False))
         return threshold_mask(cast("FloatImage", exact), threshold)
     # With a tolerance the comparison is coarser than a grey level anyway, and 8 bits are four times as fast.
     rounded = cast("ByteImage", cv2.convertScaleAbs(background))
-    lowest, highest = local_bounds(rounded, max(tolerance, 1))
-    if tolerance == 0:
-        excess = cv2.absdiff(current, rounded)
-    else:
-        excess = cv2.max(cv2.subtract(current, highest), cv2.subtract(lowest, current))
-    if gradient_gain > 0.0:
-        excess = cv2.subtract(excess, cv2.convertScaleAbs(highest - lowest, alpha=gradient_gain))
-    return threshold_mask(cast("ByteImage", excess), threshold)
+    excess = cast("ByteImage", cv2.absdiff(current, rounded))
+    if tolerance > 0 or gradient_gain > 0.0:
+        lowest, highest = local_bounds(rounded, max(tolerance, 1))
+        if tolerance > 0:
+            excess = cast("ByteImage", cv2.max(cv2.subtract(current, highest), cv2.subtract(lowest, current)))
+        if gradient_gain > 0.0:
+            allowance = cv2.convertScaleAbs(highest - lowest, alpha=gradient_gain)
+            excess = cast("ByteImage", cv2.subtract(excess, allowance))
+    if isinstance(threshold, np.ndarray):
+        return cast("ByteImage", cv2.compare(excess, threshold, cv2.CMP_GT))
+    return threshold_mask(excess, threshold)
 
 
 def local_bounds(image: ByteImage, radius: int) -> tuple[ByteImage, ByteImage]:

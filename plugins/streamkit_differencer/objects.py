@@ -9,7 +9,7 @@ Source: Zhang, Liu, Qu, section 2.2, last two paragraphs; where the criterion J_
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, cast
 
 import cv2
@@ -29,6 +29,8 @@ VOTE_THRESHOLD = 100
 # Clustering is quadratic: more fragments than this are noise, and the largest are kept.
 MOST_FRAGMENTS = 1500
 CHANGED = 255
+# Marks below this are no foreground: shadow.
+LOWEST_MARK = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,13 +43,20 @@ class ObjectSettings:
         criterion: what J_mn is.
         min_score: share of an object's foreground that must have changed lately; 0 keeps what stands still.
         max_objects: the largest that are kept.
+        median_px: width of the median filter that cleans the foreground, frame px; 0 for none.
+        fill_holes: whether holes in the foreground are filled.
+        parallax: largest height of a thing over the camera's height above it, that is taken for parallax and
+            left out; 0 keeps everything.
     """
 
     min_area: int = 3
     merge_gap: int = 2
     criterion: Criterion = Criterion.GAP
     min_score: float = 0.25
-    max_objects: int = 400
+    max_objects: int = 50
+    median_px: int = 5
+    fill_holes: bool = False
+    parallax: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +68,7 @@ class Objects:
         boxes: float64[n, 4], x0 y0 x1 y1, the outer edges of the foreground.
         areas: float64[n], foreground, px.
         scores: float64[n], share of the foreground that changed lately, 0 to 1.
+        confidences: float64[n], how sure each is, 0 to 1; empty until they were judged.
         dropped: objects left out because there were more than `max_objects`.
     """
 
@@ -67,6 +77,7 @@ class Objects:
     areas: FloatArray
     scores: FloatArray
     dropped: int = 0
+    confidences: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
         return len(self.areas)
@@ -83,6 +94,7 @@ def find_objects(foreground: ByteImage, scale: int, settings: ObjectSettings) ->
         scale: frame pixels per pixel of `foreground`: 1, 2 or 4.
         settings: what counts as an object.
     """
+    foreground = cast("ByteImage", cv2.threshold(foreground, LOWEST_MARK, 0, cv2.THRESH_TOZERO)[1])
     labels, areas, corners, centres = fragments(cells_of(foreground, scale))
     if not areas.size:
         return NOTHING
@@ -103,12 +115,17 @@ def selected(objects: Objects, settings: ObjectSettings) -> Objects:
     moving = np.flatnonzero(objects.scores >= settings.min_score)
     order = moving[np.argsort(-objects.areas[moving], kind="stable")]
     kept = order[: settings.max_objects]
+    return replace(chosen(objects, kept), dropped=order.size - kept.size)
+
+
+def chosen(objects: Objects, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Objects:
+    """Some of the objects."""
     return Objects(
-        objects.centroids[kept],
-        objects.boxes[kept],
-        objects.areas[kept],
-        objects.scores[kept],
-        dropped=order.size - kept.size,
+        objects.centroids[rows],
+        objects.boxes[rows],
+        objects.areas[rows],
+        objects.scores[rows],
+        dropped=objects.dropped,
     )
 
 

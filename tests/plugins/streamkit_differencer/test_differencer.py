@@ -115,14 +115,15 @@ def test_a_flight_scrolls_the_canvas(world):
 
 
 def test_without_motion_a_moving_camera_sees_motion_everywhere(world):
-    """The compensation is what finds the cars: without it the objects are not the cars."""
+    """The compensation is what finds the cars: without it, object F is at least 0.2 lower."""
     flight, score = world(11, True), Score()
     differencer = Differencer()
     for time, frame in enumerate(flight.frames):
         objects = differencer.update(frame, None).objects
         if time >= WARM_UP:
             score.add(objects, flight, time)
-    assert score.f_measure < 0.5
+    compensated, _ = run(flight, Differencer())
+    assert score.f_measure < compensated.f_measure - 0.2
 
 
 def test_nothing_is_found_where_nothing_moves(world):
@@ -150,7 +151,7 @@ def test_another_frame_size_begins_a_new_model(world):
         differencer.update(frame, None)
     for frame in flight.frames[30:40]:
         result = differencer.update(np.ascontiguousarray(frame[:200, :300]), None)
-        assert result.foreground.shape == (100, 150)
+        assert result.foreground.shape == (200, 300)
         assert len(result.objects) == 0
 
 

@@ -29,8 +29,8 @@ def frame_of(world, time, **registration):
 
 
 def found(harness, frame):
-    """What the element detects in a frame."""
-    (passed,) = harness.push(frame)
+    """What the element detects in a frame, which comes after its mask."""
+    passed = harness.push(frame)[-1]
     return passed.get(Detections)
 
 
@@ -39,7 +39,7 @@ def test_the_same_frame_passes_with_detections(world):
     with Harness("framediff") as harness:
         for time in range(3):
             frame = frame_of(world(11, True), time)
-            (passed,) = harness.push(frame)
+            passed = harness.push(frame)[-1]
             assert passed.data is frame.data
             assert passed.seq == time
             assert passed.get(Registration) is frame.get(Registration)
@@ -49,20 +49,20 @@ def test_the_same_frame_passes_with_detections(world):
 
 @pytest.mark.parametrize("is_moving", [False, True])
 def test_detections_sit_on_the_cars(world, is_moving):
-    """With registration for a moving camera, without any for a fixed one."""
+    """With registration for a moving camera, without any for a fixed one, once the ground is known."""
     scene, near, count = world(12, is_moving), 0, 0
     with Harness("framediff") as harness:
         for time in range(40):
             detections = found(harness, frame_of(scene, time))
             assert len(detections.areas) == len(detections.scores) == len(detections)
-            if time >= 20:
+            if time >= 25:
                 middles = [outline.mean(axis=0) for outline in scene.outlines(time)]
                 count += len(detections)
                 near += sum(
                     min(np.linalg.norm(centre - middle) for middle in middles) < 15
                     for centre in detections.centroids
                 )
-    assert count > 40
+    assert count > 30
     assert near / count > 0.95
 
 
@@ -107,7 +107,7 @@ def test_a_cut_or_a_new_plane_begins_anew(world, change):
         assert len(found(harness, frame_of(scene, 30, **change))) == 0
         reference = change.get("reference", 0)
         assert len(found(harness, frame_of(scene, 31, reference=reference))) == 0
-        events = [m.fields.get("event") for m in harness.messages if "event" in m.fields]
+        events = [m.fields["event"] for m in harness.messages if "event" in m.fields]
         assert events == ["new", "new"]
 
 
@@ -160,7 +160,7 @@ def test_too_many_objects_are_reported_once(world):
 def test_a_working_scale_of_three_is_refused():
     """Only halvings keep the cost of reducing low; the error names the property and the remedy."""
     with pytest.raises(
-        PropertyError, match=r"framediff\w*: property working-scale must be 1, 2 or 4, got 3; use 2 .*"
+        PropertyError, match=r"framediff\w*: property working-scale must be 0, 1, 2 or 4, got 3; use 0 .*"
     ):
         Harness("framediff", working_scale=3)
 

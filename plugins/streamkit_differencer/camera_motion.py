@@ -1,0 +1,245 @@
+"""The camera's own motion, for frames that come without registration: a mast that shakes, a slow pan.
+
+Each frame is compared with a key picture and not with the frame before it, so that errors do not add up while
+the camera looks at the same place. A camera that stands still gives the very same matrix for every frame:
+nothing is then resampled, and nothing is blurred.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, cast
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    ByteImage = NDArray[np.uint8]
+    PointArray = NDArray[np.float32]
+    Matrix = NDArray[np.float64]
+
+MOST_POINTS = 240
+GRID = (12, 8)
+MARGIN_PX = 10
+FEWEST_POINTS = 16
+CORNER_THRESHOLD = 8
+WINDOW_PX = 17
+# Smaller eigenvalue of the gradients in a window, as OpenCV scales it, at which noise of 3 grey levels
+# moves a point by a sixth of a pixel.
+LEAST_TEXTURE = 1.7e-4
+# Points must lie in this many cells of a 4 by 4 grid: a single mover before a plain wall is no camera.
+SPREAD_CELLS = 6
+INLIER_PX = 1.0
+LOWEST_RATIO = 0.3
+# A key picture is renewed when less than this share of its points agrees, or when the view moved this far.
+RENEWAL_RATIO = 0.5
+RENEWAL_SHIFT = 0.12
+# The camera stands still where the points lie hardly farther from their old places than from those fitted.
+STILL_PX = 0.12
+STILL_RATIO = 1.25
+# A step larger than this may be that of the traffic: if so many points stand, as a share of those that agree
+# with the step, the camera stands.
+LARGE_STEP_PX = 2.0
+LARGE_STEP_SHARE = 0.4
+STANDING_PX = 0.4
+FEWEST_STANDING = 8
+RENEWAL_FRAMES = 12
+PATIENCE_FRAMES = 5
+# A plain picture may be a lens that is covered for a moment.
+LONG_PATIENCE_FRAMES = 75
+_FLOW: dict[str, Any] = {
+    "winSize": (WINDOW_PX, WINDOW_PX),
+    "maxLevel": 3,
+    "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01),
+    "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
+    "minEigThreshold": 1e-3,
+}
+
+
+@dataclass(slots=True)
+class CameraMotion:
+    """Follows a camera from frame to frame.
+
+    Attributes:
+        plane: number of the plane that frames are placed on; goes up after a cut.
+    """
+
+    plane: int = 0
+    _key: ByteImage | None = None
+    _points: PointArray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
+    _key_to_plane: Matrix = field(default_factory=lambda: np.eye(3))
+    _placed: Matrix = field(default_factory=lambda: np.eye(3))
+    _missed: int = 0
+    _age: int = 0
+
+    def reset(self) -> None:
+        """Forgets the scene: the next frame is the key picture of a new plane."""
+        self._begin(None)
+
+    def place(self, image: ByteImage) -> Matrix | None:
+        """Where a frame lies on the plane.
+
+        Args:
+            image: uint8[h, w], all of one size until `reset`.
+
+        Returns:
+            float64[3, 3], pixels of the frame to the plane, which is the first frame's; the same matrix as
+            before while the camera stands still or where the picture is too plain to tell. None if the frame
+            does not show the scene; after some of those a new plane begins.
+        """
+        if self._key is None or len(self._points) == 0:
+            # Too plain to tell motion from stillness: whatever comes next is compared where it is.
+            self._take_key(image, self._placed)
+            return self._placed
+        fit = self._fit(image)
+        if fit is None:
+            return self._miss(image)
+        self._missed = 0
+        placed, ratio = fit
+        self._placed = placed
+        away = corner_distance(self._placed, self._key_to_plane, image.shape)
+        self._age += 1
+        is_worn = ratio < RENEWAL_RATIO and self._age >= RENEWAL_FRAMES
+        if is_worn or away > RENEWAL_SHIFT * max(image.shape):
+            self._take_key(image, placed)
+        return self._placed
+
+    def _begin(self, image: ByteImage | None) -> None:
+        self.plane += 1
+        self._missed = 0
+        self._placed = np.eye(3)
+        self._key = None
+        if image is not None:
+            self._take_key(image, self._placed)
+
+    def _miss(self, image: ByteImage) -> Matrix | None:
+        self._missed += 1
+        is_plain = not len(corners(image))
+        if self._missed <= (LONG_PATIENCE_FRAMES if is_plain else PATIENCE_FRAMES):
+            return None
+        self._begin(image)
+        return self._placed
+
+    def _take_key(self, image: ByteImage, placed: Matrix) -> None:
+        self._key, self._points, self._key_to_plane = image.copy(), corners(image), placed
+        self._age = 0
+
+    def _fit(self, image: ByteImage) -> tuple[Matrix, float] | None:
+        """The frame's place and the share of points that agree with it, at the brightness of the key."""
+        assert self._key is not None
+        fit = self._fit_once(image)
+        if fit is None:
+            key_mean, key_deviation = (float(value[0, 0]) for value in cv2.meanStdDev(self._key))
+            mean, deviation = (float(value[0, 0]) for value in cv2.meanStdDev(image))
+            gain = key_deviation / max(deviation, 1.0)
+            equal = np.clip(gain * (image.astype(np.float32) - mean) + key_mean, 0, 255)
+            fit = self._fit_once(equal.astype(np.uint8))
+        return fit
+
+    def _fit_once(self, image: ByteImage) -> tuple[Matrix, float] | None:
+        assert self._key is not None
+        before = self._points
+        to_image = np.linalg.inv(self._placed) @ self._key_to_plane
+        still = transformed(to_image, before)
+        flow, status, _ = cv2.calcOpticalFlowPyrLK(self._key, image, before, still.copy(), **_FLOW)
+        after = cast("PointArray", flow)
+        height, width = image.shape
+        inside = (after >= 0).all(axis=1) & (after < (width, height)).all(axis=1)
+        found = (status.ravel() > 0) & inside
+        before, after, still = before[found], after[found], still[found]
+        if len(before) < FEWEST_POINTS:
+            return None
+        from_key, from_last = (np.linalg.norm(after - old, axis=1) for old in (before, still))
+        stands = (self._key_to_plane, from_key), (self._placed, from_last)
+        to_key, agrees = similarity_or_homography(after, before)
+        count, total = int(np.count_nonzero(agrees)), len(self._points)
+        placed: Matrix | None = None
+        left = 0.0
+        if to_key is not None and count >= LOWEST_RATIO * total and is_spread(before[agrees], image.shape):
+            placed = self._key_to_plane @ to_key
+            placed /= placed[2, 2]
+            left = float(np.median(np.linalg.norm(transformed(to_key, after) - before, axis=1)))
+        for place, distance in stands:
+            if placed is not None and corner_distance(placed, place, image.shape) <= LARGE_STEP_PX:
+                if np.median(distance) <= STILL_PX + STILL_RATIO * left:
+                    return place, count / total
+                continue
+            standing = int(np.count_nonzero(distance <= STANDING_PX))
+            if standing >= max(FEWEST_STANDING, LARGE_STEP_SHARE * count):
+                return place, standing / total
+        return None if placed is None else (placed, count / total)
+
+
+def corners(image: ByteImage) -> PointArray:
+    """Corners spread over the picture, float32[n, 2]; none where it is too plain to tell motion."""
+    # Smoothed, or noise gives corners that no other frame has.
+    smooth = cv2.GaussianBlur(image, (5, 5), 1.0)
+    keypoints = cv2.FastFeatureDetector.create(CORNER_THRESHOLD).detect(smooth)
+    if len(keypoints) < FEWEST_POINTS:
+        return np.zeros((0, 2), np.float32)
+    points = np.asarray(cv2.KeyPoint.convert(keypoints), np.float32)
+    strengths = np.array([keypoint.response for keypoint in keypoints])
+    height, width = image.shape
+    texture = cv2.cornerMinEigenVal(smooth, WINDOW_PX)
+    columns, rows = np.round(points).astype(np.intp).T
+    inside = texture[rows, columns] > LEAST_TEXTURE
+    inside &= ((points >= MARGIN_PX) & (points < (width - MARGIN_PX, height - MARGIN_PX))).all(axis=1)
+    points, strengths = points[inside], strengths[inside]
+    columns, rows = GRID
+    cell = (points[:, 0] * columns // width + columns * (points[:, 1] * rows // height)).astype(np.intp)
+    order = np.lexsort((-strengths, cell))
+    members = np.bincount(cell, minlength=columns * rows)
+    rank = np.arange(len(order)) - (np.cumsum(members) - members)[cell[order]]
+    kept = order[rank < max(1, MOST_POINTS // max(1, int(np.count_nonzero(members))))]
+    chosen = points[kept]
+    return chosen if is_spread(chosen, image.shape) else np.zeros((0, 2), np.float32)
+
+
+def is_spread(points: PointArray, shape: tuple[int, ...]) -> bool:
+    """Whether there are enough points, in enough parts of the picture, to tell the camera's motion."""
+    if len(points) < FEWEST_POINTS:
+        return False
+    cells = np.floor(points * 4 / (shape[1], shape[0])).astype(int)
+    return len(np.unique(cells[:, 0] + 4 * cells[:, 1])) >= SPREAD_CELLS
+
+
+def similarity_or_homography(
+    source: PointArray, target: PointArray
+) -> tuple[Matrix | None, NDArray[np.bool_]]:
+    """The motion that most points agree with: a homography only where it explains clearly more of them.
+
+    Four parameters bear few points and uneven ones; a camera that tilts needs eight.
+
+    Returns:
+        float64[3, 3], source to target, or None; and bool[n], the points that agree with it.
+    """
+    simple, _ = cv2.estimateAffinePartial2D(source, target, ransacReprojThreshold=INLIER_PX, maxIters=200)
+    full, _ = cv2.findHomography(source, target, cv2.RANSAC, INLIER_PX, maxIters=200)
+    best: Matrix | None = None
+    agrees: NDArray[np.bool_] = np.zeros(len(source), bool)
+    price = 0.0
+    for candidate in (simple, full):
+        if candidate is None or not np.isfinite(candidate).all():
+            continue
+        matrix = np.eye(3)
+        matrix[: candidate.shape[0]] = candidate
+        error = np.linalg.norm(transformed(matrix, source) - target, axis=1)
+        # Half the threshold: what is fitted with the wrong model stays inside the whole of it.
+        near = np.count_nonzero(error <= 0.5 * INLIER_PX)
+        if near > price:
+            best, agrees, price = matrix, error <= INLIER_PX, 1.1 * near
+    return best, agrees
+
+
+def transformed(matrix: Matrix, points: PointArray) -> PointArray:
+    """float32[n, 2] points under a homography."""
+    return cast("PointArray", cv2.perspectiveTransform(points[None], matrix)[0])
+
+
+def corner_distance(first: Matrix, second: Matrix, shape: tuple[int, ...]) -> float:
+    """The farthest that a corner of the picture lies apart under two homographies, px."""
+    height, width = shape[:2]
+    outline = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
+    return float(np.abs(transformed(first, outline) - transformed(second, outline)).max())
