@@ -1,0 +1,137 @@
+"""Reads tracks and ground truth from files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from streamkit_tracker.evaluation.identities import Labelled
+from streamkit_tracker.window_geometry import FloatArray
+
+SHOWN = ("confirmed", "coasting")
+ONE_TARGET_COLUMNS = 4
+MOT_COLUMNS = 6
+MOT_USED = 6  # column that says whether a ground truth box counts
+
+Rows = dict[int, list[tuple[int, list[float]]]]
+
+
+def read_tracks(path: Path) -> list[Labelled]:
+    """Tracks as `tracksink` writes them: JSON lines, or MOT Challenge text (.txt); one for each frame from 1.
+
+    Raises:
+        ValueError: a line is neither.
+    """
+    return _by_frame(_mot_rows(path) if path.suffix == ".txt" else _json_rows(path))
+
+
+def read_identities(path: Path) -> list[Labelled]:
+    """Ground truth in the layout of MOT Challenge; rows whose seventh number is 0 do not count.
+
+    Raises:
+        ValueError: a line has not at least six numbers.
+    """
+    return _by_frame(_mot_rows(path))
+
+
+def read_boxes(path: Path) -> FloatArray:
+    """Ground truth of one target: float64[n, 4], a line `left,top,width,height` for each frame.
+
+    Raises:
+        ValueError: a line has not four numbers.
+    """
+    return np.array([numbers[:4] for _, numbers in _numbers(path, ONE_TARGET_COLUMNS)]).reshape(-1, 4)
+
+
+def is_one_target(path: Path) -> bool:
+    """Whether a ground truth file has four columns, as for one target, and not six or more.
+
+    Raises:
+        ValueError: the file has no line of numbers.
+    """
+    for _, numbers in _numbers(path, ONE_TARGET_COLUMNS):
+        return len(numbers) < MOT_COLUMNS
+    raise ValueError(f"{path}: no line of numbers in it")
+
+
+def longest_lived(tracks: list[Labelled], frames: int) -> FloatArray:
+    """Boxes float64[frames, 4] of the id that is there most often; NaN where it is not."""
+    boxes = np.full((frames, 4), np.nan)
+    everyone = np.concatenate([tracked.ids for tracked in tracks]) if tracks else np.zeros(0, np.int64)
+    if not len(everyone):
+        return boxes
+    numbers, counts = np.unique(everyone, return_counts=True)
+    chosen = numbers[np.argmax(counts)]
+    for index, tracked in enumerate(tracks[:frames]):
+        for box in tracked.boxes[tracked.ids == chosen]:
+            boxes[index] = box
+    return boxes
+
+
+def same_length(first: list[Labelled], second: list[Labelled]) -> None:
+    """Fills the shorter list up with empty frames."""
+    nobody = Labelled(np.zeros(0, np.int64), np.zeros((0, 4)))
+    for frames, other in ((first, second), (second, first)):
+        frames.extend([nobody] * (len(other) - len(frames)))
+
+
+def _by_frame(rows: Rows) -> list[Labelled]:
+    frames = []
+    for number in range(1, max(rows, default=0) + 1):
+        found = rows.get(number, [])
+        ids = np.array([target for target, _ in found], np.int64)
+        frames.append(Labelled(ids, np.array([box for _, box in found], np.float64).reshape(-1, 4)))
+    return frames
+
+
+def _mot_rows(path: Path) -> Rows:
+    rows: Rows = {}
+    for place, numbers in _numbers(path, MOT_COLUMNS):
+        if numbers[0] < 1 or numbers[0] > 1e7 or not np.isfinite(numbers[:MOT_COLUMNS]).all():
+            raise ValueError(f"{place}: frames count from 1, got frame {numbers[0]:g}")
+        if len(numbers) > MOT_USED and numbers[MOT_USED] == 0:
+            continue
+        rows.setdefault(int(numbers[0]), []).append((int(numbers[1]), numbers[2:6]))
+    return rows
+
+
+def _json_rows(path: Path) -> Rows:
+    rows: Rows = {}
+    with path.open(encoding="utf-8") as lines:
+        for number, line in enumerate(lines, 1):
+            try:
+                record = json.loads(line)
+                found = [
+                    (int(track["id"]), _sides(track["bbox"]))
+                    for track in record["tracks"]
+                    if track["state"] in SHOWN
+                ]
+                rows.setdefault(int(record["seq"]) + 1, []).extend(found)
+            except (ValueError, KeyError, TypeError) as error:
+                raise ValueError(f"{path}:{number}: not a record of tracks as tracksink writes it") from error
+    return rows
+
+
+def _sides(corners: list[float]) -> list[float]:
+    left, top, right, bottom = corners
+    return [left, top, right - left, bottom - top]
+
+
+def _numbers(path: Path, least: int) -> Iterable[tuple[str, list[float]]]:
+    """Where a line is and its numbers, parted by commas, tabs or spaces."""
+    with path.open(encoding="utf-8") as lines:
+        for number, line in enumerate(lines, 1):
+            words = line.replace(",", " ").split()
+            if not words:
+                continue
+            place = f"{path}:{number}"
+            try:
+                numbers = [float(word) for word in words]
+            except ValueError:
+                numbers = []
+            if len(numbers) < least:
+                raise ValueError(f"{place}: needs {least} numbers or more, got {line.strip()[:60]!r}")
+            yield place, numbers

@@ -1,0 +1,66 @@
+"""`streamkit trackeval` on files."""
+
+import json
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner, Result
+
+from streamkit_tracker.evaluation.command import trackeval
+
+
+def run(*words: object) -> Result:
+    """The command, run in this process."""
+    app = typer.Typer()
+    app.command()(trackeval)
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def record(seq: int, *tracks: tuple[int, str, list[float]]) -> str:
+    """A line of tracksink."""
+    rows = [{"id": number, "state": state, "bbox": bbox} for number, state, bbox in tracks]
+    return json.dumps({"seq": seq, "tracks": rows}) + "\n"
+
+
+def test_tracks_of_many_are_scored(tmp_path: Path):
+    """JSON lines against MOT text; tentative and lost tracks and unused truths do not count."""
+    box = [0.0, 0.0, 10.0, 10.0]
+    tracks, truth = tmp_path / "tracks.jsonl", tmp_path / "gt.txt"
+    tracks.write_text(
+        record(0, (4, "confirmed", box), (5, "tentative", box))
+        + record(1, (4, "coasting", box), (6, "lost", box))
+    )
+    truth.write_text("1,1,0,0,10,10,1,-1,-1,-1\n2,1,0,0,10,10,1,-1,-1,-1\n2,2,90,0,10,10,0,-1,-1,-1\n")
+    scores = json.loads(run(tracks, truth, "--json").stdout)
+    assert (scores["mota"], scores["idf1"], scores["truths"]) == (1.0, 1.0, 2)
+
+
+def test_one_target_is_scored_in_one_pass(tmp_path: Path):
+    """Four columns are one target's truth; the track that is there longest is its track."""
+    tracks, truth = tmp_path / "tracks.txt", tmp_path / "gt.txt"
+    tracks.write_text("1,3,0,0,10,10,1,-1,-1,-1\n2,3,0,0,10,10,1,-1,-1,-1\n2,8,50,0,10,10,1,-1,-1,-1\n")
+    truth.write_text("0,0,10,10\n0\t0 10 10\n")
+    result = run(tracks, truth)
+    assert result.exit_code == 0
+    assert "success          0.952" in result.stdout
+    assert "precision        1.000" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "error"),
+    [
+        ("tracks.txt", "1,2,3\n", "tracks.txt:1: needs 6 numbers or more"),
+        ("tracks.txt", "0,1,2,3,4,5\n", "tracks.txt:1: frames count from 1"),
+        ("tracks.jsonl", '{"seq": 1}\n', "tracks.jsonl:1: not a record of tracks"),
+        ("tracks.jsonl", "hello\n", "tracks.jsonl:1: not a record of tracks"),
+    ],
+)
+def test_what_is_no_track_file_is_told_with_its_line(tmp_path: Path, name: str, text: str, error: str):
+    """Exit code 1, the file, the line and the rule."""
+    tracks, truth = tmp_path / name, tmp_path / "gt.txt"
+    tracks.write_text(text)
+    truth.write_text("0,0,10,10\n")
+    result = run(tracks, truth)
+    assert result.exit_code == 1
+    assert error in result.stderr
