@@ -42,7 +42,8 @@ def ghost_mask(
     result = np.zeros_like(foreground)
     if not width:
         return result
-    area = np.s_[top : top + height, left : left + width]
+    # With a margin, or an outline at the edge of the area would be none.
+    area = np.s_[max(0, top - 2) : top + height + 2, max(0, left - 2) : left + width + 2]
     count, labels = cv2.connectedComponents(foreground[area], connectivity=8)
     outline = edges(foreground[area]) & foreground[area]
     rows, columns = np.nonzero(outline)

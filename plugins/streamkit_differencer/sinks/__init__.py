@@ -1,0 +1,1 @@
+"""Files of what was found: detections as JSON lines, COCO or MOT, masks as the CDnet tools read them."""

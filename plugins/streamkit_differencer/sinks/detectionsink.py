@@ -1,0 +1,94 @@
+"""detectionsink: what was found in each frame, in a file."""
+
+from io import BufferedWriter
+from pathlib import Path
+
+import numpy as np
+
+from streamkit import Detections, Frame, Property, ResourceError, Sink
+from streamkit_differencer.sinks.detection_files import (
+    FILES,
+    SUFFIXES,
+    DetectionFile,
+    DetectionFormat,
+    FrameDetections,
+)
+
+
+class DetectionSink(Sink):
+    """Writes the detections of each frame: JSON lines, COCO, or the det.txt of the MOT Challenge.
+
+    Frames are numbered from 1 as they come; a frame without detections has its number, too.
+
+    Example:
+        dronetestsrc num-buffers=40 ! stitch ! framediff ! detectionsink location=detections.jsonl
+    """
+
+    sink = "video/x-raw"
+    location: str = Property("", doc="File to write; one that is there is replaced.")
+    format: DetectionFormat = Property(
+        DetectionFormat.AUTO, doc="auto goes by the end of location: .txt is mot, .json is coco, else jsonl."
+    )
+    first_number: int = Property(1, min=0, doc="Number of the first frame.")
+
+    _file: BufferedWriter | None = None
+    _form: DetectionFile | None = None
+
+    def start(self) -> None:
+        """Opens the file.
+
+        Raises:
+            ResourceError: there is no location, or it cannot be written.
+        """
+        if not self.location:
+            raise ResourceError("location must be set; write for example location=detections.jsonl")
+        kind = self.format
+        if kind is DetectionFormat.AUTO:
+            kind = SUFFIXES.get(Path(self.location).suffix.lower(), DetectionFormat.JSONL)
+        try:
+            self._file = Path(self.location).open("wb")  # noqa: SIM115  closed by `stop`
+        except OSError as error:
+            raise ResourceError(
+                f"location={self.location}: cannot be written: {error.strerror}; name another file"
+            ) from error
+        self._form = FILES[kind]()
+        self._number = self.first_number
+        self._write(self._form.begin())
+
+    def render(self, frame: Frame) -> None:
+        """Writes the frame's detections."""
+        assert self._form is not None, "start() comes before frames"
+        found = frame.get(Detections)
+        if found is None:
+            found = Detections(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
+        size = frame.caps.integer("width"), frame.caps.integer("height")
+        rows = found.boxes, found.centroids, found.areas, found.scores, found.labels
+        self._write(self._form.frame(FrameDetections(self._number, frame.seq, frame.pts, size, *rows)))
+        self._number += 1
+
+    def drain(self) -> None:
+        """Hands everything to the file system."""
+        self._close()
+
+    def stop(self) -> None:
+        """Closes the file, which is whole then."""
+        self._close()
+
+    def _close(self) -> None:
+        file, form = self._file, self._form
+        if file is None or form is None:
+            return
+        try:
+            self._write(form.end())
+        finally:
+            self._file = self._form = None
+            file.close()
+
+    def _write(self, piece: bytes) -> None:
+        assert self._file is not None
+        try:
+            self._file.write(piece)
+        except OSError as error:
+            raise ResourceError(
+                f"location={self.location}: cannot be written: {error.strerror}; free some space"
+            ) from error

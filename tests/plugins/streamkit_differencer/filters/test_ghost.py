@@ -1,0 +1,61 @@
+"""Ghosts of things that left."""
+
+import numpy as np
+import pytest
+
+from streamkit_differencer.filters.ghost import ghost_mask
+
+EVERYWHERE = np.full((60, 80), 255, np.uint8)
+PLACE = np.s_[20:35, 30:55]
+
+
+def road():
+    """Ground with faint texture."""
+    return np.random.default_rng(0).integers(98, 103, (60, 80)).astype(np.uint8)
+
+
+def with_car():
+    """The same with a bright car."""
+    picture = road()
+    picture[PLACE] = 220
+    return picture
+
+
+def mask_of(place):
+    """Foreground there."""
+    mask = np.zeros((60, 80), np.uint8)
+    mask[place] = 255
+    return mask
+
+
+def test_a_car_in_the_background_that_left_is_a_ghost():
+    """Its outline shows in the background only."""
+    mask = mask_of(PLACE)
+    np.testing.assert_array_equal(ghost_mask(road(), with_car(), mask, EVERYWHERE), mask)
+
+
+def test_a_car_in_the_frame_is_none():
+    """Its outline shows in the frame."""
+    assert not ghost_mask(with_car(), road(), mask_of(PLACE), EVERYWHERE).any()
+
+
+def test_each_piece_is_judged_by_itself():
+    """A ghost beside a car goes, the car stays."""
+    frame, other = road(), np.s_[45:55, 5:20]
+    frame[other] = 20
+    found = ghost_mask(frame, with_car(), mask_of(PLACE) | mask_of(other), EVERYWHERE)
+    np.testing.assert_array_equal(found, mask_of(PLACE))
+
+
+@pytest.mark.parametrize("mask", [np.zeros((60, 80), np.uint8), EVERYWHERE])
+def test_equal_pictures_have_no_ghosts(mask):
+    """Whatever is foreground."""
+    assert not ghost_mask(road(), road(), mask, EVERYWHERE).any()
+
+
+def test_what_borders_on_unknown_ground_is_not_judged():
+    """A strip between a car and ground that is not known yet may be the car's front."""
+    known = np.zeros((60, 80), np.uint8)
+    known[:, 45:] = 255
+    strip = mask_of(np.s_[20:35, 45:48])
+    assert not ghost_mask(road(), with_car(), strip, known).any()
