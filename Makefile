@@ -15,7 +15,7 @@ demo: $(READY)
 	@$(BIN)/python pipelines/demo.py
 
 test: $(READY)
-	@$(BIN)/python -m pytest -q
+	@$(BIN)/python -m pytest -q -n auto --dist loadfile
 
 lint: $(READY)
 	@$(BIN)/ruff check .
