@@ -59,6 +59,16 @@ class ParticleTrack(Transform):
     max_targets: int = Property(
         64, min=1, max=1000, doc="Confirmed targets at once; 4 times as many tentative."
     )
+    given_up: int = Property(
+        0, read=lambda element: element._given_up(), doc="Targets that had to make room for others."
+    )
+    budget_ms: float = Property(
+        0.0,
+        min=0.0,
+        max=10_000.0,
+        unit="ms",
+        doc="Time for a frame before particles become fewer; 0 is no limit, and the same tracks each run.",
+    )
     birth_hits: int = Property(3, min=1, max=100, doc="Detections that confirm a target.")
     birth_window: int = Property(5, min=1, max=100, unit="frames", doc="The frames they have to lie in.")
     min_travel: float = Property(
@@ -129,6 +139,10 @@ class ParticleTrack(Transform):
                 self.post_warning(f"window={self.window}: {error}")
         return frame.attach(Tracks(tuple(track(report) for report in reports)))
 
+    def _given_up(self) -> int:
+        tracker: MultiTargetTracker | None = self.__dict__.get("_tracker")
+        return 0 if tracker is None else tracker.given_up
+
     def _settings(self) -> TrackerSettings:
         layers = LayerSettings(
             self.particles,
@@ -153,6 +167,7 @@ class ParticleTrack(Transform):
             coast_s=self.coast,
             max_speed=self.max_speed,
             max_targets=self.max_targets,
+            budget_s=self.budget_ms / 1e3,
             auto_start=self.auto_start,
             seed=self.seed,
         )

@@ -10,6 +10,7 @@ from streamkit_tracker.layered_filter import LayerSettings
 
 CROWD = 6
 SMALLEST_PATCH = 16
+FEWEST_PARTICLES = 8
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class TrackerSettings:
             was detected.
         max_speed: fastest target expected, px/s of the frame.
         max_targets: most confirmed targets at once; four times as many may be tentative.
+        budget_s: what a frame may take before particles become fewer; 0 is no limit.
         auto_start: whether detections start targets.
         seed: of every target's random generator, together with its id.
     """
@@ -58,6 +60,7 @@ class TrackerSettings:
     coast_s: float = 3.0
     max_speed: float = 500.0
     max_targets: int = 64
+    budget_s: float = 0.0
     auto_start: bool = True
     seed: int = 0
 
@@ -71,15 +74,22 @@ class TrackerSettings:
         side = self.patch if followed < CROWD else min(self.patch, self.crowd_patch)
         return min(side, max(SMALLEST_PATCH, 8 * math.ceil(longest_side / 8)))
 
-    def layers_for(self, detected: bool, followed: int) -> LayerSettings:
-        """Particles for one target: fewer where a detection leads, or in a crowd of more than six."""
-        if detected:
-            return self.seen_layers
-        if followed <= CROWD:
-            return self.layers
+    def layers_for(self, detected: bool, followed: int, share: float = 1.0) -> LayerSettings:
+        """Particles for one target: fewer where a detection leads, or in a crowd of more than six.
+
+        Args:
+            detected: whether its detection was found in the frame.
+            followed: number of targets followed.
+            share: part of the usual number, 0 to 1.
+        """
+        layers = self.seen_layers if detected else self.layers
+        if not detected and followed > CROWD:
+            share = share / 2
+        if share >= 1:
+            return layers
         return replace(
-            self.layers,
-            particles=max(self.layers.particles // 2, 1),
-            size_particles=(self.layers.size_particles + 1) // 2,
-            angle_particles=(self.layers.angle_particles + 1) // 2,
+            layers,
+            particles=max(int(layers.particles * share), FEWEST_PARTICLES),
+            size_particles=math.ceil(layers.size_particles * share),
+            angle_particles=math.ceil(layers.angle_particles * share),
         )

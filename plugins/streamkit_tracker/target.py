@@ -107,6 +107,16 @@ class Target:
         return self.state in (TargetState.CONFIRMED, TargetState.COASTING)
 
     @property
+    def gives_way(self) -> bool:
+        """Whether another target may take this one's place: it coasts and was not drawn by hand."""
+        return self.state is TargetState.COASTING and not self.manual
+
+    @property
+    def doubt(self) -> float:
+        """Standard deviation of the position relative to the target's side."""
+        return math.sqrt(float(self.covariance[0, 0] + self.covariance[1, 1]) / 2) / self.side
+
+    @property
     def acceleration_std(self) -> float:
         """Standard deviation of the acceleration, px/s^2: what is larger in the picture is nearer."""
         return ACCELERATION_SIDES * max(self.side, SMALLEST_SIDE)
@@ -159,7 +169,7 @@ class Target:
             self.appearance.discriminator, self._evidence, sampler, predicted, self._frames_unseen
         )
 
-    def job(self, step_s: float, sighting: Sighting | None, followed: int) -> SearchJob:
+    def job(self, step_s: float, sighting: Sighting | None, followed: int, share: float) -> SearchJob:
         """What to look for in this frame, once `mean` and `covariance` are predicted for it."""
         assert self.appearance is not None
         spread = math.sqrt(float(self.covariance[0, 0] + self.covariance[1, 1]) / 2)
@@ -174,7 +184,7 @@ class Target:
             spread,
             min(1 + REACH_PER_FRAME * self._frames_unseen, LONGEST_REACH),
             self._prior(sighting),
-            self._settings.layers_for(sighting is not None, followed),
+            self._settings.layers_for(sighting is not None, followed, share),
             self._evidence.tolerance,
         )
 

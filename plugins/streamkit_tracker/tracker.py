@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import time
 
 import numpy as np
 
 from streamkit_tracker import kinematics
 from streamkit_tracker.appearance_search import Likelihood, search
+from streamkit_tracker.budget import Budget
 from streamkit_tracker.feature_template import FeatureTemplate
 from streamkit_tracker.observation import Measurement, Observation, Placement, TargetReport, TargetState
 from streamkit_tracker.pairing import Pairing, pair
@@ -41,6 +43,9 @@ class MultiTargetTracker:
 
     Args:
         settings: see `TrackerSettings`.
+
+    Attributes:
+        given_up: targets that had to make room for others.
     """
 
     def __init__(self, settings: TrackerSettings | None = None) -> None:
@@ -51,6 +56,8 @@ class MultiTargetTracker:
         self._next_id = 1
         self._shape: tuple[int, int] | None = None
         self._close: dict[tuple[int, int], int] = {}
+        self._budget = Budget(self.settings.budget_s)
+        self.given_up = 0
 
     def start_target(self, image: ByteArray, window: FloatArray, observation: Observation) -> TargetReport:
         """Starts one target from a window drawn by hand.
@@ -97,7 +104,9 @@ class MultiTargetTracker:
                     target.coast()
             else:
                 self._sampler.look_at(image)
+                began = time.perf_counter()
                 self._look(observation)
+                self._budget.spent(time.perf_counter() - began)
         reports = self._report(self._targets, observation)
         self._targets = [target for target in self._targets if target.state is not TargetState.LOST]
         return reports
@@ -156,7 +165,8 @@ class MultiTargetTracker:
         sightings = pairing.sightings
         for target in seen:
             target.propose(self._sampler, observation.step_s)
-        jobs = [target.job(observation.step_s, sightings.get(target.id), len(seen)) for target in seen]
+        share = self._budget.share
+        jobs = [target.job(observation.step_s, sightings.get(target.id), len(seen), share) for target in seen]
         measurements = {
             target.id: measurement_of(sightings[target.id])
             for target in self._targets
@@ -189,6 +199,8 @@ class MultiTargetTracker:
         upon = inside_windows(windows[:, :2], windows, HIDDEN_SCALE)
         others = ~np.eye(len(windows), dtype=np.bool_) & [target.followed for target in self._targets]
         hidden = np.any(upon & others, axis=1).tolist()
+        # one that coasts makes room for one that is seen
+        coasting = sum(target.gives_way for target in self._targets)
         followed = self._followed()
         for index, target in enumerate(self._targets):
             before = target.followed
@@ -197,10 +209,20 @@ class MultiTargetTracker:
                 observation.space,
                 pairing.sightings.get(target.id),
                 float(visible[index]),
-                followed,
+                followed - coasting,
                 hidden=hidden[index],
             )
             followed += target.followed - before
+        self._give_up(followed - self.settings.max_targets)
+
+    def _give_up(self, surplus: int) -> None:
+        """Ends the least certain targets, those that coast first, so that `max_targets` are left."""
+        if surplus <= 0:
+            return
+        movable = [target for target in self._targets if target.followed and not target.manual]
+        for target in sorted(movable, key=lambda t: (t.gives_way, t.doubt), reverse=True)[:surplus]:
+            target.state = TargetState.LOST
+            self.given_up += 1
 
     def _followed(self) -> int:
         return sum(target.followed for target in self._targets)

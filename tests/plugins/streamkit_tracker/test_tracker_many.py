@@ -163,6 +163,28 @@ def test_the_number_of_targets_is_bounded():
         assert len(reports) <= 15
 
 
+def test_who_coasts_makes_room_for_who_is_seen():
+    """With the places taken, a new mover takes that of a coasting one, which ends and is counted."""
+    tracker = MultiTargetTracker(TrackerSettings(max_targets=1, lost_threshold=0.0))
+    noise = np.random.default_rng(0)
+    image = noise.integers(0, 255, (200, 300)).astype(np.uint8)
+
+    def step(place: tuple[float, float]) -> dict[int, TargetState]:
+        centroids = np.array([place])
+        boxes = np.hstack([centroids - 6, centroids + 6])
+        reports = tracker.step(image, Observation(0.04, centroids=centroids, boxes=boxes))
+        return {report.id: report.state for report in reports}
+
+    for index in range(60):
+        step((40.0 + 2.5 * index, 40.0))
+    # with no threshold the first target never goes unseen: it coasts for longer than a birth takes
+    states = [step((40.0 + 2.5 * index, 160.0)) for index in range(8)]
+    assert TargetState.LOST in [found.get(1) for found in states]
+    assert tracker.given_up == 1
+    assert any(found.get(2) is TargetState.CONFIRMED for found in states)
+    assert all(list(found.values()).count(TargetState.CONFIRMED) <= 1 for found in states)
+
+
 def test_ids_are_never_used_again(scenes: ModuleType):
     """A number that was lost does not come back."""
     rows = follow(scenes.Flight(some_cars(scenes, 2, 3), frames=40, seed=2, miss=0.3, false_alarms=3))

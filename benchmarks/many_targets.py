@@ -1,0 +1,195 @@
+"""Many targets with identities: MOTA and IDF1 of whole pipelines, beside norfair on the same detections.
+
+    STREAMKIT_DATA=... python benchmarks/many_targets.py [--seeds 3] [--first 900] [--frames 150]
+        [--norfair PYTHON] [--only cars|pets|traffic]
+
+`cars`: 40 cars of `dronetestsrc` at 1280x720. `pets`: PETS09 S2L1, frames 1 to 69, with its ground truth.
+`traffic`: a real drone video without truth; how many cars are followed for 25 frames or more. A match is an
+overlap of upright boxes of 0.5. Tracks at the border that match nothing are not counted: there the truth has
+no boxes either. `--norfair` names a Python with norfair; its tracks get the same detections.
+"""
+
+import argparse
+import json
+import subprocess
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from tracking_sequences import FloatArray, shared_data
+
+from streamkit import Detections, Frame, Pipeline, Tracks
+from streamkit_tracker.evaluation.boxes import overlaps
+from streamkit_tracker.evaluation.identities import Labelled, score_identities
+from streamkit_tracker.evaluation.readers import read_identities
+from streamkit_tracker.window_geometry import window_boxes
+from streamkit_video.dronetestsrc.truth import TrueTargets
+
+CHAIN = "stitch ! framediff ! particletrack ! appsink name=out"
+SHOWN = ("confirmed", "coasting")
+BORDER = 4.0
+LONG_LIVED = 25
+NORFAIR = """
+import json, sys
+import numpy as np
+from norfair import Detection, Tracker
+tracker = Tracker(distance_function="iou", distance_threshold=0.7, hit_counter_max=15, initialization_delay=2)
+for line in sys.stdin:
+    boxes = json.loads(line)
+    found = [Detection(np.array(box).reshape(2, 2)) for box in boxes]
+    tracks = [t for t in tracker.update(found)]
+    print(json.dumps([[t.id, *map(float, t.estimate.ravel())] for t in tracks if t.id is not None]))
+"""
+
+
+@dataclass
+class Sequence:
+    """What came out of a pipeline, frame by frame."""
+
+    tracks: list[Labelled] = field(default_factory=list)
+    truth: list[Labelled] = field(default_factory=list)
+    detections: list[FloatArray] = field(default_factory=list)
+    size: tuple[int, int] = (0, 0)
+    seconds: float = 0.0
+
+
+def run(description: str, truth_of: Callable[[Frame, int], Labelled | None], frames: int) -> Sequence:
+    """Runs a pipeline; frames without a truth are left out."""
+    sequence = Sequence()
+    began = time.perf_counter()
+    with Pipeline.parse(description) as pipeline:
+        pipeline.play()
+        for index, frame in enumerate(pipeline["out"]):
+            truth = truth_of(frame, index)
+            if truth is not None:
+                sequence.truth.append(truth)
+                sequence.tracks.append(_labelled(frame.get(Tracks)))
+                found = frame.get(Detections)
+                sequence.detections.append(np.zeros((0, 4)) if found is None else np.asarray(found.boxes))
+                sequence.size = (frame.caps.integer("width"), frame.caps.integer("height"))
+            if index + 1 >= frames:
+                break
+    sequence.seconds = time.perf_counter() - began
+    return sequence
+
+
+def true_cars(frame: Frame, _index: int) -> Labelled:
+    """The cars of dronetestsrc, as upright boxes."""
+    cars = frame.get(TrueTargets)
+    assert cars is not None
+    return Labelled(
+        np.asarray(cars.ids, np.int64),
+        _upright(np.column_stack([cars.centres, cars.lengths, cars.widths, cars.angles])),
+    )
+
+
+def norfair(python: str, sequence: Sequence) -> list[Labelled]:
+    """Norfair's tracks of the same detections."""
+    lines = "\n".join(json.dumps(boxes.tolist()) for boxes in sequence.detections) + "\n"
+    done = subprocess.run(
+        [python, "-W", "ignore", "-c", NORFAIR], input=lines, check=True, capture_output=True, text=True
+    )
+    frames = []
+    for line in done.stdout.splitlines():
+        rows = np.array(json.loads(line), np.float64).reshape(-1, 5)
+        boxes = np.column_stack([rows[:, 1:3], rows[:, 3:] - rows[:, 1:3]])
+        frames.append(Labelled(rows[:, 0].astype(np.int64), boxes))
+    return frames
+
+
+def report(name: str, method: str, sequence: Sequence, tracks: list[Labelled], milliseconds: float) -> None:
+    """Prints one row."""
+    inner = [
+        _without_border(tracked, true, sequence.size)
+        for tracked, true in zip(tracks, sequence.truth, strict=True)
+    ]
+    scores = score_identities(sequence.truth, inner)
+    print(
+        f"| {name} | {method} | {scores.mota:.3f} | {scores.idf1:.3f} | {scores.switches} "
+        f"| {scores.misses / max(scores.truths, 1):.3f} | {scores.false_alarms / max(scores.truths, 1):.3f} "
+        f"| {scores.overlap:.2f} | {milliseconds:.0f} |",
+        flush=True,
+    )
+
+
+def _without_border(tracked: Labelled, true: Labelled, size: tuple[int, int]) -> Labelled:
+    low = tracked.boxes[:, :2] >= BORDER
+    high = tracked.boxes[:, :2] + tracked.boxes[:, 2:] <= np.array(size) - BORDER
+    matched = np.any(overlaps(tracked.boxes, true.boxes) >= 0.5, axis=1)
+    kept = (low & high).all(axis=1) | matched
+    return Labelled(tracked.ids[kept], tracked.boxes[kept])
+
+
+def _labelled(tracks: Tracks | None) -> Labelled:
+    shown = [] if tracks is None else [track for track in tracks.tracks if track.state in SHOWN]
+    windows = np.array([[t.x, t.y, t.length, t.width, t.angle] for t in shown]).reshape(-1, 5)
+    return Labelled(np.array([track.id for track in shown], np.int64), _upright(windows))
+
+
+def _upright(windows: FloatArray) -> FloatArray:
+    boxes = window_boxes(windows)
+    boxes[:, 2:] -= boxes[:, :2]
+    return boxes
+
+
+def compare(name: str, sequence: Sequence, frames: int, python: str) -> None:
+    """Prints ours, and norfair's where there is one."""
+    report(name, "particletrack", sequence, sequence.tracks, sequence.seconds / frames * 1e3)
+    if python:
+        report(name, "norfair", sequence, norfair(python, sequence), float("nan"))
+
+
+def cars(options: argparse.Namespace) -> None:
+    """Synthetic flights."""
+    for seed in range(options.first, options.first + options.seeds):
+        source = f"dronetestsrc num-buffers={options.frames} cars=40 seed={seed}"
+        caps = "video/x-raw,format=GRAY8,width=1280,height=720"
+        sequence = run(f"{source} ! {caps} ! {CHAIN}", true_cars, options.frames)
+        compare(f"40 cars, seed {seed}", sequence, options.frames, options.norfair)
+
+
+def pets(options: argparse.Namespace) -> None:
+    """People before a fixed camera."""
+    folder = shared_data() / "video"
+    truth = read_identities(folder / "pets09_s2l1_gt_frames_001-069.txt")
+    source = f"filesrc location={folder / 'pets09_s2l1.avi'} ! decode"
+    sequence = run(
+        f"{source} ! {CHAIN}", lambda _, index: truth[index] if index < len(truth) else None, len(truth)
+    )
+    compare("PETS09 S2L1 1-69", sequence, len(truth), options.norfair)
+
+
+def traffic(_options: argparse.Namespace) -> None:
+    """Cars seen by a real drone."""
+    path: Path = shared_data() / "video" / "drone_nadir_traffic.mp4"
+    nobody = Labelled(np.zeros(0, np.int64), np.zeros((0, 4)))
+    sequence = run(f"filesrc location={path} ! decode ! {CHAIN}", lambda *_: nobody, 10**6)
+    lives = Counter(int(number) for tracked in sequence.tracks for number in tracked.ids)
+    long_lived = sum(count >= LONG_LIVED for count in lives.values())
+    each = sequence.seconds / max(len(sequence.tracks), 1) * 1e3
+    print(
+        f"traffic: {long_lived} of {len(lives)} tracks for {LONG_LIVED} frames or more; {each:.0f} ms a frame"
+    )
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first", type=int, default=900)
+    parser.add_argument("--frames", type=int, default=150)
+    parser.add_argument("--norfair", default="")
+    parser.add_argument("--only", default="", choices=["", "cars", "pets", "traffic"])
+    options = parser.parse_args()
+    print("| sequence | tracker | MOTA | IDF1 | switches | missed | false | overlap | ms a frame, all |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for part in (cars, pets, traffic):
+        if options.only in ("", part.__name__):
+            part(options)
+
+
+if __name__ == "__main__":
+    main()
