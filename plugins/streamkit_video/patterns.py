@@ -155,7 +155,8 @@ def _round_pattern(pattern: Pattern, width: int, height: int) -> NDArray[Any]:
     if pattern is Pattern.CIRCULAR:
         return np.where((radius // 8) % 2 == 0, 255, 0)
     if pattern is Pattern.ZONE_PLATE:
-        return 127.5 + 127.5 * np.cos(np.pi * radius**2 / max(width, height))
+        wave: NDArray[np.float64] = np.cos(np.pi * radius**2 / max(width, height))
+        return 127.5 + 127.5 * wave
     turn = radius / 16 if pattern is Pattern.PINWHEEL else 0.0
     return np.where(np.sin(angle * SPOKES + turn) >= 0, 255, 0)
 
