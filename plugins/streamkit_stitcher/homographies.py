@@ -28,8 +28,10 @@ def normalised(matrix: FloatArray) -> FloatArray:
     Returns:
         float64[3, 3]; the identity where the last element is zero or anything is not finite.
     """
-    last = float(matrix[2, 2])
-    if abs(last) < _SMALLEST or not math.isfinite(float(matrix.sum())):
+    # As a list: nine numbers are summed before numpy has begun.
+    values = matrix.ravel().tolist()
+    last = values[8]
+    if abs(last) < _SMALLEST or not math.isfinite(sum(values)):
         return IDENTITY
     return np.asarray(matrix / last, dtype=np.float64)
 

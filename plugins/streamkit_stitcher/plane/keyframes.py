@@ -17,6 +17,7 @@ from streamkit_stitcher.homographies import (
     overlap,
     project,
     scale_change,
+    translation,
 )
 from streamkit_stitcher.registration.motion_models import (
     FitLimits,
@@ -33,6 +34,8 @@ _COARSE_POINTS: Final = 96
 _COARSE_INLIERS: Final = 12
 _SCALE_RANGE: Final = (0.7, 1.4)
 _COARSE_THRESHOLD: Final = 1.5
+_COARSE_TOLERANCE: Final = 0.2
+_FINE_TOLERANCE: Final = 0.1
 _ANY_STEP: Final = 10.0
 
 
@@ -197,12 +200,16 @@ class KeyframeMatcher:
         key_to_frame = inverse(frame_to_key)
         for level in range(top_level, -1, -1):
             patches, chosen = self._level(keyframe, level, coarse_points if level == 1 else max_points)
-            key_points, frame_points, found = align(
-                patches, images[level], reduced_motion(key_to_frame, level)
-            )
+            expected = reduced_motion(key_to_frame, level)
+            tolerance = _COARSE_TOLERANCE if level else _FINE_TOLERANCE
+            key_points, frame_points, found = align(patches, images[level], expected, tolerance)
             if level == 0:
-                return _accepted(frame_points, key_points, chosen[found], keyframe.shape, limits, model)
-            coarse = fit_homography(key_points, frame_points, _COARSE_THRESHOLD)
+                start = inverse(key_to_frame)
+                return _accepted(
+                    frame_points, key_points, chosen[found], keyframe.shape, limits, model, start
+                )
+            start = _shifted(expected, key_points, frame_points)
+            coarse = fit_homography(key_points, frame_points, _COARSE_THRESHOLD, start=start)
             if (
                 coarse is not None
                 and coarse.count >= min(limits.min_inliers, _COARSE_INLIERS)
@@ -253,6 +260,14 @@ def pooled_placement(
     return replace(fit, matrix=inverse(fit.matrix)) if scale_change(inverse(fit.matrix), shape) > 0 else None
 
 
+def _shifted(expected: FloatArray, source: FloatArray, target: FloatArray) -> FloatArray:
+    """An expected motion, source to target, moved by the points' median distance from it."""
+    if not len(source):
+        return expected
+    apart = target - project(expected, source)
+    return translation(np.partition(apart, len(apart) // 2, axis=0)[len(apart) // 2]) @ expected
+
+
 def _at_level(points: FloatArray, level: int) -> FloatArray:
     """Full-size points in px of a pyramid level."""
     factor = 2**level
@@ -272,8 +287,9 @@ def _accepted(
     shape: tuple[int, int],
     limits: FitLimits,
     model: MotionModel,
+    start: FloatArray,
 ) -> KeyframeMatch | None:
-    fit = fit_homography(frame_points, key_points, limits.threshold)
+    fit = fit_homography(frame_points, key_points, limits.threshold, start=start)
     if fit is None or fit.count < limits.min_inliers or fit.count < limits.min_ratio * len(patches):
         return None
     fit = restricted(fit, model, frame_points, key_points)

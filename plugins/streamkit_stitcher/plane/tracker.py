@@ -125,8 +125,6 @@ class PlaneTracker:
         self._since_key += 1
         if self._anchor.keyframes.is_adjusting and self._since_key >= _ADOPT_AFTER:
             self._move_plane(self._anchor.keyframes.adopt())
-        if is_flat(images[self._level]):
-            return self._coast()
         return self._continue(images, self._anchor, self._base)
 
     def _forget(self, shape: tuple[int, int]) -> None:
@@ -177,6 +175,8 @@ class PlaneTracker:
         if followed is not None:
             anchored = anchor.place(images, expected, trusted=True, followed=followed, due=due)
             return self._settle(images, anchored, None)
+        if is_flat(images[self._level]):
+            return self._coast()
         image = self._working(images, self._level)
         if image.is_blank:
             return self._coast()

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import Any, Final
 
 import cv2
@@ -49,7 +50,7 @@ class MotionFit:
     inliers: MaskArray
     rmse: float
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Number of inliers."""
         return int(np.count_nonzero(self.inliers))
@@ -81,7 +82,11 @@ class FitLimits:
 
 
 def fit_homography(
-    source: FloatArray, target: FloatArray, threshold: float, refinements: int = _REFINEMENTS
+    source: FloatArray,
+    target: FloatArray,
+    threshold: float,
+    refinements: int = _REFINEMENTS,
+    start: FloatArray | None = None,
 ) -> MotionFit | None:
     """Fits a homography by RANSAC, refined by least squares on the inliers and then on the best of them.
 
@@ -93,6 +98,7 @@ def fit_homography(
         target: float64[n, 2].
         threshold: largest distance of an inlier in px of the target.
         refinements: steps of that refinement.
+        start: float64[3, 3], a guess; where most pairs agree with it, it is refined without RANSAC.
 
     Returns:
         The fit, or None for fewer than 4 pairs or degenerate ones.
@@ -102,15 +108,15 @@ def fit_homography(
     """
     if len(source) < 4:
         return None
-    matrix, _ = cv2.findHomography(
-        source, target, cv2.USAC_FAST, threshold, maxIters=_MAX_ITERATIONS, confidence=_CONFIDENCE
-    )
-    fit = _judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+    fit = None if start is None else _judged(start, MotionModel.HOMOGRAPHY, source, target, threshold)
+    if fit is None or fit.ratio < _PLAIN_RATIO:
+        matrix, _ = cv2.findHomography(
+            source, target, cv2.USAC_FAST, threshold, maxIters=_MAX_ITERATIONS, confidence=_CONFIDENCE
+        )
+        fit = _judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
     if fit is None or fit.count < _REFINABLE or not refinements:
         return fit
-    matrix = fit.matrix
-    for _ in range(refinements):
-        matrix = _refined(matrix, source, target, threshold)
+    matrix = _refined(fit.matrix, source, target, threshold, refinements)
     refined = _judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
     return refined if refined is not None and refined.count >= _KEPT * fit.count else fit
 
@@ -202,8 +208,7 @@ def least_squares(model: MotionModel, source: FloatArray, target: FloatArray) ->
             return None
     matrix[:2, 2] = goal - matrix[:2, :2] @ middle
     if model is MotionModel.HOMOGRAPHY:
-        for _ in range(_REFINEMENTS + 1):
-            matrix = _refined(matrix, source, target, math.inf)
+        matrix = _refined(matrix, source, target, math.inf, _REFINEMENTS + 1)
     return np.asarray(matrix, dtype=np.float64)
 
 
@@ -264,50 +269,56 @@ def fit_motion(
     return None, best
 
 
-def _refined(matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float) -> FloatArray:
-    """One Gauss-Newton step of (I + D) `matrix` on the pairs near it, on all if `threshold` is infinite."""
-    mapped = project(matrix, source)
-    residuals = target - mapped
-    squares = np.einsum("ni,ni->n", residuals, residuals)
-    if math.isinf(threshold):
-        kept = np.ones(len(squares), dtype=np.bool_)
-    else:
-        close = squares[squares < threshold**2]
-        typical = float(np.partition(close, len(close) // 2)[len(close) // 2])
-        kept = squares < max(_TRIM**2 * typical, (_LEAST_TRIM * threshold) ** 2)
-    middle = target.mean(axis=0)
+def _refined(
+    matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float, steps: int
+) -> FloatArray:
+    """Gauss-Newton steps of (I + D) `matrix` on the pairs near it, on all if `threshold` is infinite."""
+    middle = np.add.reduce(target) / len(target)
     size = max(1.0, float(np.abs(target - middle).max()))
-    step = _homography_step((mapped[kept] - middle) / size, residuals[kept] / size)
-    if step is None:
-        return matrix
     forth = np.array([[size, 0, middle[0]], [0, size, middle[1]], [0, 0, 1]])
     back = np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, size]]) / size
-    return normalised(forth @ step @ back @ matrix)
+    kept: MaskArray = np.ones(len(target), dtype=np.bool_)
+    for _ in range(steps):
+        mapped = project(matrix, source)
+        residuals = target - mapped
+        if not math.isinf(threshold):
+            squares = np.einsum("ni,ni->n", residuals, residuals)
+            close = squares[squares < threshold**2]
+            typical = float(np.partition(close, len(close) // 2)[len(close) // 2]) if len(close) else 0.0
+            kept = squares < max(_TRIM**2 * typical, (_LEAST_TRIM * threshold) ** 2)
+        step = _homography_step((mapped - middle) / size, residuals / size, kept)
+        if step is None:
+            break
+        matrix = normalised(forth @ step @ back @ matrix)
+    return matrix
 
 
-def _homography_step(points: FloatArray, residuals: FloatArray) -> FloatArray | None:
-    """The homography near the identity that moves `points` by `residuals` best, to first order.
+def _homography_step(points: FloatArray, residuals: FloatArray, kept: MaskArray) -> FloatArray | None:
+    """The homography near the identity that moves the kept points by `residuals` best, to first order.
 
     The normal equations hold only moments of the points up to the fourth order, so they are summed at once.
     """
-    x, y = points.T
-    monomials = np.stack([x * x, x * y, y * y, x, y, np.ones(len(x))])
-    moments = monomials @ monomials.T
-    sides = monomials @ residuals
-    linear = moments[3:, 3:]
+    monomials = np.empty((6, len(points)))
+    monomials[3:5] = points.T
+    monomials[5] = 1
+    np.multiply(monomials[3], monomials[3:5], out=monomials[:2])
+    np.multiply(monomials[4], monomials[4], out=monomials[2])
+    counted = monomials * kept
+    moments = counted @ monomials.T
+    sides = counted @ residuals
     normal = np.zeros((8, 8))
-    normal[:3, :3] = normal[3:6, 3:6] = linear
-    normal[:3, 6:] = -moments[3:, :2]
-    normal[3:6, 6:] = -moments[3:, 1:3]
-    normal[6:, :6] = normal[:6, 6:].T
+    normal[:3, :3] = normal[3:6, 3:6] = moments[3:, 3:]
+    normal[6:, :3] = -moments[:2, 3:]
+    normal[6:, 3:6] = -moments[1:3, 3:]
+    normal[:6, 6:] = normal[6:, :6].T
     normal[6:, 6:] = moments[:2, :2] + moments[1:3, 1:3]
     wanted = np.concatenate([sides[3:, 0], sides[3:, 1], -sides[:2, 0] - sides[1:3, 1]])
-    try:
-        step = np.linalg.solve(normal, wanted)
-    except np.linalg.LinAlgError:
+    solved, step = cv2.solve(normal, wanted[:, np.newaxis], flags=cv2.DECOMP_CHOLESKY)
+    if not solved:
         return None
-    step = np.eye(3) + np.append(step, 0.0).reshape(3, 3)
-    return np.asarray(step, dtype=np.float64)
+    matrix = np.eye(3)
+    matrix.ravel()[:8] += step[:, 0]
+    return matrix
 
 
 def _linear_options(threshold: float) -> dict[str, Any]:
@@ -330,9 +341,9 @@ def _judged_linear(
 def _judged(
     matrix: Any, model: MotionModel, source: FloatArray, target: FloatArray, threshold: float
 ) -> MotionFit | None:
-    if matrix is None or not math.isfinite(float(matrix.sum())) or abs(matrix[2, 2]) < 1e-12:
+    if matrix is None or abs(matrix[2, 2]) < 1e-12 or not math.isfinite(sum(matrix.ravel().tolist())):
         return None
-    matrix = normalised(np.asarray(matrix, dtype=np.float64))
+    matrix = np.asarray(matrix / matrix[2, 2], dtype=np.float64)
     residuals = project(matrix, source) - target
     squares = np.einsum("ni,ni->n", residuals, residuals)
     inliers = squares < threshold**2

@@ -14,8 +14,8 @@ RADIUS: Final = 7
 _SIDE: Final = 2 * RADIUS + 1
 _ITERATIONS: Final = 6
 _CONVERGED: Final = 0.1
-_ENOUGH: Final = 0.75
-_SETTLED: Final = 0.15
+_ENOUGH: Final = 0.85
+_SETTLED: Final = 1.5
 _MAX_SHIFT: Final = 4.0
 _MIN_CONTRAST: Final = 2.0
 _MIN_CORRELATION: Final = 0.6
@@ -139,7 +139,7 @@ def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
 
 
 def align(
-    level: PatchLevel, image: GreyArray, key_to_frame: FloatArray
+    level: PatchLevel, image: GreyArray, key_to_frame: FloatArray, tolerance: float = _CONVERGED
 ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
     """Finds where patches of the key picture lie in a frame, to a few hundredths of a pixel.
 
@@ -150,6 +150,7 @@ def align(
         level: patches of the key picture.
         image: uint8[h, w], the frame at the same reduction.
         key_to_frame: float64[3, 3], predicted motion in px of this level, right to about 3 px.
+        tolerance: the last step that most patches may still make, px.
 
     Returns:
         float64[k, 2] positions in the key picture, float64[k, 2] the same ground in the frame, and int64[k]
@@ -164,8 +165,9 @@ def align(
     else:
         # Copying most of the patches costs more than aligning the few that cannot be seen.
         chosen = np.arange(len(visible))
-    shift, correlation, step = _iterate(level, image, key_to_frame)
-    good = visible & (np.hypot(*shift.T) < _MAX_SHIFT) & (correlation > _MIN_CORRELATION) & (step < _SETTLED)
+    shift, correlation, step = _iterate(level, image, key_to_frame, visible, tolerance)
+    settled = visible & (step < _SETTLED * tolerance) & (correlation > _MIN_CORRELATION)
+    good = settled & (np.hypot(shift[:, 0], shift[:, 1]) < _MAX_SHIFT)
     key_points = level.centres[good]
     return key_points, project(key_to_frame, key_points + shift[good]), chosen[good]
 
@@ -178,29 +180,27 @@ def _visible(points: FloatArray, shape: Sequence[int]) -> MaskArray:
 
 
 def _iterate(
-    level: PatchLevel, image: GreyArray, key_to_frame: FloatArray
+    level: PatchLevel, image: GreyArray, key_to_frame: FloatArray, visible: MaskArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Gauss-Newton on each patch's shift: (shift, correlation, size of the last step)."""
-    centres = level.centres
-    spread = np.matmul(_jacobian(key_to_frame, centres).astype(np.float32).transpose(1, 0, 2), _OFFSETS)
-    shift = np.zeros((len(centres), 2))
+    places, local = _linearised(key_to_frame, level.centres)
+    # Where the patches lie; their shifts go through the same local affine parts.
+    spread = np.matmul(local.transpose(1, 0, 2), _OFFSETS)
+    spread += places.T[:, :, np.newaxis]
+    maps = spread
+    shift = np.zeros((len(places), 2))
+    enough = _ENOUGH * np.count_nonzero(visible)
     for _ in range(_ITERATIONS):
-        anchors = project(key_to_frame, centres + shift).astype(np.float32)
-        sampled = cv2.remap(
-            image,
-            spread[0] + anchors[:, :1],
-            spread[1] + anchors[:, 1:],
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
+        sampled = cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         products, deviation = _probed(np.asarray(sampled, dtype=np.float32), level.probes)
         # The slopes times (sampled - mean) / deviation - key patch, without forming that difference.
         gradient = (products[:, :2] - products[:, 3:] * level.slope_sums) / deviation - level.slope_products
-        update = np.matmul(level.inverse_hessian, gradient[:, :, np.newaxis])[:, :, 0]
-        shift = np.clip(shift - update, -2 * _MAX_SHIFT, 2 * _MAX_SHIFT)
+        update = np.einsum("nij,nj->ni", level.inverse_hessian, gradient)
+        shift = np.minimum(np.maximum(shift - update, -2 * _MAX_SHIFT), 2 * _MAX_SHIFT)
         step = np.hypot(update[:, 0], update[:, 1])
-        if np.count_nonzero(step < _CONVERGED) > _ENOUGH * len(step):
+        if np.count_nonzero(visible & (step < tolerance)) > enough:
             break
+        maps = spread + np.einsum("nij,nj->in", local, shift.astype(np.float32))[:, :, np.newaxis]
     return shift, products[:, 2] / (_SIDE * _SIDE * deviation[:, 0]), step
 
 
@@ -212,12 +212,13 @@ def _probed(sampled: _SingleArray, probes: _SingleArray) -> tuple[FloatArray, Fl
     return products, deviation
 
 
-def _jacobian(matrix: FloatArray, points: FloatArray) -> FloatArray:
-    """Local affine part of a homography at each point, float64[n, 2, 2]."""
+def _linearised(matrix: FloatArray, points: FloatArray) -> tuple[_SingleArray, _SingleArray]:
+    """Where a homography maps points, float32[n, 2], and its local affine parts there, float32[n, 2, 2]."""
     weights = points @ matrix[2, :2] + matrix[2, 2]
     mapped = project(matrix, points)
     numerator = matrix[np.newaxis, :2, :2] - mapped[:, :, np.newaxis] * matrix[np.newaxis, 2:, :2]
-    return np.asarray(numerator / weights[:, np.newaxis, np.newaxis], dtype=np.float64)
+    local = numerator / weights[:, np.newaxis, np.newaxis]
+    return mapped.astype(np.float32), local.astype(np.float32)
 
 
 def reduced_motion(key_to_frame: FloatArray, level: int) -> FloatArray:
