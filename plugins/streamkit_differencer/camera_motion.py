@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     PointArray = NDArray[np.float32]
     Matrix = NDArray[np.float64]
 
-MOST_POINTS = 240
+MOST_POINTS = 160
 GRID = (12, 8)
 MARGIN_PX = 10
 FEWEST_POINTS = 16
@@ -39,6 +39,8 @@ RENEWAL_SHIFT = 0.12
 # The camera stands still where the points lie hardly farther from their old places than from those fitted.
 STILL_PX = 0.12
 STILL_RATIO = 1.25
+# Where most points lie nearer than this to their old places, nothing is fitted at all.
+QUICK_STILL_PX = 0.2
 # A step larger than this may be that of the traffic: if so many points stand, as a share of those that agree
 # with the step, the camera stands.
 LARGE_STEP_PX = 2.0
@@ -46,12 +48,16 @@ LARGE_STEP_SHARE = 0.4
 STANDING_PX = 0.4
 FEWEST_STANDING = 8
 RENEWAL_FRAMES = 12
+# A similarity that explains this share of the points is not bettered by a homography.
+ENOUGH_SHARE = 0.8
+# Smaller changes of brightness do not hinder the comparison.
+SMALLEST_SHIFT, SMALLEST_GAIN = 6.0, 0.1
 PATIENCE_FRAMES = 5
 # A plain picture may be a lens that is covered for a moment.
 LONG_PATIENCE_FRAMES = 75
 _FLOW: dict[str, Any] = {
     "winSize": (WINDOW_PX, WINDOW_PX),
-    "maxLevel": 3,
+    "maxLevel": 2,
     "criteria": (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01),
     "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
     "minEigThreshold": 1e-3,
@@ -130,13 +136,18 @@ class CameraMotion:
         """The frame's place and the share of points that agree with it, at the brightness of the key."""
         assert self._key is not None
         fit = self._fit_once(image)
-        if fit is None:
-            key_mean, key_deviation = (float(value[0, 0]) for value in cv2.meanStdDev(self._key))
-            mean, deviation = (float(value[0, 0]) for value in cv2.meanStdDev(image))
-            gain = key_deviation / max(deviation, 1.0)
-            equal = np.clip(gain * (image.astype(np.float32) - mean) + key_mean, 0, 255)
-            fit = self._fit_once(equal.astype(np.uint8))
-        return fit
+        if fit is not None and fit[1] >= RENEWAL_RATIO:
+            return fit
+        key_mean, key_deviation = (float(value[0, 0]) for value in cv2.meanStdDev(self._key))
+        mean, deviation = (float(value[0, 0]) for value in cv2.meanStdDev(image))
+        gain = key_deviation / max(deviation, 1.0)
+        if abs(mean - key_mean) < SMALLEST_SHIFT and abs(gain - 1.0) < SMALLEST_GAIN:
+            return fit
+        equal = np.clip(gain * (image.astype(np.float32) - mean) + key_mean, 0, 255)
+        other = self._fit_once(equal.astype(np.uint8))
+        if fit is None or other is None:
+            return fit or other
+        return max(fit, other, key=lambda either: either[1])
 
     def _fit_once(self, image: ByteImage) -> tuple[Matrix, float] | None:
         assert self._key is not None
@@ -153,6 +164,10 @@ class CameraMotion:
             return None
         from_key, from_last = (np.linalg.norm(after - old, axis=1) for old in (before, still))
         stands = (self._key_to_plane, from_key), (self._placed, from_last)
+        for place, distance in stands:
+            near = distance <= QUICK_STILL_PX
+            if 2 * np.count_nonzero(near) > len(near) and is_spread(before[near], image.shape):
+                return place, float(np.count_nonzero(distance <= INLIER_PX)) / len(self._points)
         to_key, agrees = similarity_or_homography(after, before)
         count, total = int(np.count_nonzero(agrees)), len(self._points)
         placed: Matrix | None = None
@@ -215,12 +230,16 @@ def similarity_or_homography(
     Returns:
         float64[3, 3], source to target, or None; and bool[n], the points that agree with it.
     """
-    simple, _ = cv2.estimateAffinePartial2D(source, target, ransacReprojThreshold=INLIER_PX, maxIters=200)
-    full, _ = cv2.findHomography(source, target, cv2.RANSAC, INLIER_PX, maxIters=200)
     best: Matrix | None = None
     agrees: NDArray[np.bool_] = np.zeros(len(source), bool)
     price = 0.0
-    for candidate in (simple, full):
+    for is_similarity in (True, False):
+        if is_similarity:
+            candidate, _ = cv2.estimateAffinePartial2D(
+                source, target, ransacReprojThreshold=INLIER_PX, maxIters=200
+            )
+        else:
+            candidate, _ = cv2.findHomography(source, target, cv2.RANSAC, INLIER_PX, maxIters=200)
         if candidate is None or not np.isfinite(candidate).all():
             continue
         matrix = np.eye(3)
@@ -230,6 +249,8 @@ def similarity_or_homography(
         near = np.count_nonzero(error <= 0.5 * INLIER_PX)
         if near > price:
             best, agrees, price = matrix, error <= INLIER_PX, 1.1 * near
+        if price > ENOUGH_SHARE * len(source):
+            break
     return best, agrees
 
 

@@ -62,7 +62,7 @@ def dynamic_matrix(dynamic: ByteImage, logical: ByteImage, quiet_frames: int) ->
     """
     # Where S = 1 the result is lambda, which is never less than D - 1: a maximum needs no branch.
     changed = np.minimum(logical, np.uint8(quiet_frames))
-    return np.maximum(dynamic - (dynamic > 0), changed)
+    return np.maximum(dynamic - np.minimum(dynamic, np.uint8(1)), changed)
 
 
 def update_background(

@@ -48,6 +48,7 @@ FIRST_SPREAD = 6.0
 SPREAD_COEFFICIENT = 0.02
 HIGHEST_THRESHOLD = 60.0
 WITHOUT_BACKGROUND = 22.0
+GHOST_INTERVAL = 3
 
 
 class Event(enum.StrEnum):
@@ -128,6 +129,7 @@ class BackgroundModel:
     standing: ByteImage = field(init=False)
     restless: ByteImage = field(init=False)
     _foreground_before: ByteImage = field(init=False)
+    _frames: int = 0
     _history: list[Remembered] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -200,7 +202,8 @@ class BackgroundModel:
         still = quiet_mask(dynamic)
         mask = self._foreground(image, self.background[region], self._thresholds(region))
         mask &= seen & self.valid[region]
-        if self.settings.ghost:
+        # They stay where they are, so not every frame has to be searched.
+        if self.settings.ghost and self._frames % GHOST_INTERVAL == 0:
             mask = self._without_ghosts(image, mask, region)
         shadow = shadow_mask(image, self.background[region], mask) if self.settings.shadow else None
         self._learn(image, seen, mask, still & seen, region)
@@ -246,7 +249,8 @@ class BackgroundModel:
         background = self.background[region]
         rounded = cast("ByteImage", cv2.convertScaleAbs(background))
         ghosts = ghost_mask(image, rounded, mask, self.valid[region])
-        cv2.copyTo(image.astype(np.float32), ghosts, background)
+        if cv2.countNonZero(ghosts):
+            cv2.copyTo(image.astype(np.float32), ghosts, background)
         return mask & ~ghosts
 
     def _without_flicker(self, mask: ByteImage, region: Region) -> ByteImage:
@@ -314,11 +318,14 @@ class BackgroundModel:
         cv2.add(standing, still & np.uint8(1), dst=standing)
         standing &= mask | ~seen
         absorbed = still & threshold_mask(standing, self.settings.absorb_frames - 1)
-        if self.settings.noise_gain:
+        self._frames += 1
+        # Every other frame with twice the weight: noise does not change from one to the next.
+        if self.settings.noise_gain and self._frames % 2 == 0:
             known = quiet & ~mask & self.valid[region]
-            update_spread(self.spread[region], background, image, known, SPREAD_COEFFICIENT)
-        unknown = seen & ~self.valid[region]
-        cv2.copyTo(image.astype(np.float32), unknown | absorbed, background)
+            update_spread(self.spread[region], background, image, known, 2 * SPREAD_COEFFICIENT)
+        taken = (seen & ~self.valid[region]) | absorbed
+        if cv2.countNonZero(taken):
+            cv2.copyTo(image.astype(np.float32), taken, background)
         update_background(background, image, quiet & ~mask, self.settings.coefficient)
 
     def _accept(self, quiet: ByteImage, region: Region) -> None:

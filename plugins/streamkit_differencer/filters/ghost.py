@@ -46,7 +46,10 @@ def ghost_mask(
     area = np.s_[max(0, top - 2) : top + height + 2, max(0, left - 2) : left + width + 2]
     count, labels = cv2.connectedComponents(foreground[area], connectivity=8)
     outline = edges(foreground[area]) & foreground[area]
-    rows, columns = np.nonzero(outline)
+    if not cv2.countNonZero(outline):
+        return result
+    points = cv2.findNonZero(outline)
+    columns, rows = points.reshape(-1, 2).T
     owner = labels[rows, columns]
     here, there = (edges(image[area])[rows, columns].astype(np.int16) for image in (current, background))
     decided = cv2.erode(known[area], _BORDER)[rows, columns] > 0
