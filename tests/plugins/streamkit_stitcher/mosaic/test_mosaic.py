@@ -27,8 +27,9 @@ def difference_to_ground(mosaic, flight):
 
 def test_a_mosaic_of_measured_places_shows_the_true_ground(ground, make_flight):
     """Placed and joined, the pictures match the ground: the error is that of noise, not of doubled edges."""
-    flight = make_flight(ground, 70, SMALL, cars=0)
-    tracker, mosaic = PlaneTracker(PlaneSettings(reference=ReferenceChoice.FIRST)), Mosaic(64_000_000)
+    flight = make_flight(ground, 24, SMALL, cars=0, laps=0.3)
+    settings = PlaneSettings(reference=ReferenceChoice.FIRST, window=0)
+    tracker, mosaic = PlaneTracker(settings), Mosaic(64_000_000)
     for picture in flight.pictures():
         placement = tracker.place(picture)
         if placement.change is not None:
