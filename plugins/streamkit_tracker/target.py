@@ -26,9 +26,11 @@ from streamkit_tracker.window_sampling import WindowSampler
 ACCELERATION_SIDES = 2.0  # px/s^2 for each px of a target's side
 SMALLEST_SIDE = 10.0
 SPEED_SHARE = 1 / 3
-BOX_RATE = 0.15
+YOUNG_S = 1.0  # first detections often show a part only: until then size and place follow fast
+BOX_RATE, YOUNG_BOX_RATE = 0.15, 0.5
+RESIZED = 0.18  # log ratio of a side beyond which the window starts again
 FEATURE_RATE = 0.2
-OFFSET_RATE = 0.12
+OFFSET_RATE, YOUNG_OFFSET_RATE = 0.12, 0.4
 SIDES_STD = 0.12
 CREDIT_AT_START_S = 0.2
 CREDIT_RATE = 0.5
@@ -148,7 +150,8 @@ class Target:
 
     def remember(self, sighting: Sighting) -> None:
         """Lets the box and the feature vector follow a detection."""
-        rate = 0.0 if sighting.crowded else BOX_RATE
+        usual = YOUNG_BOX_RATE if self.age_s < YOUNG_S else BOX_RATE
+        rate = 0.0 if sighting.crowded else usual
         width, height = self.box
         self.box = (width * (sighting.box[0] / width) ** rate, height * (sighting.box[1] / height) ** rate)
         if sighting.feature is None:
@@ -347,7 +350,7 @@ class Target:
         assert self.appearance is not None
         trust = self._trust(sighting) ** 2
         x, y = float(self.window[0]), float(self.window[1])
-        rate = OFFSET_RATE * trust
+        rate = trust * (YOUNG_OFFSET_RATE if self.age_s < YOUNG_S else OFFSET_RATE)
         across = self._offset[0] + rate * (sighting.centroid[0] - x - self._offset[0])
         down = self._offset[1] + rate * (sighting.centroid[1] - y - self._offset[1])
         self._offset = (across, down)
@@ -376,7 +379,7 @@ class Target:
         return (
             math.hypot(*self._offset) > max(0.8, 0.06 * self.side)
             or (heading is not None and turned > max(0.25, 2.5 * heading_std))
-            or resized > 0.3
+            or resized > RESIZED
         )
 
 
