@@ -24,6 +24,9 @@ from streamkit_differencer.objects import ObjectSettings, find_objects
 ByteImage = npt.NDArray[np.uint8]
 FRESH_SEEDS = (21, 22, 23)
 MARGIN = 0.35
+NEW_FRAMES = 15
+# Only what moves is in the truth: what framediff marks as stopped does not count as found.
+STOPPED = 128
 
 
 def registrations(frames: list[ByteImage]) -> list[Registration]:
@@ -61,6 +64,8 @@ class Peer:
     def __init__(self, subtractor: object, is_registered: bool) -> None:
         self._subtractor, self._is_registered = subtractor, is_registered
         self._to_canvas: np.ndarray | None = None
+        self._seen: ByteImage | None = None
+        self._canvas: ByteImage | None = None
 
     def update(self, picture: ByteImage, place: Registration | None) -> tuple[ByteImage, np.ndarray]:
         """Mask at the frame's size, and centroids."""
@@ -82,11 +87,17 @@ class Peer:
             self._to_canvas = self._to_canvas @ np.linalg.inv(place.reference_change)
         warp = self._to_canvas @ place.to_reference @ grid
         size = round(width * (1 + 2 * MARGIN)), round(height * (1 + 2 * MARGIN))
-        # Outside the frame the background itself stands in, so that nothing is learnt there.
-        known = self._subtractor.getBackgroundImage()
-        canvas = np.zeros(size[::-1], np.uint8) if known is None else known.copy()
+        # Outside the frame what was seen there last stands in, so that nothing else is learnt.
+        canvas = np.zeros(size[::-1], np.uint8) if self._canvas is None else self._canvas.copy()
         canvas = cv2.warpPerspective(small, warp, size, dst=canvas, borderMode=cv2.BORDER_TRANSPARENT)
+        self._canvas = canvas
         mask = self._subtractor.apply(canvas)
+        seen = cv2.warpPerspective(np.full_like(small, 255), warp, size)
+        if self._seen is None:
+            self._seen = np.zeros(seen.shape, np.uint8)
+        # Ground that has just come into view counts as ground, as it does for framediff.
+        self._seen = cv2.add(self._seen, seen & np.uint8(1))
+        mask = np.where((self._seen > NEW_FRAMES) & (seen > 0), mask, np.uint8(0))
         return cv2.warpPerspective(
             mask, warp, (width, height), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
         )
@@ -140,7 +151,7 @@ def run(method, frames: list[ByteImage], places: list[Registration | None], traf
         mask, centroids = method.update(picture, place)
         spent.append(time.perf_counter() - begin)
         if index >= WARM_UP:
-            score.add(np.where(mask >= 100, mask, 0).astype(np.uint8), centroids, traffic, index)
+            score.add(np.where(mask > STOPPED, mask, 0).astype(np.uint8), centroids, traffic, index)
     error = float(np.mean(score.errors)) if score.errors else np.nan
     measures = score.f_measure(score.pixels), score.f_measure(score.objects)
     return *measures, error, 1e3 * float(np.median(spent))

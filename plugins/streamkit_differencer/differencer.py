@@ -183,14 +183,15 @@ class Differencer:
         objects = find_objects(mask, self._grid, settings)
         to_canvas = place.working_to_canvas @ np.linalg.inv(working_to_frame(self._grid))
         if settings.parallax > 0.0:
-            objects = self._without_parallax(objects, to_canvas)
+            objects = self._without_parallax(objects, to_canvas, mask)
         boxes = mapped_boxes(to_canvas, objects.boxes)
         ages = self._persistence.update(boxes)
         contrast = self._model.contrast(mapped_grids(to_canvas, objects.boxes))
         objects = replace(objects, confidences=confidence(contrast, ages, registration))
         return Result(objects, mask, place.change, event)
 
-    def _without_parallax(self, objects: Objects, to_canvas: Matrix) -> Objects:
+    def _without_parallax(self, objects: Objects, to_canvas: Matrix, mask: ByteImage) -> Objects:
+        """The objects that are no parallax; the foreground in the boxes of the others is taken away."""
         assert self._model is not None
         assert self._shape is not None
         middle = np.array([[self._shape[1] / 2, self._shape[0] / 2]])
@@ -201,7 +202,11 @@ class Differencer:
             return objects
         step = self._places[-1] - self._places[0]
         boxes = mapped_boxes(to_canvas, objects.boxes)
-        return chosen(objects, ~parallax_objects(*pair, boxes, step, self.object_settings.parallax))
+        is_parallax = parallax_objects(*pair, boxes, step, self.object_settings.parallax)
+        cells = np.round((objects.boxes[is_parallax] + 0.5) / self._grid).astype(int)
+        for left, top, right, bottom in cells:
+            mask[top:bottom, left:right] = 0
+        return chosen(objects, ~is_parallax)
 
     def _follow(self, model: BackgroundModel, place: Place) -> None:
         match place.change:
