@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import FloatArray, corners, normalised, project
+from streamkit_stitcher.homographies import FloatArray, MaskArray, corners, normalised, project
 from streamkit_stitcher.mosaic.exposure import gains
 from streamkit_stitcher.mosaic.mosaic import is_placeable, like, shrunk
 from streamkit_stitcher.mosaic.picture_store import thumbnail_factor
@@ -177,7 +177,7 @@ def _fill(block: PictureArray, left: int, top: int, plan: _Plan, load: Callable[
         return
     window = slice(top - y, top - y + height), slice(left - x, left - x + width)
     result = result[window]
-    covered = np.kron(labels >= 0, np.ones((plan.factor, plan.factor), dtype=np.bool_))[window]
+    covered = _enlarged(labels >= 0, plan.factor)[window] > 0
     if plan.channels == 1:
         result = result[:, :, :1]
     inside = _inside(numbers, (left, top), (width, height), plan)
@@ -225,6 +225,13 @@ def _warped(
     return np.asarray(cv2.multiply(colours, factors, dtype=cv2.CV_16S), dtype=np.int16)
 
 
+def _enlarged(cells: MaskArray, factor: int) -> PictureArray:
+    """Cells of the planning grid as pixels of the mosaic, uint8, 255 where they are set."""
+    grey = cells.astype(np.uint8) * np.uint8(255)
+    size = cells.shape[1] * factor, cells.shape[0] * factor
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
+
+
 def _inside(
     numbers: LabelArray, corner: tuple[int, int], size: tuple[int, int], plan: _Plan
 ) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
@@ -250,8 +257,7 @@ def _feed(
     rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
     top, bottom = max(0, int(rows[0]) - reach), min(own.shape[0], int(rows[-1]) + 1 + reach)
     left, right = max(0, int(columns[0]) - reach), min(own.shape[1], int(columns[-1]) + 1 + reach)
-    mask = np.kron(own[top:bottom, left:right], np.full((factor, factor), 255, dtype=np.uint8))
-    mask = mask.astype(np.uint8)
+    mask = _enlarged(own[top:bottom, left:right], factor)
     place = corner[0] + left * factor, corner[1] + top * factor
     colours = _warped(number, place, (mask.shape[1], mask.shape[0]), plan, load)
     blender.feed(colours, mask, (left * factor, top * factor))

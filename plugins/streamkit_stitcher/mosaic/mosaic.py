@@ -1,5 +1,6 @@
 """A mosaic of the ground that grows picture by picture."""
 
+from functools import lru_cache
 from typing import Final
 
 import cv2
@@ -129,13 +130,16 @@ def shrunk(picture: PictureArray, matrix: FloatArray) -> tuple[PictureArray, Flo
     return picture, matrix
 
 
+@lru_cache(maxsize=8)
 def depth_inside(shape: tuple[int, int]) -> PictureArray:
     """How deep each pixel of a picture lies inside it, uint8 from 1 at the border to 255 in the middle."""
     height, width = shape
     across = np.minimum(np.arange(width), np.arange(width)[::-1])
     down = np.minimum(np.arange(height), np.arange(height)[::-1])
     nearest = np.minimum(across[np.newaxis, :], down[:, np.newaxis])
-    return np.asarray(1 + nearest * (254 / max(1, int(nearest.max()))), dtype=np.uint8)
+    depth = np.asarray(1 + nearest * (254 / max(1, int(nearest.max()))), dtype=np.uint8)
+    depth.setflags(write=False)
+    return depth
 
 
 def like(picture: PictureArray, channels: int) -> PictureArray:
