@@ -32,7 +32,7 @@ def is_finite(placement):
 
 def test_drift_over_a_flight_stays_below_a_pixel(ground, make_flight, tracker):
     """720p, turning, climbing, shaking, 12 cars: the median corner error is below 0.3 px."""
-    flight = make_flight(ground, 65, laps=0.5)
+    flight = make_flight(ground, 42, laps=0.32)
     placements = [tracker.place(picture) for picture in flight.pictures()]
     errors = [flight.error(placement.to_reference, index) for index, placement in enumerate(placements)]
     steps = [
@@ -49,7 +49,7 @@ def test_drift_over_a_flight_stays_below_a_pixel(ground, make_flight, tracker):
 
 def test_drift_over_a_photograph_stays_below_a_pixel(aerial_ground, make_flight, tracker):
     """The same over a real aerial picture of poor contrast: median below 1 px."""
-    flight = make_flight(aerial_ground, 50, laps=0.15)
+    flight = make_flight(aerial_ground, 34, laps=0.1)
     errors = [
         flight.error(tracker.place(picture).to_reference, index)
         for index, picture in enumerate(flight.pictures())
@@ -61,7 +61,7 @@ def test_drift_over_a_photograph_stays_below_a_pixel(aerial_ground, make_flight,
 def test_steps_and_changes_add_up_to_the_place(flight):
     """Change @ previous.to_reference @ to_previous is to_reference, whatever moves the plane meanwhile."""
     tracker = PlaneTracker(PlaneSettings())
-    placements = [tracker.place(flight.picture(index)) for index in range(90)]
+    placements = [tracker.place(flight.picture(index)) for index in range(64)]
     for before, here in pairwise(placements):
         change = np.eye(3) if here.change is None else here.change
         chained = change @ before.to_reference @ here.to_previous
