@@ -72,7 +72,9 @@ class Stitch(Transform):
         None, doc="Path of the mosaic, .png, .jpg or .tif; %d in it gives each plane a file."
     )
     reference: ReferenceChoice = Property(
-        ReferenceChoice.CENTER, doc="Plane of the placements: the middle key frame's, or the first frame's."
+        ReferenceChoice.AUTO,
+        doc="Plane of the placements: the middle key frame's, which moves as the strip grows, or the first "
+        "frame's; auto takes the middle where the strip's length is known.",
     )
     model: ModelChoice = Property(
         ModelChoice.AUTO, doc="What the motion may be; auto takes the simplest that explains the frames."
@@ -235,6 +237,9 @@ class Stitch(Transform):
         limits = FitLimits(
             threshold=self.ransac_threshold, min_inliers=self.min_inliers, min_ratio=self.min_inlier_ratio
         )
+        reference, length = self.reference, strip_length or self.strip_length
+        if reference is ReferenceChoice.AUTO:
+            reference = ReferenceChoice.CENTER if length else ReferenceChoice.FIRST
         return PlaneSettings(
             working_width=self.registration_width,
             max_points=self.max_points,
@@ -242,8 +247,8 @@ class Stitch(Transform):
             keyframe_overlap=self.keyframe_overlap,
             keyframe_interval=interval,
             model=self.model,
-            reference=self.reference,
-            strip_length=strip_length or self.strip_length,
+            reference=reference,
+            strip_length=length,
             window=self.window,
             adjustment_iterations=self.ba_iterations,
             huber=self.huber,

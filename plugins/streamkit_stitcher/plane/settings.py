@@ -7,8 +7,12 @@ from streamkit_stitcher.registration.motion_models import FitLimits
 
 
 class ReferenceChoice(StrEnum):
-    """Whose plane the pictures are placed on: the middle one's as the strip grows, or the first one's."""
+    """Whose plane the pictures are placed on: the middle one's as the strip grows, or the first one's.
 
+    `auto` is the middle one where the length of the strip is known beforehand, else the first.
+    """
+
+    AUTO = "auto"
     CENTER = "center"
     FIRST = "first"
 
