@@ -52,6 +52,7 @@ def test_readme_names_the_two_commands() -> None:
     assert {"make demo", "make test"} <= {command.split("  ")[0].strip() for command in COMMANDS}
 
 
+@pytest.mark.timeout(400)
 def test_launch_lines_run_in_order(folder: Path) -> None:
     """Each launch line ends with exit code 0; one that needs a camera is built instead."""
     assert len(LAUNCHES) >= 5

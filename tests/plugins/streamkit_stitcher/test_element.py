@@ -193,7 +193,7 @@ def test_the_example_line_runs():
 
 def test_the_plane_moves_to_the_middle_and_says_so(flight):
     """Whatever moves the plane is told: change @ before @ step is the place, on every frame."""
-    with Harness("stitch") as harness:
+    with Harness("stitch", reference="center") as harness:
         before, planes = None, set()
         for index in range(60):
             _, found = push(harness, grey(flight.picture(index), index))
