@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
+from urllib.parse import quote, unquote, urlsplit
 
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
 USERINFO = re.compile(r"(?<=://)[^/?#\s]*@")
@@ -32,3 +32,11 @@ def redact(text: str) -> str:
     text the URL stands.
     """
     return SECRET_FIELD.sub(r"\1***", USERINFO.sub("***@", text))
+
+
+def with_credentials(location: str, user: str, password: str) -> str:
+    """The URL with a user name and password in it; one that has its own, or no user, stays as it is."""
+    if not user or "@" in urlsplit(location).netloc:
+        return location
+    scheme, _, rest = location.partition("://")
+    return f"{scheme}://{quote(user, safe='')}:{quote(password, safe='')}@{rest}"

@@ -7,7 +7,7 @@ import random
 import time
 from collections.abc import Iterator
 from typing import Any
-from urllib.parse import quote, urlsplit
+from urllib.parse import urlsplit
 
 from streamkit import (
     Caps,
@@ -23,7 +23,7 @@ from streamkit import (
 )
 from streamkit_decoder.codecs import CODED_CAPS
 from streamkit_decoder.container import AccessRefused
-from streamkit_decoder.location import redact
+from streamkit_decoder.location import redact, with_credentials
 from streamkit_decoder.rtsp.backoff import Backoff
 from streamkit_decoder.rtsp.connection import Connection, ConnectionSettings
 from streamkit_decoder.rtsp.packetreader import DEFAULT_PORTS, HungUp, PacketReader, Silence, port_of
@@ -226,14 +226,13 @@ class RtspSrc(Source):
             "allowed_media_types": "video+data",
         }
         return ConnectionSettings(
-            self._address(), options, self.timeout_s, self.latency_ms, self.max_packets, KINDS
+            with_credentials(self.location, self.user_id, self.user_pw),
+            options,
+            self.timeout_s,
+            self.latency_ms,
+            self.max_packets,
+            KINDS,
         )
-
-    def _address(self) -> str:
-        if not self.user_id or "@" in urlsplit(self.location).netloc:
-            return self.location
-        scheme, _, rest = self.location.partition("://")
-        return f"{scheme}://{quote(self.user_id, safe='')}:{quote(self.user_pw, safe='')}@{rest}"
 
     def _leave(self, limit_s: float) -> None:
         """Ends the connection; a reader that FFmpeg holds is left behind, to end at its own limit."""

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from streamkit_decoder.location import is_network, local_path, redact
+from streamkit_decoder.location import is_network, local_path, redact, with_credentials
 
 
 @pytest.mark.parametrize(
@@ -20,6 +20,13 @@ from streamkit_decoder.location import is_network, local_path, redact
 def test_redact_masks_secrets_and_nothing_else(text: str, shown: str) -> None:
     """User information and secret query fields become ***, all else stays."""
     assert redact(text) == shown
+
+
+def test_credentials_are_put_into_urls_that_have_none() -> None:
+    """What has a meaning in a URL is escaped; a URL with a user of its own stays as it is."""
+    assert with_credentials("rtsp://cam/live", "me", "p@ss/word") == "rtsp://me:p%40ss%2Fword@cam/live"
+    assert with_credentials("rtsp://you@cam/live", "me", "word") == "rtsp://you@cam/live"
+    assert with_credentials("rtsp://cam/live", "", "word") == "rtsp://cam/live"
 
 
 def test_is_network_tells_urls_from_files() -> None:
