@@ -81,7 +81,8 @@ def test_records_come_in_every_encoding(
             harness.push(_frame(seq, TrackState.CONFIRMED))
         harness.drain()
         records = list(subscriber)
-    assert [record.seq for record in records] == list(range(20))
+    # The state that a late comer asks for may overtake records under way.
+    assert sorted(record.seq for record in records) == list(range(20))
     assert records[0].tracks[0].state is TrackState.CONFIRMED
     assert (subscriber.counts.lost, subscriber.counts.bad, subscriber.counts.overwritten) == (0, 0, 0)
 
