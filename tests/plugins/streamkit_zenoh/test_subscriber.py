@@ -75,7 +75,9 @@ def test_records_come_in_every_encoding(
     sink: Callable[..., Harness], key: str, endpoint: str, encoding: str
 ) -> None:
     """The encoding of each message says how to read it; iteration ends with the publisher."""
-    with TrackSubscriber(key, connect=endpoint, ring=64, ends_with_publisher=True) as subscriber:
+    with TrackSubscriber(
+        key, connect=endpoint, ring=64, ends_with_publisher=True, ask_last=False
+    ) as subscriber:
         harness = sink(encoding=encoding, wait_subscribers=1)
         for seq in range(20):
             harness.push(_frame(seq, TrackState.CONFIRMED))
@@ -89,7 +91,7 @@ def test_records_come_in_every_encoding(
 
 def test_a_slow_reader_sees_the_newest(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
     """One record is held; what it replaced is counted."""
-    with TrackSubscriber(key, connect=endpoint) as subscriber:
+    with TrackSubscriber(key, connect=endpoint, ask_last=False) as subscriber:
         harness = sink(wait_subscribers=1)
         for seq in range(50):
             harness.push(_frame(seq))
@@ -119,7 +121,7 @@ def test_a_late_comer_has_state_at_once(sink: Callable[..., Harness], key: str, 
 
 def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
     """Confirmed and coasting targets have keys of their own, which are deleted when they end."""
-    with TrackSubscriber(f"{key}/track/*", connect=endpoint, ring=64) as subscriber:
+    with TrackSubscriber(f"{key}/track/*", connect=endpoint, ring=64, ask_last=False) as subscriber:
         harness = sink(track_qos="block")
         publication = harness.element._publication
         _wait_for(lambda: publication.records._each_is_wanted)
@@ -140,7 +142,9 @@ def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key
 
 def test_what_is_dropped_there_is_seen_here(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
     """The publisher's own drops are gaps in the numbers: dropped there equals lost here, also at the end."""
-    with TrackSubscriber(key, connect=endpoint, ring=5000, ends_with_publisher=True) as subscriber:
+    with TrackSubscriber(
+        key, connect=endpoint, ring=5000, ends_with_publisher=True, ask_last=False
+    ) as subscriber:
         harness = sink(wait_subscribers=1, max_queue=2)
         harness.push(_frame(0))
         _wait_for(lambda: arrived(subscriber) == 1)
