@@ -2,34 +2,20 @@
 
 from __future__ import annotations
 
-import enum
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit_video.numbered import Numbered
+
 ByteArray = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 
-class Pattern(enum.StrEnum):
-    """What a test picture shows: GStreamer's words, numbers and labels.
-
-    Attributes:
-        number: GStreamer's number of the pattern.
-        label: GStreamer's words for it.
-    """
-
-    number: int
-    label: str
-
-    def __new__(cls, word: str, number: int, label: str) -> Pattern:
-        """A pattern with its number and label."""
-        member = str.__new__(cls, word)
-        member._value_ = word
-        member.number, member.label = number, label
-        return member
+class Pattern(Numbered):
+    """What a test picture shows: GStreamer's words, numbers and labels."""
 
     SMPTE = "smpte", 0, "SMPTE 100% color bars"
     SNOW = "snow", 1, "Random (television snow)"

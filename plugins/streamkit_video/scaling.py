@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import enum
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit_video.numbered import Numbered
 from streamkit_video.pixel_formats import PLANAR, odd_size, picture_height, size_allows
 
 ByteArray = NDArray[np.uint8]
@@ -15,23 +14,8 @@ FloatArray = NDArray[np.float64]
 Size = tuple[int, int]
 
 
-class ScaleMethod(enum.StrEnum):
-    """How pixels between pixels are found: GStreamer's words and numbers, as far as OpenCV has the filter.
-
-    Attributes:
-        number: GStreamer's number of the method.
-        label: GStreamer's words for it.
-    """
-
-    number: int
-    label: str
-
-    def __new__(cls, word: str, number: int, label: str) -> ScaleMethod:
-        """A method with its number and label."""
-        member = str.__new__(cls, word)
-        member._value_ = word
-        member.number, member.label = number, label
-        return member
+class ScaleMethod(Numbered):
+    """How pixels between pixels are found: GStreamer's words and numbers, as far as OpenCV has the filter."""
 
     NEAREST = "nearest-neighbour", 0, "Nearest Neighbour"
     LINEAR = "bilinear", 1, "Bilinear (2-tap)"
