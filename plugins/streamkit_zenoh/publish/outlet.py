@@ -100,6 +100,10 @@ class Outlet:
                 f"a receiver of {self.key} has taken nothing for {self._cut_off_s:g} s and was cut off"
             )
 
+    def look(self) -> None:
+        """Asks zenoh whether anybody listens: it tells of a new subscriber a little late."""
+        self.is_wanted = self.is_wanted or self.is_matching
+
     def count_drop(self, reason: str, count: int) -> None:
         """Counts messages that took a stamp and were not sent."""
         with self._lock:

@@ -52,7 +52,7 @@ class PictureFeed:
         self._settings = settings
         self._utc_ns = utc_ns
         self._failed = failed
-        self._last: tuple[Frame, Stamp] | None = None
+        self._answerable: tuple[Frame, Stamp] | None = None
         self._due: tuple[int, int] | None = None
         self._checksum: int | None = None
         self.line: SendingLine[tuple[Frame, Stamp]] = SendingLine(self._send, 1, self._not_sent)
@@ -61,8 +61,9 @@ class PictureFeed:
         """Takes a frame; where one waits that has not been sent, this one takes its place."""
         if not self._is_due(frame, now_ns):
             return
-        self._last = item = (frame, self.outlet.stamp())
+        item = (frame, self.outlet.stamp())
         if not self.outlet.is_wanted:
+            self._answerable = item
             self.outlet.settle(item[1])
         else:
             replaced = self.line.submit(item, 0.0, _NEVER)
@@ -71,8 +72,8 @@ class PictureFeed:
 
     def answers(self, asked: zenoh.KeyExpr) -> Iterable[Answer]:
         """The last picture, where it is asked for."""
-        if self._last is not None and asked.intersects(self.outlet.key):
-            payload, attachment = self._encoded(*self._last)
+        if self._answerable is not None and asked.intersects(self.outlet.key):
+            payload, attachment = self._encoded(*self._answerable)
             yield Answer(self.outlet.key, payload, self.outlet.encoding, attachment)
 
     def _is_due(self, frame: Frame, now_ns: int) -> bool:
@@ -104,6 +105,7 @@ class PictureFeed:
 
     def _send(self, item: tuple[Frame, Stamp]) -> None:
         self.outlet.put(*self._encoded(*item))
+        self._answerable = item
         self.outlet.settle(item[1])
 
     def _not_sent(self, error: Exception) -> None:

@@ -111,6 +111,8 @@ class Publication:
         """Tells once that the stream has ended."""
         if not self._has_ended:
             self._has_ended = True
+            if self._status is not None:
+                self._status.look()
             self._tick()
 
     def close(self, limit_s: float, cancelled: threading.Event | None = None) -> bool:
@@ -193,6 +195,8 @@ class Publication:
 
     def _status_answer(self, asked: zenoh.KeyExpr) -> Iterable[Answer]:
         if self._status is not None and asked.intersects(self._status.key):
+            # Whoever asks listens already: from the number that is answered on, everything is sent to it.
+            self.tracks.look()
             payload = self._status_codec.encode(self._status_record())
             yield Answer(self._status.key, payload, self._status.encoding)
 

@@ -87,6 +87,7 @@ class RecordsFeed:
         self._settings = settings
         self._utc_ns = utc_ns
         self._last: Outgoing | None = None
+        self._answerable: Outgoing | None = None
         self._shown: set[int] = set()
         self._lost = 0
         self._each_is_wanted = False
@@ -113,6 +114,7 @@ class RecordsFeed:
         self.frames += 1
         self._last = item = Outgoing(essence(frame), self._outlet.stamp(), self._utc_ns())
         if not (self._outlet.is_wanted or self._each_is_wanted):
+            self._answerable = item
             self._outlet.settle(item.stamp)
             return 0
         return self.line.submit(item, self._settings.patience_s, cancelled)
@@ -142,8 +144,11 @@ class RecordsFeed:
             self._shown = set()
 
     def answers(self, asked: zenoh.KeyExpr) -> Iterable[Answer]:
-        """The last record, and that of each target, where they are asked for."""
-        item = self._last
+        """The last record, and that of each target, where they are asked for.
+
+        What still waits to be sent is no answer: it would overtake the records before it.
+        """
+        item = self._answerable
         if item is None:
             return
         attachment, encoding = item.stamp.attachment(), self._outlet.encoding
@@ -166,6 +171,7 @@ class RecordsFeed:
             self._outlet.put(payload, attachment)
         if self._each_is_wanted:
             self._send_each(record, attachment)
+        self._answerable = item
         self._outlet.settle(item.stamp)
         self.age_ms, self.targets = record.age_ms, len(record.tracks)
 

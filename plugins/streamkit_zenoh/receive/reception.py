@@ -43,10 +43,10 @@ class Counts(msgspec.Struct, frozen=True):
     """What became of messages.
 
     Attributes:
-        received: arrived, whatever became of them then.
+        received: arrived, each counted once, whatever became of them then.
         lost: missed on the way: gaps in the publishers' numbers.
         overwritten: dropped here, as newer ones came before they were taken.
-        repeated: arrived twice; passed on once.
+        repeated: arrived once more; passed on once.
         bad: larger than allowed, or not what they should be; skipped.
         restarts: how often a publisher took over from another.
         publishers: alive now.
@@ -92,14 +92,15 @@ class Reception:
         self._lock = threading.Lock()
         self._counts: Counter[str] = Counter()
         self._publishers = 0
-        self._states: OrderedDict[str, int] = OrderedDict()
+        self._running: OrderedDict[str, tuple[int, bool]] = OrderedDict()
         self._codecs: dict[str, Codec[StatusRecord]] = {}
         self._settled: OrderedDict[tuple[str, int], int] = OrderedDict()
         # Called in zenoh's own thread: what waits in the box is all that waits.
         direct = zenoh.handlers.Callback
-        subscriber = session.declare_subscriber(expression, direct(self._arrived, indirect=False))
         self._status_key = f"{root_of(expression)}/{STATUS}"
+        # First: a publisher that sees a receiver of its records must know that its end is listened to.
         status = session.declare_subscriber(self._status_key, direct(self._status_arrived, indirect=False))
+        subscriber = session.declare_subscriber(expression, direct(self._arrived, indirect=False))
         alive = Watch(session, alive_key(expression), self._alive_changed)
         confirms = confirm_receiver(session, expression)
         shown = show_receiver(session, expression)
@@ -129,7 +130,7 @@ class Reception:
     def has_vanished(self) -> bool:
         """Whether nobody publishes any more, and one that told how it is has not told that it ends."""
         with self._lock:
-            return not self._publishers and any(self._states.values())
+            return not self._publishers and any(runs for _, runs in self._running.values())
 
     def count_bad(self) -> None:
         """Counts a message that turned out not to be what it should be."""
@@ -143,11 +144,11 @@ class Reception:
         key, size = str(sample.key_expr), len(sample.payload)
         with self._lock:
             arrival = (self._numbering.arrived if live else self._numbering.answered)(key, stamp)
-            self._counts["received"] += 1
+            self._counts["received"] += arrival.is_new
             self._counts["lost"] += arrival.lost
             self._counts["restarts"] += arrival.is_restart
-            self._counts["repeated"] += not arrival.is_new
-            self._counts["bad"] += size > self._limit_bytes
+            self._counts["repeated"] += live and not arrival.is_new
+            self._counts["bad"] += arrival.is_new and size > self._limit_bytes
         if not arrival.is_new or size > self._limit_bytes:
             return
         run = 0 if stamp is None else stamp.run
@@ -169,7 +170,14 @@ class Reception:
             self._session.get(self._status_key, handler, timeout=LAST_LIMIT_S)
         if appeared and self._ask_last:
             handler = zenoh.handlers.Callback(self._answered, indirect=False)
-            self._session.get(self._expression, handler, timeout=LAST_LIMIT_S)
+            # Behind all that comes by itself, whatever its priority.
+            self._session.get(
+                self._expression,
+                handler,
+                timeout=LAST_LIMIT_S,
+                priority=zenoh.Priority.BACKGROUND,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
         self._publishers_changed(count)
 
     def _status_answered(self, reply: zenoh.Reply) -> None:
@@ -186,7 +194,7 @@ class Reception:
         name = self._expression.rsplit("/", 1)[-1]
         key = f"{str(sample.key_expr).removesuffix(STATUS)}{name}"
         with self._lock:
-            remember(self._states, status.source, int(status.state != "ended"))
+            self._note_state(status)
             for stream in status.streams:
                 if stream.name == name and is_answer:
                     self._numbering.begins(key, stream.run, stream.settled_number)
@@ -196,6 +204,12 @@ class Reception:
                     settled = stream.settled_number if status.state == "ended" else said
                     self._counts["lost"] += self._numbering.catch_up(key, stream.run, settled)
                     remember(self._settled, (key, stream.run), stream.settled_number)
+
+    def _note_state(self, status: StatusRecord) -> None:
+        """An answer from before the end may come behind it, and one of an earlier run behind the next."""
+        run, runs = self._running.get(status.source, (status.run, True))
+        if status.run > run or (status.run == run and runs):
+            remember(self._running, status.source, (status.run, status.state != "ended"))
 
     def _read_status(self, sample: zenoh.Sample) -> StatusRecord | None:
         form = form_of(str(sample.encoding))

@@ -126,10 +126,11 @@ class Numbering:
 
 
 Key = TypeVar("Key")
+Value = TypeVar("Value")
 
 
-def remember(known: OrderedDict[Key, int], key: Key, value: int) -> None:
-    """Notes a number; of too many keys, the one heard longest ago is forgotten."""
+def remember(known: OrderedDict[Key, Value], key: Key, value: Value) -> None:
+    """Notes a value; of too many keys, the one heard longest ago is forgotten."""
     known[key] = value
     known.move_to_end(key)
     if len(known) > KEY_LIMIT:

@@ -50,12 +50,6 @@ def sink(key: str, endpoint: str) -> Iterator[Callable[..., Harness]]:
         harness.close()
 
 
-def arrived(subscriber: TrackSubscriber) -> int:
-    """Different records that have come; the state a late comer asks for may come a second time."""
-    counts = subscriber.counts
-    return counts.received - counts.repeated
-
-
 def _wait_for(condition: Callable[[], bool], limit_s: float = 10.0) -> None:
     never, deadline_s = threading.Event(), time.monotonic() + limit_s
     while not condition():
@@ -75,27 +69,24 @@ def test_records_come_in_every_encoding(
     sink: Callable[..., Harness], key: str, endpoint: str, encoding: str
 ) -> None:
     """The encoding of each message says how to read it; iteration ends with the publisher."""
-    with TrackSubscriber(
-        key, connect=endpoint, ring=64, ends_with_publisher=True, ask_last=False
-    ) as subscriber:
+    with TrackSubscriber(key, connect=endpoint, ring=64, ends_with_publisher=True) as subscriber:
         harness = sink(encoding=encoding, wait_subscribers=1)
         for seq in range(20):
             harness.push(_frame(seq, TrackState.CONFIRMED))
         harness.drain()
         records = list(subscriber)
-    # The state that a late comer asks for may overtake records under way.
-    assert sorted(record.seq for record in records) == list(range(20))
+    assert [record.seq for record in records] == list(range(20))
     assert records[0].tracks[0].state is TrackState.CONFIRMED
     assert (subscriber.counts.lost, subscriber.counts.bad, subscriber.counts.overwritten) == (0, 0, 0)
 
 
 def test_a_slow_reader_sees_the_newest(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
     """One record is held; what it replaced is counted."""
-    with TrackSubscriber(key, connect=endpoint, ask_last=False) as subscriber:
+    with TrackSubscriber(key, connect=endpoint) as subscriber:
         harness = sink(wait_subscribers=1)
         for seq in range(50):
             harness.push(_frame(seq))
-        _wait_for(lambda: arrived(subscriber) == 50)
+        _wait_for(lambda: subscriber.counts.received == 50)
         record = subscriber.get(5)
         assert record is not None
         assert record.seq == 49
@@ -121,7 +112,7 @@ def test_a_late_comer_has_state_at_once(sink: Callable[..., Harness], key: str, 
 
 def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
     """Confirmed and coasting targets have keys of their own, which are deleted when they end."""
-    with TrackSubscriber(f"{key}/track/*", connect=endpoint, ring=64, ask_last=False) as subscriber:
+    with TrackSubscriber(f"{key}/track/*", connect=endpoint, ring=64) as subscriber:
         harness = sink(track_qos="block")
         publication = harness.element._publication
         _wait_for(lambda: publication.records._each_is_wanted)
@@ -142,12 +133,10 @@ def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key
 
 def test_what_is_dropped_there_is_seen_here(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
     """The publisher's own drops are gaps in the numbers: dropped there equals lost here, also at the end."""
-    with TrackSubscriber(
-        key, connect=endpoint, ring=5000, ends_with_publisher=True, ask_last=False
-    ) as subscriber:
+    with TrackSubscriber(key, connect=endpoint, ring=5000, ends_with_publisher=True) as subscriber:
         harness = sink(wait_subscribers=1, max_queue=2)
         harness.push(_frame(0))
-        _wait_for(lambda: arrived(subscriber) == 1)
+        _wait_for(lambda: subscriber.counts.received == 1)
         for seq in range(1, 2000):
             harness.push(_frame(seq))
         harness.drain()
