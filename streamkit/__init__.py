@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from streamkit.flow.metadata import Features as Features
     from streamkit.flow.metadata import FeatureSpace as FeatureSpace
     from streamkit.flow.metadata import Pose as Pose
+    from streamkit.flow.metadata import Provenance as Provenance
     from streamkit.flow.metadata import Registration as Registration
     from streamkit.flow.metadata import RegistrationStatus as RegistrationStatus
     from streamkit.flow.metadata import Track as Track
@@ -89,8 +90,8 @@ _HOMES = {
     "streamkit.flow.frame": ("Capture", "Frame", "FrameFlags"),
     "streamkit.flow.messages": ("Message", "MessageKind"),
     "streamkit.flow.metadata": (
-        "Detections", "Features", "FeatureSpace", "Pose", "Registration", "RegistrationStatus", "Track",
-        "TrackState", "Tracks",
+        "Detections", "Features", "FeatureSpace", "Pose", "Provenance", "Registration", "RegistrationStatus",
+        "Track", "TrackState", "Tracks",
     ),
     "streamkit.flow.record": ("TrackRecord", "decode_record", "encode_record", "track_record"),
     "streamkit.flow.segment": ("Segment",),

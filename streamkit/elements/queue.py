@@ -205,11 +205,11 @@ class Queue(ThreadBoundary):
         return True
 
     def _wait_for_room(self) -> None:
-        self._room.clear()
-        self._set(_upstream_sleeps=True)
+        self._upstream_sleeps_now(True)
         if self._is_full() and self._refusal is None and not self.stopping.is_set():
             self._room.wait(LOOK_S)
-        self._set(_upstream_sleeps=False)
+        if self._upstream_sleeps:
+            self._upstream_sleeps_now(False)
         if self._refusal is not None:
             raise self._refusal(self.name)
         if self.stopping.is_set():
@@ -236,10 +236,12 @@ class Queue(ThreadBoundary):
 
     def _may_read(self, taken: int = 0) -> bool:
         """Whether something may be handed on: past the thresholds, or full, or with an event at the tail."""
+        if not self._thresholded:
+            return bool(self._items) or taken > 0
         levels, tail = self._levels, next(reversed(tuple(self._items)), None)
         if tail is None and not taken:
             return False
-        if not self._thresholded or self._is_full(taken) or not (tail is None or isinstance(tail, Frame)):
+        if self._is_full(taken) or not (tail is None or isinstance(tail, Frame)):
             return True
         return (
             levels.buffers + taken >= self.min_threshold_buffers

@@ -13,6 +13,7 @@ from streamkit.element.base import Element
 from streamkit.element.pad import SPECIAL, WEIGHED, Pad
 from streamkit.elements.callbacks import Callbacks
 from streamkit.elements.levels import EMPTY, Levels
+from streamkit.elements.wakeup import Wakeup
 from streamkit.flow.events import EOS, EosEvent, Event, GapEvent, SegmentEvent
 from streamkit.flow.frame import Frame, FrameFlags
 from streamkit.flow.signals import EndOfStream, FlowStop, Flushing, NotLinked
@@ -51,8 +52,8 @@ class ThreadBoundary(Element):
         self._limit_buffers = sys.maxsize
         self._flushes = False
         self._upstream_sleeps = self._downstream_sleeps = False
-        self._room = threading.Event()
-        self._filled = threading.Event()
+        self._room = Wakeup()
+        self._filled = Wakeup()
         self._parked = threading.Event()
         self._flush_over = threading.Event()
         self._thread_id = 0
@@ -90,12 +91,20 @@ class ThreadBoundary(Element):
         with self._lock:
             for name, value in flags.items():
                 setattr(self, name, value)
-            is_gated = self._halted or self._thresholded or self._contended
-            is_special = is_gated or self._head_gap or self._upstream_sleeps
-            self.care = self.care & WEIGHED | (SPECIAL if is_special else 0)
+            self._heed()
             is_alert = self._tail_gap or self._refusal is not None
             self._levels.most = 0 if is_alert else self._limit_buffers
             self._levels.alert = min(self._levels.most, self._levels.highest_buffers)
+
+    def _heed(self) -> None:
+        is_gated = self._halted or self._thresholded or self._contended
+        is_special = is_gated or self._head_gap or self._upstream_sleeps
+        self.care = self.care & WEIGHED | (SPECIAL if is_special else 0)
+
+    def _upstream_sleeps_now(self, sleeps: bool) -> None:
+        with self._lock:
+            self._upstream_sleeps = sleeps
+            self._heed()
 
     def _wake(self) -> None:
         self._filled.set()
@@ -218,7 +227,7 @@ class ThreadBoundary(Element):
             self._wait_for_items()
             return False
         if self._upstream_sleeps:
-            self._set(_upstream_sleeps=False)
+            self._upstream_sleeps_now(False)
             self._room.set()
         return True
 
@@ -244,7 +253,6 @@ class ThreadBoundary(Element):
         if not self._items:
             self._tell(self.on_underrun)
         while True:
-            self._filled.clear()
             self._downstream_sleeps = True
             if self._may_read() or self._halted:
                 break

@@ -109,6 +109,29 @@ class TrackState(enum.StrEnum):
     LOST = "lost"
 
 
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Where a track's row in a frame comes from.
+
+    Attributes:
+        predicted: x and y before the frame was looked at, px; None where nothing was expected.
+        detection: row of the frame's `Detections` that was given to the track, or None.
+        gate: distance of that detection from the predicted place, standard deviations.
+        shared: whether the detection of another track covers this one too.
+        similarity: of the window to what the track looks like, 0 to 1; None where that was not asked.
+        learnt: whether the track's look was learnt from this frame.
+        cause: why the track began, was confirmed or ended in this frame; else empty.
+    """
+
+    predicted: tuple[float, float] | None = None
+    detection: int | None = None
+    gate: float | None = None
+    shared: bool = False
+    similarity: float | None = None
+    learnt: bool = False
+    cause: str = ""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
     """One target in one frame.
@@ -125,6 +148,7 @@ class Track:
         covariance: float64[2, 2] of x and y, px squared.
         score: similarity or confidence, 0 to 1.
         age_ns: time since the track began.
+        provenance: where the row comes from, if the tracker tells.
     """
 
     id: int
@@ -138,6 +162,7 @@ class Track:
     covariance: FloatArray
     score: float
     age_ns: int
+    provenance: Provenance | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

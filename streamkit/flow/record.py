@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import msgspec
 
 from streamkit.errors import StreamError
-from streamkit.flow.metadata import Registration, RegistrationStatus, Track, Tracks, TrackState
+from streamkit.flow.metadata import Detections, Registration, RegistrationStatus, Track, Tracks, TrackState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,11 +30,17 @@ class RegistrationRecord(msgspec.Struct, frozen=True, kw_only=True, omit_default
         reference: number of the plane.
         to_reference: 3x3 rows, maps pixels of the frame to the plane; None where it is not known.
         status: ok, weak, lost, cut or still.
+        matches: points matched; only told with provenance, as the next two.
+        inliers: points that agree with the placement.
+        rmse: root mean square residual of the inliers, px.
     """
 
     reference: int
     to_reference: tuple[Row3, Row3, Row3] | None = None
     status: RegistrationStatus
+    matches: int | None = None
+    inliers: int | None = None
+    rmse: float | None = None
 
 
 class GeoRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -45,12 +51,41 @@ class GeoRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     error_m: float | None = None
 
 
+class MatchRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The detection that a target was given, px of the frame.
+
+    Attributes:
+        row: of the detection in its frame.
+        gate: its distance from the predicted place, standard deviations.
+    """
+
+    row: int
+    gate: float | None = None
+    centroid: Row2
+    bbox: tuple[float, float, float, float]
+    area: float
+    score: float
+    label: str | None = None
+
+
+class ProvenanceRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """Where a target's row comes from: see `streamkit.Provenance`."""
+
+    predicted: Row2 | None = None
+    detection: MatchRecord | None = None
+    shared: bool = False
+    similarity: float | None = None
+    learnt: bool = False
+    cause: str | None = None
+
+
 class TargetRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One target: pixels of the frame, radians from +x towards +y, px/s on the reference plane.
 
     Attributes:
         bbox: x0 y0 x1 y1, the upright box around the target's rotated rectangle; may reach out of the frame.
         vx: None where the velocity is not known, as `vy`, `position_covariance` and `geo`.
+        provenance: where the row comes from; in files only.
     """
 
     id: int
@@ -67,6 +102,7 @@ class TargetRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     score: float
     age_ns: Nanoseconds
     geo: GeoRecord | None = None
+    provenance: ProvenanceRecord | None = None
 
 
 class TrackRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -116,6 +152,7 @@ def track_record(
     published_ns: int | None,
     dropped: int = 0,
     places: Mapping[int, tuple[float, float, float | None]] | None = None,
+    provenance: bool = False,
 ) -> TrackRecord:
     """The record of a frame, from its `Tracks` and `Registration`.
 
@@ -125,11 +162,13 @@ def track_record(
         published_ns: UTC now, ns; None leaves it and the age out.
         dropped: records lost so far.
         places: where targets are on the ground, by id: latitude, longitude (deg, WGS84), radius of error (m).
+        provenance: whether to tell where each row comes from, and how well the frame was placed.
 
     Raises:
         ValueError: a track's place, size, angle or score is not a finite number.
     """
     capture, tracks, registration = frame.capture, frame.get(Tracks), frame.get(Registration)
+    detections = frame.get(Detections) if provenance else None
     return TrackRecord(
         schema=SCHEMA,
         source=source,
@@ -144,8 +183,13 @@ def track_record(
         else None,
         width=_pixels(frame, "width"),
         height=_pixels(frame, "height"),
-        registration=_registration_record(registration) if registration else None,
-        tracks=tuple(_target_record(track, places) for track in tracks.tracks) if tracks else (),
+        registration=_registration_record(registration, provenance) if registration else None,
+        tracks=tuple(
+            _target_record(track, places, _provenance_record(track, detections) if provenance else None)
+            for track in tracks.tracks
+        )
+        if tracks
+        else (),
         dropped=dropped,
     )
 
@@ -173,18 +217,23 @@ def _pixels(frame: Frame, field: str) -> int | None:
     return value if isinstance(value, int) else None
 
 
-def _registration_record(registration: Registration) -> RegistrationRecord:
+def _registration_record(registration: Registration, provenance: bool) -> RegistrationRecord:
     rows = [(float(a), float(b), float(c)) for a, b, c in registration.to_reference.tolist()]
     known = len(rows) == 3 and all(isfinite(value) for row in rows for value in row)
     return RegistrationRecord(
         reference=int(registration.reference),
         to_reference=(rows[0], rows[1], rows[2]) if known else None,
         status=registration.status,
+        matches=int(registration.matches) if provenance else None,
+        inliers=int(registration.inliers) if provenance else None,
+        rmse=float(registration.rmse) if provenance and isfinite(registration.rmse) else None,
     )
 
 
 def _target_record(
-    track: Track, places: Mapping[int, tuple[float, float, float | None]] | None
+    track: Track,
+    places: Mapping[int, tuple[float, float, float | None]] | None,
+    provenance: ProvenanceRecord | None,
 ) -> TargetRecord:
     x, y, length, width = float(track.x), float(track.y), float(track.length), float(track.width)
     angle, score = float(track.angle), float(track.score)
@@ -214,11 +263,51 @@ def _target_record(
         score=score,
         age_ns=int(track.age_ns),
         geo=_geo_record(places.get(track.id)) if places else None,
+        provenance=provenance,
     )
 
 
 def _geo_record(place: tuple[float, float, float | None] | None) -> GeoRecord | None:
     return None if place is None else GeoRecord(lat=place[0], lon=place[1], error_m=place[2])
+
+
+def _provenance_record(track: Track, detections: Detections | None) -> ProvenanceRecord | None:
+    told = track.provenance
+    if told is None:
+        return None
+    row, match = told.detection, None
+    if row is not None and detections is not None and row < len(detections):
+        match = _match_record(detections, row, told.gate)
+    return ProvenanceRecord(
+        predicted=_finite_pair(told.predicted),
+        detection=match,
+        shared=told.shared,
+        similarity=_finite(told.similarity),
+        learnt=told.learnt,
+        cause=told.cause or None,
+    )
+
+
+def _match_record(detections: Detections, row: int, gate: float | None) -> MatchRecord:
+    x, y = detections.centroids[row].tolist()
+    x0, y0, x1, y1 = detections.boxes[row].tolist()
+    return MatchRecord(
+        row=row,
+        gate=_finite(gate),
+        centroid=(x, y),
+        bbox=(x0, y0, x1, y1),
+        area=float(detections.areas[row]),
+        score=float(detections.scores[row]),
+        label=detections.labels[row] if detections.labels else None,
+    )
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not isfinite(value) else float(value)
+
+
+def _finite_pair(pair: tuple[float, float] | None) -> Row2 | None:
+    return None if pair is None or not isfinite(pair[0] + pair[1]) else pair
 
 
 def _demand_finite(track: Track, place: tuple[float, ...]) -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from streamkit.element.base import Element
     from streamkit.element.pad import Line, Pad
 
-SAMPLE_EVERY = 64  # one frame in so many is timed, and the first so many
+SAMPLE_EVERY = 256  # one frame in so many is timed, and the first so many
 SLOW_NS = 100_000  # each, where they come in no shorter a time: timing then costs nothing to speak of
 
 
@@ -124,7 +124,7 @@ class Chain:
             nonlocal count
             items, popleft = line.items, line.items.popleft
             with contextlib.suppress(IndexError):  # the line is empty; what elements raise comes wrapped
-                while items[0].__class__ is Frame:
+                while type(items[0]) is Frame:
                     if line.care:
                         if line.care & SPECIAL:
                             return

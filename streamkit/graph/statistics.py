@@ -1,6 +1,6 @@
 """Counters of a running graph: what came in, what went out, what was dropped and why, working time, age.
 
-Counting costs one addition for each frame and chain. Times come from samples: one frame in 64 is timed where
+Counting costs one addition for each frame and chain. Times come from samples: one frame in 256 is timed where
 frames come quickly, and every one where they do not.
 """
 

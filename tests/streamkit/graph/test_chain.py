@@ -60,7 +60,7 @@ def test_every_frame_is_counted_where_it_passes(register: Register) -> None:
 
 
 def test_working_time_is_sampled(register: Register) -> None:
-    """One frame in 64 is timed and stands for all."""
+    """One frame in many is timed and stands for all."""
 
     class Slow(Transform):
         """Works for a while."""
@@ -75,7 +75,7 @@ def test_working_time_is_sampled(register: Register) -> None:
     with Pipeline.parse(f"fakesrc num-buffers={SAMPLE_EVERY * 2} ! slow ! fakesink") as pipeline:
         pipeline.run(timeout_s=30)
         busy = {row.element: row.busy_ns for row in pipeline.statistics()}
-    assert busy["slow0"] > 128 * 5_000
+    assert busy["slow0"] > 2 * SAMPLE_EVERY * 5_000
     assert busy["slow0"] > busy["fakesink0"]
 
 
