@@ -12,6 +12,7 @@ from streamkit import (
     Frame,
     Property,
     PropertyError,
+    Provenance,
     Track,
     Tracks,
     TrackState,
@@ -209,4 +210,5 @@ def track(report: TargetReport) -> Track:
         covariance=report.covariance,
         score=report.score,
         age_ns=round(report.age_s * 1e9),
+        provenance=Provenance(**vars(report.provenance)),
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from streamkit_tracker.feature_template import Space
+from streamkit_tracker.provenance import TargetProvenance
 from streamkit_tracker.window_geometry import FloatArray
 from streamkit_tracker.window_sampling import Float32Array
 
@@ -68,6 +69,7 @@ class TargetReport:
         covariance: float64[2, 2] of x and y, px squared.
         score: similarity of the window to the target's template, or share of frames detected, 0 to 1.
         age_s: time since the target began, s.
+        provenance: where all this comes from.
     """
 
     id: int
@@ -77,6 +79,7 @@ class TargetReport:
     covariance: FloatArray
     score: float
     age_s: float
+    provenance: TargetProvenance = field(default_factory=TargetProvenance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +93,7 @@ class Sighting:
         crowded: whether its box holds other targets as well.
         feature: float32[k] or None.
         feature_version: of the space it is in.
+        row: of the detection in its frame.
     """
 
     centroid: tuple[float, float]
@@ -98,6 +102,12 @@ class Sighting:
     crowded: bool = False
     feature: Float32Array | None = None
     feature_version: int = 0
+    row: int | None = None
+
+    @property
+    def measurement(self) -> Measurement:
+        """Its centroid as a measurement."""
+        return Measurement(self.centroid, self.std**2 * np.eye(2))
 
 
 @dataclass(frozen=True, eq=False)

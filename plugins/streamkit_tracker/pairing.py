@@ -133,4 +133,4 @@ def _sighting(observation: Observation, index: int, std: float, *, crowded: bool
     feature = None if observation.features is None else observation.features[index]
     version = observation.features_version
     size = (max(float(x1 - x0), 1.0), max(float(y1 - y0), 1.0))
-    return Sighting((float(x), float(y)), size, std, crowded, feature, version)
+    return Sighting((float(x), float(y)), size, std, crowded, feature, version, index)

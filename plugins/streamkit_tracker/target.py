@@ -18,9 +18,10 @@ from streamkit_tracker.evidence import Evidence
 from streamkit_tracker.feature_template import FeatureTemplate, Space
 from streamkit_tracker.layered_filter import Cloud
 from streamkit_tracker.observation import Measurement, Sighting, TargetReport, TargetState
+from streamkit_tracker.provenance import TargetProvenance
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.trail import Trail
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.window_geometry import FloatArray, half_turn
 from streamkit_tracker.window_sampling import WindowSampler
 
 ACCELERATION_SIDES = 2.0  # px/s^2 for each px of a target's side
@@ -85,6 +86,7 @@ class Target:
         self.feature_version = 0
         self.age_s = 0.0
         self.frames_undetected = 0
+        self.provenance = TargetProvenance(cause="drawn by hand" if manual else "")
         self._seen: deque[bool] = deque([True], maxlen=settings.birth_window)
         self._credit_s = CREDIT_AT_START_S
         self._similarity = 1.0
@@ -130,6 +132,7 @@ class Target:
 
     def pass_time(self, step_s: float, *, detected: bool) -> None:
         """Counts one frame, with or without a detection."""
+        self.provenance = TargetProvenance((float(self.mean[0]), float(self.mean[1])))
         self.age_s += step_s
         self._seen.append(detected)
         self.frames_undetected = 0 if detected else self.frames_undetected + 1
@@ -146,7 +149,12 @@ class Target:
             self.state = TargetState.COASTING
         spent = self._credit_s <= 0
         if spent or (not self.followed and self.frames_undetected > TENTATIVE_MISSES):
-            self.state = TargetState.LOST
+            self.lose("coasted too long without registration")
+
+    def lose(self, cause: str) -> None:
+        """Ends the target, and says why."""
+        self.state = TargetState.LOST
+        self.provenance.cause = cause
 
     def remember(self, sighting: Sighting) -> None:
         """Lets the box and the feature vector follow a detection."""
@@ -194,7 +202,7 @@ class Target:
     def take(self, found: Found, sighting: Sighting | None) -> Measurement | None:
         """Takes the result of the search; gives the measured position, if there is one to believe."""
         assert self.appearance is not None
-        self._similarity = found.similarity
+        self._similarity = self.provenance.similarity = found.similarity
         verdict = self._evidence.judge(
             -math.log(max(found.similarity, 1e-9)),
             None if self._response is None else (self._response.peak, self._response.sharpness),
@@ -203,10 +211,11 @@ class Target:
         )
         self._alike = verdict.seen
         if not self._alike:
-            return None if sighting is None else measurement_of(sighting)
+            return None if sighting is None else sighting.measurement
         self.window = found.window
         self.appearance.cloud = found.cloud
         self._learnt = verdict.learnt and (self.manual or sighting is not None)
+        self.provenance.learnt = self._learnt
         if self._learnt:
             self.appearance.template.update(found.patch)
         noise = (0.2 + 0.015 * self.side) ** 2
@@ -254,7 +263,8 @@ class Target:
             self.appearance.discriminator.learn(sampler, self.window)
         unseen = not self.manual and self._frames_unseen >= self._settings.lost_frames
         if unseen or visible < LEAST_VISIBLE or self._credit_s <= 0:
-            self.state = TargetState.LOST
+            gone = "left the frame" if visible < LEAST_VISIBLE else "coasted too long"
+            self.lose("not seen for lost-frames" if unseen else gone)
             return
         believed = self.manual or self.frames_undetected < self._settings.lost_frames
         seen = self.frames_undetected == 0 or (self._alike and believed)
@@ -263,6 +273,7 @@ class Target:
     def start(self, sampler: WindowSampler, space: Space | None, followed: int) -> None:
         """Confirms the target: from now on its appearance is known."""
         self.state = TargetState.CONFIRMED
+        self.provenance.cause = self.provenance.cause or "confirmed"
         if not self.manual:
             self.window = self._window_from_detections(float(self.mean[0]), float(self.mean[1]))
         context = 1.0 if self.manual else self._settings.context
@@ -280,6 +291,7 @@ class Target:
             self.covariance[:2, :2].copy(),
             min(max(score, 0.0), 1.0),
             self.age_s,
+            self.provenance,
         )
 
     def _finish_tentative(
@@ -291,7 +303,7 @@ class Target:
         self.window = np.array([self.mean[0], self.mean[1], self.box[0], self.box[1], 0.0])
         hits = sum(self._seen)
         if self.frames_undetected > TENTATIVE_MISSES:
-            self.state = TargetState.LOST
+            self.lose("not detected again before it was confirmed")
         elif (
             sighting is not None
             and hits >= self._settings.birth_hits
@@ -343,7 +355,7 @@ class Target:
         if heading is None:
             heading = float(self.window[4]) if self.followed and self.appearance else self.trail.heading
         length, width = window_shape(*self.box, heading)
-        return np.array([x, y, length, width, half_turn_of(heading)])
+        return np.array([x, y, length, width, half_turn(heading)])
 
     def _keep_right(self, sampler: WindowSampler, space: Space | None, sighting: Sighting) -> None:
         """Starts the template again where detections have shown for some time that the window is wrong."""
@@ -374,23 +386,13 @@ class Target:
     def _wrong(self, expected: FloatArray) -> bool:
         """Whether the window differs from what detections and motion say by more than their noise."""
         heading, heading_std = self._heading()
-        turned = abs(half_turn_of(float(expected[4] - self.window[4])))
+        turned = abs(float(half_turn(expected[4] - self.window[4])))
         resized = max(abs(math.log(float(expected[i] / self.window[i]))) for i in (2, 3))
         return (
             math.hypot(*self._offset) > max(0.8, 0.06 * self.side)
             or (heading is not None and turned > max(0.25, 2.5 * heading_std))
             or resized > RESIZED
         )
-
-
-def measurement_of(sighting: Sighting) -> Measurement:
-    """A detection's centroid as a measurement."""
-    return Measurement(sighting.centroid, sighting.std**2 * np.eye(2))
-
-
-def half_turn_of(angle: float) -> float:
-    """Wraps the angle of a direction without sign into [-pi/2, pi/2)."""
-    return (angle + math.pi / 2) % math.pi - math.pi / 2
 
 
 def centroid_std(side: float) -> float:

@@ -13,8 +13,9 @@ from streamkit_tracker.budget import Budget
 from streamkit_tracker.feature_template import FeatureTemplate
 from streamkit_tracker.observation import Measurement, Observation, Placement, TargetReport, TargetState
 from streamkit_tracker.pairing import Pairing, pair
+from streamkit_tracker.provenance import TargetProvenance, gate_distance
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.target import Target, measurement_of
+from streamkit_tracker.target import Target, centroid_std
 from streamkit_tracker.window_geometry import (
     ANGLE,
     LENGTH,
@@ -95,7 +96,7 @@ class MultiTargetTracker:
         self._shape = (image.shape[0], image.shape[1])
         if resized or observation.placement is Placement.NEW:
             for target in self._targets:
-                target.state = TargetState.LOST
+                target.lose("the frame's size changed" if resized else "a cut, or a plane without a mapping")
         else:
             self._predict(observation)
             if observation.placement is Placement.LOST:
@@ -147,7 +148,12 @@ class MultiTargetTracker:
         for target in self._targets:
             sighting = pairing.sightings.get(target.id)
             target.pass_time(observation.step_s, detected=sighting is not None or target.id in pairing.shared)
+            target.provenance.shared = target.id in pairing.shared
             if sighting is not None:
+                target.provenance.detection = sighting.row
+                target.provenance.gate = gate_distance(
+                    target.mean, target.covariance, sighting.centroid, centroid_std(target.side)
+                )
                 target.remember(sighting)
         self._correct(self._measure(observation, pairing))
         self._finish(observation, pairing)
@@ -168,7 +174,7 @@ class MultiTargetTracker:
         share = self._budget.share
         jobs = [target.job(observation.step_s, sightings.get(target.id), len(seen), share) for target in seen]
         measurements = {
-            target.id: measurement_of(sightings[target.id])
+            target.id: sightings[target.id].measurement
             for target in self._targets
             if target.appearance is None and target.id in sightings
         }
@@ -221,7 +227,7 @@ class MultiTargetTracker:
             return
         movable = [target for target in self._targets if target.followed and not target.manual]
         for target in sorted(movable, key=lambda t: (t.gives_way, t.doubt), reverse=True)[:surplus]:
-            target.state = TargetState.LOST
+            target.lose("made room: max-targets were followed")
             self.given_up += 1
 
     def _followed(self) -> int:
@@ -238,7 +244,8 @@ class MultiTargetTracker:
             width, height = observation.boxes[index, 2:] - observation.boxes[index, :2]
             if covered[index]:
                 continue
-            self._new_target(np.array([x, y, width, height, 0.0]), manual=False)
+            born = self._new_target(np.array([x, y, width, height, 0.0]), manual=False)
+            born.provenance = TargetProvenance(detection=index, cause="began on a detection")
 
     def _new_target(self, window: FloatArray, *, manual: bool) -> Target:
         target = Target(self._next_id, window, self.settings, manual=manual)
@@ -264,7 +271,7 @@ class MultiTargetTracker:
             both = (followed[older].id, followed[younger].id)
             close[both] = self._close.get(both, 0) + 1
             if close[both] >= MERGE_FRAMES:
-                followed[younger].state = TargetState.LOST
+                followed[younger].lose(f"was on the same object as {followed[older].id}")
         self._close = close
 
     @staticmethod

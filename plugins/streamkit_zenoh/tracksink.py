@@ -12,7 +12,8 @@ from streamkit_zenoh.wire.records import payload_of, plain_record, record_of
 class TrackSink(Sink):
     """Writes one JSON record per frame, a line each, in the form that zenohsink publishes; or another form.
 
-    GeoJSON and KML hold the targets whose place on the ground is known, from the records or from pose and
+    JSON lines tell besides where each target comes from, which `streamkit explain` puts in words. GeoJSON
+    and KML hold the targets whose place on the ground is known, from the records or from pose and
     ground-altitude.
 
     Example:
@@ -30,7 +31,9 @@ class TrackSink(Sink):
     stamp: bool = Property(
         True, doc="Write when each record was made, and its age; off, equal runs write equal files."
     )
-
+    provenance: bool = Property(
+        True, doc="Write into JSON lines where each target comes from, for `streamkit explain`."
+    )
     ground_altitude: float | None = Property(
         None, unit="m", doc="Of the ground, counted as the poses count it."
     )
@@ -63,14 +66,15 @@ class TrackSink(Sink):
         now_ns = self.clock.utc_ns() if self.stamp else None
         source = self.source or Path(self.location).stem
         if self._form is None and self.ground_altitude is None:
-            self._write(payload_of(frame, source, now_ns, 0) + b"\n")
+            self._write(payload_of(frame, source, now_ns, 0, provenance=self.provenance) + b"\n")
         elif self._form is None:
-            self._write(encode_record(record_of(frame, source, now_ns, 0, self.ground_altitude)) + b"\n")
+            record = record_of(frame, source, now_ns, 0, self.ground_altitude, provenance=self.provenance)
+            self._write(encode_record(record) + b"\n")
         else:
-            record = plain_record(frame, source, now_ns, self.ground_altitude)
-            if self._needs_places and record["tracks"] and not any("geo" in row for row in record["tracks"]):
+            plain = plain_record(frame, source, now_ns, self.ground_altitude)
+            if self._needs_places and plain["tracks"] and not any("geo" in row for row in plain["tracks"]):
                 self.count_drop("no target with a place")
-            self._write(self._form.record(record))
+            self._write(self._form.record(plain))
 
     def drain(self) -> None:
         """Hands everything to the file system."""

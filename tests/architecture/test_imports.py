@@ -40,6 +40,8 @@ GLUE = {
     "streamkit_decoder.files.playrange",
     "streamkit_decoder.packets",
     "streamkit_decoder.videodecoder",
+    "streamkit_tracker.explanation.command",
+    "streamkit_tracker.explanation.reading",
     "streamkit_tracker.frame_link",
     "streamkit_video.raw_caps",
     "streamkit_video.scaled_metadata",

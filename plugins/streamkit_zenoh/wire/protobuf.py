@@ -18,6 +18,7 @@ _SCALARS = {
     "int64": _Proto.TYPE_INT64,
     "uint64": _Proto.TYPE_UINT64,
     "string": _Proto.TYPE_STRING,
+    "bool": _Proto.TYPE_BOOL,
 }
 
 
@@ -42,6 +43,26 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         Field("reference", "int64", note="number of the plane"),
         Field("to_reference", "double", "repeated", 3, "3x3, row by row; empty where not known"),
         Field("status", "string", note="ok, weak, lost, cut or still"),
+        Field("matches", "int64", "optional"),
+        Field("inliers", "int64", "optional"),
+        Field("rmse", "double", "optional", note="px"),
+    ),
+    "MatchRecord": (
+        Field("row", "int64", note="of the detection in its frame"),
+        Field("gate", "double", "optional", note="standard deviations"),
+        Field("centroid", "double", "repeated", note="x y, px"),
+        Field("bbox", "double", "repeated", note="x0 y0 x1 y1, px"),
+        Field("area", "double", note="px"),
+        Field("score", "double"),
+        Field("label", "string", "optional"),
+    ),
+    "ProvenanceRecord": (
+        Field("predicted", "double", "repeated", note="x y, px, or empty"),
+        Field("detection", "MatchRecord"),
+        Field("shared", "bool"),
+        Field("similarity", "double", "optional"),
+        Field("learnt", "bool"),
+        Field("cause", "string", "optional"),
     ),
     "TargetRecord": (
         Field("id", "int64"),
@@ -58,6 +79,7 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         Field("score", "double"),
         Field("age_ns", "int64"),
         Field("geo", "GeoRecord"),
+        Field("provenance", "ProvenanceRecord"),
     ),
     "TrackRecord": (
         Field("schema", "string", note='"streamkit.tracks/1"'),
@@ -171,12 +193,12 @@ def _as_fields(name: str, message: Any) -> dict[str, Any]:
             items = list(getattr(message, field.name))
             if field.kind in MESSAGES:
                 items = [_as_fields(field.kind, item) for item in items]
+            elif not items:
+                continue
             elif field.columns:
                 items = [
                     items[start : start + field.columns] for start in range(0, len(items), field.columns)
                 ]
-                if not items:
-                    continue
             fields[field.name] = items
         elif field.kind in MESSAGES:
             if message.HasField(field.name):

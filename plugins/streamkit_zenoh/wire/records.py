@@ -27,7 +27,9 @@ TRACKS_CAPS = Caps(TRACKS_NAME)
 UNKNOWN = float("nan")
 
 
-def payload_of(frame: Frame, source: str, published_ns: int | None, dropped: int) -> bytes:
+def payload_of(
+    frame: Frame, source: str, published_ns: int | None, dropped: int, *, provenance: bool = False
+) -> bytes:
     """The record of a frame as one line of JSON; a frame that is a record passes as it is.
 
     Raises:
@@ -35,14 +37,23 @@ def payload_of(frame: Frame, source: str, published_ns: int | None, dropped: int
         StreamError: the frame says that it is a record, and is none.
     """
     if frame.caps.name != TRACKS_NAME:
-        return encode_record(track_record(frame, source=source, published_ns=published_ns, dropped=dropped))
+        record = track_record(
+            frame, source=source, published_ns=published_ns, dropped=dropped, provenance=provenance
+        )
+        return encode_record(record)
     data = bytes(frame.data)
     record = decode_record(data)
     return encode_record(record) if b"\n" in data else data
 
 
 def record_of(
-    frame: Frame, source: str, published_ns: int | None, dropped: int, ground_altitude_m: float | None = None
+    frame: Frame,
+    source: str,
+    published_ns: int | None,
+    dropped: int,
+    ground_altitude_m: float | None = None,
+    *,
+    provenance: bool = False,
 ) -> TrackRecord:
     """The record of a frame; a frame that is a record gives that.
 
@@ -55,7 +66,14 @@ def record_of(
     if frame.caps.name == TRACKS_NAME:
         return decode_record(frame.data)
     places = None if ground_altitude_m is None else _places(frame, ground_altitude_m)
-    return track_record(frame, source=source, published_ns=published_ns, dropped=dropped, places=places)
+    return track_record(
+        frame,
+        source=source,
+        published_ns=published_ns,
+        dropped=dropped,
+        places=places,
+        provenance=provenance,
+    )
 
 
 def plain_record(

@@ -1,0 +1,5 @@
+"""Tells where a track came from, out of the file that tracksink wrote.
+
+`reading` takes the moments of one track from the file, `life` sums them up, `wording` puts them in words;
+`command` is `streamkit explain`.
+"""

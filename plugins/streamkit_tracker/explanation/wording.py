@@ -1,0 +1,149 @@
+"""Puts a track's moment and its life so far in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from streamkit_tracker.explanation.life import Life, life
+from streamkit_tracker.explanation.moment import FramePlace, Moment
+
+MOST_LISTED = 6
+SILENT = "the file does not tell: write it with tracksink provenance=true, behind particletrack"
+
+
+def explanation(number: int, moments: Sequence[Moment], index: int, before: int, gate: float) -> list[str]:
+    """The lines that explain a track at a moment.
+
+    Args:
+        number: id of the track.
+        moments: of the track, in order.
+        index: of the moment.
+        before: frames up to the moment that are listed one by one.
+        gate: largest distance of a detection that could be given to the track, standard deviations.
+    """
+    moment = moments[index]
+    lines = [f"track {number} at {moment.when}: frame {moment.frame}, epoch {moment.epoch}"]
+    lines += [f"  {name:<13}{text}" for name, text in _facts(moment, gate)]
+    lines += ["", "since it began"]
+    lines += [f"  {line}" for line in _life_lines(life(moments[: index + 1]))]
+    later = life(moments[index + 1 :]).turns if moments[index + 1 :] else ()
+    lines += ["", "after that"] if later else []
+    lines += [f"  {line}" for line in _listed([_turn(turn) for turn in later])]
+    if before:
+        lines += ["", *_table(moments[max(0, index + 1 - before) : index + 1])]
+    return lines
+
+
+def _facts(moment: Moment, gate: float) -> list[tuple[str, str]]:
+    x, y, length, width, angle = moment.window
+    spread = "" if moment.spread is None else f", +- {moment.spread[0]:.1f} {moment.spread[1]:.1f} px"
+    speed = "not known"
+    if moment.velocity is not None:
+        speed = f"{moment.velocity[0]:.1f} {moment.velocity[1]:.1f} px/s on the reference plane"
+    facts = [
+        ("state", f"{moment.state}, {moment.age_s:.2f} s old, score {moment.score:.2f}"),
+        (
+            "place",
+            f"{x:.1f} {y:.1f} px{spread}; {length:.1f} x {width:.1f} px at {math.degrees(angle):.1f} deg",
+        ),
+        ("velocity", speed),
+        ("registration", _place_text(moment.place)),
+    ]
+    return facts + _origin_facts(moment, gate)
+
+
+def _origin_facts(moment: Moment, gate: float) -> list[tuple[str, str]]:
+    origin, match = moment.provenance, moment.match
+    if origin is None:
+        return [("origin", SILENT)]
+    facts = []
+    if origin.predicted is not None:
+        facts.append(("expected", f"{origin.predicted[0]:.1f} {origin.predicted[1]:.1f} px"))
+    if match is not None:
+        distance = "" if origin.gate is None else f", {origin.gate:.2f} of at most {gate:g} deviations away"
+        label = f", {match.label}" if match.label else ""
+        box = " ".join(f"{side:.1f}" for side in match.box)
+        facts.append(
+            (
+                "detection",
+                f"row {origin.detection} at {match.centroid[0]:.1f} {match.centroid[1]:.1f} px{distance}",
+            )
+        )
+        facts.append(("", f"box {box}, area {match.area:.0f} px, score {match.score:.2f}{label}"))
+    else:
+        facts.append(
+            (
+                "detection",
+                "that of another track covers this one too" if origin.shared else "none in its gate",
+            )
+        )
+    looked = "not compared: its look is not known yet, or the frame could not be placed"
+    if origin.similarity is not None:
+        learnt = "learnt from this frame" if origin.learnt else "not learnt from this frame"
+        looked = f"{origin.similarity:.3f} to its template; {learnt}"
+    facts.append(("similarity", looked))
+    if origin.cause:
+        facts.append(("decided", origin.cause))
+    return facts
+
+
+def _place_text(place: FramePlace | None) -> str:
+    if place is None:
+        return "none: the camera is taken to stand still"
+    text = f"{place.status}, plane {place.reference}"
+    if place.inliers is not None and place.matches is not None:
+        text += f", {place.inliers} of {place.matches} points agree"
+    return text if place.rmse is None else f"{text}, rmse {place.rmse:.2f} px"
+
+
+def _life_lines(past: Life) -> list[str]:
+    lines = _listed([_turn(turn) for turn in past.turns])
+    lines.append(f"detected in {past.detected} of {past.frames} frames")
+    if past.shared:
+        lines[-1] += f", in {past.shared} through another track's detection"
+    if past.gates is not None:
+        lines.append(f"distance of its detections: median {past.gates[0]:.2f}, largest {past.gates[1]:.2f}")
+    if past.similarities is not None:
+        middle, least = past.similarities
+        lines.append(f"similarity: median {middle:.3f}, least {least:.3f}; learnt from {past.learnt} frames")
+    if past.gaps:
+        gaps = [str(a) if a == b else f"{a}-{b}" for a, b in past.gaps]
+        lines.append("not detected in frames " + ", ".join(_listed(gaps)))
+    if past.registrations:
+        counts = ", ".join(f"{status} {count}" for status, count in past.registrations.items())
+        planes = ", ".join(str(plane) for plane in past.planes)
+        lines.append(f"registration: {counts}; plane {planes}")
+    return lines
+
+
+def _turn(moment: Moment) -> str:
+    origin = moment.provenance
+    cause = f": {origin.cause}" if origin is not None and origin.cause not in ("", moment.state) else ""
+    return f"frame {moment.frame}, {moment.when}: {moment.state}{cause}"
+
+
+def _listed(lines: list[str]) -> list[str]:
+    """The lines, those in the middle left out where there are many."""
+    if len(lines) <= MOST_LISTED:
+        return lines
+    half = MOST_LISTED // 2
+    return [*lines[:half], f"... {len(lines) - 2 * half} more ...", *lines[-half:]]
+
+
+def _table(moments: Sequence[Moment]) -> list[str]:
+    lines = ["   frame          s  state      detection  distance  similarity  registration"]
+    for moment in moments:
+        origin = moment.provenance
+        row = gate = similarity = "-"
+        if origin is not None:
+            row = "shared" if origin.shared else "-" if origin.detection is None else str(origin.detection)
+            gate = "-" if origin.gate is None else f"{origin.gate:.2f}"
+            similarity = "-" if origin.similarity is None else f"{origin.similarity:.3f}"
+        seconds = "-" if moment.seconds is None else f"{moment.seconds:.3f}"
+        status = "-" if moment.place is None else moment.place.status
+        lines.append(
+            f"{moment.frame:8d} {seconds:>10}  {moment.state:<9} {row:>10} {gate:>9} {similarity:>11}"
+            f"  {status}"
+        )
+    return lines
