@@ -27,6 +27,7 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 LABEL_SCALE = 0.5
 EDGE = ((-1, 0), (1, 0), (0, -1), (0, 1))
 DETECTION_COLOUR: Colour = (200, 200, 200)
+CIRCLE: FloatArray = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0.0, math.tau, 33)[:-1]])
 BLACK: Colour = (0, 0, 0)
 WHITE: Colour = (255, 255, 255)
 
@@ -59,6 +60,22 @@ def box_corners(x: float, y: float, length: float, width: float, angle: float) -
     across = np.array([-math.sin(angle), math.cos(angle)]) * max(width, SMALLEST_SIDE) / 2.0
     corners = np.array([along + across, along - across, -along - across, -along + across])
     return np.asarray(corners + np.array([x, y]), np.float64)
+
+
+def ellipse_corners(x: float, y: float, covariance: FloatArray, deviations: float) -> FloatArray:
+    """float64[32, 2]: points round the ellipse of so many standard deviations, px; NaN for no covariance.
+
+    Args:
+        x: centre.
+        y: centre.
+        covariance: float64[2, 2], px squared.
+        deviations: distance of the ellipse from the centre.
+    """
+    if not np.isfinite(covariance).all():
+        return np.full((len(CIRCLE), 2), np.nan)
+    variances, axes = np.linalg.eigh((covariance + covariance.T) / 2.0)
+    radii = deviations * np.sqrt(variances.clip(0.0))
+    return np.asarray(np.array([x, y]) + (CIRCLE * radii) @ axes.T, np.float64)
 
 
 def draw_outline(picture: ByteArray, corners: FloatArray, colour: Colour, style: LineStyle) -> None:

@@ -39,7 +39,8 @@ NOMINAL_FRAME_NS = 40_000_000
 class TrackOverlay(Transform):
     """Draws the tracks of each frame: turned boxes with ids, and trails that stay on the ground.
 
-    Confirmed tracks are solid, coasting ones dashed, tentative ones thin. Each id has its colour.
+    Confirmed tracks are solid, coasting ones dashed, tentative ones thin. Each id has its colour. The ellipse
+    round a centre shows how well the place is known; it grows while a track coasts.
 
     Example:
         dronetestsrc num-buffers=3 ! videoconvert ! trackoverlay ! fakesink
@@ -49,6 +50,14 @@ class TrackOverlay(Transform):
 
     trails: float = Property(
         2.0, min=0.0, max=60.0, unit="s", live=True, doc="How far back the trails go; 0 draws none."
+    )
+    covariance: float = Property(
+        2.0,
+        min=0.0,
+        max=10.0,
+        unit="standard deviations",
+        live=True,
+        doc="Size of the ellipse that shows how well a place is known; 0 draws none.",
     )
     labels: bool = Property(True, live=True, doc="Write the id beside each box.")
     tentative: bool = Property(False, live=True, doc="Draw tentative tracks, too.")
@@ -143,6 +152,9 @@ class TrackOverlay(Transform):
         colour = drawing.identity_colour(track.id)
         corners = drawing.box_corners(track.x, track.y, track.length, track.width, track.angle)
         drawing.draw_outline(picture, corners, colour, STYLES[track.state])
+        if self.covariance > 0.0:
+            spread = drawing.ellipse_corners(track.x, track.y, track.covariance, self.covariance)
+            drawing.draw_outline(picture, spread, colour, drawing.LineStyle.THIN)
         if self.labels:
             drawing.draw_label(picture, str(track.id), corners, colour)
 

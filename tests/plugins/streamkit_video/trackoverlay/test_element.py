@@ -1,5 +1,6 @@
 """Tests of trackoverlay in pipelines."""
 
+import dataclasses
 from pathlib import Path
 
 import cv2
@@ -22,7 +23,7 @@ from streamkit.testing import Harness
 from streamkit_video.trackoverlay.drawing import identity_colour
 
 CAPS = raw_video_caps("BGR", 160, 120)
-PLAIN = {"labels": False, "status": False}
+PLAIN = {"labels": False, "status": False, "covariance": 0.0}
 
 
 def track(identity: int, x: float, y: float, state: TrackState = TrackState.CONFIRMED) -> Track:
@@ -103,6 +104,24 @@ def test_trails_are_as_long_as_asked() -> None:
                 (out,) = harness.push(frame(tracks, pts=number * 1_000_000_000))
         (drawn,) = np.nonzero(changed(out.data)[:, 30])
         assert abs(int(drawn.min()) - oldest) <= 2
+
+
+def test_the_ellipse_shows_how_well_a_place_is_known() -> None:
+    """Two deviations along each axis of the covariance, turned with it; none where it is off or not known."""
+    along, across = np.array([0.8, 0.6]), np.array([-0.6, 0.8])
+    covariance = 20.0**2 * np.outer(along, along) + 4.0**2 * np.outer(across, across)
+    there = track(1, 80.0, 60.0)
+    masks = []
+    for deviations, known in ((0.0, covariance), (2.0, covariance), (2.0, np.full((2, 2), np.nan))):
+        with Harness("trackoverlay", **{**PLAIN, "covariance": deviations}) as harness:
+            (out,) = harness.push(frame(Tracks((dataclasses.replace(there, covariance=known),))))
+        masks.append(changed(out.data))
+    ellipse = masks[1] & ~masks[0]
+    for end in (np.array([80.0, 60.0]) + 40.0 * along, np.array([80.0, 60.0]) - 8.0 * across):
+        x, y = np.rint(end).astype(int)
+        assert ellipse[y - 1 : y + 2, x - 1 : x + 2].any()
+    assert not ellipse[:20].any()
+    assert np.array_equal(masks[0], masks[2])
 
 
 def test_detections_show_on_request() -> None:
