@@ -1,0 +1,257 @@
+"""The whole pipeline at 1080p: decode, stitch, framediff, waveleteigen, particletrack, zenohsink.
+
+From a file, as fast as it goes; and live over RTSP at 25/s, with pipelines/rtsp-to-zenoh.pipe as it is.
+Beside it the script that one would write: cv2.VideoCapture, MOG2, and CSRT (MIL where OpenCV has no CSRT).
+
+    python benchmarks/pipeline.py [--video FILE] [--seconds 60] [--repeats 5] [--contrib PYTHON]
+
+Without --video a synthetic flight is made. The video is played forward and backward in turn, so that a short
+one can be flown for a minute without a cut. A subscriber in a process of its own receives the records. The
+age of a live record is from the wall clock that the server tells in its sender reports to its receipt; the
+first seconds, in which both sides start, are left out. CPU is that of the pipeline's process.
+
+Goal on two cores: 25 frames a second live, none dropped, median age at most 60 ms.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+from rtsp_peer import server_module
+
+from streamkit import Pipeline
+
+HERE = Path(__file__).resolve().parent
+STREAMKIT = str(Path(sys.executable).with_name("streamkit"))
+LIVE_PIPELINE = HERE.parent / "pipelines" / "rtsp-to-zenoh.pipe"
+RATE = 25
+FORWARD_FRAMES = 150
+SETTLE_S = 3.0
+KEY = f"bench/{os.getpid()}"
+ONE_THREAD = "filesrc location={video} ! decode ! stitch ! framediff ! waveleteigen ! particletrack ! {sink}"
+WITH_QUEUES = (
+    "filesrc location={video} ! decode ! queue max-size-buffers=4 ! stitch ! queue max-size-buffers=4 "
+    "! framediff ! waveleteigen ! queue max-size-buffers=4 ! particletrack ! {sink}"
+)
+Statistics = dict[str, Any]
+
+
+def there_and_back(video: Path | None, folder: Path) -> Path:
+    """A 1080p H.264 file that goes forward and backward through a video, without B-frames."""
+    if video is None:
+        video = folder / "flight.mp4"
+        size = f"video/x-raw, width=1920, height=1080, framerate={RATE}/1"
+        text = f"dronetestsrc num-buffers={FORWARD_FRAMES} seed=1 cars=20 ! {size} ! videofilesink"
+        Pipeline.parse(f"{text} location={video}").run(timeout_s=600)
+    pictures = []
+    with av.open(str(video)) as source:
+        for picture in source.decode(video=0):
+            pictures.append(picture.reformat(format="yuv420p"))
+            if len(pictures) == FORWARD_FRAMES:
+                break
+    made = folder / "there_and_back.mp4"
+    with av.open(str(made), "w") as target:
+        options = {"preset": "veryfast", "tune": "zerolatency", "g": str(RATE)}
+        stream = target.add_stream("libx264", rate=RATE, options=options)
+        stream.width, stream.height, stream.pix_fmt = pictures[0].width, pictures[0].height, "yuv420p"
+        stream.bit_rate = 8_000_000
+        for number, picture in enumerate([*pictures, *pictures[-2:0:-1]]):
+            picture.pts, picture.time_base = number, Fraction(1, RATE)
+            target.mux(stream.encode(picture))
+        target.mux(stream.encode(None))
+    return made
+
+
+def serve(video: str) -> None:
+    """A process: plays the access units of a file over RTSP again and again; prints its address."""
+    with av.open(video) as source:
+        stream = source.streams.video[0]
+        to_annexb = av.BitStreamFilterContext("h264_mp4toannexb", stream)
+        units = [
+            bytes(unit)
+            for packet in source.demux(stream)
+            if packet.dts is not None
+            for unit in to_annexb.filter(packet)
+        ]
+    with server_module().FakeServer(units, rate=float(RATE)) as server:
+        print(server.url, flush=True)
+        sys.stdin.read()
+
+
+def listen(key: str) -> None:
+    """A process: prints number, age since capture (ms or null) and confirmed tracks of each record."""
+    from streamkit_zenoh import TrackSubscriber
+
+    with TrackSubscriber(key, ring=1000, ends_with_publisher=True) as subscriber:
+        for update in subscriber.updates():
+            now_ns, record = time.time_ns(), update.record
+            if record is not None:
+                known = record.capture_ns is not None and record.capture_origin == "rtcp"
+                age_ms = (now_ns - record.capture_ns) / 1e6 if known and record.capture_ns else None
+                confirmed = sum(track.state == "confirmed" for track in record.tracks)
+                print(json.dumps([record.seq, age_ms, confirmed]), flush=True)
+
+
+@contextmanager
+def process(*words: str, python: str = sys.executable) -> Iterator[subprocess.Popen[str]]:
+    """One of the processes above; ended with the block."""
+    command = [python, *words]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        try:
+            yield child
+        finally:
+            if child.stdin is not None and not child.stdin.closed:
+                child.stdin.close()
+            try:
+                child.wait(20)
+            except subprocess.TimeoutExpired:
+                child.kill()
+
+
+def launch(words: list[str], seconds: float | None) -> tuple[Statistics, list[list[Any]], float]:
+    """Runs `streamkit launch` beside a subscriber; ends it after `seconds`, or at the end of the stream.
+
+    Returns:
+        Its statistics, the records received, and the CPU time of its process, s.
+    """
+    with process(__file__, "listen", KEY) as subscriber, tempfile.TemporaryFile("w+") as output:
+        child = subprocess.Popen([STREAMKIT, "launch", "-e", "--stats=json", *words], stdout=output)
+        if seconds is not None:
+            time.sleep(seconds)
+            child.send_signal(signal.SIGINT)
+        _, status, usage = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+        lines = subscriber.communicate(timeout=30)[0].splitlines()
+        output.seek(0)
+        text = output.read()
+    if child.returncode:
+        raise SystemExit(f"streamkit launch {' '.join(words)} ended with {child.returncode}")
+    return json.loads(text), [json.loads(line) for line in lines], usage.ru_utime + usage.ru_stime
+
+
+def drops(run: Statistics) -> str:
+    """Frames dropped, by element and reason."""
+    lost = {
+        f"{row['element']}: {reason}": count
+        for row in run["elements"]
+        for reason, count in row["dropped"].items()
+    }
+    return "; ".join(f"{count} {where}" for where, count in lost.items()) or "none"
+
+
+def frames_of(run: Statistics) -> int:
+    """Frames that reached the tracker."""
+    return max(row["frames_in"] for row in run["elements"] if row["factory"] == "particletrack")
+
+
+def costs(run: Statistics) -> str:
+    """Working time per frame of each element."""
+    spent = [
+        f"{row['factory']} {row['busy_ns'] / row['frames_in'] / 1e6:.1f}"
+        for row in run["elements"]
+        if row["frames_in"] and row["factory"] not in ("queue", "capsfilter", "tee")
+    ]
+    return "ms a frame: " + ", ".join(spent)
+
+
+def from_file(name: str, text: str, video: Path, repeats: int) -> None:
+    """As fast as it goes: frames a second over the whole run, start included."""
+    rates, loads, run, records = [], [], {}, []
+    for _ in range(repeats):
+        sink = f"zenohsink key={KEY} wait-subscribers=1"
+        run, records, cpu_s = launch([text.format(video=video, sink=sink)], None)
+        frames = frames_of(run)
+        rates.append(frames / run["elapsed_s"])
+        loads.append(cpu_s / frames * 1e3)
+    print(
+        f"{name:<22} {statistics.median(rates):6.1f} frames/s   "
+        f"{statistics.median(loads):6.1f} ms CPU a frame   "
+        f"{frames_of(run)} frames, {len(records)} records, dropped: {drops(run)}"
+    )
+    print(f"{'':<22} {costs(run)}", flush=True)
+
+
+def live(video: Path, seconds: float) -> None:
+    """Over RTSP at 25/s, the shipped pipeline."""
+    with process(__file__, "serve", str(video)) as server:
+        assert server.stdout is not None
+        url = server.stdout.readline().strip()
+        settings = [f"--set=location={url}", f"--set=key={KEY}"]
+        run, records, cpu_s = launch(["-f", str(LIVE_PIPELINE), *settings], seconds + SETTLE_S)
+    first = records[0][0] + round(SETTLE_S * RATE) if records else 0
+    settled = [record for record in records if record[0] >= first]
+    ages = sorted(record[1] for record in settled if record[1] is not None)
+    if len(ages) < 2:
+        raise SystemExit(f"live: only {len(ages)} records with an age came")
+    span = settled[-1][0] - settled[0][0] + 1
+    high = ages[min(len(ages) - 1, round(0.99 * len(ages)))]
+    print(
+        f"{'live, as shipped':<22} {len(settled) / span * RATE:6.1f} frames/s   "
+        f"{cpu_s / frames_of(run) * 1e3:6.1f} ms CPU a frame   "
+        f"age median {statistics.median(ages):.1f} ms, 99 % {high:.1f} ms"
+    )
+    print(f"{'':<22} frames without a record after the start: {span - len(settled)} of {span}; "
+          f"dropped in the whole run: {drops(run)}")  # fmt: skip
+    print(f"{'':<22} {costs(run)}")
+    confirmed = statistics.mean(record[2] for record in settled)
+    print(f"{'':<22} tracks confirmed in a frame: {confirmed:.1f}", flush=True)
+
+
+def peers(video: Path, python: str, seconds: float) -> None:
+    """The plain script, on the file and live."""
+    script = str(HERE / "pipeline_peer.py")
+
+    def told(name: str, location: str) -> None:
+        with process(script, location, str(seconds), python=python) as child:
+            line = child.communicate(timeout=seconds + 120)[0].splitlines()[-1]
+        found = json.loads(line)
+        lag = f"   behind by {found['lag_s']:.1f} s after {found['seconds']:.0f} s" if name == "live" else ""
+        print(
+            f"{'cv2, MOG2, ' + found['tracker'] + ', ' + name:<22} {found['frames_s']:6.1f} frames/s   "
+            f"{found['cpu_ms']:6.1f} ms CPU a frame   {found['targets']:.1f} targets a frame{lag}",
+            flush=True,
+        )
+
+    told("file", str(video))
+    with process(__file__, "serve", str(video)) as server:
+        assert server.stdout is not None
+        told("live", server.stdout.readline().strip())
+
+
+def main() -> None:
+    """Prints a table."""
+    arguments = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    arguments.add_argument("--video", type=Path, help="1080p video; a synthetic flight otherwise")
+    arguments.add_argument("--seconds", type=float, default=60.0, help="length of the live run")
+    arguments.add_argument("--repeats", type=int, default=5, help="runs from the file")
+    arguments.add_argument("--contrib", default=sys.executable, help="Python with opencv-contrib, for CSRT")
+    options = arguments.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        video = there_and_back(options.video, Path(folder))
+        from_file("file, one thread", ONE_THREAD, video, options.repeats)
+        from_file("file, with queues", WITH_QUEUES, video, options.repeats)
+        live(video, options.seconds)
+        peers(video, options.contrib, options.seconds)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["serve"]:
+        serve(sys.argv[2])
+    elif sys.argv[1:2] == ["listen"]:
+        listen(sys.argv[2])
+    else:
+        main()
