@@ -1,25 +1,13 @@
 """Levenberg-Marquardt over homographies and plane points."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from streamkit_stitcher.bundle_adjustment.normal_equations import form, point_steps, solve
-from streamkit_stitcher.bundle_adjustment.problem import (
-    BASES,
-    CameraModel,
-    IndexArray,
-    Layout,
-    PlaneProblem,
-    layout,
-)
-from streamkit_stitcher.bundle_adjustment.projection import (
-    linearise,
-    point_slopes,
-    projected,
-    robust_cost,
-)
+from streamkit_stitcher.bundle_adjustment.problem import BASES, CameraModel, IndexArray, PlaneProblem, layout
+from streamkit_stitcher.bundle_adjustment.projection import Views, projected, robust_cost, view
 from streamkit_stitcher.homographies import FloatArray
 
 _FIRST_DAMPING: Final = 1e-5
@@ -81,26 +69,46 @@ def adjust(problem: PlaneProblem, settings: AdjustmentSettings | None = None) ->
     settings = settings or AdjustmentSettings()
     problem.check()
     if not len(problem.observed) or problem.fixed.all():
-        cost, rmse = _cost_of(problem, settings.huber)
-        return Adjustment(problem.cameras, problem.points, cost, rmse, 0)
-    used, compact = np.unique(problem.point_index, return_inverse=True)
-    small = replace(problem, points=problem.points[used], point_index=compact.astype(np.int64))
-    scaled = _Scaled(small)
-    cameras, points, iterations = _Descent(scaled, settings).run()
-    cameras, places = scaled.restored(cameras, points)
-    everywhere = problem.points.copy()
-    everywhere[used] = places
-    cameras[problem.fixed] = problem.cameras[problem.fixed]
-    cost, rmse = _cost_of(replace(problem, cameras=cameras, points=everywhere), settings.huber)
-    return Adjustment(cameras, everywhere, cost, rmse, iterations)
+        return _unchanged(problem, settings.huber)
+    # Neither a picture nor a point without observations takes part: a window of a long flight costs what its
+    # own pictures cost.
+    cameras, camera_index = _compact(problem.camera_index, len(problem.cameras))
+    points, point_index = _compact(problem.point_index, len(problem.points))
+    if problem.fixed[cameras].all():
+        return _unchanged(problem, settings.huber)
+    part = PlaneProblem(
+        problem.cameras[cameras],
+        problem.points[points],
+        camera_index,
+        point_index,
+        problem.observed,
+        problem.fixed[cameras],
+    )
+    scaled = _Scaled(part)
+    descent = _Descent(scaled, settings)
+    iterations = descent.run()
+    adjusted, places = scaled.restored(descent.cameras, descent.points)
+    free = ~part.fixed
+    whole, everywhere = problem.cameras.copy(), problem.points.copy()
+    whole[cameras[free]] = adjusted[free]
+    everywhere[points] = places
+    cost, squares = descent.cost * scaled.unit**2, descent.squares * scaled.unit**2
+    return Adjustment(whole, everywhere, cost, float(np.sqrt(squares / len(problem.observed))), iterations)
 
 
-def _cost_of(problem: PlaneProblem, huber: float) -> tuple[float, float]:
-    if not len(problem.observed):
-        return 0.0, 0.0
+def _unchanged(problem: PlaneProblem, huber: float) -> Adjustment:
+    """A problem in which nothing can move."""
     seen, _ = projected(problem.cameras[problem.camera_index], problem.points[problem.point_index])
-    residuals = problem.observed - seen
-    return robust_cost(residuals, huber)[0], float(np.sqrt((residuals**2).sum(axis=1).mean()))
+    residuals = (problem.observed - seen).T
+    squares = float((residuals**2).sum()) / max(1, len(seen))
+    return Adjustment(problem.cameras, problem.points, robust_cost(residuals, huber)[0], squares**0.5, 0)
+
+
+def _compact(index: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
+    """The numbers below `count` that occur, rising, and which of them each index is."""
+    occurs = np.zeros(count, dtype=np.bool_)
+    occurs[index] = True
+    return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[index]
 
 
 class _Scaled:
@@ -108,25 +116,36 @@ class _Scaled:
 
     def __init__(self, problem: PlaneProblem) -> None:
         self.problem = problem
-        middle = (problem.observed.max(axis=0) + problem.observed.min(axis=0)) / 2
-        self.unit = max(1.0, float(np.abs(problem.observed - middle).max()))
-        self._picture = _similarity(middle, self.unit)
-        plane_middle = problem.points.mean(axis=0)
-        plane_unit = max(1e-9, float(np.abs(problem.points - plane_middle).max()))
-        self._plane = _similarity(plane_middle, plane_unit)
-        cameras = self._picture @ problem.cameras @ np.linalg.inv(self._plane)
+        low, high = problem.observed.min(axis=0), problem.observed.max(axis=0)
+        self.unit = max(1.0, float((high - low).max()) / 2)
+        self._picture, self._picture_back = _similarity((high + low) / 2, self.unit)
+        low, high = problem.points.min(axis=0), problem.points.max(axis=0)
+        self._plane, self._plane_back = _similarity(
+            (high + low) / 2, max(1e-9, float((high - low).max()) / 2)
+        )
+        cameras = self._picture @ problem.cameras @ self._plane_back
         self.cameras = cameras / cameras[:, 2:, 2:]
-        self.points = (problem.points - plane_middle) / plane_unit
-        self.observed = (problem.observed - middle) / self.unit
-        self._plane_middle, self._plane_unit = plane_middle, plane_unit
+        self.points = _mapped(self._plane, problem.points.T)
+        self.observed = _mapped(self._picture, problem.observed.T)
 
     def restored(self, cameras: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        matrices = np.linalg.inv(self._picture) @ cameras @ self._plane
-        return matrices / matrices[:, 2:, 2:], points * self._plane_unit + self._plane_middle
+        """float64[n, 3, 3] and float64[m, 2] in the problem's own coordinates."""
+        matrices = self._picture_back @ cameras @ self._plane
+        return matrices / matrices[:, 2:, 2:], _mapped(self._plane_back, points).T
 
 
-def _similarity(middle: FloatArray, unit: float) -> FloatArray:
-    return np.array([[1 / unit, 0, -middle[0] / unit], [0, 1 / unit, -middle[1] / unit], [0, 0, 1]])
+def _similarity(middle: FloatArray, unit: float) -> tuple[FloatArray, FloatArray]:
+    """The scaling to order one about a middle, and its inverse."""
+    x, y = middle.tolist()
+    return (
+        np.array([[1 / unit, 0, -x / unit], [0, 1 / unit, -y / unit], [0, 0, 1]]),
+        np.array([[unit, 0, x], [0, unit, y], [0, 0, 1]]),
+    )
+
+
+def _mapped(similarity: FloatArray, points: FloatArray) -> FloatArray:
+    """float64[2, k] scaled and shifted."""
+    return np.asarray(points * similarity[0, 0] + similarity[:2, 2:])
 
 
 class _Descent:
@@ -134,67 +153,69 @@ class _Descent:
 
     def __init__(self, scaled: _Scaled, settings: AdjustmentSettings) -> None:
         self._settings = settings
-        self._layout: Layout = layout(scaled.problem)
-        order = self._layout.order
-        self._index: tuple[IndexArray, IndexArray] = (
-            scaled.problem.camera_index[order],
-            self._layout.group_of,
-        )
-        self._observed = scaled.observed[order]
+        self._layout = layout(scaled.problem)
+        self._observed = np.ascontiguousarray(scaled.observed[:, self._layout.order])
         self._huber = settings.huber / scaled.unit
         self._basis = BASES[settings.model]
-        self._cameras, self._points = scaled.cameras, scaled.points
+        self.cameras, self.points = scaled.cameras, scaled.points
+        self._views = self._view(self._elements(self.cameras), self.points)
 
-    def run(self) -> tuple[FloatArray, FloatArray, int]:
-        cost = self._cost(self._cameras, self._points)
+    @property
+    def cost(self) -> float:
+        """Half the sum of Huber's function of the residuals."""
+        return self._views.cost
+
+    @property
+    def squares(self) -> float:
+        """The sum of the squared residuals."""
+        return float(((self._observed - self._views.seen) ** 2).sum())
+
+    def run(self) -> int:
+        """Runs to the end; returns the steps tried."""
         damping, growth = _FIRST_DAMPING, 2.0
         equations = None
         iterations = 0
         while iterations < self._settings.max_iterations and damping < _LARGEST_DAMPING:
             iterations += 1
             if equations is None:
-                equations = form(
-                    linearise(
-                        self._cameras, self._points, self._index, self._observed, self._basis, self._huber
-                    ),
-                    self._layout,
-                )
+                equations = form(self._views, self._layout)
             try:
-                step = solve(equations, self._layout, damping)
+                step = solve(equations, self._layout, self._basis, damping)
             except np.linalg.LinAlgError:
                 damping, growth = damping * growth, growth * 2
                 continue
-            cameras, points = self._moved(step)
-            tried = self._cost(cameras, points)
-            if not tried < cost:
-                if tried <= cost * (1 + self._settings.tolerance):
+            cameras, points, views = self._tried(step)
+            cost, lowered = self._views.cost, _cost_in_front(views)
+            if not lowered < cost:
+                if lowered <= cost * (1 + self._settings.tolerance):
                     break
                 damping, growth = damping * growth, growth * 2
                 continue
-            done = cost - tried <= self._settings.tolerance * cost
-            self._cameras, self._points, cost = cameras, points, tried
+            self.cameras, self.points, self._views = cameras, points, views
             damping, growth, equations = max(damping / 5, 1e-12), 2.0, None
-            if done:
+            if cost - lowered <= self._settings.tolerance * cost:
                 break
-        return self._cameras, self._points, iterations
+        return iterations
 
-    def _moved(self, step: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
-        cameras = self._cameras.copy()
-        elements = np.concatenate([step[0] @ self._basis.T, np.zeros((len(step[0]), 1))], axis=1)
-        cameras[self._layout.free] += elements.reshape(-1, 3, 3)
-        return cameras, self._settled(cameras, self._points + step[1])
+    def _tried(self, step: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray, Views]:
+        """Cameras and points after a step, and a step of the points' own: the cameras' bends them.
 
-    def _settled(self, cameras: FloatArray, points: FloatArray) -> FloatArray:
-        """The points after a step of their own: the cameras' step bends them in the second order.
-
-        Long strips have motions that hardly change the cost; along those this takes wider steps possible.
+        Long strips have motions that hardly change the cost; along those this makes wider steps possible.
         """
-        residuals, slopes = point_slopes(cameras, points, self._index, self._observed, self._huber)
-        return points + point_steps(residuals, slopes, self._layout)
+        cameras = self.cameras.copy()
+        cameras.reshape(-1, 9)[self._layout.free, :8] += step[0]
+        elements, points = self._elements(cameras), self.points + step[1]
+        points += point_steps(self._view(elements, points), self._layout)
+        return cameras, points, self._view(elements, points)
 
-    def _cost(self, cameras: FloatArray, points: FloatArray) -> float:
-        """The cost, infinite where a point comes to lie behind a camera's horizon."""
-        seen, depth = projected(cameras[self._index[0]], points[self._index[1]])
-        if not depth.min() > _LEAST_DEPTH:
-            return float("inf")
-        return robust_cost(self._observed - seen, self._huber)[0]
+    def _elements(self, cameras: FloatArray) -> FloatArray:
+        """float64[3, 3, k], of each observation's camera."""
+        return np.ascontiguousarray(cameras.transpose(1, 2, 0)).take(self._layout.camera, axis=2)
+
+    def _view(self, elements: FloatArray, points: FloatArray) -> Views:
+        return view(elements, points.take(self._layout.point, axis=1), self._observed, self._huber)
+
+
+def _cost_in_front(views: Views) -> float:
+    """The cost, infinite where a point came to lie behind a camera's horizon."""
+    return views.cost if views.depth.min() > _LEAST_DEPTH else float("inf")

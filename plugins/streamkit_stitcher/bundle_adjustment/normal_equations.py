@@ -1,19 +1,21 @@
 """The block-sparse normal equations and their solution by the Schur complement."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import scipy.linalg
+import scipy.linalg.lapack
 import scipy.sparse
 import scipy.sparse.linalg
 
-from streamkit_stitcher.bundle_adjustment.problem import Layout
-from streamkit_stitcher.bundle_adjustment.projection import Linearised
+from streamkit_stitcher.bundle_adjustment.problem import IndexArray, Layout
+from streamkit_stitcher.bundle_adjustment.projection import Views
 from streamkit_stitcher.homographies import FloatArray
 
 _DENSE_LIMIT: Final = 1000
 _SMALLEST_PIVOT: Final = 1e-12
+_ELEMENTS: Final = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,84 +23,56 @@ class NormalEquations:
     """Sums over the observations of one linearisation.
 
     Attributes:
-        camera_blocks: float64[f, c, c], of each free camera (U).
-        camera_sides: float64[f, c].
-        point_blocks: float64[m, 3], xx xy yy of each point's 2 x 2 block (V).
-        point_sides: float64[m, 2].
-        linearised: the observations behind them, grouped by point.
+        camera_blocks: float64[f, 8, 8], of each free camera's matrix elements (U).
+        camera_sides: float64[f, 8].
+        point_blocks: float64[3, m], xx xy yy of each point's 2 x 2 block (V).
+        point_sides: float64[2, m].
+        views: the observations behind them, in the layout's order.
+        slopes: float64[2, 2, k], their derivatives by the points.
     """
 
     camera_blocks: FloatArray
     camera_sides: FloatArray
     point_blocks: FloatArray
     point_sides: FloatArray
-    linearised: Linearised
+    views: Views
+    slopes: FloatArray
 
 
-def form(linearised: Linearised, layout: Layout) -> NormalEquations:
-    """Sums the blocks of the normal equations; `linearised` is grouped by point."""
-    residuals = linearised.residuals
-    point_blocks, point_sides = _point_sums(residuals, linearised.point, layout)
-    size = linearised.camera.shape[2]
-    rows = linearised.camera[layout.by_camera].reshape(-1, size)
-    wanted = residuals[layout.by_camera].reshape(-1)
-    blocks = np.empty((len(layout.free), size, size))
-    camera_sides = np.empty((len(layout.free), size))
-    bounds = (2 * layout.camera_bounds).tolist()
-    for camera in range(len(layout.free)):
-        own = rows[bounds[camera] : bounds[camera + 1]]
-        blocks[camera] = own.T @ own
-        camera_sides[camera] = own.T @ wanted[bounds[camera] : bounds[camera + 1]]
-    return NormalEquations(
-        blocks,
-        camera_sides,
-        point_blocks,
-        point_sides,
-        linearised,
-    )
+def form(views: Views, layout: Layout) -> NormalEquations:
+    """Sums the blocks of the normal equations over observations in the layout's order."""
+    slopes = views.slopes()
+    point_blocks, point_sides = _point_sums(views.residuals, slopes, layout)
+    scale = views.scale
+    each = np.zeros((2, 2, len(scale)))
+    each[0, 0] = each[1, 1] = scale
+    rows = _camera_rows(views, layout, each)
+    rows[:, :, _ELEMENTS] = views.residuals[:, : len(rows)].T
+    sums = _sums_by_camera(rows, layout)
+    blocks, sides = sums[:, :_ELEMENTS, :_ELEMENTS], sums[:, :_ELEMENTS, _ELEMENTS]
+    return NormalEquations(blocks, sides, point_blocks, point_sides, views, slopes)
 
 
-def point_steps(residuals: FloatArray, slopes: FloatArray, layout: Layout) -> FloatArray:
-    """float64[m, 2], the step of each point that suits its observations best while the cameras hold still.
-
-    Args:
-        residuals: float64[k, 2], weighted, grouped by point.
-        slopes: float64[k, 2, 2], weighted derivatives of the projections by the points.
-        layout: the order of the observations.
-    """
-    blocks, sides = _point_sums(residuals, slopes, layout)
+def point_steps(views: Views, layout: Layout) -> FloatArray:
+    """float64[2, m], the step of each point that suits its observations best while the cameras hold still."""
+    blocks, sides = _point_sums(views.residuals, views.slopes(), layout)
     factor = _inverse_factor(blocks, 0.0)
-    return np.asarray(
-        (factor @ (factor.transpose(0, 2, 1) @ sides[:, :, np.newaxis]))[:, :, 0], dtype=np.float64
-    )
+    return _unwhitened(factor, _whitened(factor, sides))
 
 
-def _point_sums(residuals: FloatArray, slopes: FloatArray, layout: Layout) -> tuple[FloatArray, FloatArray]:
-    across, down = slopes[:, :, 0], slopes[:, :, 1]
-    products = np.stack(
-        [
-            (across * across).sum(axis=1),
-            (across * down).sum(axis=1),
-            (down * down).sum(axis=1),
-            (across * residuals).sum(axis=1),
-            (down * residuals).sum(axis=1),
-        ],
-        axis=1,
-    )
-    sums = np.add.reduceat(products, layout.point_starts, axis=0)
-    return sums[:, :3], sums[:, 3:]
-
-
-def solve(equations: NormalEquations, layout: Layout, damping: float) -> tuple[FloatArray, FloatArray]:
+def solve(
+    equations: NormalEquations, layout: Layout, basis: FloatArray, damping: float
+) -> tuple[FloatArray, FloatArray]:
     """One damped step: cameras first, with the points eliminated, then the points.
 
     Args:
         equations: the normal equations.
         layout: the order of the observations.
+        basis: float64[8, c], from a camera's free parameters to its matrix elements.
         damping: added to the diagonal, times the diagonal.
 
     Returns:
-        float64[f, c] changes of the free cameras' parameters and float64[m, 2] of the points.
+        float64[f, 8] changes of the free cameras' elements and float64[2, m] of the points.
 
     Raises:
         numpy.linalg.LinAlgError: the reduced system is not positive definite at this damping.
@@ -107,106 +81,168 @@ def solve(equations: NormalEquations, layout: Layout, damping: float) -> tuple[F
     modern synthesis, 2000, section 6.1.
     """
     factor = _inverse_factor(equations.point_blocks, damping)
-    camera, point = equations.linearised.camera, equations.linearised.point
-    # W V^-1 W' is Z Z' with Z = W L and V^-1 = L L'; rows of `reduced` are those of Z' for each observation.
-    scaled = point @ factor[layout.group_of]
-    reduced = scaled.transpose(0, 2, 1) @ camera
-    sides = np.einsum("mij,mi->mj", factor, equations.point_sides)
-    system, wanted = _reduced_system(equations, layout, reduced, sides, damping)
-    cameras = system.solve(wanted).reshape(wanted.shape[0] // camera.shape[2], camera.shape[2])
-    moved = np.zeros((len(layout.order), 2))
-    own = layout.by_camera
-    step = np.repeat(cameras, np.diff(layout.camera_bounds), axis=0)
-    moved[own] = np.einsum("kij,kj->ki", reduced[own], step)
-    rest = sides - np.add.reduceat(moved, layout.point_starts, axis=0)
-    return cameras, np.einsum("mij,mj->mi", factor, rest)
+    sides = _whitened(factor, equations.point_sides)
+    # W V^-1 W' is Z Z' with Z = W L and V^-1 = L L'; `rows` are those of Z' for each observation.
+    rows = _camera_rows(equations.views, layout, _whitened_slopes(factor[:, layout.point], equations))
+    rows[:, :, _ELEMENTS] = sides[:, layout.point[: len(rows)]].T
+    own = _sums_by_camera(rows, layout)
+    diagonal = equations.camera_blocks - own[:, :_ELEMENTS, :_ELEMENTS]
+    inside = np.arange(_ELEMENTS)
+    diagonal[:, inside, inside] += damping * equations.camera_blocks[:, inside, inside]
+    wanted = equations.camera_sides - own[:, :_ELEMENTS, _ELEMENTS]
+    others = _sums_by_pair(rows, layout)
+    if basis.shape[1] != _ELEMENTS:
+        diagonal, others = (basis.T @ blocks @ basis for blocks in (diagonal, others))
+        wanted = wanted @ basis
+    solver = _solve_dense if wanted.size <= _DENSE_LIMIT else _solve_sparse
+    cameras = solver(diagonal, others, layout.pair_cameras, wanted) @ basis.T
+    moved = np.empty((2, len(rows)))
+    bounds = layout.camera_bounds.tolist()
+    for camera, step in enumerate(cameras):
+        part = slice(bounds[camera], bounds[camera + 1])
+        moved[:, part] = (rows[part, :, :_ELEMENTS] @ step).T
+    point = layout.point[: len(rows)]
+    for row in range(2):
+        sides[row] -= np.bincount(point, weights=moved[row], minlength=layout.points)
+    return cameras, _unwhitened(factor, sides)
+
+
+def _camera_rows(views: Views, layout: Layout, mixture: FloatArray) -> FloatArray:
+    """Mixtures of the derivatives of x and y by the camera's elements, and room for a right-hand side.
+
+    Args:
+        views: in the layout's order.
+        layout: tells how many of them are of free cameras.
+        mixture: float64[2, 2, k], of each of the two mixtures the shares of x and of y, divided by the depth.
+
+    Returns:
+        float64[k', 2, 9], the last column not set.
+    """
+    count = int(layout.camera_bounds[-1])
+    x, y = views.places[:, :count]
+    seen_x, seen_y = views.seen[:, :count]
+    rows = np.empty((count, 2, _ELEMENTS + 1))
+    for row, (across, down) in enumerate(mixture[:, :, :count]):
+        own = rows[:, row].T
+        depth = across * seen_x
+        depth += down * seen_y
+        np.negative(depth, out=depth)
+        for start, share in ((0, across), (3, down)):
+            np.multiply(share, x, out=own[start])
+            np.multiply(share, y, out=own[start + 1])
+            own[start + 2] = share
+        np.multiply(depth, x, out=own[6])
+        np.multiply(depth, y, out=own[7])
+    return rows
+
+
+def _sums_by_camera(rows: FloatArray, layout: Layout) -> FloatArray:
+    """float64[f, 9, 9], the products of the rows of each free camera."""
+    sums = np.empty((len(layout.free), _ELEMENTS + 1, _ELEMENTS + 1))
+    flat = rows.reshape(-1, _ELEMENTS + 1)
+    bounds = (2 * layout.camera_bounds).tolist()
+    for camera in range(len(sums)):
+        own = flat[bounds[camera] : bounds[camera + 1]]
+        np.matmul(own.T, own, out=sums[camera])
+    return sums
+
+
+def _sums_by_pair(rows: FloatArray, layout: Layout) -> FloatArray:
+    """float64[q, 8, 8], less the products of the rows of each pair of cameras that share points."""
+    sums = np.empty((len(layout.pair_cameras), _ELEMENTS + 1, _ELEMENTS + 1))
+    first = rows[layout.first].reshape(-1, _ELEMENTS + 1)
+    second = rows[layout.second].reshape(-1, _ELEMENTS + 1)
+    bounds = (2 * layout.pair_bounds).tolist()
+    for pair, (start, end) in enumerate(pairwise(bounds)):
+        np.matmul(first[start:end].T, second[start:end], out=sums[pair])
+    return -sums[:, :_ELEMENTS, :_ELEMENTS]
+
+
+def _point_sums(residuals: FloatArray, slopes: FloatArray, layout: Layout) -> tuple[FloatArray, FloatArray]:
+    """The points' blocks, float64[3, m], and right-hand sides, float64[2, m]."""
+    across, down = slopes[:, 0], slopes[:, 1]
+    sums = np.empty((5, layout.points))
+    pairs = (across, across), (across, down), (down, down), (across, residuals), (down, residuals)
+    for row, (one, other) in enumerate(pairs):
+        products = one[0] * other[0]
+        products += one[1] * other[1]
+        sums[row] = np.bincount(layout.point, weights=products, minlength=layout.points)
+    return sums[:3], sums[3:]
 
 
 def _inverse_factor(blocks: FloatArray, damping: float) -> FloatArray:
-    """float64[m, 2, 2], L with L L' the inverse of each damped 2 x 2 block."""
-    a, b, c = blocks.T
+    """The upper triangle, float64[3, m], of L with L L' the inverse of each damped 2 x 2 block."""
+    a, b, c = blocks
     a, c = a * (1 + damping) + _SMALLEST_PIVOT, c * (1 + damping) + _SMALLEST_PIVOT
-    first = np.sqrt(a)
-    second = np.sqrt(np.maximum(c - b * b / a, _SMALLEST_PIVOT))
-    factor = np.zeros((len(blocks), 2, 2))
-    factor[:, 0, 0] = 1 / first
-    factor[:, 0, 1] = -b / (a * second)
-    factor[:, 1, 1] = 1 / second
+    factor = np.empty_like(blocks)
+    np.divide(1, np.sqrt(a), out=factor[0])
+    np.divide(1, np.sqrt(np.maximum(c - b * b / a, _SMALLEST_PIVOT)), out=factor[2])
+    np.multiply(-b / a, factor[2], out=factor[1])
     return factor
 
 
-class _DenseSystem:
-    """Symmetric positive definite blocks in one matrix, solved by Cholesky."""
-
-    def __init__(self, count: int, size: int) -> None:
-        self._matrix = np.zeros((count, size, count, size))
-
-    def put(self, row: int, column: int, block: FloatArray) -> None:
-        self._matrix[row, :, column] = block
-
-    def solve(self, wanted: FloatArray) -> FloatArray:
-        side = len(wanted)
-        factor = scipy.linalg.cho_factor(
-            self._matrix.reshape(side, side), lower=False, overwrite_a=True, check_finite=False
-        )
-        return np.asarray(scipy.linalg.cho_solve(factor, wanted, check_finite=False))
+def _whitened(factor: FloatArray, sides: FloatArray) -> FloatArray:
+    """L' times each right-hand side, float64[2, m]."""
+    return np.stack([factor[0] * sides[0], factor[1] * sides[0] + factor[2] * sides[1]])
 
 
-class _SparseSystem:
+def _unwhitened(factor: FloatArray, sides: FloatArray) -> FloatArray:
+    """L times each, float64[2, m]."""
+    return np.stack([factor[0] * sides[0] + factor[1] * sides[1], factor[2] * sides[1]])
+
+
+def _whitened_slopes(factor: FloatArray, equations: NormalEquations) -> FloatArray:
+    """float64[2, 2, k], the shares of x and y in the two rows of Z', see `_camera_rows`.
+
+    Args:
+        factor: float64[3, k], L of each observation's point.
+        equations: the normal equations.
+    """
+    first, second, third = factor * equations.views.scale
+    across, down = equations.slopes[:, 0], equations.slopes[:, 1]
+    return np.stack([across * first, across * second + down * third])
+
+
+def _solve_dense(
+    diagonal: FloatArray, others: FloatArray, pairs: IndexArray, wanted: FloatArray
+) -> FloatArray:
+    """The cameras' steps, float64[f, c], by Cholesky; `others` lie above the diagonal."""
+    count, size = wanted.shape
+    matrix = np.zeros((count, size, count, size))
+    inside = np.arange(count)
+    matrix[inside, :, inside] = diagonal
+    matrix[pairs[:, 0], :, pairs[:, 1]] = others
+    # What is above the diagonal row by row lies below it column by column, which is LAPACK's order.
+    _, solved, failed = scipy.linalg.lapack.dposv(
+        matrix.reshape(count * size, -1).T, wanted.ravel(), lower=1, overwrite_a=1
+    )
+    if failed:
+        raise np.linalg.LinAlgError(f"the reduced camera system is not positive definite ({failed})")
+    return np.asarray(solved, dtype=np.float64).reshape(count, size)
+
+
+def _solve_sparse(
+    diagonal: FloatArray, others: FloatArray, pairs: IndexArray, wanted: FloatArray
+) -> FloatArray:
     """The same for many cameras: only blocks of cameras that share points are kept."""
-
-    def __init__(self, count: int, size: int) -> None:
-        self._side, self._size = count * size, size
-        self._rows: list[int] = []
-        self._columns: list[int] = []
-        self._blocks: list[FloatArray] = []
-
-    def put(self, row: int, column: int, block: FloatArray) -> None:
-        for place, other, values in ((row, column, block), (column, row, block.T))[: 1 + (row != column)]:
-            self._rows.append(place)
-            self._columns.append(other)
-            self._blocks.append(values)
-
-    def solve(self, wanted: FloatArray) -> FloatArray:
-        inside = np.arange(self._size)
-        rows = np.array(self._rows)[:, np.newaxis, np.newaxis] * self._size + inside[:, np.newaxis]
-        columns = np.array(self._columns)[:, np.newaxis, np.newaxis] * self._size + inside
-        shape = (len(self._rows), self._size, self._size)
-        matrix = scipy.sparse.csc_array(
+    count, size = wanted.shape
+    blocks = np.concatenate([diagonal, others, others.transpose(0, 2, 1)])
+    inside = np.arange(count)
+    rows = np.concatenate([inside, pairs[:, 0], pairs[:, 1]])
+    columns = np.concatenate([inside, pairs[:, 1], pairs[:, 0]])
+    element = np.arange(size)
+    matrix = scipy.sparse.csc_array(
+        (
+            blocks.ravel(),
             (
-                np.array(self._blocks).ravel(),
-                (np.broadcast_to(rows, shape).ravel(), np.broadcast_to(columns, shape).ravel()),
+                np.broadcast_to((rows * size)[:, None, None] + element[:, None], blocks.shape).ravel(),
+                np.broadcast_to((columns * size)[:, None, None] + element, blocks.shape).ravel(),
             ),
-            shape=(self._side, self._side),
-        )
-        try:
-            solved = scipy.sparse.linalg.splu(matrix, options={"SymmetricMode": True}).solve(wanted)
-        except RuntimeError as error:
-            raise np.linalg.LinAlgError(str(error)) from error
-        return np.asarray(solved)
-
-
-def _reduced_system(
-    equations: NormalEquations, layout: Layout, reduced: FloatArray, sides: FloatArray, damping: float
-) -> tuple[_DenseSystem | _SparseSystem, FloatArray]:
-    """The cameras' system S = U - Z Z' and its right-hand side."""
-    count, size = equations.camera_sides.shape
-    kind = _DenseSystem if count * size <= _DENSE_LIMIT else _SparseSystem
-    system = kind(count, size)
-    rows = reduced[layout.by_camera].reshape(-1, size)
-    taken = sides[layout.group_of[layout.by_camera]].reshape(-1)
-    wanted = equations.camera_sides.copy()
-    bounds = (2 * layout.camera_bounds).tolist()
-    diagonal = np.arange(size)
-    for camera in range(count):
-        own = rows[bounds[camera] : bounds[camera + 1]]
-        block = equations.camera_blocks[camera] - own.T @ own
-        block[diagonal, diagonal] += damping * equations.camera_blocks[camera, diagonal, diagonal]
-        system.put(camera, camera, block)
-        wanted[camera] -= own.T @ taken[bounds[camera] : bounds[camera + 1]]
-    first, second = reduced[layout.first].reshape(-1, size), reduced[layout.second].reshape(-1, size)
-    bounds = (2 * layout.pair_bounds).tolist()
-    for pair, (row, column) in enumerate(layout.pair_cameras.tolist()):
-        inside = slice(bounds[pair], bounds[pair + 1])
-        system.put(row, column, -(first[inside].T @ second[inside]))
-    return system, wanted.ravel()
+        ),
+        shape=(count * size, count * size),
+    )
+    try:
+        solved = scipy.sparse.linalg.splu(matrix, options={"SymmetricMode": True}).solve(wanted.ravel())
+    except RuntimeError as error:
+        raise np.linalg.LinAlgError(str(error)) from error
+    return np.asarray(solved, dtype=np.float64).reshape(count, size)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -11,6 +10,9 @@ import numpy.typing as npt
 from streamkit_stitcher.homographies import FloatArray, MaskArray
 
 IndexArray = npt.NDArray[np.int64]
+
+_SHORT: Final = 1 << 16
+_UPPER: Final = {size: np.stack(np.triu_indices(size, 1)) for size in range(2, 9)}
 
 
 class CameraModel(StrEnum):
@@ -87,15 +89,15 @@ class PlaneProblem:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Observations in the order of their points, and which of them meet in a point.
+    """Observations in the order of their cameras, the fixed ones last, and which of them meet in a point.
 
     Attributes:
-        order: int64[k], the observations, grouped by point.
-        point_starts: int64[m], where each point's group begins in `order`.
-        columns: int64[n], the number of each free camera, -1 for fixed ones.
+        order: int64[k], the observations, grouped by camera and by point within a camera.
+        camera: int64[k], the camera of each sorted observation.
+        point: int64[k], its point.
+        points: number of points.
         free: int64[f], the free cameras.
-        by_camera: int64[f' <= k], sorted observations of free cameras, grouped by camera.
-        camera_bounds: int64[f + 1], the groups of `by_camera`.
+        camera_bounds: int64[f + 1], the groups of the free cameras among the sorted observations.
         first: int64[p], sorted observations of pairs that share a point, free cameras only.
         second: int64[p], their partners, of a later camera.
         pair_cameras: int64[q, 2], numbers of the free cameras of each group of pairs.
@@ -103,62 +105,62 @@ class Layout:
     """
 
     order: IndexArray
-    point_starts: IndexArray
-    columns: IndexArray
+    camera: IndexArray
+    point: IndexArray
+    points: int
     free: IndexArray
-    by_camera: IndexArray
     camera_bounds: IndexArray
     first: IndexArray
     second: IndexArray
     pair_cameras: IndexArray
     pair_bounds: IndexArray
 
-    @cached_property
-    def group_of(self) -> IndexArray:
-        """int64[k], the point of each sorted observation."""
-        ends = np.append(self.point_starts[1:], len(self.order))
-        return np.repeat(np.arange(len(self.point_starts)), ends - self.point_starts)
-
 
 def layout(problem: PlaneProblem) -> Layout:
-    """Sorts a problem's observations once, for all iterations; every point must have one at least."""
-    order = np.lexsort((problem.camera_index, problem.point_index))
-    points, cameras = problem.point_index[order], problem.camera_index[order]
-    starts = np.flatnonzero(np.append(True, points[1:] != points[:-1]))
+    """Sorts a problem's observations once, for all iterations."""
     free = np.flatnonzero(~problem.fixed)
-    columns = np.full(len(problem.fixed), -1, dtype=np.int64)
-    columns[free] = np.arange(len(free))
-    column = columns[cameras]
-    by_camera = np.argsort(column, kind="stable")
-    by_camera = by_camera[np.searchsorted(column[by_camera], 0) :]
-    camera_bounds = np.searchsorted(column[by_camera], np.arange(len(free) + 1))
-    first, second = _pairs(np.diff(np.append(starts, len(order))), starts)
-    kept = (column[first] >= 0) & (column[second] >= 0)
-    first, second = first[kept], second[kept]
-    key = column[first] * max(1, len(free)) + column[second]
-    grouped = np.argsort(key, kind="stable")
+    column = np.full(len(problem.fixed), len(free), dtype=np.int64)
+    column[free] = np.arange(len(free))
+    by_point = _sorted(problem.point_index, len(problem.points))
+    order = by_point[_sorted(column[problem.camera_index[by_point]], len(free) + 1)]
+    camera, point = problem.camera_index[order], problem.point_index[order]
+    columns = column[camera]
+    bounds = np.searchsorted(columns, np.arange(len(free) + 1))
+    first, second = _pairs(point[: bounds[-1]], len(problem.points))
+    key = columns[first] * len(free) + columns[second]
+    grouped = _sorted(key, len(free) ** 2)
     key = key[grouped]
     heads = np.flatnonzero(np.append(True, key[1:] != key[:-1])) if len(key) else np.zeros(0, dtype=np.int64)
     return Layout(
         order,
-        starts,
-        columns,
+        camera,
+        point,
+        len(problem.points),
         free,
-        by_camera,
-        camera_bounds,
+        bounds,
         first[grouped],
         second[grouped],
-        np.stack([key[heads] // max(1, len(free)), key[heads] % max(1, len(free))], axis=1),
+        np.stack(np.divmod(key[heads], max(1, len(free))), axis=1),
         np.append(heads, len(key)),
     )
 
 
-def _pairs(sizes: IndexArray, starts: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """All pairs of members of each group, the earlier member first."""
-    firsts, seconds = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
-    for size in np.unique(sizes):
-        upper = np.stack(np.triu_indices(int(size), 1))
+def _sorted(keys: IndexArray, limit: int) -> IndexArray:
+    """The stable order of keys from 0 to below `limit`; short ones are sorted by their digits."""
+    return np.argsort(keys.astype(np.uint16) if limit <= _SHORT else keys, kind="stable")
+
+
+def _pairs(point: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
+    """All pairs of observations of the same point, of `count` points, the earlier observation first."""
+    order = _sorted(point, count)
+    sizes = np.bincount(point, minlength=count)
+    starts = np.cumsum(sizes) - sizes
+    firsts, seconds = [order[:0]], [order[:0]]
+    for size in np.flatnonzero(np.bincount(sizes)):
+        upper = _UPPER.get(int(size))
+        if upper is None:
+            upper = np.stack(np.triu_indices(int(size), 1))
         heads = starts[sizes == size]
         firsts.append((heads[:, np.newaxis] + upper[0]).ravel())
         seconds.append((heads[:, np.newaxis] + upper[1]).ravel())
-    return np.concatenate(firsts), np.concatenate(seconds)
+    return order[np.concatenate(firsts)], order[np.concatenate(seconds)]

@@ -195,6 +195,6 @@ def test_an_index_out_of_range_is_refused():
 
 def test_huber_grows_linearly():
     """Quadratic up to the bound, linear beyond, with weights that fall."""
-    cost, weights = robust_cost(np.array([[0.6, 0.8], [6.0, 8.0]]), 2.0)
+    cost, weights = robust_cost(np.array([[0.6, 6.0], [0.8, 8.0]]), 2.0)
     assert cost == pytest.approx(0.5 * (1.0 + (2 * 2 * 10 - 4)))
     assert weights == pytest.approx([1.0, 0.2])
