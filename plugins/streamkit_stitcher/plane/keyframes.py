@@ -26,7 +26,14 @@ from streamkit_stitcher.registration.motion_models import (
     fit_homography,
     restricted,
 )
-from streamkit_stitcher.registration.patches import PatchLevel, align, cut_patches, prepare, reduced_motion
+from streamkit_stitcher.registration.patches import (
+    Alignment,
+    PatchLevel,
+    align,
+    cut_patches,
+    prepare,
+    reduced_motion,
+)
 
 LEVELS: Final = 4
 _PREPARED: Final = 12
@@ -202,18 +209,15 @@ class KeyframeMatcher:
             patches, chosen = self._level(keyframe, level, coarse_points if level == 1 else max_points)
             expected = reduced_motion(key_to_frame, level)
             tolerance = _COARSE_TOLERANCE if level else _FINE_TOLERANCE
-            key_points, frame_points, found = align(patches, images[level], expected, tolerance)
+            found = align(patches, images[level], expected, tolerance)
             if level == 0:
-                start = inverse(key_to_frame)
-                return _accepted(
-                    frame_points, key_points, chosen[found], keyframe.shape, limits, model, start
-                )
-            start = _shifted(expected, key_points, frame_points)
-            coarse = fit_homography(key_points, frame_points, _COARSE_THRESHOLD, start=start)
+                return _accepted(found, chosen, keyframe.shape, limits, model, inverse(key_to_frame))
+            start = _shifted(expected, found.key_points, found.frame_points)
+            coarse = fit_homography(found.key_points, found.frame_points, _COARSE_THRESHOLD, start=start)
             if (
                 coarse is not None
                 and coarse.count >= min(limits.min_inliers, _COARSE_INLIERS)
-                and coarse.ratio >= limits.min_ratio
+                and coarse.count >= limits.min_ratio * found.sought
                 and is_plausible(coarse.matrix, keyframe.shape, _ANY_STEP)
             ):
                 key_to_frame = from_reduced(coarse.matrix, 2**level)
@@ -281,18 +285,24 @@ def _spread(count: int, most: int) -> npt.NDArray[np.int64]:
 
 
 def _accepted(
-    frame_points: FloatArray,
-    key_points: FloatArray,
-    patches: npt.NDArray[np.int64],
+    found: Alignment,
+    chosen: npt.NDArray[np.int64],
     shape: tuple[int, int],
     limits: FitLimits,
     model: MotionModel,
     start: FloatArray,
 ) -> KeyframeMatch | None:
+    """The match that the patches agree on, or None.
+
+    Where the ground is not, a sixth of the patches still settle somewhere near, and nearly all of these agree
+    with a homography: what counts is how many of the patches in view agree, not of those that settled.
+    """
+    frame_points, key_points = found.frame_points, found.key_points
     fit = fit_homography(frame_points, key_points, limits.threshold, start=start)
-    if fit is None or fit.count < limits.min_inliers or fit.count < limits.min_ratio * len(patches):
+    if fit is None or fit.count < max(limits.min_inliers, limits.min_ratio * found.sought):
         return None
     fit = restricted(fit, model, frame_points, key_points)
     if not is_plausible(fit.matrix, shape, _ANY_STEP):
         return None
-    return KeyframeMatch(fit, frame_points[fit.inliers], key_points[fit.inliers], patches[fit.inliers])
+    patches = chosen[found.patches[fit.inliers]]
+    return KeyframeMatch(fit, frame_points[fit.inliers], key_points[fit.inliers], patches)

@@ -138,9 +138,26 @@ def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
     return PatchLevel(centres, probes.astype(np.float32), sums, products, np.linalg.inv(hessian), usable)
 
 
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Patches of a key picture that were found in a frame.
+
+    Attributes:
+        key_points: float64[k, 2], their positions in the key picture.
+        frame_points: float64[k, 2], the same ground in the frame.
+        patches: int64[k], their indices.
+        sought: patches that should have been in view, k or more.
+    """
+
+    key_points: FloatArray
+    frame_points: FloatArray
+    patches: npt.NDArray[np.int64]
+    sought: int
+
+
 def align(
     level: PatchLevel, image: GreyArray, key_to_frame: FloatArray, tolerance: float = _CONVERGED
-) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
+) -> Alignment:
     """Finds where patches of the key picture lie in a frame, to a few hundredths of a pixel.
 
     Each patch is compared with the frame resampled through the homography's local affine part, so rotation,
@@ -153,13 +170,13 @@ def align(
         tolerance: the last step that most patches may still make, px.
 
     Returns:
-        float64[k, 2] positions in the key picture, float64[k, 2] the same ground in the frame, and int64[k]
-        their patch indices, for the k patches that converged.
+        The patches that converged.
     """
     visible = level.usable & _visible(project(key_to_frame, level.centres), image.shape)
     chosen = np.flatnonzero(visible)
-    if not len(chosen):
-        return np.empty((0, 2)), np.empty((0, 2)), chosen
+    sought = len(chosen)
+    if not sought:
+        return Alignment(np.empty((0, 2)), np.empty((0, 2)), chosen, 0)
     if len(chosen) < _MOSTLY * len(visible):
         level, visible = level.part(chosen), visible[chosen]
     else:
@@ -169,7 +186,7 @@ def align(
     settled = visible & (step < _SETTLED * tolerance) & (correlation > _MIN_CORRELATION)
     good = settled & (np.hypot(shift[:, 0], shift[:, 1]) < _MAX_SHIFT)
     key_points = level.centres[good]
-    return key_points, project(key_to_frame, key_points + shift[good]), chosen[good]
+    return Alignment(key_points, project(key_to_frame, key_points + shift[good]), chosen[good], sought)
 
 
 def _visible(points: FloatArray, shape: Sequence[int]) -> MaskArray:

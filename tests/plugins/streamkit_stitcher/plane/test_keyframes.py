@@ -39,6 +39,23 @@ def test_other_ground_is_not_matched(ground):
     assert KeyframeMatcher().match(key, images, IDENTITY, LIMITS, top_level=3, max_points=300) is None
 
 
+@pytest.mark.parametrize("off", [(10.0, 0.0), (20.0, 0.0)])
+def test_rows_of_trees_one_period_off_are_not_a_match(ground, off):
+    """The patches of an orchard fit a period further, too; most of those in view must agree, not of those."""
+    down, across = np.mgrid[:110, :640]
+    orchard = ground[:400, :700].copy()
+    orchard[120:230, :640] = np.where((across % 10 < 5) & (down % 10 < 5), 60, 150)
+    store = KeyframeStore()
+    key = stored(store, orchard[:360, :640])
+    noise = np.random.default_rng(1).normal(0, 2, (360, 640))
+    images = pyramid((np.clip(orchard[2:362, 3:643] + noise, 0, 255).astype(np.uint8),), LEVELS)
+    true = translation(np.array([3.0, 2.0]))
+    options = {"top_level": 1, "max_points": 220, "coarse_points": 48}
+    found = KeyframeMatcher().match(key, images, true, LIMITS, **options)
+    assert found.fit.matrix[:2, 2] == pytest.approx([3.0, 2.0], abs=0.1)
+    assert KeyframeMatcher().match(key, images, translation(np.array(off)) @ true, LIMITS, **options) is None
+
+
 def test_overlapping_keyframes_come_nearest_first(ground):
     """Only those that share ground at a similar scale are listed, greatest overlap first."""
     store = KeyframeStore()

@@ -27,17 +27,17 @@ def test_patches_are_found_in_a_turned_and_dimmed_picture(ground, gain):
     frame = (frame * gain + 10).astype(np.uint8)
     level = level_of(key)
     guess = translation(np.array([1.2, -0.9])) @ TURN
-    key_points, frame_points, indices = align(level, frame, guess)
-    error = np.hypot(*(frame_points - project(TURN, key_points)).T)
-    assert len(indices) > 60
+    found = align(level, frame, guess)
+    error = np.hypot(*(found.frame_points - project(TURN, found.key_points)).T)
+    assert 60 < len(found.patches) <= found.sought <= len(level.centres)
     assert np.median(error) < 0.1
 
 
 def test_patches_of_other_ground_are_not_found(ground):
     """A picture of something else yields no more than a few chance matches."""
     level = level_of(ground[:360, :640])
-    found = align(level, ground[900:1260, 1000:1640], np.eye(3))[2]
-    assert len(found) < 0.1 * len(level.centres)
+    found = align(level, ground[900:1260, 1000:1640], np.eye(3))
+    assert len(found.patches) < 0.1 * found.sought
 
 
 def test_flat_patches_are_not_used():
@@ -46,7 +46,7 @@ def test_flat_patches_are_not_used():
     centres = np.array([[50.0, 50.0]])
     level = prepare(cut_patches(flat, centres), centres)
     assert not level.usable.any()
-    assert len(align(level, flat, np.eye(3))[2]) == 0
+    assert align(level, flat, np.eye(3)).sought == 0
 
 
 def test_a_pyramid_keeps_pixel_centres():
