@@ -1,6 +1,7 @@
 """`streamkit launch`: exit codes, errors that point, interrupts."""
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -306,3 +307,31 @@ def test_the_installed_command_ends_with_the_right_codes() -> None:
         assert done.stdout == ""
         assert bool(done.stderr) is bool(code)
         assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(("wanted", "threads"), [(None, "1"), ("3", "3")])
+def test_matrix_products_start_no_threads_of_their_own(wanted: str | None, threads: str) -> None:
+    """Elements have theirs already; a user's own setting holds."""
+    code = (
+        "import os, sys\n"
+        "from streamkit.cli.main import main\n"
+        "sys.argv[1:] = ['launch', 'fakesrc num-buffers=1 ! fakesink']\n"
+        "try:\n    main()\nexcept SystemExit as left:\n    assert not left.code\n"
+        "assert 'numpy' not in sys.modules\n"
+        "import numpy as np\n"
+        "square = np.ones((600, 600)) @ np.ones((600, 600))\n"
+        "print(os.environ['OPENBLAS_NUM_THREADS'], len(os.listdir('/proc/self/task')))\n"
+    )
+    inherited = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    own = {} if wanted is None else {"OPENBLAS_NUM_THREADS": wanted}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=inherited | own,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    told, running = done.stdout.split()
+    assert told == threads
+    assert int(running) <= int(threads)
