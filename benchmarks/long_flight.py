@@ -1,9 +1,9 @@
 """A long flight: time per frame and memory as the hours pass.
 
-    STREAMKIT_DATA=... python benchmarks/long_flight.py [FRAMES]
+    STREAMKIT_DATA=... python benchmarks/long_flight.py [FRAMES [WIDTH]]
 
-Frames of 640x360 from a path that wanders over an aerial picture, with the mosaic as it grows; 2 hours at 25
-frames a second are 180 000. Peer: the first tenth of the same flight.
+Frames of 640x360 (or of another width) from a path that wanders over an aerial picture, with the mosaic as it
+grows; 2 hours at 25 frames a second are 180 000. Peer: the first tenth of the same flight.
 """
 
 import os
@@ -19,7 +19,6 @@ from streamkit_stitcher.mosaic.recorder import MosaicRecorder, RecorderSettings
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.plane.tracker import PlaneTracker
 
-SHAPE = (360, 640)
 PATH = 400
 PARTS = 10
 
@@ -33,7 +32,9 @@ def resident_mb() -> float:
 def main() -> None:
     """Prints one row per tenth of the flight."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 180_000
-    flight = wandering(cv2.cvtColor(ground_picture(), cv2.COLOR_BGR2GRAY), PATH, SHAPE, 301)
+    width = int(sys.argv[2]) if len(sys.argv) > 2 else 640
+    shape = width * 9 // 16, width
+    flight = wandering(cv2.cvtColor(ground_picture(), cv2.COLOR_BGR2GRAY), PATH, shape, 301)
     pictures = [flight.picture(index) for index in range(PATH)]
     tracker = PlaneTracker(PlaneSettings())
     recorder = MosaicRecorder(RecorderSettings(None, 16_000_000, final=False))
@@ -47,7 +48,7 @@ def main() -> None:
             picture = pictures[place if place < PATH else 2 * PATH - 2 - place]
             began = time.thread_time()
             placement = tracker.place(picture)
-            recorder.add(placement, SHAPE, lambda taken=picture: taken)
+            recorder.add(placement, shape, lambda taken=picture: taken)
             times.append(time.thread_time() - began)
             placed += placement.anchored
         print(

@@ -295,7 +295,7 @@ class Stitch(Transform):
 
     def _show(self, pad: Any, recorder: MosaicRecorder, frame: Frame | None) -> None:
         """Sends the mosaic as it is through its pad."""
-        if recorder.mosaic.canvas.is_empty:
+        if recorder.is_empty:
             return
         if self._preview_caps is None:
             allowed = pad.peer_caps() & _PREVIEW_CAPS

@@ -26,13 +26,15 @@ class Canvas:
 
     Args:
         max_px: most pixels kept in memory; sixteen times as many go to a file before the scale is halved.
+        reduction: px of the ground per px of the plane, which bounds how far the canvas reaches.
 
     Attributes:
         scale: canvas pixels per px of the plane that was the first, 1 or a power of a half.
     """
 
-    def __init__(self, max_px: int) -> None:
+    def __init__(self, max_px: int, reduction: int = 1) -> None:
         self._memory_px = max_px
+        self._longest = _LONGEST_SIDE / reduction
         self._limit = max_px * _SPILL_FACTOR
         self.scale = 1.0
         self._store: TileStore | None = None
@@ -87,7 +89,7 @@ class Canvas:
         Returns:
             False, with nothing changed, where a sixteenth of the resolution would not be enough.
         """
-        if float(np.abs(points).max()) > _LONGEST_SIDE:
+        if float(np.abs(points).max()) > self._longest:
             return False
         scale, low, high = self.scale, self._low, self._high
         while True:

@@ -178,10 +178,11 @@ def _fill(block: PictureArray, left: int, top: int, plan: _Plan, load: Callable[
     window = slice(top - y, top - y + height), slice(left - x, left - x + width)
     result = result[window]
     covered = _enlarged(labels >= 0, plan.factor)[window] > 0
+    shown = (covered & _inside(numbers, (left, top), (width, height), plan)).astype(np.uint8)
     if plan.channels == 1:
-        result = result[:, :, :1]
-    inside = _inside(numbers, (left, top), (width, height), plan)
-    block[:] = np.where((covered & inside)[:, :, np.newaxis], result, 0)
+        cv2.copyTo(result[:, :, 0].copy(), shown, block[:, :, 0])
+    else:
+        cv2.copyTo(result, shown, block)
 
 
 def _blended(

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
+import cv2
 import numpy as np
 
 from streamkit_stitcher.homographies import FloatArray
@@ -58,12 +59,14 @@ def _shared(first: Footprint, second: Footprint) -> tuple[int, FloatArray, Float
     right = min(first.left + first.depth.shape[1], second.left + second.depth.shape[1])
     if bottom <= top or right <= left:
         return None
+    channels = first.thumbnail.shape[2]
     parts = []
     for own in (first, second):
         window = slice(top - own.top, bottom - own.top), slice(left - own.left, right - own.left)
         parts.append((own.thumbnail[window], own.depth[window] > 0))
-    both = parts[0][1] & parts[1][1]
+    both = (parts[0][1] & parts[1][1]).astype(np.uint8)
     cells = int(np.count_nonzero(both))
     if cells < _FEWEST_CELLS:
         return None
-    return cells, parts[0][0][both].mean(axis=0), parts[1][0][both].mean(axis=0)
+    first_mean, second_mean = (np.array(cv2.mean(thumbnail, both))[:channels] for thumbnail, _ in parts)
+    return cells, first_mean, second_mean

@@ -24,10 +24,11 @@ class Mosaic:
 
     Args:
         max_px: most pixels of the mosaic kept in memory.
+        reduction: px of the pictures per px of the plane, where they come reduced.
     """
 
-    def __init__(self, max_px: int) -> None:
-        self.canvas = Canvas(max_px)
+    def __init__(self, max_px: int, reduction: int = 1) -> None:
+        self.canvas = Canvas(max_px, reduction)
         self._pictures = 0
 
     @property

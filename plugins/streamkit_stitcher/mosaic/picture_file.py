@@ -95,7 +95,8 @@ def _encode(picture: PictureArray, path: Path, partial: Path) -> None:
         raise OSError(
             f"{path}: a JPEG side is at most {_LONGEST_JPEG_SIDE} px, got {width} x {height}; write a .png"
         )
-    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if is_jpeg else [cv2.IMWRITE_PNG_COMPRESSION, 1]
+    # Nothing said, PNG is written with run lengths: twice as fast as the lowest level that can be asked for.
+    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if is_jpeg else []
     if not path.parent.is_dir() or not cv2.imwrite(str(partial), picture, options):
         raise OSError(
             f"{path}: the picture could not be written; see whether {path.parent} is there and has room"

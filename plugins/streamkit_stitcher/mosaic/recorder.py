@@ -7,8 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray, normalised
+from streamkit_stitcher.homographies import IDENTITY, FloatArray, inverse, normalised
 from streamkit_stitcher.mosaic.composition import Composition, PlacedPicture, compose
+from streamkit_stitcher.mosaic.coverage import Coverage
 from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix, georeference
 from streamkit_stitcher.mosaic.mosaic import Mosaic
 from streamkit_stitcher.mosaic.picture_file import is_numbered, location_of, write_picture
@@ -66,6 +67,8 @@ class RecorderSettings:
 
 @dataclass(frozen=True, eq=False)
 class _Kept:
+    """A picture in the store, where it lay on the first plane when it came, and what places it at the end."""
+
     picture: PlacedPicture
     key: int
     to_key: FloatArray
@@ -77,6 +80,8 @@ class MosaicRecorder:
 
     Key pictures go in, and pictures that show ground not seen before; a picture whose place was not measured
     never does. With `%d` in the location each plane gets a file; otherwise the one that covers most is kept.
+
+    While pictures are kept for the end and nobody watches the mosaic grow, it is not painted.
 
     Args:
         settings: how.
@@ -94,9 +99,16 @@ class MosaicRecorder:
         return self._refused
 
     @property
+    def is_empty(self) -> bool:
+        """Whether the current plane has no picture yet."""
+        return self._ground.is_empty
+
+    @property
     def mosaic(self) -> Mosaic:
-        """The mosaic of the current plane as it grows."""
-        return self._mosaic
+        """The mosaic of the current plane as it grows; asking for it has it painted from now on."""
+        if self._grown is None:
+            self._grown = self._painted()
+        return self._grown
 
     @property
     def reference(self) -> int:
@@ -133,21 +145,26 @@ class MosaicRecorder:
         if self.is_other_plane(placement):
             self._begin(placement.reference)
         if placement.change is not None:
-            self._mosaic.canvas.move_plane(placement.change)
+            self._follow(placement.change)
         self._reference = placement.reference
         if not placement.anchored or not (placement.keyframe or self._is_new_ground(shape, placement)):
             return False
+        if not self._ground.add(shape, placement.to_reference):
+            self._refused += 1
+            return False
         pixels = picture()
         fills_gaps = not placement.keyframe
-        added = self._mosaic.add(pixels, placement.to_reference, fills_gaps)
-        self._refused += not added
-        if self._settings.final and self._settings.location is not None and added:
+        if self._keeps:
             number = self._store.add(pixels)
-            placed = PlacedPicture(
-                -1 if number is None else number, shape, placement.to_reference, fills_gaps
-            )
+            if number is None:
+                # What does not fit in the store can only be painted, on top of all that came before.
+                _ = self.mosaic
+            place = normalised(self._to_first @ placement.to_reference)
+            placed = PlacedPicture(-1 if number is None else number, shape, place, fills_gaps)
             self._kept.append(_Kept(placed, placement.key_index, placement.to_key, position))
-        return added
+        if self._grown is not None:
+            self._grown.add(pixels, placement.to_reference, fills_gaps)
+        return True
 
     def finish(
         self, places: Mapping[int, FloatArray] | None = None, rmse: float = 0.0
@@ -164,49 +181,66 @@ class MosaicRecorder:
         Raises:
             OSError: it could not be written.
         """
-        mosaic, kept, store, reference = self._mosaic, self._kept, self._store, self._reference
-        self._begin(reference)
         try:
-            return self._write(mosaic, kept, store, reference, places, rmse)
+            return self._write(places, rmse)
         finally:
-            mosaic.canvas.close()
-            store.close()
+            self.close()
+            self._begin(self._reference)
 
     def close(self) -> None:
         """Lets go of everything that was not written."""
-        self._mosaic.canvas.close()
+        if self._grown is not None:
+            self._grown.canvas.close()
+        self._ground.close()
         self._store.close()
 
+    @property
+    def _keeps(self) -> bool:
+        return self._settings.final and self._settings.location is not None
+
     def _begin(self, reference: int) -> None:
-        self._mosaic = Mosaic(self._settings.memory_px)
+        self._grown: Mosaic | None = None if self._keeps else Mosaic(self._settings.memory_px)
+        self._ground = Coverage(self._settings.memory_px)
         self._store = PictureStore()
         self._kept: list[_Kept] = []
         self._reference = reference
+        self._to_first = IDENTITY
+
+    def _follow(self, change: FloatArray) -> None:
+        """Moves with the plane by float64[3, 3], old to new."""
+        self._ground.move_plane(change)
+        self._to_first = normalised(self._to_first @ inverse(change))
+        if self._grown is not None:
+            self._grown.canvas.move_plane(change)
+
+    def _painted(self) -> Mosaic:
+        """The pictures kept so far, laid side by side as they came."""
+        mosaic = Mosaic(self._settings.memory_px)
+        for item in self._kept:
+            if item.picture.number >= 0:
+                mosaic.add(
+                    self._store.get(item.picture.number), item.picture.to_plane, item.picture.fills_gaps
+                )
+        mosaic.canvas.move_plane(inverse(self._to_first))
+        return mosaic
 
     def _is_new_ground(self, shape: tuple[int, int], placement: Placement) -> bool:
-        return self._mosaic.uncovered(shape, placement.to_reference) > _WORTH_ADDING
+        return self._ground.uncovered(shape, placement.to_reference) > _WORTH_ADDING
 
-    def _write(
-        self,
-        mosaic: Mosaic,
-        kept: list[_Kept],
-        store: PictureStore,
-        reference: int,
-        places: Mapping[int, FloatArray] | None,
-        rmse: float,
-    ) -> WrittenMosaic | None:
+    def _write(self, places: Mapping[int, FloatArray] | None, rmse: float) -> WrittenMosaic | None:
         location = self._settings.location
-        if location is None or mosaic.canvas.is_empty:
+        if location is None or self.is_empty:
             return None
-        if not is_numbered(location) and mosaic.covered_px <= self._largest:
+        if not is_numbered(location) and self._ground.covered_px <= self._largest:
             return None
-        self._largest = mosaic.covered_px
-        placed, fixes = _placed(kept, places) if places is not None else ([], [])
+        self._largest = self._ground.covered_px
+        placed, fixes = _placed(self._kept, places) if places is not None else ([], [])
         whole: Composition | None = None
         if placed and all(picture.number >= 0 for picture in placed):
-            whole = compose(placed, store.get, self._settings.seam, self._settings.memory_px)
+            whole = compose(placed, self._store.get, self._settings.seam, self._settings.memory_px)
         final = whole is not None
         if whole is None:
+            mosaic = self.mosaic
             grown = mosaic.picture()
             if grown is None:
                 return None
@@ -216,12 +250,12 @@ class MosaicRecorder:
                 grown, normalised(shift @ mosaic.canvas.from_plane), mosaic.scale, mosaic.pictures
             )
         geo = _georeferenced(whole, fixes)
-        path = location_of(location, reference)
+        path = location_of(location, self._reference)
         write_picture(whole.picture, path, geo)
         height, width = whole.picture.shape[:2]
         return WrittenMosaic(
             path,
-            reference,
+            self._reference,
             width,
             height,
             whole.scale,

@@ -147,7 +147,8 @@ class KeyframeAnchor:
         match = followed
         if seen is not None:
             carried = normalised(active.to_reference @ seen.fit.matrix)
-            match = better(seen, self._match(active, images, carried, LEVELS - 1))
+            aligned = self._match(active, images, carried, LEVELS - 1)
+            match = better(seen, aligned, active, self._settings.max_points)
         if match is None:
             level = self._search_level if trusted else LEVELS - 1
             match = self._match(active, images, carried, level)

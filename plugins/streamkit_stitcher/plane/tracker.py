@@ -18,6 +18,7 @@ from streamkit_stitcher.homographies import (
     translation,
 )
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
+from streamkit_stitcher.plane.jumps import jump
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.placement import Anchored, Placement, Status
 from streamkit_stitcher.plane.schedule import ReferenceSchedule
@@ -191,7 +192,8 @@ class PlaneTracker:
             recognised = anchor.recognise(image.grey)
             if recognised is None and gap == 1:
                 return self._begin_again(images)
-        carried = normalised(self._base_to_reference @ motion.matrix) if known else expected
+        step = motion.matrix if known else self._leap(earlier, image)
+        carried = expected if step is None else normalised(self._base_to_reference @ step)
         trusted = motion.model is MotionModel.HOMOGRAPHY
         anchored = anchor.place(
             images, carried, trusted or recognised is not None, seen=recognised, due=due and trusted
@@ -207,6 +209,14 @@ class PlaneTracker:
                 return self._begin_again(images)
             return self._coast()
         return self._settle(images, anchored, motion)
+
+    def _leap(self, earlier: WorkingImage, image: WorkingImage) -> FloatArray | None:
+        """The motion since the last picture if the camera leapt, float64[3, 3]; a match must confirm it."""
+        shift = jump(earlier.grey, image.grey, image.factor)
+        if shift is None:
+            return None
+        motion = register(earlier, image, shift, replace(self._settings.limits, max_step=1.0))
+        return motion.matrix if motion.model is MotionModel.HOMOGRAPHY else shift
 
     def _settle(
         self, images: Sequence[GreyArray], anchored: Anchored, motion: PairwiseMotion | None
