@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import stat
 import time
 from collections.abc import Mapping
@@ -30,6 +31,14 @@ LOOK_PACKETS = 8
 
 class AccessRefused(ResourceError):
     """The other side wants other credentials: trying again does not help."""
+
+
+class UnsupportedTransport(ResourceError):
+    """The server does not send over the transport asked for."""
+
+
+class TimedOut(ResourceError):
+    """The other side did not answer, or not in full, within the limit."""
 
 
 def open_container(
@@ -107,8 +116,10 @@ def open_failure(location: str, error: Exception, elapsed_s: float, limit_s: flo
             f"{where}: the server asks for other credentials: {reason_of(error)}; "
             "write them in the location, rtsp://user:password@host/path, or set user-id= and user-pw="
         )
+    if getattr(error, "errno", None) == errno.EPROTONOSUPPORT and is_network(location):
+        return UnsupportedTransport(f"{where}: the server does not send over the transport asked for")
     if elapsed_s >= limit_s:
-        return ResourceError(
+        return TimedOut(
             f"{where}: no video within {limit_s:g} s: the other side is silent or does not answer in full; "
             "check that it plays elsewhere, or allow more time"
         )

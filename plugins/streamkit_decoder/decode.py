@@ -14,7 +14,10 @@ from av.video.frame import VideoFrame
 from streamkit import Caps, Frame, FrameFlags, Property, Source, StreamError, Transform, raw_video_caps
 from streamkit_decoder.codecs import CODED_CAPS, caps_parameters, caps_rate
 from streamkit_decoder.container import reason_of
+from streamkit_decoder.framenumbers import FrameNumbers
+from streamkit_decoder.freshness import DelayGauge, Freshness
 from streamkit_decoder.hardware import accelerator
+from streamkit_decoder.marks import PictureMarks
 from streamkit_decoder.packets import SECOND_NS, DecodeOnly
 from streamkit_decoder.pictures import OddSize, PictureReader, turned
 from streamkit_decoder.skipping import is_reference
@@ -22,8 +25,7 @@ from streamkit_decoder.videodecoder import AscendingNumbers, Threading, VideoDec
 
 SIDEWAYS = (90, 270)
 ONE_THREAD_PIXELS = 1920 * 1088
-# Pictures built on a damaged one are damaged too, until a key frame; streams without any heal in time.
-DAMAGE_LASTS = 300
+TOO_OLD = "late: too old when decoded"
 Decoded = list[tuple[VideoFrame, Frame]]
 
 
@@ -78,9 +80,12 @@ class Decode(Transform):
         self._coded_caps: Caps | None = None
         self._raw_caps: Caps | None = None
         self._framerate: Fraction | None = None
-        self._rotation = self._damage = 0
-        self._epoch = 0
+        self._rotation = self._epoch = 0
+        self._marks = PictureMarks()
         self._numbers = AscendingNumbers()
+        self._gauge = DelayGauge()
+        self._frame_numbers: FrameNumbers | None = None
+        self._lacks_reference = False
         self._next_pts = 0
         self._packets = self._pictures = 0
         self._told: set[str] = set()
@@ -169,6 +174,9 @@ class Decode(Transform):
         self._coded_caps, self._epoch = frame.caps, frame.epoch
         self._next_pts = 0
         self._numbers = AscendingNumbers()
+        is_h264 = parameters.codec == "h264"
+        self._frame_numbers = FrameNumbers(parameters.extradata) if is_h264 else None
+        self._lacks_reference = False
 
     def _threading(self) -> Threading:
         if self.threads_type is ThreadsType.AUTO:
@@ -195,10 +203,12 @@ class Decode(Transform):
     def _decode(self, frame: Frame) -> Frame | list[Frame]:
         assert self._decoder is not None
         if not memoryview(frame.data).nbytes:
-            self.count_drop("empty packet")
+            self._leave_out(frame, "empty packet")
             return []
-        if self.skip is not Skip.NONE and self._leaves_out(frame):
-            self.count_drop(f"skip={self.skip}")
+        if self._frame_numbers is not None and self._is_behind_gap(self._frame_numbers, frame):
+            frame = frame.replace(flags=frame.flags | FrameFlags.CORRUPT)
+        if self.skip is not Skip.NONE and self._is_skipped(frame):
+            self._leave_out(frame, f"skip={self.skip}")
             return []
         self._packets += 1
         self._numbers.put(frame.seq)
@@ -210,7 +220,20 @@ class Decode(Transform):
         frames = self._shown(decoded)
         return frames[0] if len(frames) == 1 else frames
 
-    def _leaves_out(self, frame: Frame) -> bool:
+    def _is_behind_gap(self, numbers: FrameNumbers, frame: Frame) -> bool:
+        """Whether a picture is missing that this one, or one that it is built on, is built on."""
+        is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
+        has_gap = numbers.has_gap(memoryview(frame.data), is_keyframe)
+        self._lacks_reference = has_gap or (self._lacks_reference and not is_keyframe)
+        return self._lacks_reference
+
+    def _leave_out(self, frame: Frame, reason: str, *, is_damage: bool = False) -> None:
+        is_discontinuity = bool(frame.flags & FrameFlags.DISCONTINUITY)
+        self._marks.packet_left_out(is_discontinuity=is_discontinuity, is_damage=is_damage)
+        if reason:
+            self.count_drop(reason)
+
+    def _is_skipped(self, frame: Frame) -> bool:
         if frame.flags & FrameFlags.KEYFRAME:
             return False
         if self.skip is Skip.NON_KEY:
@@ -231,10 +254,12 @@ class Decode(Transform):
         """Counts a packet that gave no picture; the bus hears of each kind of error once."""
         reason = reason_of(error)
         self._first_error = self._first_error or reason
-        self._damage = DAMAGE_LASTS
+        text = f"undecodable packet: {reason}"
         if frame is not None:
             self._numbers.discard(frame.seq)
-        self.count_drop(f"undecodable packet: {reason}")
+            self._leave_out(frame, text, is_damage=True)
+        else:
+            self.count_drop(text)
         if reason not in self._told:
             self._told.add(reason)
             where = f" at {frame.describe()}" if frame is not None else ""
@@ -245,22 +270,28 @@ class Decode(Transform):
         frames = []
         for picture, origin in decoded:
             number = self._numbers.take(origin.seq)
-            hidden = origin.get(DecodeOnly)
-            if hidden is None:
+            reason = self._reason_to_hide(origin)
+            is_corrupt = picture.is_corrupt or bool(origin.flags & FrameFlags.CORRUPT)
+            self._marks.next_picture(is_corrupt=is_corrupt, is_key=bool(picture.key_frame))
+            if reason is None:
                 frames.append(self._frame(picture, origin, number))
-            elif hidden.reason:
-                self.count_drop(hidden.reason)
+            else:
+                self._leave_out(origin, reason)
         return frames
 
-    def _is_damaged(self, picture: VideoFrame, origin: Frame) -> bool:
-        """Whether a picture, or one that it is built on, is not whole."""
-        if picture.is_corrupt or origin.flags & FrameFlags.CORRUPT:
-            self._damage = DAMAGE_LASTS
-        elif picture.key_frame:
-            self._damage = 0
-        else:
-            self._damage = max(0, self._damage - 1)
-        return self._damage > 0
+    def _reason_to_hide(self, origin: Frame) -> str | None:
+        """Why a picture is not shown, "" where nobody asked for it; None where it is."""
+        hidden, has_waited = origin.get(DecodeOnly), self._has_waited(origin)
+        if hidden is not None:
+            return hidden.reason
+        return TOO_OLD if has_waited else None
+
+    def _has_waited(self, origin: Frame) -> bool:
+        """Whether a live picture has become too old on its way, however that came."""
+        freshness = origin.get(Freshness)
+        if freshness is None:
+            return False
+        return self._gauge.has_waited(self.clock_ns() - origin.arrival_ns, freshness.slack_ns)
 
     def _frame(self, picture: VideoFrame, origin: Frame, number: int) -> Frame:
         try:
@@ -275,8 +306,9 @@ class Decode(Transform):
         if caps is None or caps["width"] != width or caps["height"] != height:
             caps = self._raw_caps = raw_video_caps(self._reader.pixel_format, width, height, self._framerate)
         flags = origin.flags & ~(FrameFlags.KEYFRAME | FrameFlags.CORRUPT)
+        flags |= FrameFlags.DISCONTINUITY if self._marks.take_discontinuity() else 0
         flags |= FrameFlags.KEYFRAME if picture.key_frame else 0
-        flags |= FrameFlags.CORRUPT if self._is_damaged(picture, origin) else 0
+        flags |= FrameFlags.CORRUPT if self._marks.is_damaged else 0
         duration = origin.duration
         if duration is None and self._framerate is not None:
             duration = round(SECOND_NS / self._framerate)

@@ -13,8 +13,8 @@ from streamkit_decoder.doctor.report import Check, Report, Verdict
 from streamkit_decoder.doctor.server import NoAnswer, ask_options
 from streamkit_decoder.doctor.watch import Seen, watch
 from streamkit_decoder.location import local_path, redact
+from streamkit_decoder.rtsp.address import DEFAULT_PORTS, port_of
 from streamkit_decoder.rtsp.connections import refusal
-from streamkit_decoder.rtsp.packetreader import DEFAULT_PORTS, port_of
 from streamkit_decoder.telemetry.files import NoTelemetry, read_telemetry
 
 TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import random
 import threading
 import time
 from typing import Any
-from urllib.parse import urlsplit
 
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink
 from streamkit_decoder.codecs import CodecParameters, caps_parameters
-from streamkit_decoder.location import redact, with_credentials
+from streamkit_decoder.location import redact
 from streamkit_decoder.recording.annexb import AnnexBWriter, BadPacket
 from streamkit_decoder.recording.packetsink import BEFORE_KEYFRAME, times_of
-from streamkit_decoder.rtsp.backoff import Backoff
-from streamkit_decoder.rtsp.element import Reconnect, Transport
-from streamkit_decoder.rtsp.packetreader import DEFAULT_PORTS, port_of
+from streamkit_decoder.rtsp.endpoint import Reconnect, RtspEndpoint, Transport
 from streamkit_decoder.rtsp.pushprocess import PushFailure, PushProcess
 from streamkit_decoder.rtsp.pushprotocol import PushPacket
 
@@ -30,7 +26,7 @@ NOT_CONNECTED = "between two connections"
 LOST = "lost with the connection"
 
 
-class RtspClientSink(Sink):
+class RtspClientSink(RtspEndpoint, Sink):
     """Pushes coded video to an RTSP server that takes recordings, such as MediaMTX or gst-rtsp-server.
 
     It begins with a key frame. Every change of the connection is an element message `connection` as that of
@@ -42,14 +38,8 @@ class RtspClientSink(Sink):
 
     sink = "video/x-h264; video/x-h265"
 
-    location: str = Property("", doc="URL, rtsp://user:password@host:port/path; passwords are never shown.")
-    user_id: str = Property("", doc="User name, where the URL has none.")
-    user_pw: str = Property("", secret=True, doc="Password, where the URL has none; never shown.")
     transport: Transport = Property(
         Transport.TCP, doc="What carries the video: tcp loses nothing, udp waits for nothing."
-    )
-    timeout_s: float = Property(
-        5.0, min=0.1, max=600.0, unit="s", doc="Silence, also while connecting, that ends a connection."
     )
     latency_ms: int = Property(
         500,
@@ -58,22 +48,6 @@ class RtspClientSink(Sink):
         max=60_000,
         unit="ms",
         doc="Stay so long after the last frame: servers forget what waits in their jitter buffer when we go.",
-    )
-    reconnect: Reconnect = Property(
-        Reconnect.ON_ERROR,
-        doc="Connect again never, when a good connection fails, or always, that is from the first on.",
-    )
-    max_retries: int = Property(
-        -1,
-        min=-1,
-        doc="Tries in a row before giving up. -1 is no limit once a server has recorded, and none before "
-        "(a wrong address ends at once) unless reconnect=always.",
-    )
-    retry_delay_s: float = Property(
-        0.5, min=0.0, max=600.0, unit="s", doc="Before the first retry; doubles with each, with jitter."
-    )
-    max_retry_delay_s: float = Property(
-        10.0, min=0.0, max=3600.0, unit="s", doc="Longest wait before a retry."
     )
     max_packets: int = Property(256, min=1, max=8192, doc="Packets held for a server that is slower.")
     drop: bool = Property(
@@ -89,17 +63,7 @@ class RtspClientSink(Sink):
         self._is_connected = self._was_connected = self._needs_keyframe = False
         self._opened_s = self._retry_s = 0.0
         self._zero = self._last_dts = 0
-        longest_s = max(self.max_retry_delay_s, self.retry_delay_s)
-        self._backoff = Backoff(self.retry_delay_s, longest_s, random.Random())
-        try:
-            port_of(self.location)
-        except ValueError as error:
-            raise ResourceError(f"location={self._where}: {error}; write rtsp://host:port/path") from None
-        parts = urlsplit(self.location)
-        if parts.scheme not in DEFAULT_PORTS or not parts.hostname:
-            raise ResourceError(
-                f"location={self._where!r} must be an RTSP URL; write location=rtsp://host:port/path"
-            )
+        super().start()
         self._process = self._begin_process()
 
     @property
@@ -145,13 +109,6 @@ class RtspClientSink(Sink):
             self._leave("the pipeline was stopped", LEAVE_LIMIT_S)
         finally:
             self._working.release()
-
-    def settings(self) -> dict[str, Any]:
-        """The properties set in the text, the location without passwords."""
-        found = super().settings()
-        if "location" in found:
-            found["location"] = redact(str(found["location"]))
-        return found
 
     # One packet.
 
@@ -217,8 +174,8 @@ class RtspClientSink(Sink):
 
     def _order(self, parameters: CodecParameters) -> dict[str, Any]:
         return {
-            "url": with_credentials(self.location, self.user_id, self.user_pw),
-            "options": {"rtsp_transport": self.transport.value},
+            "url": self._url,
+            "options": {"rtsp_transport": self.transport.value, **self._tls_options},
             "codec": parameters.codec,
             "width": parameters.width,
             "height": parameters.height,
@@ -286,18 +243,14 @@ class RtspClientSink(Sink):
         if self._is_connected and time.monotonic() - self._opened_s >= STEADY_S:
             self._backoff.reset()
         tries = self._backoff.tries
-        if self.reconnect is Reconnect.NEVER or failure.is_refused or tries >= self._most_tries():
+        is_over = self.reconnect is Reconnect.NEVER or failure.is_refused
+        if is_over or self._has_tried_enough(has_worked=self._was_connected):
             self._tell("gave-up", attempt=tries, reason=error)
             raise ResourceError(f"{error}; gave up after {tries} retries" if tries else error)
         delay_s = self._backoff.next_delay_s()
         self._retry_s = time.monotonic() + delay_s
         self._tell("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=error)
         self.post_warning(f"{error}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
-
-    def _most_tries(self) -> float:
-        if self.max_retries >= 0:
-            return self.max_retries
-        return float("inf") if self._was_connected or self.reconnect is Reconnect.ALWAYS else 0
 
     def _error(self, failure: PushFailure) -> str:
         reason = redact(failure.reason)
@@ -317,10 +270,3 @@ class RtspClientSink(Sink):
             f"{self._where}: no recording there: {reason}; "
             "check address, port and path, and that the server takes recordings"
         )
-
-    @property
-    def _where(self) -> str:
-        return redact(self.location)
-
-    def _tell(self, state: str, **fields: object) -> None:
-        self.post_message("connection", state=state, **fields)

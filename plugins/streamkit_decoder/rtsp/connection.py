@@ -12,6 +12,7 @@ from av.packet import Packet
 from av.stream import Stream
 
 from streamkit import Caps, Capture, Frame, FrameFlags
+from streamkit_decoder.freshness import Freshness
 from streamkit_decoder.packets import DecodeOnly, packet_frame
 from streamkit_decoder.rtsp.packetreader import PacketReader, silence
 from streamkit_decoder.rtsp.packetring import PacketRing
@@ -44,7 +45,7 @@ class ConnectionSettings:
         location: URL of the stream.
         options: FFmpeg options for it.
         timeout_s: silence that ends a connection.
-        latency_ms: what waits longer for a slow consumer is decoded but not shown.
+        latency_ms: what waits longer for a slow consumer, or in the decoder, is decoded but not shown.
         max_packets: held at most for a slow consumer.
         kinds: streams to read.
     """
@@ -78,6 +79,7 @@ class Connection:
         self._settings = settings
         self._timeline, self._clock = timeline, clock
         self._latency_ns = settings.latency_ms * 1_000_000
+        self._freshness = Freshness(self._latency_ns)
         self._catches_up = False
         self.next_seq = first_seq
         longest_wait_s = max(LONGEST_WAIT_S, settings.latency_ms / 1000)
@@ -138,8 +140,7 @@ class Connection:
         frame = frame.replace(
             seq=self.next_seq, arrival_ns=now, capture=capture, pts=self._timeline.place(frame.pts, now)
         )
-        if kind is not StreamKind.VIDEO:
-            frame = frame.attach(kind)
+        frame = frame.attach(self._freshness if kind is StreamKind.VIDEO else kind)
         self.next_seq += 1
         self.ring.put(frame, packet.is_keyframe and kind is StreamKind.VIDEO, now / 1e9)
 

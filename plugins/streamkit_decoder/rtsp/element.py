@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import enum
-import random
 import time
 from collections.abc import Iterator
-from typing import Any
-from urllib.parse import urlsplit
 
 from streamkit import (
     Caps,
@@ -22,11 +19,10 @@ from streamkit import (
     StreamError,
 )
 from streamkit_decoder.codecs import CODED_CAPS
-from streamkit_decoder.container import AccessRefused
-from streamkit_decoder.location import redact, with_credentials
-from streamkit_decoder.rtsp.backoff import Backoff
+from streamkit_decoder.container import AccessRefused, TimedOut, UnsupportedTransport
 from streamkit_decoder.rtsp.connection import Connection, ConnectionSettings
-from streamkit_decoder.rtsp.packetreader import DEFAULT_PORTS, HungUp, PacketReader, Silence, port_of
+from streamkit_decoder.rtsp.endpoint import Reconnect, RtspEndpoint
+from streamkit_decoder.rtsp.packetreader import HungUp, PacketReader, Silence
 from streamkit_decoder.rtsp.timeline import Timeline
 from streamkit_decoder.streams import KLV_CAPS, StreamKind
 
@@ -36,25 +32,20 @@ KINDS = frozenset({StreamKind.VIDEO, StreamKind.KLV})
 # Readers that FFmpeg has not let go of yet; each ends at its own time limit, so few are ever there.
 ABANDONED_LIMIT = 8
 # A live picture is wanted now: FFmpeg would otherwise collect up to five seconds to guess the frame rate.
+UDP_SHARE = 0.5  # of the time limit, where tcp can follow
+WAIT_SHARE = 0.5  # of the time limit: a wait for a packet out of order is not to be taken for silence
 LIVE_OPTIONS = {"analyzeduration": "1500000", "fpsprobesize": "0"}
 
 
-class Transport(enum.StrEnum):
+class SourceTransport(enum.StrEnum):
     """What carries the video."""
 
     TCP = "tcp"
     UDP = "udp"
+    AUTO = "auto"
 
 
-class Reconnect(enum.StrEnum):
-    """When to connect again."""
-
-    NEVER = "never"
-    ON_ERROR = "on-error"
-    ALWAYS = "always"
-
-
-class RtspSrc(Source):
+class RtspSrc(RtspEndpoint, Source):
     """Receives the video of an RTSP server as coded packets; connects again when the server goes away.
 
     Each connection is an epoch of its own; times ascend over all of them. Live never lags: for a consumer
@@ -70,11 +61,10 @@ class RtspSrc(Source):
     templates = (PadTemplate("klv", Direction.SRC, Caps(KLV_CAPS), Presence.SOMETIMES),)
     is_live = True
 
-    location: str = Property("", doc="URL, rtsp://user:password@host:port/path; passwords are never shown.")
-    user_id: str = Property("", doc="User name, where the URL has none.")
-    user_pw: str = Property("", secret=True, doc="Password, where the URL has none; never shown.")
-    transport: Transport = Property(
-        Transport.TCP, doc="What carries the video: tcp loses nothing, udp waits for nothing."
+    transport: SourceTransport = Property(
+        SourceTransport.TCP,
+        doc="What carries the video: tcp loses nothing, udp waits for nothing; auto is udp, or tcp where no "
+        "video has come within half of timeout-s.",
     )
     latency_ms: int = Property(
         100,
@@ -83,25 +73,6 @@ class RtspSrc(Source):
         max=60_000,
         unit="ms",
         doc="Longest wait for packets out of order (udp), and for slow consumers before newer ones go first.",
-    )
-    timeout_s: float = Property(
-        5.0, min=0.1, max=600.0, unit="s", doc="Silence, also while connecting, that ends a connection."
-    )
-    reconnect: Reconnect = Property(
-        Reconnect.ON_ERROR,
-        doc="Connect again never, when a connection fails, or always, that is also after a regular end.",
-    )
-    max_retries: int = Property(
-        -1,
-        min=-1,
-        doc="Tries in a row before giving up. -1 is no limit for a stream that has played, and none before "
-        "(a wrong address ends at once) unless reconnect=always.",
-    )
-    retry_delay_s: float = Property(
-        0.5, min=0.0, max=600.0, unit="s", doc="Before the first retry; doubles with each, with jitter."
-    )
-    max_retry_delay_s: float = Property(
-        10.0, min=0.0, max=3600.0, unit="s", doc="Longest wait before a retry."
     )
     max_packets: int = Property(
         256, min=2, doc="Packets held for a slow consumer before the oldest are dropped."
@@ -115,20 +86,8 @@ class RtspSrc(Source):
         self._next_seq = 0
         self._epoch = -1
         self._timeline = Timeline()
-        self._backoff = Backoff(
-            self.retry_delay_s, max(self.max_retry_delay_s, self.retry_delay_s), random.Random()
-        )
-        parts = urlsplit(self.location)
-        try:
-            port_of(self.location)
-        except ValueError as error:
-            raise ResourceError(
-                f"location={redact(self.location)}: {error}; write rtsp://host:port/path"
-            ) from None
-        if parts.scheme not in DEFAULT_PORTS or not parts.hostname:
-            raise ResourceError(
-                f"location={redact(self.location)!r} must be an RTSP URL; write location=rtsp://host:port/path"
-            )
+        self._carrier = SourceTransport.UDP if self.transport is SourceTransport.AUTO else self.transport
+        super().start()
 
     @property
     def received(self) -> int:
@@ -147,7 +106,8 @@ class RtspSrc(Source):
             ResourceError: a connection failed and is not, or no longer, to be tried again.
         """
         while not self.stopping.is_set():
-            self._tell("connecting", attempt=self._backoff.tries)
+            before = self._received
+            self._tell("connecting", attempt=self._backoff.tries, transport=self._carrier.value)
             try:
                 yield from self._one_connection()
                 failure = None
@@ -155,7 +115,13 @@ class RtspSrc(Source):
                 failure = error
             finally:
                 self._leave(LEAVE_LIMIT_S)
-            if self.stopping.is_set() or not self._tries_again(failure):
+            if self.stopping.is_set():
+                return
+            if failure is not None and self._received == before:
+                if self._turns_to_tcp(failure):
+                    continue
+                failure = self._with_remedy(failure)
+            if not self._tries_again(failure):
                 return
 
     def interrupt(self) -> None:
@@ -171,16 +137,9 @@ class RtspSrc(Source):
         ended = [reader.end(max(0.0, deadline - time.monotonic())) for reader in self._abandoned]
         if not all(ended):
             self.post_warning(
-                f"FFmpeg has not let go of {redact(self.location)} within {STOP_LIMIT_S:g} s; "
+                f"FFmpeg has not let go of {self._where} within {STOP_LIMIT_S:g} s; "
                 f"it will within {self.timeout_s:g} s"
             )
-
-    def settings(self) -> dict[str, Any]:
-        """The properties set in the text, the location without passwords."""
-        found = super().settings()
-        if "location" in found:
-            found["location"] = redact(str(found["location"]))
-        return found
 
     # One connection.
 
@@ -205,7 +164,7 @@ class RtspSrc(Source):
             elif kind.value in self.pads:
                 yield kind.value, own
         if is_first and not self.stopping.is_set():
-            raise StreamError(f"{redact(self.location)}: the server ended before the first packet")
+            raise StreamError(f"{self._where}: the server ended before the first packet")
 
     def _add_pads(self, found: frozenset[StreamKind]) -> None:
         """Pads for what the server sends beside the video."""
@@ -214,25 +173,21 @@ class RtspSrc(Source):
                 self.add_pad(kind.value)
         if self._epoch == 0:
             if "klv" in self.pads and StreamKind.KLV not in found:
-                self.post_warning(f"{redact(self.location)}: it sends no stream for the pad klv")
+                self.post_warning(f"{self._where}: it sends no stream for the pad klv")
             self.no_more_pads()
 
     def _settings(self) -> ConnectionSettings:
+        may_turn = self.transport is SourceTransport.AUTO and self._carrier is SourceTransport.UDP
+        limit_s = self.timeout_s * UDP_SHARE if may_turn else self.timeout_s
         options = {
             **LIVE_OPTIONS,
-            "rtsp_transport": self.transport.value,
-            "timeout": str(round(self.timeout_s * 1e6)),
-            "max_delay": str(self.latency_ms * 1000),
+            **self._tls_options,
+            "rtsp_transport": self._carrier.value,
+            "timeout": str(round(limit_s * 1e6)),
+            "max_delay": str(min(self.latency_ms * 1000, round(limit_s * WAIT_SHARE * 1e6))),
             "allowed_media_types": "video+data",
         }
-        return ConnectionSettings(
-            with_credentials(self.location, self.user_id, self.user_pw),
-            options,
-            self.timeout_s,
-            self.latency_ms,
-            self.max_packets,
-            KINDS,
-        )
+        return ConnectionSettings(self._url, options, limit_s, self.latency_ms, self.max_packets, KINDS)
 
     def _leave(self, limit_s: float) -> None:
         """Ends the connection; a reader that FFmpeg holds is left behind, to end at its own limit."""
@@ -249,11 +204,31 @@ class RtspSrc(Source):
             self._abandoned.append(connection.reader)
         if len(self._abandoned) > ABANDONED_LIMIT:
             raise ResourceError(
-                f"{redact(self.location)}: FFmpeg does not let go of {ABANDONED_LIMIT} connections that have "
+                f"{self._where}: FFmpeg does not let go of {ABANDONED_LIMIT} connections that have "
                 "ended; check the name server and the network"
             )
 
     # Between two connections.
+
+    def _turns_to_tcp(self, failure: ResourceError) -> bool:
+        """Whether `auto`, having received nothing over UDP, goes on over TCP at once."""
+        if self.transport is not SourceTransport.AUTO:
+            return False
+        if self._carrier is SourceTransport.TCP:
+            if self._epoch < 0:  # neither has worked: the next try begins with UDP again
+                self._carrier = SourceTransport.UDP
+            return False
+        if not isinstance(failure, TimedOut | UnsupportedTransport):
+            return False
+        self._carrier = SourceTransport.TCP
+        self.post_warning(f"{self._where}: nothing came over UDP; going on over TCP")
+        return True
+
+    def _with_remedy(self, failure: ResourceError) -> ResourceError:
+        """The failure of a connection that brought nothing; over UDP, with what may help."""
+        if self._carrier is SourceTransport.UDP and isinstance(failure, TimedOut | UnsupportedTransport):
+            return type(failure)(f"{failure}; if it does over TCP, set transport=tcp or transport=auto")
+        return failure
 
     def _tries_again(self, failure: ResourceError | None) -> bool:
         """Waits before the next try; False where the stream has ended regularly.
@@ -266,26 +241,19 @@ class RtspSrc(Source):
         ends = self.reconnect is Reconnect.NEVER
         if failure is None or (ends and isinstance(failure, HungUp)):
             if ends or self.reconnect is Reconnect.ON_ERROR:
-                self.post_warning(f"{redact(self.location)}: the server has ended the stream")
+                self.post_warning(f"{self._where}: the server has ended the stream")
                 return False
-        elif ends or isinstance(failure, AccessRefused) or self._backoff.tries >= self._most_tries():
+        elif (
+            ends or isinstance(failure, AccessRefused) or self._has_tried_enough(has_worked=self._epoch >= 0)
+        ):
             tries = self._backoff.tries
             self._tell("gave-up", attempt=tries, reason=str(failure))
             if tries:
                 raise ResourceError(f"{failure}; gave up after {tries} retries")
             raise failure
-        reason = str(failure) if failure is not None else f"{redact(self.location)}: the stream has ended"
+        reason = str(failure) if failure is not None else f"{self._where}: the stream has ended"
         delay_s = self._backoff.next_delay_s()
         self._tell("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=reason)
         self.post_warning(f"{reason}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
         self.stopping.wait(delay_s)
         return True
-
-    def _most_tries(self) -> float:
-        if self.max_retries >= 0:
-            return self.max_retries
-        has_played = self._epoch >= 0
-        return float("inf") if has_played or self.reconnect is Reconnect.ALWAYS else 0
-
-    def _tell(self, state: str, **fields: object) -> None:
-        self.post_message("connection", state=state, **fields)

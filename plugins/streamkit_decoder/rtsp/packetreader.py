@@ -13,14 +13,15 @@ from av.packet import Packet
 from av.stream import Stream
 
 from streamkit import Caps, Frame, ResourceError, StreamError, StreamkitError
-from streamkit_decoder.container import AccessRefused, open_container, video_stream
+from streamkit_decoder.container import AccessRefused, TimedOut, open_container, video_stream
 from streamkit_decoder.location import redact
 from streamkit_decoder.packets import read_packets
+from streamkit_decoder.rtsp import certificates
+from streamkit_decoder.rtsp.address import port_of
 from streamkit_decoder.rtsp.connections import CLAIMS, cut_connections, is_hung_up, open_sockets, refusal
 from streamkit_decoder.rtsp.packetring import PacketRing
 from streamkit_decoder.streams import StreamKind, stream_caps, streams_of
 
-DEFAULT_PORTS = {"rtsp": 554, "rtsps": 322}
 CUT_EVERY_S = 0.05
 DIAGNOSIS_LIMIT_S = 1.0
 Arrival: TypeAlias = "Callable[[Packet[Stream], Caps, StreamKind], None]"
@@ -143,12 +144,19 @@ class PacketReader:
             raise
         except ResourceError:
             left = self._timeout_s - (time.monotonic() - began)
-            host = urlsplit(self._location).hostname
-            if host and left > 0 and not self._ending.is_set():
-                reason = refusal(host, port_of(self._location), min(left, DIAGNOSIS_LIMIT_S))
-                if reason:
-                    raise ResourceError(f"{redact(self._location)}: {reason}; check the address") from None
+            if left > 0 and not self._ending.is_set() and (reason := self._diagnosis(left)):
+                raise ResourceError(f"{redact(self._location)}: {reason}") from None
             raise
+
+    def _diagnosis(self, left_s: float) -> str:
+        """Why the server cannot be reached, where FFmpeg does not say so."""
+        parts = urlsplit(self._location)
+        host, port, limit_s = parts.hostname or "", port_of(self._location), min(left_s, DIAGNOSIS_LIMIT_S)
+        if reason := refusal(host, port, limit_s):
+            return f"{reason}; check the address"
+        if parts.scheme != certificates.SECURE:
+            return ""
+        return certificates.refusal(host, port, self._options.get("ca_file"), limit_s)
 
 
 class HungUp(StreamError):
@@ -160,7 +168,7 @@ def hung_up(location: str) -> HungUp:
     return HungUp(f"{redact(location)}: the server has closed the connection; check that it still runs")
 
 
-class Silence(ResourceError):
+class Silence(TimedOut):
     """The server has stopped sending."""
 
 
@@ -170,13 +178,3 @@ def silence(location: str, timeout_s: float) -> Silence:
         f"{redact(location)}: the server has been silent for {timeout_s:g} s (timeout-s); "
         "check that it plays elsewhere, or allow more time"
     )
-
-
-def port_of(location: str) -> int:
-    """The TCP port a URL leads to.
-
-    Raises:
-        ValueError: the URL's port is no number from 0 to 65535.
-    """
-    parts = urlsplit(location)
-    return parts.port or DEFAULT_PORTS.get(parts.scheme, 554)

