@@ -91,6 +91,7 @@ class MosaicRecorder:
         self._settings = settings
         self._largest = 0.0
         self._refused = 0
+        self._grown: Mosaic | None = None
         self._begin(0)
 
     @property
@@ -199,7 +200,7 @@ class MosaicRecorder:
         return self._settings.final and self._settings.location is not None
 
     def _begin(self, reference: int) -> None:
-        self._grown: Mosaic | None = None if self._keeps else Mosaic(self._settings.memory_px)
+        self._grown = None if self._keeps else Mosaic(self._settings.memory_px)
         self._ground = Coverage(self._settings.memory_px)
         self._store = PictureStore()
         self._kept: list[_Kept] = []
