@@ -118,6 +118,7 @@ class Outlet:
             published=self._published,
             bytes=self._bytes,
             has_subscriber=int(self.is_wanted),
+            next_number=self._next_number,
         )
 
     def drop_counts(self) -> list[DropCount]:
@@ -134,4 +135,5 @@ class Outlet:
         self.publisher.undeclare()  # type: ignore[no-untyped-call]
 
     def _matching_changed(self, status: zenoh.MatchingStatus) -> None:
-        self.is_wanted = status.matching
+        # One has gone, but the next may be there already: zenoh tells of each in turn.
+        self.is_wanted = status.matching or self.is_matching

@@ -195,7 +195,7 @@ class Publication:
 
     def _status_answer(self, asked: zenoh.KeyExpr) -> Iterable[Answer]:
         if self._status is not None and asked.intersects(self._status.key):
-            # Whoever asks listens already: from the number that is answered on, everything is sent to it.
+            # Whoever asks listens already: from the next number on, everything is sent to it.
             self.tracks.look()
             payload = self._status_codec.encode(self._status_record())
             yield Answer(self._status.key, payload, self._status.encoding)

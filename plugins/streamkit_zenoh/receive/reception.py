@@ -197,7 +197,8 @@ class Reception:
             self._note_state(status)
             for stream in status.streams:
                 if stream.name == name and is_answer:
-                    self._numbering.begins(key, stream.run, stream.settled_number)
+                    begins = max(stream.next_number, stream.settled_number)
+                    self._numbering.begins(key, stream.run, begins)
                 if stream.name == name:
                     # A status may overtake records: what it says counts when the next one comes.
                     said = self._settled.get((key, stream.run), 0)

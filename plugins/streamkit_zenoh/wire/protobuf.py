@@ -104,6 +104,7 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         Field("published", "uint64"),
         Field("bytes", "uint64"),
         Field("has_subscriber", "uint64", note="0 or 1"),
+        Field("next_number", "uint64", note="of the message that comes next"),
     ),
     "DropCount": (
         Field("stream", "string"),

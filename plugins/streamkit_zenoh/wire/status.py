@@ -20,6 +20,7 @@ class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):
         published: messages given to zenoh.
         bytes: their size together.
         has_subscriber: 1 while anybody listens, else 0.
+        next_number: the next message gets it; whoever asked for this and listened is sent all from there on.
     """
 
     name: str
@@ -28,6 +29,7 @@ class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):
     published: int
     bytes: int
     has_subscriber: int
+    next_number: int = 0
 
 
 class DropCount(msgspec.Struct, frozen=True, kw_only=True):

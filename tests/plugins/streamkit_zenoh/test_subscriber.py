@@ -110,6 +110,24 @@ def test_a_late_comer_has_state_at_once(sink: Callable[..., Harness], key: str, 
         assert update.key == f"{key}/track/0"
 
 
+def test_state_asked_for_overtakes_no_record(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
+    """Whoever comes while records are under way sees each once, in order, and takes none for lost."""
+    harness = sink(max_queue=10_000, wait_subscribers=0)
+    for join in range(5):
+        first = join * 300
+        with TrackSubscriber(key, connect=endpoint, ring=5000) as subscriber:
+            for seq in range(first, first + 300):
+                harness.push(_frame(seq, TrackState.CONFIRMED))
+            _wait_for(lambda: subscriber.counts.publishers == 1)
+            last = first + 299
+            numbers: list[int] = []
+            while (not numbers or numbers[-1] < last) and (record := subscriber.get(10)) is not None:
+                numbers.append(record.seq)
+        assert numbers == sorted(set(numbers))
+        assert numbers[-1] == last
+        assert subscriber.counts.lost == 0
+
+
 def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
     """Confirmed and coasting targets have keys of their own, which are deleted when they end."""
     with TrackSubscriber(f"{key}/track/*", connect=endpoint, ring=64) as subscriber:
