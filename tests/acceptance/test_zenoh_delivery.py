@@ -34,7 +34,7 @@ def test_subscriber_in_another_process_gets_every_record(tmp_path: Path) -> None
                 f"dronetestsrc num-buffers={FRAMES} seed=1 ! video/x-raw, width=640, height=480 "
                 "! stitch ! framediff ! particletrack ! tee name=t "
                 f"t. ! queue ! zenohsink key={key} wait-subscribers=1 "
-                f"t. ! queue ! tracksink location={written}",
+                f"t. ! queue ! tracksink location={written} provenance=false",
             ],
             timeout=80,
             capture_output=True,
