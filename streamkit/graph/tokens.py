@@ -19,7 +19,7 @@ MIME = r"[A-Za-z0-9-]++/[A-Za-z0-9-]++"  # possessive: else a missing `!` is loo
 CAPS = rf"{MIME}(?:\\[;!]|[^;!])*"
 BLANKS = re.compile(rf"{BLANK}+")
 ASSIGNED = re.compile(rf"(?:{IDENTIFIER}|@preset){BLANK}*={BLANK}*")
-ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+,.\-]*://")
+ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+,.\-]{0,63}://")  # bounded: lists of pads begin alike
 PATH = re.compile(r'[."{}_identfr]?/')  # the letters are those of the word "identifier": gst-launch's slip
 # A blank belongs to the word when a backslash stands before it, whatever stands before that.
 WORD = re.compile(rf"(?:{VISIBLE}|(?<=\\)[ \t\r\f\v])+")

@@ -92,6 +92,7 @@ def test_every_character_is_in_one_token_or_blank(text: str) -> None:
         "a" * 20000,
         "a.\t" * 5000,
         ":a/b;" * 2000,
+        "b," * 50_000,
     ],
 )
 def test_no_text_takes_long(text: str) -> None:
