@@ -44,7 +44,8 @@ from streamkit_stitcher.registration.motion_models import FitLimits
 
 _TO_BGR = {"I420": cv2.COLOR_YUV2BGR_I420, "NV12": cv2.COLOR_YUV2BGR_NV12}
 _FROM_BGR = {"I420": cv2.COLOR_BGR2YUV_I420, "GRAY8": cv2.COLOR_BGR2GRAY}
-_COLOUR_FIRST = Caps("video/x-raw, format={ I420, NV12, GRAY8 }")
+# BGR for pictures of odd sizes, which have no halved colours.
+_COLOUR_FIRST = Caps("video/x-raw, format={ I420, NV12, BGR, GRAY8 }")
 _PREVIEW_CAPS = Caps("video/x-raw, format={ BGR, I420, GRAY8 }, width=[ 16, 8192 ], height=[ 16, 8192 ]")
 _PREVIEW = Caps("video/x-raw, width=1280, height=720")
 _NS = 1_000_000_000
@@ -179,7 +180,7 @@ class Stitch(Transform):
         self._epoch = frame.epoch
         if frame.flags & FrameFlags.CORRUPT:
             return frame.attach(registration(self._tracker.skip()))
-        grey = luma(frame)
+        grey = brightness_of(frame)
         placement = self._tracker.place(grey)
         if self._recorder is not None:
             self._record(self._recorder, placement, frame, (grey.shape[0], grey.shape[1]))
@@ -347,11 +348,19 @@ def registration(placement: Placement) -> Registration:
     )
 
 
+def brightness_of(frame: Frame) -> PictureArray:
+    """What a frame is placed by: its plane of brightness uint8[h, w], or one made of BGR."""
+    if frame.caps["format"] == "BGR":
+        return np.asarray(cv2.cvtColor(frame.data, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    return luma(frame)
+
+
 def picture_of(frame: Frame) -> PictureArray:
     """A frame for the mosaic: uint8[h, w, 3] BGR where it has colour, else its brightness uint8[h, w]."""
-    code = _TO_BGR.get(str(frame.caps["format"]))
+    pixel_format = str(frame.caps["format"])
+    code = _TO_BGR.get(pixel_format)
     if code is None:
-        return luma(frame)
+        return np.asarray(frame.data, dtype=np.uint8) if pixel_format == "BGR" else luma(frame)
     return np.asarray(cv2.cvtColor(frame.data, code), dtype=np.uint8)
 
 

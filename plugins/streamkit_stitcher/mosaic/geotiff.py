@@ -11,10 +11,14 @@ from streamkit_stitcher.homographies import FloatArray
 from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix
 from streamkit_stitcher.mosaic.tiles import PictureArray
 
+_MODEL_PIXEL_SCALE: Final = 33550
+_MODEL_TIE_POINT: Final = 33922
 _MODEL_TRANSFORMATION: Final = 34264
 _GEO_KEY_DIRECTORY: Final = 34735
 _PROJECTED, _PIXEL_IS_AREA, _METRE = 1, 1, 9001
 _BIG_BYTES: Final = 4_000_000_000
+# Of the scale: a turn that moves no pixel of the largest mosaic by a tenth of one.
+_NO_TURN: Final = 1e-6
 
 
 def check_geotiff(location: str) -> None:
@@ -59,6 +63,16 @@ def to_utm(geo: Georeference) -> tuple[FloatArray, int]:
     return np.array([[cos, sin, east], [-sin, cos, north], [0, 0, 1.0]]) @ geo.to_local, code
 
 
+def north_up(geo: Georeference) -> FloatArray:
+    """The turn of a mosaic that puts the zone's north on top, float64[3, 3].
+
+    Most programs show a turned picture only after resampling it, and some not at all.
+    """
+    matrix, _ = to_utm(geo)
+    cos, sin = np.array([matrix[0, 0], matrix[1, 0]]) / np.hypot(matrix[0, 0], matrix[1, 0])
+    return np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]])
+
+
 def write_geotiff(picture: PictureArray, path: Path, geo: Georeference | None) -> None:
     """Writes a tiled TIFF, with its place on the earth where that is known.
 
@@ -70,7 +84,7 @@ def write_geotiff(picture: PictureArray, path: Path, geo: Georeference | None) -
     Raises:
         OSError: the disk refuses.
 
-    Source: OGC GeoTIFF standard 1.1, 19-008r4: tags 34264 and 34735.
+    Source: OGC GeoTIFF standard 1.1, 19-008r4: tags 33550, 33922, 34264 and 34735.
     """
     import tifffile
 
@@ -91,12 +105,6 @@ def _tags(geo: Georeference) -> list[tuple[int, str, int, Any, bool]]:
     matrix, code = to_utm(geo)
     # Raster space counts from the corner of the first pixel, ours from its centre.
     half = matrix @ np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
-    transformation = (
-        half[0, 0], half[0, 1], 0.0, half[0, 2],
-        half[1, 0], half[1, 1], 0.0, half[1, 2],
-        0.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, 1.0,
-    )  # fmt: skip
     keys = (
         1, 1, 0, 4,
         1024, 0, 1, _PROJECTED,
@@ -104,7 +112,17 @@ def _tags(geo: Georeference) -> list[tuple[int, str, int, Any, bool]]:
         3072, 0, 1, code,
         3076, 0, 1, _METRE,
     )  # fmt: skip
-    return [
-        (_MODEL_TRANSFORMATION, "d", 16, tuple(float(value) for value in transformation), True),
-        (_GEO_KEY_DIRECTORY, "H", len(keys), keys, True),
-    ]
+    return [*_place(half), (_GEO_KEY_DIRECTORY, "H", len(keys), keys, True)]
+
+
+def _place(matrix: FloatArray) -> list[tuple[int, str, int, Any, bool]]:
+    """The tags of float64[3, 3], raster space to the zone: scale and corner, or all where it is turned."""
+    linear = matrix[:2, :2]
+    east, north = (float(value) for value in matrix[:2, 2])
+    if max(abs(linear[0, 1]), abs(linear[1, 0])) < _NO_TURN * abs(linear[0, 0]):
+        scale = float(linear[0, 0]), float(-linear[1, 1]), 0.0
+        tie_point = 0.0, 0.0, 0.0, east, north, 0.0
+        return [(_MODEL_PIXEL_SCALE, "d", 3, scale, True), (_MODEL_TIE_POINT, "d", 6, tie_point, True)]
+    (a, b), (d, e) = linear.tolist()
+    rows = (a, b, 0.0, east, d, e, 0.0, north, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    return [(_MODEL_TRANSFORMATION, "d", 16, rows, True)]

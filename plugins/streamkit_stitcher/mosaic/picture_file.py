@@ -31,7 +31,7 @@ def check_location(location: str) -> None:
         raise OSError(
             f"location must end in {', '.join(SUFFIXES)}, got {location!r}; write location=mosaic.png"
         )
-    if path.suffix.lower() in TIFF_SUFFIXES:
+    if is_tiff(location):
         check_geotiff(location)
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise OSError(
@@ -64,6 +64,11 @@ def is_numbered(location: str) -> bool:
     return location_of(location, 0) != location_of(location, 1)
 
 
+def is_tiff(location: str) -> bool:
+    """Whether `location` names a TIFF, which can tell where it lies."""
+    return Path(location).suffix.lower() in TIFF_SUFFIXES
+
+
 def write_picture(picture: PictureArray, path: Path, geo: Georeference | None = None) -> None:
     """Writes a picture so that the file is either the old one or the whole new one.
 
@@ -77,7 +82,7 @@ def write_picture(picture: PictureArray, path: Path, geo: Georeference | None = 
     """
     partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
-        if path.suffix.lower() in TIFF_SUFFIXES:
+        if is_tiff(path.name):
             write_geotiff(picture, partial, geo)
         else:
             _encode(picture, path, partial)

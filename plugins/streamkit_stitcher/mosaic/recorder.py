@@ -1,6 +1,6 @@
 """Which pictures go into a mosaic, and when a mosaic is finished."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -11,8 +11,9 @@ from streamkit_stitcher.homographies import IDENTITY, FloatArray, inverse, norma
 from streamkit_stitcher.mosaic.composition import Composition, PlacedPicture, compose
 from streamkit_stitcher.mosaic.coverage import Coverage
 from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix, georeference
+from streamkit_stitcher.mosaic.geotiff import north_up
 from streamkit_stitcher.mosaic.mosaic import Mosaic
-from streamkit_stitcher.mosaic.picture_file import is_numbered, location_of, write_picture
+from streamkit_stitcher.mosaic.picture_file import is_numbered, is_tiff, location_of, write_picture
 from streamkit_stitcher.mosaic.picture_store import PictureStore
 from streamkit_stitcher.mosaic.seams import SeamKind
 from streamkit_stitcher.mosaic.tiles import PictureArray
@@ -238,7 +239,11 @@ class MosaicRecorder:
         placed, fixes = _placed(self._kept, places) if places is not None else ([], [])
         whole: Composition | None = None
         if placed and all(picture.number >= 0 for picture in placed):
-            whole = compose(placed, self._store.get, self._settings.seam, self._settings.memory_px)
+            turn = _turn(location, fixes)
+            turned = [replace(picture, to_plane=normalised(turn @ picture.to_plane)) for picture in placed]
+            whole = compose(turned, self._store.get, self._settings.seam, self._settings.memory_px)
+            if whole is not None:
+                whole = replace(whole, from_plane=normalised(whole.from_plane @ turn))
         final = whole is not None
         if whole is None:
             mosaic = self.mosaic
@@ -250,7 +255,7 @@ class MosaicRecorder:
             whole = Composition(
                 grown, normalised(shift @ mosaic.canvas.from_plane), mosaic.scale, mosaic.pictures
             )
-        geo = _georeferenced(whole, fixes)
+        geo = _georeferenced(whole.from_plane, fixes)
         path = location_of(location, self._reference)
         write_picture(whole.picture, path, geo)
         height, width = whole.picture.shape[:2]
@@ -281,11 +286,19 @@ def _placed(
     return placed, fixes
 
 
-def _georeferenced(whole: Composition, fixes: list[tuple[PlacedPicture, PositionFix]]) -> Georeference | None:
+def _turn(location: str, fixes: Sequence[tuple[PlacedPicture, PositionFix]]) -> FloatArray:
+    """How the plane is turned for the mosaic: a GeoTIFF with north on top, others not at all."""
+    geo = _georeferenced(IDENTITY, fixes) if is_tiff(location) else None
+    return IDENTITY if geo is None else north_up(geo)
+
+
+def _georeferenced(
+    from_plane: FloatArray, fixes: Sequence[tuple[PlacedPicture, PositionFix]]
+) -> Georeference | None:
     if not fixes:
         return None
     return georeference(
-        [normalised(whole.from_plane @ picture.to_plane) for picture, _ in fixes],
+        [normalised(from_plane @ picture.to_plane) for picture, _ in fixes],
         [picture.shape for picture, _ in fixes],
         [fix for _, fix in fixes],
     )

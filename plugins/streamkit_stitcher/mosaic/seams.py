@@ -74,13 +74,20 @@ def footprint(
 
 
 def voronoi_labels(footprints: Sequence[Footprint], grid: tuple[int, int]) -> LabelArray:
-    """The picture in which each cell lies deepest, int32[rows, columns], -1 where none reaches."""
+    """The picture in which each cell lies deepest, int32[rows, columns], -1 where none reaches.
+
+    A cell that a picture reaches with an edge only is its own, too, where no other picture covers it: the
+    outline of the mosaic is then that of the pictures and not that of the cells.
+    """
     labels = np.full(grid, -1, dtype=np.int32)
     deepest = np.zeros(grid, dtype=np.int32)
     for number, own in enumerate(footprints):
         better = own.depth > deepest[own.window]
         labels[own.window][better] = number
         deepest[own.window][better] = own.depth[better]
+    for number, own in enumerate(footprints):
+        reached = cv2.dilate((own.depth > 0).astype(np.uint8), np.ones((3, 3), dtype=np.uint8)) > 0
+        labels[own.window][reached & (labels[own.window] < 0)] = number
     return labels
 
 

@@ -76,6 +76,30 @@ def test_colour_frames_are_placed_by_their_luma_and_mosaicked_in_colour(flight, 
     assert green > max(blue, red) + 10
 
 
+def test_photographs_of_odd_sizes_keep_their_colours(tmp_path):
+    """An odd width or height has no I420; the mosaic is in colour all the same, and placed as exactly."""
+    random = np.random.default_rng(3)
+    ground = cv2.resize(random.integers(0, 255, (90, 120, 3), dtype=np.uint8), (960, 720))
+    for number in range(3):
+        part = ground[10 : 10 + 451, 40 + 150 * number : 40 + 150 * number + 601]
+        cv2.imwrite(str(tmp_path / f"p{number}.png"), part)
+    text = (
+        f"multifilesrc location={tmp_path}/p%d.png ! decode ! stitch location={tmp_path}/m.png "
+        "! appsink name=out"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    assert {frame.caps["format"] for frame in frames} == {"BGR"}
+    places = [frame.get(Registration).to_reference[:2, 2] for frame in frames]
+    assert places == [pytest.approx([150.0 * number, 0.0], abs=0.2) for number in range(3)]
+    mosaic = cv2.imread(str(tmp_path / "m.png"))
+    assert mosaic.shape == pytest.approx((451, 901, 3), abs=2)
+    for channel in range(3):
+        shown, true = mosaic[5:440, 5:890, channel], ground[15:450, 45:930, channel]
+        assert np.corrcoef(shown.ravel(), true.ravel())[0, 1] > 0.98
+
+
 def test_corrupt_frames_are_lost_and_teach_nothing(flight):
     """A corrupt frame is not looked at; the next good one is placed as if it had not been."""
     with Harness("stitch") as harness:

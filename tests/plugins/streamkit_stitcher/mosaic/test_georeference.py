@@ -7,7 +7,7 @@ import pytest
 
 from streamkit_stitcher.homographies import translation
 from streamkit_stitcher.mosaic.georeference import PositionFix, georeference, local_metres
-from streamkit_stitcher.mosaic.geotiff import to_utm, utm_code, write_geotiff
+from streamkit_stitcher.mosaic.geotiff import north_up, to_utm, utm_code, write_geotiff
 
 ORIGIN = PositionFix(46.8, -92.1)
 SHAPE = (200, 300)
@@ -80,3 +80,24 @@ def test_the_zone_of_the_mosaic():
     pytest.importorskip("pyproj")
     matrix, _ = to_utm(georeference(PLACES, [SHAPE] * 18, fixes_of(PIXELS)))
     assert np.hypot(matrix[0, 0], matrix[1, 0]) == pytest.approx(0.1, rel=2e-3)
+
+
+def test_turned_north_up_a_mosaic_needs_only_scale_and_corner(tmp_path):
+    """After the turn the file's rows run east, which every program can show."""
+    pyproj, tifffile = pytest.importorskip("pyproj"), pytest.importorskip("tifffile")
+    fixes = fixes_of(PIXELS)
+    turn = north_up(georeference(PLACES, [SHAPE] * 18, fixes))
+    turned = georeference([turn @ place for place in PLACES], [SHAPE] * 18, fixes)
+    write_geotiff(np.zeros((40, 90), np.uint8), tmp_path / "m.tif", turned)
+    with tifffile.TiffFile(tmp_path / "m.tif") as file:
+        tags = file.pages[0].tags
+        assert 34264 not in tags
+        across, down, _ = tags[33550].value
+        corner = tags[33922].value[3:5]
+    assert across == pytest.approx(0.1, rel=2e-3)
+    assert down == pytest.approx(across, rel=1e-9)
+    projection = pyproj.Transformer.from_crs(4326, 32615, always_xy=True)
+    for pixel, fix in zip(PIXELS, fixes, strict=True):
+        x, y, _ = turn @ [*pixel, 1] + [0.5, 0.5, 0]
+        place = corner[0] + across * x, corner[1] - down * y
+        assert place == pytest.approx(projection.transform(fix.longitude, fix.latitude), abs=0.05)

@@ -6,6 +6,7 @@ import pytest
 
 from streamkit_stitcher.homographies import translation
 from streamkit_stitcher.mosaic.georeference import PositionFix
+from streamkit_stitcher.mosaic.picture_store import PictureStore
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder, RecorderSettings
 from streamkit_stitcher.plane.placement import Placement, Status
 
@@ -113,3 +114,52 @@ def test_the_final_mosaic_takes_the_adjusted_places(ground, tmp_path):
     assert written.position_misfit_m == pytest.approx(0.0, abs=0.01)
     found = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE).astype(int)
     assert np.abs(found[4:-4, 4:-4] - ground[4:356, 4:1236]).max() <= 2
+
+
+def test_a_mosaic_that_somebody_asks_for_is_painted_from_then_on(ground, tmp_path):
+    """What came before is laid out as it lay, on the plane of today; what comes after is added."""
+    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), 64_000_000))
+    assert recorder.is_empty
+    add(recorder, placement(keyframe=True), ground[:360, :640])
+    moved = placement(-700.0, 1, keyframe=True, change=translation(np.array([-1000.0, 0.0])))
+    add(recorder, moved, ground[:360, 300:940])
+    assert not recorder.is_empty
+    assert np.abs(recorder.mosaic.picture().astype(int) - ground[:360, :940]).max() <= 1
+    add(recorder, placement(-400.0, 1, keyframe=True), ground[:360, 600:1240])
+    assert np.abs(recorder.mosaic.picture().astype(int) - ground[:360, :1240]).max() <= 1
+
+
+def test_pictures_that_are_not_kept_are_in_the_mosaic_as_it_grew(ground, tmp_path, monkeypatch):
+    """Where the store is full, nothing is lost but the final adjustment."""
+    monkeypatch.setattr(
+        "streamkit_stitcher.mosaic.recorder.PictureStore", lambda: PictureStore(2 * 360 * 640, 0)
+    )
+    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), 64_000_000))
+    for number in range(4):
+        where = placement(300.0 * number, keyframe=True, key_index=number)
+        add(recorder, where, ground[:360, 300 * number : 300 * number + 640])
+    written = recorder.finish({n: translation(np.array([300.0 * n, 0.0])) for n in range(4)})
+    assert (written.width, written.pictures, written.final) == (1540, 4, False)
+    found = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE).astype(int)
+    assert np.abs(found - ground[:360, :1540]).max() <= 1
+
+
+def test_a_geotiff_has_north_on_top(ground, tmp_path):
+    """The mosaic is turned by its pictures' positions; a PNG of the same flight is not."""
+    tifffile = pytest.importorskip("tifffile")
+    pytest.importorskip("pyproj")
+    for name in ("m.tif", "m.png"):
+        recorder = MosaicRecorder(RecorderSettings(str(tmp_path / name), 64_000_000))
+        for number in range(4):
+            # Flown north, to the right of the plane: 0.1 m a pixel.
+            fix = PositionFix(number * 30.0 / 110_574.0, 3.0)
+            where = placement(300.0 * number, keyframe=True, key_index=number)
+            add(recorder, where, ground[:360, 300 * number : 300 * number + 640], fix)
+        recorder.finish({n: translation(np.array([300.0 * n, 0.0])) for n in range(4)})
+    upright = tifffile.imread(tmp_path / "m.tif")
+    assert upright.shape == pytest.approx((1540, 360), abs=2)
+    flat = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE)
+    assert flat.shape == (360, 1540)
+    turned = np.rot90(flat)[10:-10, 10:-10].astype(float)
+    shown = upright[10 : 10 + turned.shape[0], 10 : 10 + turned.shape[1]]
+    assert np.abs(shown - turned).mean() < 12
