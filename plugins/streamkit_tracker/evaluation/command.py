@@ -36,11 +36,14 @@ def trackeval(
     overlap: Annotated[
         float, typer.Option(min=0.01, max=1.0, help="Overlap from which a track matches a truth.")
     ] = 0.5,
+    first_pixel: Annotated[
+        float, typer.Option(help="Number of the first pixel in the truth: 1 as published, or 0.")
+    ] = 1.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Scores tracks against ground truth: MOTA and IDF1, or success and precision of one target."""
     try:
-        scores = _scores(tracks, truth, overlap)
+        scores = _scores(tracks, truth, overlap, first_pixel)
     except (ValueError, UnicodeDecodeError) as error:
         typer.echo(f"trackeval: {error}", err=True)
         raise typer.Exit(1) from error
@@ -51,10 +54,10 @@ def trackeval(
         typer.echo(f"{name:<16} {value:.3f}" if isinstance(value, float) else f"{name:<16} {value}")
 
 
-def _scores(tracks: Path, truth: Path, overlap: float) -> dict[str, float]:
+def _scores(tracks: Path, truth: Path, overlap: float, first_pixel: float) -> dict[str, float]:
     found = read_tracks(tracks)
     if is_one_target(truth):
-        boxes = read_boxes(truth)
+        boxes = read_boxes(truth, first_pixel)
         single = one_pass(longest_lived(found, len(boxes)), boxes)
         return {
             "success": single.success,
@@ -62,7 +65,7 @@ def _scores(tracks: Path, truth: Path, overlap: float) -> dict[str, float]:
             "centre_error": single.centre_error,
             "frames": single.frames,
         }
-    true = read_identities(truth)
+    true = read_identities(truth, first_pixel)
     same_length(true, found)
     many = score_identities(true, found, overlap)
     return {

@@ -15,6 +15,7 @@ SHOWN = ("confirmed", "coasting")
 ONE_TARGET_COLUMNS = 4
 MOT_COLUMNS = 6
 MOT_USED = 6  # column that says whether a ground truth box counts
+CORNER = 0.5  # a box begins half a pixel before the centre of its first pixel
 
 Rows = dict[int, list[tuple[int, list[float]]]]
 
@@ -25,25 +26,41 @@ def read_tracks(path: Path) -> list[Labelled]:
     Raises:
         ValueError: a line is neither.
     """
-    return _by_frame(_mot_rows(path) if path.suffix == ".txt" else _json_rows(path))
+    return _by_frame(_mot_rows(path, 1.0) if path.suffix == ".txt" else _json_rows(path))
 
 
-def read_identities(path: Path) -> list[Labelled]:
+def read_identities(path: Path, first_pixel: float = 1.0) -> list[Labelled]:
     """Ground truth in the layout of MOT Challenge; rows whose seventh number is 0 do not count.
+
+    Args:
+        path: the file.
+        first_pixel: number of the frame's first pixel; MOT Challenge counts from 1.
+
+    Returns:
+        Boxes in pixels of the frame as tracks have them, (0, 0) being the centre of the first one.
 
     Raises:
         ValueError: a line has not at least six numbers.
     """
-    return _by_frame(_mot_rows(path))
+    return _by_frame(_mot_rows(path, first_pixel))
 
 
-def read_boxes(path: Path) -> FloatArray:
+def read_boxes(path: Path, first_pixel: float = 1.0) -> FloatArray:
     """Ground truth of one target: float64[n, 4], a line `left,top,width,height` for each frame.
+
+    Args:
+        path: the file.
+        first_pixel: number of the frame's first pixel; OTB and UAV123 count from 1.
+
+    Returns:
+        Boxes in pixels of the frame as tracks have them, (0, 0) being the centre of the first one.
 
     Raises:
         ValueError: a line has not four numbers.
     """
-    return np.array([numbers[:4] for _, numbers in _numbers(path, ONE_TARGET_COLUMNS)]).reshape(-1, 4)
+    rows = [numbers[:4] for _, numbers in _numbers(path, ONE_TARGET_COLUMNS)]
+    shift = first_pixel + CORNER
+    return np.array(rows).reshape(-1, 4) - [shift, shift, 0.0, 0.0]
 
 
 def is_one_target(path: Path) -> bool:
@@ -87,14 +104,17 @@ def _by_frame(rows: Rows) -> list[Labelled]:
     return frames
 
 
-def _mot_rows(path: Path) -> Rows:
+def _mot_rows(path: Path, first_pixel: float) -> Rows:
     rows: Rows = {}
+    shift = first_pixel + CORNER
     for place, numbers in _numbers(path, MOT_COLUMNS):
         if numbers[0] < 1 or numbers[0] > 1e7 or not np.isfinite(numbers[:MOT_COLUMNS]).all():
             raise ValueError(f"{place}: frames count from 1, got frame {numbers[0]:g}")
         if len(numbers) > MOT_USED and numbers[MOT_USED] == 0:
             continue
-        rows.setdefault(int(numbers[0]), []).append((int(numbers[1]), numbers[2:6]))
+        left, top, width, height = numbers[2:6]
+        box = [left - shift, top - shift, width, height]
+        rows.setdefault(int(numbers[0]), []).append((int(numbers[1]), box))
     return rows
 
 

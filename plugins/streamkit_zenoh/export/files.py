@@ -20,6 +20,7 @@ CSV_COLUMNS = (
 )  # fmt: skip
 NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 SHOWN = ("confirmed", "coasting")
+MOT_CORNER = 1.5  # a box begins half a pixel before the centre of its first pixel, which is number 1
 
 
 class FileKind(enum.StrEnum):
@@ -58,7 +59,7 @@ class RecordFile:
 
 
 class MotFile(RecordFile):
-    """MOT Challenge: frame, id, left, top, width, height, score, -1, -1, -1; frames count from 1.
+    """MOT Challenge: frame, id, left, top, width, height, score, -1, -1, -1; frames and pixels count from 1.
 
     Confirmed and coasting targets, with the upright box around the turned one.
 
@@ -70,7 +71,8 @@ class MotFile(RecordFile):
         lines = []
         for track in _shown(record):
             left, top, right, bottom = track["bbox"]
-            numbers = [left, top, right - left, bottom - top, track["score"]]
+            first = (left + MOT_CORNER, top + MOT_CORNER)
+            numbers = [*first, right - left, bottom - top, track["score"]]
             written = ",".join(f"{number:.3f}".rstrip("0").rstrip(".") for number in numbers)
             lines.append(f"{record['seq'] + 1},{track['id']},{written},-1,-1,-1\n")
         return "".join(lines).encode()

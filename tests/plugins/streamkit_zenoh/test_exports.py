@@ -51,7 +51,7 @@ def _written(path: Path, **properties: object) -> bytes:
     ("name", "beginning"),
     [
         ("a.jsonl", b'{"schema":'),
-        ("a.txt", b"1,7,27.5,21.5,8,4,0.5,-1,-1,-1\n"),
+        ("a.txt", b"1,7,29,23,8,4,0.5,-1,-1,-1\n"),
         ("a.csv", b"source,seq,"),
         ("a.geojson", b'{"type": "FeatureCollection"'),
         ("a.kml", b"<?xml"),

@@ -25,15 +25,15 @@ def record(seq: int, *tracks: tuple[int, str, list[float]]) -> str:
 
 def test_tracks_of_many_are_scored(tmp_path: Path):
     """JSON lines against MOT text; tentative and lost tracks and unused truths do not count."""
-    box = [0.0, 0.0, 10.0, 10.0]
+    box = [-0.5, -0.5, 9.5, 9.5]
     tracks, truth = tmp_path / "tracks.jsonl", tmp_path / "gt.txt"
     tracks.write_text(
         record(0, (4, "confirmed", box), (5, "tentative", box))
         + record(1, (4, "coasting", box), (6, "lost", box))
     )
-    truth.write_text("1,1,0,0,10,10,1,-1,-1,-1\n2,1,0,0,10,10,1,-1,-1,-1\n2,2,90,0,10,10,0,-1,-1,-1\n")
+    truth.write_text("1,1,1,1,10,10,1,-1,-1,-1\n2,1,1,1,10,10,1,-1,-1,-1\n2,2,90,1,10,10,0,-1,-1,-1\n")
     scores = json.loads(run(tracks, truth, "--json").stdout)
-    assert (scores["mota"], scores["idf1"], scores["truths"]) == (1.0, 1.0, 2)
+    assert (scores["mota"], scores["idf1"], scores["truths"], scores["overlap"]) == (1.0, 1.0, 2, 1.0)
 
 
 def test_one_target_is_scored_in_one_pass(tmp_path: Path):
@@ -45,6 +45,17 @@ def test_one_target_is_scored_in_one_pass(tmp_path: Path):
     assert result.exit_code == 0
     assert "success          0.952" in result.stdout
     assert "precision        1.000" in result.stdout
+
+
+@pytest.mark.parametrize(("first", "left"), [(1, 21), (0, 20)])
+def test_the_same_box_is_the_same_however_pixels_are_counted(tmp_path: Path, first: int, left: int):
+    """Published truths count pixels from 1; a target of 4 px would lose half its overlap by that."""
+    tracks, truth = tmp_path / "tracks.jsonl", tmp_path / "gt.txt"
+    tracks.write_text(record(0, (4, "confirmed", [19.5, 19.5, 23.5, 23.5])))
+    truth.write_text(f"{left},{left},4,4\n")
+    scores = json.loads(run(tracks, truth, "--json", "--first-pixel", first).stdout)
+    assert scores["centre_error"] == 0.0
+    assert scores["success"] == pytest.approx(20 / 21)
 
 
 @pytest.mark.parametrize(
