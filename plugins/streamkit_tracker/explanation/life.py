@@ -54,19 +54,25 @@ def life(moments: Sequence[Moment]) -> Life:
         learnt=sum(origin.learnt for origin in told),
         registrations=dict(Counter(place.status for place in places)),
         planes=tuple(dict.fromkeys(place.reference for place in places)),
-        turns=_turns(moments),
+        turns=turns(moments),
         gaps=_gaps(moments) if told else (),
     )
 
 
-def _turns(moments: Sequence[Moment]) -> tuple[Moment, ...]:
-    turns, state = [], None
+def turns(moments: Sequence[Moment], state: str | None = None) -> tuple[Moment, ...]:
+    """The moments in which something was decided, or the state changed from the one before.
+
+    Args:
+        moments: in order.
+        state: before the first of them; None where there was none.
+    """
+    found = []
     for moment in moments:
         decided = moment.provenance is not None and bool(moment.provenance.cause)
         if decided or moment.state != state:
-            turns.append(moment)
+            found.append(moment)
         state = moment.state
-    return tuple(turns)
+    return tuple(found)
 
 
 def _gaps(moments: Sequence[Moment]) -> tuple[tuple[int, int], ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from streamkit_tracker.explanation.life import Life, life
+from streamkit_tracker.explanation.life import Life, life, turns
 from streamkit_tracker.explanation.moment import FramePlace, Moment
 
 MOST_LISTED = 6
@@ -27,7 +27,7 @@ def explanation(number: int, moments: Sequence[Moment], index: int, before: int,
     lines += [f"  {name:<13}{text}" for name, text in _facts(moment, gate)]
     lines += ["", "since it began"]
     lines += [f"  {line}" for line in _life_lines(life(moments[: index + 1]))]
-    later = life(moments[index + 1 :]).turns if moments[index + 1 :] else ()
+    later = turns(moments[index + 1 :], moment.state)
     lines += ["", "after that"] if later else []
     lines += [f"  {line}" for line in _listed([_turn(turn) for turn in later])]
     if before:
