@@ -1,6 +1,6 @@
 """Decoding 1080p H.264: to grey beside ffmpeg and GStreamer, to BGR beside cv2.VideoCapture.
 
-Run it:  STREAMKIT_DATA=... python benchmarks/decode.py [FILE [ROUNDS]]
+Run it:  STREAMKIT_DATA=... python benchmarks/decode.py [FILE [ROUNDS [THREADS]]]
 """
 
 from __future__ import annotations
@@ -45,9 +45,10 @@ def looped(source: Path, target: Path) -> int:
     return count
 
 
-def ours(path: Path, wanted: str) -> float:
+def ours(path: Path, wanted: str, threads: int) -> float:
     """Seconds for our pipeline."""
-    pipeline = Pipeline.parse(f"filesrc location={path} ! decode ! video/x-raw,format={wanted} ! fakesink")
+    source = f"filesrc location={path} ! decode threads={threads}"
+    pipeline = Pipeline.parse(f"{source} ! video/x-raw,format={wanted} ! fakesink")
     began = time.perf_counter()
     pipeline.run(timeout_s=LIMIT_S)
     return time.perf_counter() - began
@@ -75,10 +76,11 @@ def main() -> None:
     default = Path(os.environ.get("STREAMKIT_DATA", "")) / "data" / "video" / "drone_nadir_traffic.mp4"
     source = Path(sys.argv[1]) if len(sys.argv) > 1 else default
     rounds = int(sys.argv[2]) if len(sys.argv) > 2 else ROUNDS
+    threads = int(sys.argv[3]) if len(sys.argv) > 3 else 0
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "looped.ts"
         frames = looped(source, path)
-        runs: dict[str, Callable[[], float]] = {"ours to grey": lambda: ours(path, "GRAY8")}
+        runs: dict[str, Callable[[], float]] = {"ours to grey": lambda: ours(path, "GRAY8", threads)}
         if shutil.which("ffmpeg"):
             words = ["ffmpeg", "-v", "error", "-i", str(path), "-an", "-f", "null", "-"]
             runs["ffmpeg, no conversion"] = lambda: command(words)
@@ -86,7 +88,7 @@ def main() -> None:
             chain = f"filesrc location={path} ! tsdemux ! h264parse ! avdec_h264 ! videoconvert"
             text = f"{chain} ! video/x-raw,format=GRAY8 ! fakesink sync=false"
             runs["GStreamer to grey"] = lambda: command(["gst-launch-1.0", "-q", *text.split()])
-        runs["ours to BGR"] = lambda: ours(path, "BGR")
+        runs["ours to BGR"] = lambda: ours(path, "BGR", threads)
         runs["cv2 to BGR"] = lambda: opencv(path)
         times: dict[str, list[float]] = {name: [] for name in runs}
         for _ in range(rounds):

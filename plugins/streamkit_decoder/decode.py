@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import os
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
 
@@ -23,8 +24,12 @@ from streamkit_decoder.pictures import OddSize, PictureReader, turned
 from streamkit_decoder.skipping import is_reference
 from streamkit_decoder.videodecoder import AscendingNumbers, Threading, VideoDecoder
 
+# Plain numbers: the arithmetic of flags is slow, and this is done for every picture.
+DISCONTINUITY, CORRUPT = int(FrameFlags.DISCONTINUITY), int(FrameFlags.CORRUPT)
+KEYFRAME = int(FrameFlags.KEYFRAME)
 SIDEWAYS = (90, 270)
 ONE_THREAD_PIXELS = 1920 * 1088
+SPARE_THREADS, MOST_THREADS = 2, 16
 TOO_OLD = "late: too old when decoded"
 Decoded = list[tuple[VideoFrame, Frame]]
 
@@ -58,7 +63,9 @@ class Decode(Transform):
     sink = CODED_CAPS
     src = "video/x-raw, format={ GRAY8, I420, NV12, BGR, RGB }"
 
-    threads: int = Property(0, min=0, max=64, doc="Decoder threads; 0 is one for each processor.")
+    threads: int = Property(
+        0, min=0, max=64, doc="Decoder threads; 0 is one for each processor, and two more for whole frames."
+    )
     threads_type: ThreadsType = Property(
         ThreadsType.AUTO,
         doc="Frame threads are fastest but add a delay; auto takes slice when live, else frame.",
@@ -79,6 +86,7 @@ class Decode(Transform):
         self._reader = PictureReader("GRAY8")
         self._coded_caps: Caps | None = None
         self._raw_caps: Caps | None = None
+        self._raw_size = (0, 0)
         self._framerate: Fraction | None = None
         self._rotation = self._epoch = 0
         self._marks = PictureMarks()
@@ -117,9 +125,8 @@ class Decode(Transform):
         self._raw_caps = None
         if sink_caps.get("width") is None or sink_caps.get("height") is None:
             return None
-        self._raw_caps = raw_video_caps(
-            self._reader.pixel_format, chosen.integer("width"), chosen.integer("height"), caps_rate(sink_caps)
-        )
+        self._raw_size = chosen.integer("width"), chosen.integer("height")
+        self._raw_caps = raw_video_caps(self._reader.pixel_format, *self._raw_size, caps_rate(sink_caps))
         return self._raw_caps
 
     # Streaming.
@@ -184,11 +191,19 @@ class Decode(Transform):
         return Threading(self.threads_type.value)
 
     def _thread_count(self) -> int:
-        """Live H.264 of usual size gets one thread: with slice threads FFmpeg does not notice lost slices."""
+        """The number asked for, or what suits the stream.
+
+        Live H.264 of usual size gets one thread: with slice threads FFmpeg does not notice lost slices. Frame
+        threads wait for each other and for us: some more than processors keep all of these busy.
+        """
+        if self.threads:
+            return self.threads
+        if self._threading() is Threading.FRAME:
+            return min(MOST_THREADS, (os.cpu_count() or 1) + SPARE_THREADS)
         parameters = self._parameters
         is_small = parameters.width * parameters.height <= ONE_THREAD_PIXELS
-        is_auto = not self.threads and self.threads_type is ThreadsType.AUTO
-        return 1 if is_auto and is_small and parameters.codec == "h264" and self._is_live() else self.threads
+        is_auto = self.threads_type is ThreadsType.AUTO
+        return 1 if is_auto and is_small and parameters.codec == "h264" and self._is_live() else 0
 
     def _is_live(self) -> bool:
         """Whether the source that this element's packets come from is live."""
@@ -206,14 +221,14 @@ class Decode(Transform):
             self._leave_out(frame, "empty packet")
             return []
         if self._frame_numbers is not None and self._is_behind_gap(self._frame_numbers, frame):
-            frame = frame.replace(flags=frame.flags | FrameFlags.CORRUPT)
+            frame = frame.replace(flags=frame.flags | CORRUPT)
         if self.skip is not Skip.NONE and self._is_skipped(frame):
             self._leave_out(frame, f"skip={self.skip}")
             return []
         self._packets += 1
         self._numbers.put(frame.seq)
         try:
-            decoded = self._decoder.decode(frame.data, frame, bool(frame.flags & FrameFlags.KEYFRAME))
+            decoded = self._decoder.decode(frame.data, frame, bool(frame.flags & KEYFRAME))
         except FFmpegError as error:
             self._undecodable(frame, error)
             return []
@@ -222,19 +237,19 @@ class Decode(Transform):
 
     def _is_behind_gap(self, numbers: FrameNumbers, frame: Frame) -> bool:
         """Whether a picture is missing that this one, or one that it is built on, is built on."""
-        is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
+        is_keyframe = bool(frame.flags & KEYFRAME)
         has_gap = numbers.has_gap(memoryview(frame.data), is_keyframe)
         self._lacks_reference = has_gap or (self._lacks_reference and not is_keyframe)
         return self._lacks_reference
 
     def _leave_out(self, frame: Frame, reason: str, *, is_damage: bool = False) -> None:
-        is_discontinuity = bool(frame.flags & FrameFlags.DISCONTINUITY)
+        is_discontinuity = bool(frame.flags & DISCONTINUITY)
         self._marks.packet_left_out(is_discontinuity=is_discontinuity, is_damage=is_damage)
         if reason:
             self.count_drop(reason)
 
     def _is_skipped(self, frame: Frame) -> bool:
-        if frame.flags & FrameFlags.KEYFRAME:
+        if frame.flags & KEYFRAME:
             return False
         if self.skip is Skip.NON_KEY:
             return True
@@ -271,7 +286,7 @@ class Decode(Transform):
         for picture, origin in decoded:
             number = self._numbers.take(origin.seq)
             reason = self._reason_to_hide(origin)
-            is_corrupt = picture.is_corrupt or bool(origin.flags & FrameFlags.CORRUPT)
+            is_corrupt = picture.is_corrupt or bool(origin.flags & CORRUPT)
             self._marks.next_picture(is_corrupt=is_corrupt, is_key=bool(picture.key_frame))
             if reason is None:
                 frames.append(self._frame(picture, origin, number))
@@ -303,12 +318,13 @@ class Decode(Transform):
             pixels = turned(pixels, self._rotation)
             width, height = (height, width) if self._rotation in SIDEWAYS else (width, height)
         caps = self._raw_caps
-        if caps is None or caps["width"] != width or caps["height"] != height:
+        if caps is None or self._raw_size != (width, height):
             caps = self._raw_caps = raw_video_caps(self._reader.pixel_format, width, height, self._framerate)
-        flags = origin.flags & ~(FrameFlags.KEYFRAME | FrameFlags.CORRUPT)
-        flags |= FrameFlags.DISCONTINUITY if self._marks.take_discontinuity() else 0
-        flags |= FrameFlags.KEYFRAME if picture.key_frame else 0
-        flags |= FrameFlags.CORRUPT if self._marks.is_damaged else 0
+            self._raw_size = width, height
+        flags = origin.flags & ~(KEYFRAME | CORRUPT)
+        flags |= DISCONTINUITY if self._marks.take_discontinuity() else 0
+        flags |= KEYFRAME if picture.key_frame else 0
+        flags |= CORRUPT if self._marks.is_damaged else 0
         duration = origin.duration
         if duration is None and self._framerate is not None:
             duration = round(SECOND_NS / self._framerate)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from streamkit_decoder.nalunits import length_field, units
 
 LOOK_BYTES = 4096
-HEADER_BYTES = 32
+HEADER_BYTES = 16
 PARAMETER_BYTES = 1024
 SLICE, KEY_SLICE, SEQUENCE, PICTURE = 1, 5, 7, 8
 # Profiles whose parameters tell of chroma and scaling.
@@ -103,22 +103,22 @@ class _Bits:
 
     def __init__(self, data: bytes) -> None:
         plain = data.replace(b"\0\0\3", b"\0\0")
-        self._value, self._left = int.from_bytes(plain, "big"), 8 * len(plain)
+        self._left = 8 * len(plain)
+        self._rest = int.from_bytes(plain, "big")  # the bits not read yet
 
     def read(self, count: int) -> int:
         self._left -= count
         if self._left < 0:
             raise IndexError("no more bits")
-        return self._value >> self._left & ((1 << count) - 1)
+        value = self._rest >> self._left
+        self._rest -= value << self._left
+        return value
 
     def skip(self, count: int) -> None:
         self.read(count)
 
     def unsigned(self) -> int:
-        zeros = 0
-        while not self.read(1):
-            zeros += 1
-        return (1 << zeros) - 1 + self.read(zeros)
+        return self.read(2 * (self._left - self._rest.bit_length()) + 1) - 1
 
     def signed(self) -> int:
         code = self.unsigned()

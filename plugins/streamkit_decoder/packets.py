@@ -14,6 +14,7 @@ from streamkit import Caps, Frame, FrameFlags, StreamError
 from streamkit_decoder.container import MEDIA_ERRORS, reason_of
 
 SECOND_NS = 1_000_000_000
+KEYFRAME, CORRUPT = int(FrameFlags.KEYFRAME), int(FrameFlags.CORRUPT)
 
 
 @dataclass(frozen=True)
@@ -39,9 +40,9 @@ def nanoseconds(ticks: int, time_base: Fraction) -> int:
 def packet_frame(packet: Packet[Stream], caps: Caps) -> Frame:
     """A packet as a frame; its bytes are shared, not copied."""
     base = packet.time_base
-    flags = FrameFlags.KEYFRAME if packet.is_keyframe else FrameFlags.NONE
+    flags = KEYFRAME if packet.is_keyframe else 0
     if packet.is_corrupt:
-        flags |= FrameFlags.CORRUPT
+        flags |= CORRUPT
     frame = Frame(
         packet,
         caps,

@@ -76,6 +76,7 @@ class FileSrc(Source):
         if self.stop_s is not None and self.stop_s <= self.start_s:
             raise ResourceError(f"stop-s= must be after start-s={self.start_s:g}, got {self.stop_s:g}")
         self._range = PlayRange(self.start_s, self.stop_s)
+        self._caps: dict[StreamKind, Caps] = {}
         self._offset = self._end = 0
         self._rotation = 0
         container = open_container(self.location)
@@ -148,10 +149,13 @@ class FileSrc(Source):
         return name in self.pads and self.pads[name].peer is not None
 
     def _packet_caps(self, stream: Stream, kind: StreamKind) -> Caps:
+        """The stream's caps; the same object while they are equal, which saves comparing them."""
         caps = stream_caps(stream, kind)
-        return (
-            caps.with_fields(rotation=self._rotation) if kind is StreamKind.VIDEO and self._rotation else caps
-        )
+        if kind is StreamKind.VIDEO and self._rotation:
+            caps = caps.with_fields(rotation=self._rotation)
+        if self._caps.get(kind) != caps:
+            self._caps[kind] = caps
+        return self._caps[kind]
 
     # One round through the file.
 

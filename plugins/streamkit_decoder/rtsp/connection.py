@@ -23,7 +23,8 @@ WATCHDOG_MARGIN_S = 0.3
 LOOK_S = 0.5
 LATE = DecodeOnly("late: a newer frame had come")
 OVERRUN = "consumer too slow, older packets dropped"
-LONGEST_WAIT_S = 1.0
+LONGEST_WAIT_S = 0.5
+LONGEST_DARK_NS = 1_000_000_000
 PRFT = struct.Struct("=q")
 
 
@@ -81,6 +82,7 @@ class Connection:
         self._latency_ns = settings.latency_ms * 1_000_000
         self._freshness = Freshness(self._latency_ns)
         self._catches_up = False
+        self._shown_ns = clock.monotonic_ns()
         self.next_seq = first_seq
         longest_wait_s = max(LONGEST_WAIT_S, settings.latency_ms / 1000)
         self.ring = PacketRing[Frame](settings.max_packets, longest_wait_s)
@@ -110,9 +112,9 @@ class Connection:
                 count_drop(OVERRUN, dropped)
                 flags = FrameFlags.DISCONTINUITY
             if frame is not None:
-                if self._is_late(frame):
-                    frame = frame.attach(LATE)
                 kind = frame.get(StreamKind) or StreamKind.VIDEO
+                if kind is StreamKind.VIDEO and self._is_late(frame, has_jumped=bool(flags)):
+                    frame = frame.attach(LATE)
                 if kind is StreamKind.VIDEO and flags:
                     frame, flags = frame.replace(flags=frame.flags | flags), FrameFlags.NONE
                 yield kind, frame
@@ -123,12 +125,19 @@ class Connection:
             elif time.monotonic() - last > self._settings.timeout_s + WATCHDOG_MARGIN_S:
                 raise silence(self._settings.location, self._settings.timeout_s)
 
-    def _is_late(self, frame: Frame) -> bool:
-        """Whether newer ones go first: once one has waited too long, all but the newest are."""
-        if not len(self.ring):
+    def _is_late(self, frame: Frame, *, has_jumped: bool) -> bool:
+        """Whether newer ones go first: once one has waited too long, all but the newest are.
+
+        Where decoding is slower than the stream there always are newer ones: then what comes first after a
+        jump to a key frame is shown, and one in a second in any case.
+        """
+        now = self._clock.monotonic_ns()
+        if not len(self.ring) or has_jumped or now - self._shown_ns > LONGEST_DARK_NS:
             self._catches_up = False
-        elif self._clock.monotonic_ns() - frame.arrival_ns > self._latency_ns:
+        elif now - frame.arrival_ns > self._latency_ns:
             self._catches_up = True
+        if not self._catches_up:
+            self._shown_ns = now
         return self._catches_up
 
     def _arrived(self, packet: Packet[Stream], caps: Caps, kind: StreamKind) -> None:
