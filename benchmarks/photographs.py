@@ -23,7 +23,7 @@ from streamkit_stitcher.mosaic.georeference import PositionFix
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder, RecorderSettings
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.plane.tracker import PlaneTracker
-from streamkit_stitcher.registration.motion_models import fit_wide_baseline
+from streamkit_stitcher.registration.wide_baseline import fit_wide_baseline
 
 FloatArray = npt.NDArray[np.float64]
 DATA = Path(os.environ.get("STREAMKIT_DATA", "/nonexistent")) / "data"

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit_stitcher.homographies import FloatArray, GreyArray
-from streamkit_stitcher.registration.motion_models import MotionFit, fit_wide_baseline
+from streamkit_stitcher.registration.motion_models import MotionFit
+from streamkit_stitcher.registration.wide_baseline import fit_wide_baseline
 
 _FEATURES: Final = 2500
 _CONTRAST: Final = 0.01

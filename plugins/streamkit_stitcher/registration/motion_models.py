@@ -9,7 +9,8 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import IDENTITY, FloatArray, MaskArray, is_plausible, normalised, project
+from streamkit_stitcher.homographies import IDENTITY, FloatArray, MaskArray, is_plausible, project
+from streamkit_stitcher.registration.gauss_newton import Scaling, stepped
 
 _MAX_ITERATIONS: Final = 500
 _CONFIDENCE: Final = 0.995
@@ -18,9 +19,6 @@ _LEAST_TRIM: Final = 0.1
 _REFINEMENTS: Final = 2
 _REFINABLE: Final = 12
 _KEPT: Final = 0.9
-_WIDE_METHODS: Final = (cv2.RANSAC, cv2.USAC_ACCURATE, cv2.USAC_MAGSAC)
-_WIDE_SCALES: Final = (0.5, 1.0, 2.0)
-_WIDE_ITERATIONS: Final = 5000
 _PLAIN_RATIO: Final = 0.6
 
 
@@ -108,60 +106,17 @@ def fit_homography(
     """
     if len(source) < 4:
         return None
-    fit = None if start is None else _judged(start, MotionModel.HOMOGRAPHY, source, target, threshold)
+    fit = None if start is None else judged(start, MotionModel.HOMOGRAPHY, source, target, threshold)
     if fit is None or fit.ratio < _PLAIN_RATIO:
         matrix, _ = cv2.findHomography(
             source, target, cv2.USAC_FAST, threshold, maxIters=_MAX_ITERATIONS, confidence=_CONFIDENCE
         )
-        fit = _judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+        fit = judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
     if fit is None or fit.count < _REFINABLE or not refinements:
         return fit
     matrix = _refined(fit.matrix, source, target, threshold, refinements)
-    refined = _judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+    refined = judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
     return refined if refined is not None and refined.count >= _KEPT * fit.count else fit
-
-
-def fit_wide_baseline(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
-    """Fits a homography to matches of which few may be right, as those of descriptors are.
-
-    Several estimators propose at several thresholds; the proposal that most pairs support, the more the
-    closer they lie, is taken; where most pairs agree at once, that is enough. No single
-    estimator or threshold suits a plane and a street at once.
-
-    Args:
-        source: float64[n, 2].
-        target: float64[n, 2].
-        threshold: distance of an inlier, px of the target; half and twice of it are tried, too.
-
-    Returns:
-        The fit, or None for fewer than 4 pairs or degenerate ones.
-    """
-    if len(source) < 4:
-        return None
-    plain = fit_homography(source, target, threshold)
-    if plain is not None and plain.ratio >= _PLAIN_RATIO:
-        return plain
-    best, most = None, 0.0
-    for method in _WIDE_METHODS:
-        for scale in _WIDE_SCALES:
-            matrix, _ = cv2.findHomography(
-                source, target, method, scale * threshold, maxIters=_WIDE_ITERATIONS, confidence=0.9999
-            )
-            fit = _judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
-            if fit is None:
-                continue
-            support = _support(fit.matrix, source, target, threshold)
-            if support > most:
-                best, most = fit, support
-    return best
-
-
-def _support(matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float) -> float:
-    """How much pairs agree with a motion, summed over bounds from half the threshold to four times it."""
-    residuals = project(matrix, source) - target
-    squares = np.einsum("ni,ni->n", residuals, residuals)
-    bounds = (threshold * np.array([0.5, 1.0, 2.0, 4.0])) ** 2
-    return float(np.maximum(0.0, 1 - squares[:, np.newaxis] / bounds).sum())
 
 
 def fit_affine(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
@@ -272,12 +227,9 @@ def fit_motion(
 def _refined(
     matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float, steps: int
 ) -> FloatArray:
-    """Gauss-Newton steps of (I + D) `matrix` on the pairs near it, on all if `threshold` is infinite."""
-    middle = np.add.reduce(target) / len(target)
-    size = max(1.0, float(np.abs(target - middle).max()))
-    forth = np.array([[size, 0, middle[0]], [0, size, middle[1]], [0, 0, 1]])
-    back = np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, size]]) / size
-    kept: MaskArray = np.ones(len(target), dtype=np.bool_)
+    """Gauss-Newton steps on the pairs near `matrix`, on all if `threshold` is infinite."""
+    scaling = Scaling.of(target)
+    weights = np.ones(len(target))
     for _ in range(steps):
         mapped = project(matrix, source)
         residuals = target - mapped
@@ -286,38 +238,11 @@ def _refined(
             close = squares[squares < threshold**2]
             typical = float(np.partition(close, len(close) // 2)[len(close) // 2]) if len(close) else 0.0
             kept = squares < max(_TRIM**2 * typical, (_LEAST_TRIM * threshold) ** 2)
-        step = _homography_step((mapped - middle) / size, residuals / size, kept)
-        if step is None:
+            weights = kept.astype(np.float64)
+        better = stepped(matrix, scaling, mapped, residuals, weights)
+        if better is None:
             break
-        matrix = normalised(forth @ step @ back @ matrix)
-    return matrix
-
-
-def _homography_step(points: FloatArray, residuals: FloatArray, kept: MaskArray) -> FloatArray | None:
-    """The homography near the identity that moves the kept points by `residuals` best, to first order.
-
-    The normal equations hold only moments of the points up to the fourth order, so they are summed at once.
-    """
-    monomials = np.empty((6, len(points)))
-    monomials[3:5] = points.T
-    monomials[5] = 1
-    np.multiply(monomials[3], monomials[3:5], out=monomials[:2])
-    np.multiply(monomials[4], monomials[4], out=monomials[2])
-    counted = monomials * kept
-    moments = counted @ monomials.T
-    sides = counted @ residuals
-    normal = np.zeros((8, 8))
-    normal[:3, :3] = normal[3:6, 3:6] = moments[3:, 3:]
-    normal[6:, :3] = -moments[:2, 3:]
-    normal[6:, 3:6] = -moments[1:3, 3:]
-    normal[:6, 6:] = normal[6:, :6].T
-    normal[6:, 6:] = moments[:2, :2] + moments[1:3, 1:3]
-    wanted = np.concatenate([sides[3:, 0], sides[3:, 1], -sides[:2, 0] - sides[1:3, 1]])
-    solved, step = cv2.solve(normal, wanted[:, np.newaxis], flags=cv2.DECOMP_CHOLESKY)
-    if not solved:
-        return None
-    matrix = np.eye(3)
-    matrix.ravel()[:8] += step[:, 0]
+        matrix = better
     return matrix
 
 
@@ -335,12 +260,13 @@ def _judged_linear(
 ) -> MotionFit | None:
     if matrix is None:
         return None
-    return _judged(np.vstack([matrix, [0.0, 0.0, 1.0]]), model, source, target, threshold)
+    return judged(np.vstack([matrix, [0.0, 0.0, 1.0]]), model, source, target, threshold)
 
 
-def _judged(
+def judged(
     matrix: Any, model: MotionModel, source: FloatArray, target: FloatArray, threshold: float
 ) -> MotionFit | None:
+    """A motion with the pairs within `threshold` px of it, or None where it is none or not finite."""
     if matrix is None or abs(matrix[2, 2]) < 1e-12 or not math.isfinite(sum(matrix.ravel().tolist())):
         return None
     matrix = np.asarray(matrix / matrix[2, 2], dtype=np.float64)

@@ -1,0 +1,83 @@
+"""Gauss-Newton steps of a homography on weighted point pairs."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from streamkit_stitcher.homographies import FloatArray, normalised
+
+
+@dataclass(frozen=True, eq=False)
+class Scaling:
+    """Coordinates in which points are of unit size about the origin, which keeps the equations well posed.
+
+    Attributes:
+        middle: float64[2], px.
+        size: half the side of the points' box, px.
+        forth: float64[3, 3], such coordinates to px.
+        back: float64[3, 3], its inverse.
+
+    Source: Hartley, In defense of the eight-point algorithm, PAMI 1997.
+    """
+
+    middle: FloatArray
+    size: float
+    forth: FloatArray
+    back: FloatArray
+
+    @classmethod
+    def of(cls, points: FloatArray) -> "Scaling":
+        """That of float64[n, 2] points, n >= 1."""
+        middle = np.add.reduce(points) / len(points)
+        size = max(1.0, float(np.abs(points - middle).max()))
+        forth = np.array([[size, 0, middle[0]], [0, size, middle[1]], [0, 0, 1]])
+        back = np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, size]]) / size
+        return cls(middle, size, forth, back)
+
+
+def stepped(
+    matrix: FloatArray, scaling: Scaling, mapped: FloatArray, residuals: FloatArray, weights: FloatArray
+) -> FloatArray | None:
+    """The homography that a Gauss-Newton step on weighted squares leads to.
+
+    Args:
+        matrix: float64[3, 3], source to target.
+        scaling: of the target points.
+        mapped: float64[n, 2], the source points under `matrix`.
+        residuals: float64[n, 2], the target points less `mapped`.
+        weights: float64[n], 0 or more.
+
+    Returns:
+        float64[3, 3], or None where the points do not fix one.
+    """
+    step = _step((mapped - scaling.middle) / scaling.size, residuals / scaling.size, weights)
+    return None if step is None else normalised(scaling.forth @ step @ scaling.back @ matrix)
+
+
+def _step(points: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray | None:
+    """The homography near the identity that moves the points by `residuals` best, to first order.
+
+    The normal equations hold only moments of the points up to the fourth order, so they are summed at once.
+    """
+    monomials = np.empty((6, len(points)))
+    monomials[3:5] = points.T
+    monomials[5] = 1
+    np.multiply(monomials[3], monomials[3:5], out=monomials[:2])
+    np.multiply(monomials[4], monomials[4], out=monomials[2])
+    counted = monomials * weights
+    moments = counted @ monomials.T
+    sides = counted @ residuals
+    normal = np.zeros((8, 8))
+    normal[:3, :3] = normal[3:6, 3:6] = moments[3:, 3:]
+    normal[6:, :3] = -moments[:2, 3:]
+    normal[6:, 3:6] = -moments[1:3, 3:]
+    normal[:6, 6:] = normal[6:, :6].T
+    normal[6:, 6:] = moments[:2, :2] + moments[1:3, 1:3]
+    wanted = np.concatenate([sides[3:, 0], sides[3:, 1], -sides[:2, 0] - sides[1:3, 1]])
+    solved, step = cv2.solve(normal, wanted[:, np.newaxis], flags=cv2.DECOMP_CHOLESKY)
+    if not solved:
+        return None
+    matrix = np.eye(3)
+    matrix.ravel()[:8] += step[:, 0]
+    return matrix

@@ -1,0 +1,116 @@
+"""Homographies of matches of which few may be right, as those of descriptors are."""
+
+import math
+from typing import Final
+
+import cv2
+import numpy as np
+
+from streamkit_stitcher.homographies import FloatArray, project
+from streamkit_stitcher.registration.gauss_newton import Scaling, stepped
+from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel, fit_homography, judged
+
+_METHODS: Final = (cv2.RANSAC, cv2.USAC_ACCURATE, cv2.USAC_MAGSAC)
+_SCALES: Final = (0.5, 1.0, 2.0)
+_ITERATIONS: Final = 5000
+_CONFIDENCE: Final = 0.9999
+_PLAIN_RATIO: Final = 0.6
+_POLISHED: Final = 4
+_STEPS: Final = 15
+_FREEDOM: Final = 8.0
+_FEWEST: Final = 6.0
+_SMALLEST_DEVIATION: Final = 0.1
+_LEAST_SHARE: Final = 0.01
+_NEAR: Final = 16.0
+
+
+def fit_wide_baseline(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
+    """Fits the homography that explains matches best, right ones and wrong ones together.
+
+    OpenCV's estimators propose at several thresholds, as none of them suits a plane and a street at once.
+    The proposals that most pairs support are polished by maximum likelihood, and the likeliest is taken.
+
+    Args:
+        source: float64[n, 2].
+        target: float64[n, 2].
+        threshold: distance of an inlier and largest deviation of the right matches, px of the target.
+
+    Returns:
+        The fit, or None for fewer than 4 pairs or degenerate ones.
+    """
+    if len(source) < 4:
+        return None
+    best, most = None, -math.inf
+    for proposal in _proposals(source, target, threshold):
+        matrix, likelihood = _polished(proposal.matrix, source, target, threshold)
+        fit = judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+        if fit is not None and likelihood > most:
+            best, most = fit, likelihood
+    return best
+
+
+def _proposals(source: FloatArray, target: FloatArray, threshold: float) -> list[MotionFit]:
+    """The best supported homographies that the estimators find; one where most pairs agree at once."""
+    plain = fit_homography(source, target, threshold)
+    if plain is not None and plain.ratio >= _PLAIN_RATIO:
+        return [plain]
+    found: list[tuple[float, int, MotionFit]] = []
+    for method in _METHODS:
+        for scale in _SCALES:
+            matrix, _ = cv2.findHomography(
+                source, target, method, scale * threshold, maxIters=_ITERATIONS, confidence=_CONFIDENCE
+            )
+            fit = judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+            if fit is not None:
+                found.append((_support(fit.matrix, source, target, threshold), len(found), fit))
+    return [fit for _, _, fit in sorted(found, key=lambda item: (-item[0], item[1]))[:_POLISHED]]
+
+
+def _support(matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float) -> float:
+    """How much pairs agree with a motion, summed over bounds from half the threshold to four times it."""
+    residuals = project(matrix, source) - target
+    squares = np.einsum("ni,ni->n", residuals, residuals)
+    bounds = (threshold * np.array([0.5, 1.0, 2.0, 4.0])) ** 2
+    return float(np.maximum(0.0, 1 - squares[:, np.newaxis] / bounds).sum())
+
+
+def _polished(
+    matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float
+) -> tuple[FloatArray, float]:
+    """Expectation maximisation from a homography: the likeliest one near it, and its log-likelihood.
+
+    Right matches scatter by Student's t distribution, the sum over normal ones of many widths: features are
+    placed to tenths of a pixel or to several, by their size. Of the others some lie near, being right about
+    another plane, and must not widen that scatter; the rest lie anywhere among the targets. The shares of the
+    three and the deviation of the right ones, which no threshold could tell beforehand, are found, too.
+
+    Source: Torr and Zisserman, MLESAC, CVIU 2000; Lange, Little and Taylor, Robust statistical modeling using
+    the t distribution, JASA 1989.
+    """
+    scaling = Scaling.of(target)
+    densities = np.empty((3, len(source)))
+    densities[2] = 1 / float(np.prod(np.ptp(target, axis=0) + 1))
+    near = (_NEAR * threshold) ** 2
+    shares, variance = np.full(3, 1 / 3), max(_SMALLEST_DEVIATION, threshold / 2) ** 2
+    likelihood = -math.inf
+    for _ in range(_STEPS):
+        mapped = project(matrix, source)
+        residuals = target - mapped
+        squares = np.einsum("ni,ni->n", residuals, residuals)
+        reach = 1 + squares / (_FREEDOM * variance)
+        densities[0] = reach ** (-(_FREEDOM + 2) / 2) / (2 * math.pi * variance)
+        densities[1] = np.exp(-squares / (2 * near)) / (2 * math.pi * near)
+        weighted = shares[:, np.newaxis] * densities
+        total = weighted.sum(axis=0)
+        likelihood = float(np.log(total).sum())
+        beliefs = weighted / total
+        weights = beliefs[0] * (1 + 2 / _FREEDOM) / reach
+        expected = float(beliefs[0].sum())
+        better = stepped(matrix, scaling, mapped, residuals, weights) if expected >= _FEWEST else None
+        if better is None:
+            break
+        matrix = better
+        shares = np.maximum(beliefs.mean(axis=1), _LEAST_SHARE)
+        deviation = math.sqrt(float((weights * squares).sum()) / (2 * expected))
+        variance = min(max(deviation, _SMALLEST_DEVIATION), max(threshold, _SMALLEST_DEVIATION)) ** 2
+    return matrix, likelihood
