@@ -7,6 +7,7 @@ import ssl
 from pathlib import Path
 
 SECURE = "rtsps"
+MISMATCHES = (62, 63, 64)  # OpenSSL's X509_V_ERR_HOSTNAME_MISMATCH and those of other kinds of names
 # Where Python's own TLS was built without a place, as in wheels: Debian, Red Hat, Alpine and macOS.
 USUAL_FILES = (
     "/etc/ssl/certs/ca-certificates.crt",
@@ -59,9 +60,11 @@ def refusal(host: str, port: int, ca_file: str | None, limit_s: float) -> str:
         ):
             return ""
     except ssl.SSLCertVerificationError as error:
+        is_of_other = error.verify_code in MISMATCHES
+        remedy = "write the name that it is of" if is_of_other else "name its authority in tls-ca-file="
         return (
             f"the server's certificate is refused: {error.verify_message.rstrip('.')}; "
-            "name its authority in tls-ca-file=, or trust everybody with tls-verify=false"
+            f"{remedy}, or trust everybody with tls-verify=false"
         )
     except TimeoutError:
         return f"no TLS on port {port}: the server does not answer; write rtsp:// if it is not encrypted"

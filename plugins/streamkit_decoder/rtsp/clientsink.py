@@ -264,6 +264,8 @@ class RtspClientSink(RtspEndpoint, Sink):
                 f"{self._where}: the server has been silent for {self.timeout_s:g} s (timeout-s); "
                 "check that it takes recordings, or allow more time"
             )
+        if not self._is_connected and self._tls_options and (distrust := self._distrust()):
+            return f"{self._where}: {distrust}"
         if self._is_connected:
             return f"{self._where}: the server has ended the connection: {reason}; check that it still runs"
         return (

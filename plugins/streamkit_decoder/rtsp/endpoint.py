@@ -11,7 +11,9 @@ from streamkit import Element, Property, ResourceError
 from streamkit_decoder.location import redact, with_credentials
 from streamkit_decoder.rtsp.address import DEFAULT_PORTS, port_of
 from streamkit_decoder.rtsp.backoff import Backoff
-from streamkit_decoder.rtsp.certificates import SECURE, trusted_authorities
+from streamkit_decoder.rtsp.certificates import SECURE, refusal, trusted_authorities
+
+HANDSHAKE_LIMIT_S = 1.0
 
 
 class Transport(enum.StrEnum):
@@ -108,6 +110,11 @@ class RtspEndpoint(Element):
             return {"tls_verify": "1", "ca_file": trusted_authorities(self.tls_ca_file)}
         except OSError as error:
             raise ResourceError(f"tls-ca-file={self.tls_ca_file}: {error}") from None
+
+    def _distrust(self) -> str:
+        """Why the server's certificate is refused; "" where it is not."""
+        host, limit_s = urlsplit(self.location).hostname or "", min(self.timeout_s, HANDSHAKE_LIMIT_S)
+        return refusal(host, port_of(self.location), self._tls_options.get("ca_file"), limit_s)
 
     def _has_tried_enough(self, *, has_worked: bool) -> bool:
         """Whether the last try was that: `has_worked` tells whether any connection has so far."""
