@@ -22,7 +22,7 @@ from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.plane.tracker import PlaneTracker
 
 PARTS = 10
-STEP_PX = 6.0
+STEP_PX = 12.0
 STRIP_FRAMES = 1800
 BESIDE = 0.6
 
@@ -66,7 +66,9 @@ def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 180_000
     width = int(sys.argv[2]) if len(sys.argv) > 2 else 640
     shape = width * 9 // 16, width
-    ground = np.asarray(cv2.cvtColor(ground_picture(), cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    whole = cv2.cvtColor(ground_picture(), cv2.COLOR_BGR2GRAY)
+    # Halved: the small view of a flight that is rendered fast would show hardly a corner otherwise.
+    ground = np.asarray(cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     tracker = PlaneTracker(PlaneSettings())
     recorder = MosaicRecorder(RecorderSettings(None, 16_000_000, final=False))
     print(
