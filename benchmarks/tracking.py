@@ -1,9 +1,10 @@
 """One target from a first window: success, precision, errors and time, beside OpenCV's trackers.
 
     STREAMKIT_DATA=... python benchmarks/tracking.py [--seeds 5] [--sequences 6] [--first 500]
-        [--contrib PYTHON] [--only TEXT]
+        [--contrib PYTHON] [--only TEXT] [--variants]
 
-Real sequences run once for each seed of ours (mean and spread); rendered ones once for each sequence.
+Real sequences (every folder of data/sot) run once for each seed of ours: mean and spread; rendered ones once for
+each sequence. `--variants` adds the real ones backwards, from their middle, and from a box shifted by a tenth.
 `--contrib` names a Python with opencv-contrib-python, for CSRT and KCF. One thread.
 """
 
@@ -74,10 +75,10 @@ def _first(step: Step) -> FloatArray:
     return np.array([x + (width - 1) / 2, y + (height - 1) / 2, width, height, 0.0])
 
 
-def ours(seeds: int, rendered_seeds: range, only: str) -> dict[str, list[list[float]]]:
+def ours(seeds: int, rendered_seeds: range, only: str, variants: bool) -> dict[str, list[list[float]]]:
     """Rows success, precision, centre error, milliseconds, angle by sequence."""
     rows: dict[str, list[list[float]]] = defaultdict(list)
-    for label, make in sequences(rendered_seeds):
+    for label, make in sequences(rendered_seeds, variants):
         if only not in label:
             continue
         for seed in range(1 if label in KINDS else seeds):
@@ -89,10 +90,13 @@ def ours(seeds: int, rendered_seeds: range, only: str) -> dict[str, list[list[fl
     return rows
 
 
-def peer(python: str, name: str, rendered_seeds: range) -> dict[str, list[list[float]]]:
+def peer(
+    python: str, name: str, rendered_seeds: range, only: str, variants: bool
+) -> dict[str, list[list[float]]]:
     """The same of a tracker of OpenCV, without angle."""
     script = Path(__file__).with_name("tracking_peers.py")
     command = [python, str(script), name, str(rendered_seeds.start), str(len(rendered_seeds))]
+    command += [f"only={only}"] + ["variants"] * variants
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     rows: dict[str, list[list[float]]] = defaultdict(list)
     for line in done.stdout.splitlines():
@@ -141,17 +145,19 @@ def main() -> None:
     parser.add_argument("--sequences", type=int, default=6)
     parser.add_argument("--first", type=int, default=500)
     parser.add_argument("--contrib", default="")
-    parser.add_argument("--only", default="")
+    parser.add_argument("--only", default="", help="sequences whose name has this in it")
+    parser.add_argument("--variants", action="store_true")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     chosen = range(options.first, options.first + options.sequences)
     print("| sequence | tracker | success (spread) | precision | centre px | angle deg | ms |")
     print("|---|---|---|---|---|---|---|")
-    show("particletrack", ours(options.seeds, chosen, options.only))
-    if not options.only:
-        show("MIL", peer(sys.executable, "MIL", chosen))
-        for name in ("CSRT", "KCF") if options.contrib else ():
-            show(name, peer(options.contrib, name, chosen))
+    show("particletrack", ours(options.seeds, chosen, options.only, options.variants))
+    peers = [(sys.executable, "MIL")] + [
+        (options.contrib, name) for name in ("CSRT", "KCF") if options.contrib
+    ]
+    for python, name in peers:
+        show(name, peer(python, name, chosen, options.only, options.variants))
     if options.only in "removed":
         removed(range(options.first, options.first + 10))
 

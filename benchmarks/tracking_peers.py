@@ -1,6 +1,6 @@
 """Runs a tracker of OpenCV over the sequences; one JSON row for each on stdout.
 
-    python benchmarks/tracking_peers.py MIL|CSRT|KCF FIRST_SEED SEEDS
+    python benchmarks/tracking_peers.py MIL|CSRT|KCF FIRST_SEED SEEDS [variants] [only=TEXT]
 
 CSRT and KCF need opencv-contrib-python, which cannot live beside opencv-python: give it an environment of its
 own and name its interpreter to `tracking.py --contrib`.
@@ -18,8 +18,11 @@ from tracking_sequences import FloatArray, score, sequences
 def main() -> None:
     """Follows every sequence once."""
     name, first, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+    only = next((text[5:] for text in sys.argv[4:] if text.startswith("only=")), "")
     cv2.setNumThreads(1)
-    for label, make in sequences(range(first, first + count)):
+    for label, make in sequences(range(first, first + count), "variants" in sys.argv[4:]):
+        if only not in label:
+            continue
         tracker = getattr(cv2, f"Tracker{name}").create()
         found: list[FloatArray | None] = []
         truth: list[FloatArray] = []

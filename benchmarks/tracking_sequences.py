@@ -16,7 +16,8 @@ FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
 LevelArray = NDArray[np.float32]
 
-REAL = ("carchase2", "uav_wakeboard7", "uav_person11", "car4")
+VARIANTS = ("", " backwards", " from its middle", " box shifted")
+SHIFT = 0.1  # of the first box's sides
 KINDS = ("turn, size, light", "view change", "occluder", "removed")
 FRAMES = 150
 GONE_FROM = 100
@@ -49,12 +50,24 @@ def shared_data() -> Path:
     return folder
 
 
-def real(name: str) -> Iterator[Step]:
-    """A real sequence; its published pixels start at 1."""
+def real(name: str, variant: str = "") -> Iterator[Step]:
+    """A real sequence, or one of its `VARIANTS`; its published pixels start at 1."""
     folder = shared_data() / "sot" / name
-    boxes = np.genfromtxt(folder / "groundtruth.txt", delimiter=",")
-    for path, box in zip(sorted((folder / "img").iterdir()), boxes, strict=False):
-        yield Step(cv2.imread(str(path)), box - [1, 1, 0, 0], None, np.eye(3))
+    boxes = np.genfromtxt(folder / "groundtruth.txt", delimiter=",")[:, :4] - [1, 1, 0, 0]
+    pairs = list(zip(sorted((folder / "img").iterdir()), boxes, strict=False))
+    if variant == " backwards":
+        pairs.reverse()
+    if variant == " from its middle":
+        pairs = pairs[len(pairs) // 2 :]
+    for index, (path, box) in enumerate(pairs):
+        shifted = index == 0 and variant == " box shifted"
+        start = box + SHIFT * np.array([box[2], -box[3], 0, 0]) if shifted else box
+        yield Step(cv2.imread(str(path)), start, None, np.eye(3))
+
+
+def real_names() -> list[str]:
+    """The sequences in the shared data."""
+    return sorted(path.name for path in (shared_data() / "sot").iterdir() if path.is_dir())
 
 
 def rendered(kind: str, seed: int) -> Iterator[Step]:
@@ -137,9 +150,16 @@ def score(found: list[FloatArray | None], truth: list[FloatArray]) -> Scores:
     return Scores(float(np.mean(curve)), float(np.mean(np.array(errors) <= 20)), float(np.median(errors)))
 
 
-def sequences(seeds: range) -> list[tuple[str, Callable[[], Iterator[Step]]]]:
-    """Name and maker of every sequence that has a truth to the end."""
-    made: list[tuple[str, Callable[[], Iterator[Step]]]] = [(name, lambda n=name: real(n)) for name in REAL]
+def sequences(seeds: range, variants: bool = False) -> list[tuple[str, Callable[[], Iterator[Step]]]]:
+    """Name and maker of every sequence that has a truth to the end.
+
+    Args:
+        seeds: of the rendered ones.
+        variants: whether the real ones are also run backwards, from their middle and from a wrong box.
+    """
+    made: list[tuple[str, Callable[[], Iterator[Step]]]] = []
+    for variant in VARIANTS if variants else VARIANTS[:1]:
+        made += [(name + variant, lambda n=name, v=variant: real(n, v)) for name in real_names()]
     for kind in KINDS[:3]:
         made += [(kind, lambda k=kind, s=seed: rendered(k, s)) for seed in seeds]
     return made

@@ -20,7 +20,9 @@ SIZE_STEP = 1.03
 OTHER_SIZE_SHARE = 0.995
 RING = 6
 RING_PER_FRAME = 0.2
-LARGEST_RING = 2.5
+LARGEST_RING = 3.0
+NEAREST_RING = 0.4
+INNER_RINGS = (1.0, 2 / 3, 1 / 3)  # in turn, so that the whole disc is searched in three frames
 
 
 def ask(
@@ -43,7 +45,7 @@ def ask(
     first, others = responses[0], responses[1:]
     best = max(others, key=lambda response: response.peak)
     best = first if first.peak >= OTHER_SIZE_SHARE * best.peak else best
-    return best if evidence.responds(best.peak, best.sharpness, unseen=frames_unseen > 0) else None
+    return best if evidence.responds(best.peak, best.sharpness, frames_unseen=frames_unseen) else None
 
 
 def search_places(window: FloatArray, frames_unseen: int) -> FloatArray:
@@ -54,7 +56,8 @@ def search_places(window: FloatArray, frames_unseen: int) -> FloatArray:
         places[2, LENGTH : WIDTH + 1] /= SIZE_STEP
         return places
     side = math.sqrt(float(window[LENGTH] * window[WIDTH]))
-    reach = min(RING_PER_FRAME * frames_unseen, LARGEST_RING) * side
+    reach = min(NEAREST_RING + RING_PER_FRAME * frames_unseen, LARGEST_RING) * side
+    reach *= INNER_RINGS[frames_unseen % len(INNER_RINGS)]
     turns = np.arange(RING) * (2 * np.pi / RING)
     places = np.repeat(window[None], RING + 1, axis=0)
     places[1:, 0] += reach * np.cos(turns)

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 from statistics import median
 
 REMEMBERED = 15
-FIRST_PEAK = 0.6
-PEAK_SEEN = 0.35
-PEAK_FOUND_AGAIN = 0.6
-PEAK_LEARNT = 0.5
-LEAST_SHARPNESS = 5.0
-SHARP = 9.0  # a peak that stands out like this is the target, however its look has changed
-SHARP_SOFT = 5.5
 RIGID = 2.0
 USUAL_DISTANCE = 0.05
+LEAST_SHARPNESS = 5.0
+LEAST_RATE = 0.04  # of the usual response: slow, so that a cover does not become the usual within a second
+OUTLIER_WEIGHT = 0.25
+FIRST_DEVIATION = 0.7  # of log responses, before a target has shown how much its own vary
+LEARNT_DEVIATIONS, LEARNT_DROP = 2.5, 1.0
+SEEN_DEVIATIONS, SEEN_DROP = 4.0, 2.1
+FOUND_DROP = 1.0  # to be found again, which grows to SEEN_DROP by ...
+FOUND_RELIEF = 0.04  # ... so much in each frame
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ class Evidence:
     """The distances and responses of the frames in which a target was seen, and gates relative to them.
 
     A rigid car keeps a distance of 0.02 to its template, a running person one of 0.7. One absolute threshold
-    loses the person at once or never loses the car.
+    loses the person at once or never loses the car. Likewise a response is faint only beside what this
+    target's responses usually are and how much they waver.
 
     Args:
         lost_threshold: similarity, exp(-distance), that is enough by itself to be seen.
@@ -47,31 +49,33 @@ class Evidence:
         self._seen_distance = -math.log(max(lost_threshold, 1e-9))
         self._learnt_distance = -math.log(max(update_threshold, 1e-9))
         self._distances: deque[float] = deque([0.0], maxlen=REMEMBERED)
-        self._peaks: deque[float] = deque([FIRST_PEAK], maxlen=REMEMBERED)
+        self._level = 0.0
+        self._deviation = FIRST_DEVIATION
+        self._responses = 0
 
     @property
     def tolerance(self) -> float:
         """How many times the variance of the residual is larger than that of a rigid target, 1 or more."""
         return max(1.0, median(self._distances) / USUAL_DISTANCE)
 
-    @property
-    def usual_peak(self) -> float:
-        """Median response of the frames in which the target was seen."""
-        return median(self._peaks)
-
-    def responds(self, peak: float, sharpness: float, *, unseen: bool) -> bool:
-        """Whether a filter response is as high as this target's usually are.
+    def responds(self, peak: float, sharpness: float, *, frames_unseen: int) -> bool:
+        """Whether a filter response is no outlier among this target's own.
 
         Args:
             peak: height of the response.
             sharpness: its peak to sidelobe ratio.
-            unseen: the target was not seen in the last frame; then more is asked.
+            frames_unseen: since the target was last seen; after a gap more is asked, at first.
         """
-        share = PEAK_FOUND_AGAIN if unseen else PEAK_SEEN
-        alone = SHARP_SOFT if self.tolerance > RIGID else SHARP
-        if sharpness >= (SHARP if unseen else alone):
-            return True
-        return peak >= share * self.usual_peak and sharpness >= LEAST_SHARPNESS
+        if sharpness < LEAST_SHARPNESS:
+            return False
+        drop = max(SEEN_DROP, SEEN_DEVIATIONS * self._deviation)
+        if frames_unseen > 0:
+            drop = min(drop, FOUND_DROP + self._deviation + FOUND_RELIEF * frames_unseen)
+        return self._drop(peak, sharpness) <= drop
+
+    def clear(self, peak: float, sharpness: float) -> bool:
+        """Whether a response is so near this target's usual ones that its look may be learnt."""
+        return self._drop(peak, sharpness) <= max(LEARNT_DROP, LEARNT_DEVIATIONS * self._deviation)
 
     def judge(
         self, distance: float, response: tuple[float, float] | None, *, informative: bool, unseen: bool
@@ -86,13 +90,30 @@ class Evidence:
         """
         gate = self._learnt_distance if unseen else self._seen_distance
         seen = (informative and distance <= gate) or response is not None
-        clear = False
-        if response is not None and self.tolerance > RIGID:
-            peak, sharpness = response
-            clear = peak >= PEAK_LEARNT * self.usual_peak or sharpness >= SHARP_SOFT
-        learnt = seen and (distance <= self._learnt_distance or clear)
+        learnt = seen and distance <= self._learnt_distance
+        if response is not None:
+            clear = self.clear(*response)
+            learnt = clear and (learnt or self.tolerance > RIGID)
+            self._remember(*response, weight=1.0 if clear else OUTLIER_WEIGHT)
         if seen:
             self._distances.append(distance)
-            if response is not None:
-                self._peaks.append(response[0])
         return Verdict(seen, learnt)
+
+    def _drop(self, peak: float, sharpness: float) -> float:
+        """By how much the logarithm of a response lies below the usual one."""
+        return self._level - _log_response(peak, sharpness) if self._responses else 0.0
+
+    def _remember(self, peak: float, sharpness: float, weight: float) -> None:
+        self._responses += 1
+        offset = -self._drop(peak, sharpness) if self._responses > 1 else 0.0
+        rate = max(LEAST_RATE, 1 / self._responses)
+        if self._responses == 1:
+            self._level = _log_response(peak, sharpness)
+        self._level += weight * rate * offset
+        share = max(LEAST_RATE, 1 / (self._responses + 5))
+        self._deviation += weight * share * (1.25 * abs(offset) - self._deviation)
+
+
+def _log_response(peak: float, sharpness: float) -> float:
+    """Height and sharpness fall together when a target is covered; their product says it best."""
+    return math.log(max(peak, 1e-3) * max(sharpness, 1e-3))

@@ -21,12 +21,12 @@ def test_a_seen_target_is_asked_for_at_three_sizes():
 
 
 def test_the_search_grows_with_the_gap_up_to_a_limit():
-    """Rings of one size around the prediction, wider from frame to frame, never beyond 2.5 sides."""
-    reaches = [np.hypot(*(search_places(WINDOW, n)[1:, :2] - WINDOW[:2]).T) for n in (1, 5, 1000)]
+    """Rings around the prediction, three in turn; the widest grows, never beyond three sides."""
+    reaches = [np.hypot(*(search_places(WINDOW, n)[1:, :2] - WINDOW[:2]).T) for n in (3, 9, 999, 1000, 1001)]
     for ring in reaches:
         np.testing.assert_allclose(ring, ring[0])
     assert reaches[0][0] < reaches[1][0] < reaches[2][0]
-    assert reaches[2][0] == pytest.approx(2.5 * 20)
+    assert [ring[0] for ring in reaches[2:]] == pytest.approx([60, 40, 20])
 
 
 def test_the_softer_the_target_the_more_the_filter_counts():

@@ -13,30 +13,51 @@ def settled(distance: float, peak: float) -> Evidence:
     return evidence
 
 
-@pytest.mark.parametrize(("peak", "seen"), [(0.9, True), (0.4, True), (0.2, False)])
-def test_a_response_is_high_when_it_is_usual(peak: float, seen: bool):
-    """A third of the usual height is enough, whatever that height is."""
-    assert settled(0.02, 0.9).responds(peak, 7.0, unseen=False) is seen
-    assert settled(0.02, 0.9 / 3).responds(peak / 3, 7.0, unseen=False) is seen
+def wavering() -> Evidence:
+    """Twenty frames of a target whose responses go up and down by a factor of three."""
+    evidence = Evidence(lost_threshold=0.6, update_threshold=0.85)
+    for frame in range(20):
+        evidence.judge(0.7, (0.9, 30.0) if frame % 2 else (0.5, 18.0), informative=True, unseen=False)
+    return evidence
 
 
-def test_after_a_gap_more_is_asked():
-    """What would do from frame to frame does not do to find a target again."""
+@pytest.mark.parametrize(
+    ("peak", "sharpness", "seen"), [(0.9, 30.0, True), (0.5, 15.0, True), (0.2, 12.0, False)]
+)
+def test_a_response_is_believed_unless_it_is_an_outlier(peak: float, sharpness: float, seen: bool):
+    """A ninth of the usual height and sharpness together is something else, whatever the usual is."""
+    assert settled(0.02, 0.9).responds(peak, sharpness, frames_unseen=0) is seen
+    assert settled(0.02, 0.3).responds(peak / 3, sharpness, frames_unseen=0) is seen
+
+
+def test_a_target_that_wavers_is_believed_longer():
+    """A faint response hides a steady target, not one that often responds faintly."""
+    assert wavering().responds(0.25, 9.0, frames_unseen=0)
+    assert not settled(0.7, 0.7).responds(0.2, 9.0, frames_unseen=0)
+
+
+def test_after_a_gap_more_is_asked_at_first():
+    """What would do from frame to frame does not do to find a target again, until much time has passed."""
     evidence = settled(0.02, 0.9)
-    assert evidence.responds(0.4, 7.0, unseen=False)
-    assert not evidence.responds(0.4, 7.0, unseen=True)
-    assert evidence.responds(0.6, 7.0, unseen=True)
+    assert evidence.responds(0.4, 12.0, frames_unseen=0)
+    assert not evidence.responds(0.4, 12.0, frames_unseen=1)
+    assert evidence.responds(0.6, 20.0, frames_unseen=1)
+    assert evidence.responds(0.4, 12.0, frames_unseen=40)
 
 
 def test_a_peak_without_height_above_the_rest_is_none():
     """However high, a response that its surroundings reach as well says nothing."""
-    assert not settled(0.02, 0.9).responds(1.0, 4.0, unseen=False)
+    assert not settled(0.02, 0.9).responds(1.0, 4.0, frames_unseen=0)
 
 
-def test_a_soft_target_is_believed_at_a_fainter_peak():
-    """A runner far from its template keeps responding faintly; a car does so only when it is gone."""
-    assert settled(0.7, 0.6).responds(0.1, 6.0, unseen=False)
-    assert not settled(0.02, 0.6).responds(0.1, 6.0, unseen=False)
+def test_what_is_seen_half_is_not_learnt():
+    """Half the height and sharpness do to be seen by, not to learn from; no cover soon becomes usual."""
+    evidence = settled(0.7, 0.9)
+    for _ in range(10):
+        assert evidence.responds(0.5, 16.0, frames_unseen=0)
+        verdict = evidence.judge(0.7, (0.45, 14.0), informative=True, unseen=False)
+        assert verdict.seen
+        assert not verdict.learnt
 
 
 def test_tolerance_is_that_of_the_target():
@@ -53,7 +74,8 @@ def test_only_what_was_seen_is_remembered():
         assert not verdict.seen
         assert not verdict.learnt
     assert evidence.tolerance == 1.0
-    assert evidence.usual_peak == 0.9
+    assert evidence.responds(0.6, 20.0, frames_unseen=1)
+    assert not evidence.responds(0.2, 12.0, frames_unseen=0)
 
 
 def test_a_rigid_target_half_covered_is_seen_and_not_learnt():
