@@ -3,8 +3,8 @@
     STREAMKIT_DATA=... python benchmarks/tracking.py [--seeds 5] [--sequences 6] [--first 500]
         [--contrib PYTHON] [--only TEXT] [--variants]
 
-Real sequences (every folder of data/sot) run once for each seed of ours: mean and spread; rendered ones once for
-each sequence. `--variants` adds the real ones backwards, from their middle, and from a box shifted by a tenth.
+Real sequences (every folder of data/sot) run once for each seed of ours, mean and spread; rendered ones once
+for each sequence. `--variants` adds the real ones backwards, from their middle, and from a shifted box.
 `--contrib` names a Python with opencv-contrib-python, for CSRT and KCF. One thread.
 """
 
