@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
-from streamkit_tracker.window_geometry import MINIMUM_SIDE
+from streamkit_tracker.window_geometry import MINIMUM_SIDE, half_turn
 
 USUAL_ASPECT = 2.0
 ASPECT_WEIGHT = 0.3
 LARGEST_ASPECT = 5.0
+LEAST_AGREEMENT = 0.8
 
 
 def window_shape(box_width: float, box_height: float, heading: float) -> tuple[float, float]:
@@ -38,3 +39,26 @@ def window_shape(box_width: float, box_height: float, heading: float) -> tuple[f
     length = min(max(length, 0.3 * side, MINIMUM_SIDE), LARGEST_ASPECT * side)
     width = min(max(width, length / LARGEST_ASPECT, MINIMUM_SIDE), 2.0 * side)
     return length, width
+
+
+def window_turn(box_width: float, box_height: float, heading: float) -> tuple[float, float, float]:
+    """Length, width and angle of the window in an upright box: turned into the motion, where that can be.
+
+    A car from above fills its box turned; a person who walks upright through a slanted view does not: no
+    rectangle along the motion has that box. Then the box itself is the window.
+
+    Args:
+        box_width: of the upright box, px.
+        box_height: likewise, px.
+        heading: direction of motion, rad.
+
+    Returns:
+        Length and width, px, and the angle, rad.
+    """
+    length, width = window_shape(box_width, box_height, heading)
+    cosine, sine = abs(math.cos(heading)), abs(math.sin(heading))
+    sides = (length * cosine + width * sine, length * sine + width * cosine)
+    common = min(sides[0], box_width) * min(sides[1], box_height)
+    if common < LEAST_AGREEMENT * (sides[0] * sides[1] + box_width * box_height - common):
+        return box_width, box_height, 0.0
+    return length, width, float(half_turn(heading))

@@ -39,8 +39,9 @@ class ParticleTrack(Transform):
     """Attaches tracks of what moves: detections start them, layered particle filters follow them.
 
     Reads the frame's registration, detections and features where there are any. A detection seen `birth-hits`
-    times that has moved over the ground becomes a confirmed track; without detections a track goes on by its
-    appearance, for at most half the time it was detected and no longer than `coast`. `window` starts one
+    times that has moved over the ground becomes a confirmed track. Without detections a track goes on by its
+    appearance, then coasts with a growing covariance, at most as long as it was detected and no longer than
+    `coast`; found again meanwhile, it has its old id, even if it was not told any more. `window` starts one
     target by hand, also while playing; it goes on without detections, coasts when it is not seen, and is
     looked for in a circle that grows until `coast` has passed. Targets end, each reported once as lost, on a
     cut, a new plane without a mapping, a new frame size, or a new epoch without registration.
@@ -78,7 +79,9 @@ class ParticleTrack(Transform):
     max_speed: float = Property(500.0, min=1.0, unit="px/s", doc="Fastest target expected, in frame pixels.")
     coast: float = Property(3.0, min=0.0, unit="s", doc="Longest time without a detection.")
     lost_threshold: float = Property(0.6, min=0.0, max=1.0, doc="Similarity below which a target is unseen.")
-    lost_frames: int = Property(3, min=1, max=1000, unit="frames", doc="Unseen frames that end a target.")
+    lost_frames: int = Property(
+        3, min=1, max=1000, unit="frames", doc="Unseen frames from which only a detection finds it."
+    )
     update_threshold: float = Property(
         0.85, min=0.0, max=1.0, doc="Similarity from which the template learns; low values learn the ground."
     )
@@ -114,9 +117,17 @@ class ParticleTrack(Transform):
         self._spaceless = False
 
     def property_changed(self, name: str) -> None:
-        """A window set while playing starts one more target in the next frame."""
-        if name == "window" and self.window is not None and self.is_playing:
-            self._start_window = parse_window(self.window, self.name)
+        """A window set while playing starts one more target in the next frame; a bad one leaves the old."""
+        if name != "window":
+            return
+        try:
+            window = None if self.window is None else parse_window(self.window, self.name)
+        except PropertyError:
+            self.__dict__["window"] = self.__dict__.get("_accepted_window")
+            raise
+        self._accepted_window = self.window
+        if window is not None and self.is_playing:
+            self._start_window = window
 
     def transform(self, frame: Frame) -> Frame:
         """Attaches Tracks."""

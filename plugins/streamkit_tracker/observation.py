@@ -89,6 +89,7 @@ class Sighting:
     Attributes:
         centroid: x and y, px.
         box: width and height, px.
+        middle: x and y of the box's centre, px.
         std: standard deviation of the centroid, px.
         crowded: whether its box holds other targets as well.
         feature: float32[k] or None.
@@ -98,6 +99,7 @@ class Sighting:
 
     centroid: tuple[float, float]
     box: tuple[float, float]
+    middle: tuple[float, float]
     std: float
     crowded: bool = False
     feature: Float32Array | None = None

@@ -28,12 +28,12 @@ class TrackerSettings:
         context: side of the sampled window relative to the target, for targets started by detections.
         update_threshold: least similarity at which a patch is learnt.
         lost_threshold: similarity below which the target is not seen.
-        lost_frames: frames not seen, neither by appearance nor by detection, after which the target is lost.
+        lost_frames: frames not seen, neither by appearance nor by detection, from which only a detection
+            finds the target again.
         birth_hits: detections that confirm a target ...
         birth_window: ... within so many frames.
         min_travel: ground distance a target has moved before it is confirmed, px of the frame.
-        coast_s: longest time without a detection, s; a target never coasts for more than half the time it
-            was detected.
+        coast_s: longest time without a detection, s; a target never coasts for longer than it was detected.
         max_speed: fastest target expected, px/s of the frame.
         max_targets: most confirmed targets at once; four times as many may be tentative.
         budget_s: what a frame may take before particles become fewer; 0 is no limit.

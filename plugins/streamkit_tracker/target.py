@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
 from streamkit_tracker import kinematics
-from streamkit_tracker.appearance_search import Found, Prior, SearchJob, Template, read_window
-from streamkit_tracker.box_shape import window_shape
-from streamkit_tracker.correlation_filter import CorrelationFilter, Response
+from streamkit_tracker.appearance import Appearance
+from streamkit_tracker.appearance_search import Found, Prior, SearchJob
+from streamkit_tracker.box_shape import window_turn
+from streamkit_tracker.correlation_filter import Response
+from streamkit_tracker.detected_shape import DetectedShape, centroid_std
 from streamkit_tracker.discrimination import ask, response_prior
-from streamkit_tracker.eigen_template import EigenTemplate
 from streamkit_tracker.evidence import Evidence
 from streamkit_tracker.feature_template import FeatureTemplate, Space
 from streamkit_tracker.layered_filter import Cloud
@@ -21,38 +21,25 @@ from streamkit_tracker.observation import Measurement, Sighting, TargetReport, T
 from streamkit_tracker.provenance import TargetProvenance
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.trail import Trail
-from streamkit_tracker.window_geometry import FloatArray, half_turn
+from streamkit_tracker.window_geometry import FloatArray
 from streamkit_tracker.window_sampling import WindowSampler
 
 ACCELERATION_SIDES = 2.0  # px/s^2 for each px of a target's side
+DETECTED_ACCELERATION_SIDES = 6.0  # the same where detections correct what the wider search catches
 SMALLEST_SIDE = 10.0
 SPEED_SHARE = 1 / 3
-YOUNG_S = 1.0  # first detections often show a part only: until then size and place follow fast
-BOX_RATE, YOUNG_BOX_RATE = 0.15, 0.5
-RESIZED = 0.18  # log ratio of a side beyond which the window starts again
 FEATURE_RATE = 0.2
-OFFSET_RATE, YOUNG_OFFSET_RATE = 0.12, 0.4
 SIDES_STD = 0.12
 CREDIT_AT_START_S = 0.2
-CREDIT_RATE = 0.5
+CREDIT_RATE = 1.0
+HAND_STD = 0.02  # of the middle of a window drawn by hand, relative to its side
+DOUBT_TOLD = 0.5  # sides; a coasting target whose place is less sure is kept, but not told
 TENTATIVE_MISSES = 2
 STRAIGHT = 0.5
-MISFITS_BEFORE_RESTART = 3
 REACH_PER_FRAME = 0.3
 LONGEST_REACH = 3.0
 UNSEEN_SPEED = 0.8  # a hand-drawn target has no road to keep to: what it did before is soon forgotten
 LEAST_VISIBLE = 0.3
-
-
-@dataclass(eq=False)
-class Appearance:
-    """What a followed target looks like and where its particles are."""
-
-    template: Template
-    cloud: Cloud
-    patch: tuple[int, int]
-    context: float
-    discriminator: CorrelationFilter | None = None
 
 
 class Target:
@@ -75,7 +62,7 @@ class Target:
         self.state = TargetState.TENTATIVE
         self.manual = manual
         self.window = np.array(window, np.float64)
-        self.box = (float(window[2]), float(window[3]))
+        self.shape = DetectedShape((float(window[2]), float(window[3])))
         self.drawn_angle = float(window[4])
         self.mean = np.array([window[0], window[1], 0.0, 0.0])
         speed_std = settings.max_speed * SPEED_SHARE
@@ -93,8 +80,6 @@ class Target:
         self._alike = True
         self._learnt = False
         self._frames_unseen = 0
-        self._misfits = 0
-        self._offset = (0.0, 0.0)
         self._settings = settings
         self._evidence = Evidence(settings.lost_threshold, settings.update_threshold)
         self._response: Response | None = None
@@ -111,6 +96,16 @@ class Target:
         return self.state in (TargetState.CONFIRMED, TargetState.COASTING)
 
     @property
+    def dormant(self) -> bool:
+        """Whether only a detection can wake it: neither one nor its look was found for some frames."""
+        return not self.manual and self._frames_unseen >= self._settings.lost_frames
+
+    @property
+    def told(self) -> bool:
+        """Whether the target is worth a row: a dormant one whose place is not known any more is not."""
+        return self.state is not TargetState.COASTING or not self.dormant or self.doubt < DOUBT_TOLD
+
+    @property
     def gives_way(self) -> bool:
         """Whether another target may take this one's place: it coasts and was not drawn by hand."""
         return self.state is TargetState.COASTING and not self.manual
@@ -123,7 +118,19 @@ class Target:
     @property
     def acceleration_std(self) -> float:
         """Standard deviation of the acceleration, px/s^2: what is larger in the picture is nearer."""
-        return ACCELERATION_SIDES * max(self.side, SMALLEST_SIDE)
+        sides = ACCELERATION_SIDES if self.manual else DETECTED_ACCELERATION_SIDES
+        return sides * max(self.side, SMALLEST_SIDE)
+
+    @property
+    def _anchor_variance(self) -> float:
+        """Variance of where in the target its template sits, px^2: an error that no look at it corrects."""
+        return (
+            0.0
+            if self.appearance is None
+            else HAND_STD * self.side
+            if self.manual
+            else centroid_std(self.side)
+        ) ** 2
 
     @property
     def speed_std(self) -> float:
@@ -156,12 +163,9 @@ class Target:
         self.state = TargetState.LOST
         self.provenance.cause = cause
 
-    def remember(self, sighting: Sighting) -> None:
-        """Lets the box and the feature vector follow a detection."""
-        usual = YOUNG_BOX_RATE if self.age_s < YOUNG_S else BOX_RATE
-        rate = 0.0 if sighting.crowded else usual
-        width, height = self.box
-        self.box = (width * (sighting.box[0] / width) ** rate, height * (sighting.box[1] / height) ** rate)
+    def remember(self, sighting: Sighting, step_s: float) -> None:
+        """Lets the shape and the feature vector follow a detection."""
+        self.shape.remember(sighting, step_s)
         if sighting.feature is None:
             return
         vector = np.asarray(sighting.feature, np.float64)
@@ -198,6 +202,10 @@ class Target:
             self._settings.layers_for(sighting is not None, followed, share),
             self._evidence.tolerance,
         )
+
+    def overlook(self) -> None:
+        """Nobody looked for the target in this frame."""
+        self._alike = self._learnt = False
 
     def take(self, found: Found, sighting: Sighting | None) -> Measurement | None:
         """Takes the result of the search; gives the measured position, if there is one to believe."""
@@ -251,8 +259,9 @@ class Target:
             self.appearance.cloud = Cloud.at(self.mean)
             if self.manual:
                 self.mean[2:] *= UNSEEN_SPEED
-        if sighting is not None and not self.manual:
-            self._keep_right(sampler, space, sighting)
+        alone = sighting is not None and not sighting.crowded
+        if sighting is not None and alone and not self.manual:
+            self._keep_right(sampler, space, sighting, followed)
         if self._alike or self.frames_undetected == 0:
             self._frames_unseen = 0
         elif not hidden:
@@ -261,13 +270,11 @@ class Target:
             self._credit_s = self._settings.coast_s
         if self.manual and self._learnt and self.appearance.discriminator is not None:
             self.appearance.discriminator.learn(sampler, self.window)
-        unseen = not self.manual and self._frames_unseen >= self._settings.lost_frames
-        if unseen or visible < LEAST_VISIBLE or self._credit_s <= 0:
-            gone = "left the frame" if visible < LEAST_VISIBLE else "coasted too long"
-            self.lose("not seen for lost-frames" if unseen else gone)
+        if visible < LEAST_VISIBLE or self._credit_s <= 0:
+            self.lose("left the frame" if visible < LEAST_VISIBLE else "coasted too long")
             return
         believed = self.manual or self.frames_undetected < self._settings.lost_frames
-        seen = self.frames_undetected == 0 or (self._alike and believed)
+        seen = alone or (self._alike and believed)
         self.state = TargetState.CONFIRMED if seen else TargetState.COASTING
 
     def start(self, sampler: WindowSampler, space: Space | None, followed: int) -> None:
@@ -275,7 +282,7 @@ class Target:
         self.state = TargetState.CONFIRMED
         self.provenance.cause = self.provenance.cause or "confirmed"
         if not self.manual:
-            self.window = self._window_from_detections(float(self.mean[0]), float(self.mean[1]))
+            self.window = self.shape.window(float(self.mean[0]), float(self.mean[1]), self._direction()[0])
         context = 1.0 if self.manual else self._settings.context
         side = self._settings.patch_for(context * float(max(self.window[2:4])), followed)
         self._learn_anew(sampler, space, (side, side) if space is None else space.patch_size, context)
@@ -288,7 +295,7 @@ class Target:
             self.state,
             self.window.copy(),
             velocity,
-            self.covariance[:2, :2].copy(),
+            self.covariance[:2, :2] + self._anchor_variance * np.eye(2),
             min(max(score, 0.0), 1.0),
             self.age_s,
             self.provenance,
@@ -300,7 +307,7 @@ class Target:
         """Only detections speak; no pixel is read before the target is confirmed."""
         if sighting is not None:
             self.trail.add(sighting.centroid)
-        self.window = np.array([self.mean[0], self.mean[1], self.box[0], self.box[1], 0.0])
+        self.window = np.array([*self.mean[:2], *self.shape.box, 0.0])
         hits = sum(self._seen)
         if self.frames_undetected > TENTATIVE_MISSES:
             self.lose("not detected again before it was confirmed")
@@ -318,12 +325,9 @@ class Target:
     def _learn_anew(
         self, sampler: WindowSampler, space: Space | None, patch: tuple[int, int], context: float
     ) -> None:
-        pixels = read_window(sampler, self.window, patch, context)
-        template: Template = (
-            EigenTemplate(pixels, self._settings.eigen) if space is None else FeatureTemplate(pixels, space)
+        self.appearance = Appearance.of(
+            sampler, self.window, patch, context, space, self._settings.eigen, discriminated=self.manual
         )
-        discriminator = CorrelationFilter(sampler, self.window) if self.manual else None
-        self.appearance = Appearance(template, Cloud.at(self.window), patch, context, discriminator)
         self._similarity, self._alike = 1.0, True
 
     def _trust(self, sighting: Sighting) -> float:
@@ -337,8 +341,9 @@ class Target:
                 return Prior(centroid, std)
             return response_prior(self._response, self._evidence.tolerance, self.drawn_angle)
         heading, heading_std = self._heading()
-        sides = window_shape(*self.box, float(self.window[4]) if heading is None else heading)
-        return Prior(centroid, std, sides, SIDES_STD, heading or 0.0, heading_std)
+        known = float(self.window[4]) if heading is None else heading
+        length, width, angle = window_turn(*self.shape.box, known)
+        return Prior(centroid, std, (length, width), SIDES_STD, angle, heading_std)
 
     def _heading(self) -> tuple[float | None, float]:
         """Direction of motion in the frame and its standard deviation, or None while it is not known."""
@@ -349,52 +354,42 @@ class Target:
             return None, math.inf
         return math.atan2(down, across), max(0.08, 1.5 * speed_std / speed)
 
-    def _window_from_detections(self, x: float, y: float) -> FloatArray:
-        """float64[5]: the box's shape turned into the direction of motion."""
-        heading, _ = self._heading()
+    def _direction(self) -> tuple[float, float]:
+        """Direction of motion and its standard deviation, or the window's or the trail's meanwhile."""
+        heading, heading_std = self._heading()
         if heading is None:
-            heading = float(self.window[4]) if self.followed and self.appearance else self.trail.heading
-        length, width = window_shape(*self.box, heading)
-        return np.array([x, y, length, width, half_turn(heading)])
+            known = self.followed and self.appearance is not None
+            heading = float(self.window[4]) if known else self.trail.heading
+        return heading, heading_std
 
-    def _keep_right(self, sampler: WindowSampler, space: Space | None, sighting: Sighting) -> None:
-        """Starts the template again where detections have shown for some time that the window is wrong."""
+    def _keep_right(
+        self, sampler: WindowSampler, space: Space | None, sighting: Sighting, followed: int
+    ) -> None:
+        """Starts the template again where detections show that the window is wrong."""
         assert self.appearance is not None
         trust = self._trust(sighting) ** 2
-        x, y = float(self.window[0]), float(self.window[1])
-        rate = trust * (YOUNG_OFFSET_RATE if self.age_s < YOUNG_S else OFFSET_RATE)
-        across = self._offset[0] + rate * (sighting.centroid[0] - x - self._offset[0])
-        down = self._offset[1] + rate * (sighting.centroid[1] - y - self._offset[1])
-        self._offset = (across, down)
-        self._misfits = 0 if self._alike else self._misfits + (trust > 0.3)
-        lost_sight = self._misfits >= MISFITS_BEFORE_RESTART
-        expected = self._window_from_detections(x + across, y + down)
-        if lost_sight:
-            expected[:2] = self.mean[:2]
-        elif not self._wrong(expected):
+        heading, heading_std = self._direction()
+        if self._alike:
+            self.shape.recognised()
+        elif self.shape.out_of_sight(trust):
+            self._restart(
+                sampler, space, self.shape.window(float(self.mean[0]), float(self.mean[1]), heading), followed
+            )
             return
-        self._misfits, self._offset = 0, (0.0, 0.0)
-        self.window = expected
-        known = isinstance(self.appearance.template, FeatureTemplate)
-        self._learn_anew(
-            sampler,
-            space if known else None,
-            self.appearance.patch,
-            self.appearance.context,
-        )
+        better = self.shape.better(self.window, sighting, heading, heading_std, trust)
+        if better is not None:
+            self.mean[:2] = better[:2]
+            self._restart(sampler, space, better, followed)
 
-    def _wrong(self, expected: FloatArray) -> bool:
-        """Whether the window differs from what detections and motion say by more than their noise."""
-        heading, heading_std = self._heading()
-        turned = abs(float(half_turn(expected[4] - self.window[4])))
-        resized = max(abs(math.log(float(expected[i] / self.window[i]))) for i in (2, 3))
-        return (
-            math.hypot(*self._offset) > max(0.8, 0.06 * self.side)
-            or (heading is not None and turned > max(0.25, 2.5 * heading_std))
-            or resized > RESIZED
-        )
-
-
-def centroid_std(side: float) -> float:
-    """Standard deviation expected of a detection's centroid, px, for a target of a given side, px."""
-    return 1.0 + 0.04 * side
+    def _restart(
+        self, sampler: WindowSampler, space: Space | None, window: FloatArray, followed: int
+    ) -> None:
+        """Begins the template again at another window."""
+        assert self.appearance is not None
+        self.window = window
+        context = self.appearance.context
+        if isinstance(self.appearance.template, FeatureTemplate):
+            self._learn_anew(sampler, space, self.appearance.patch, context)
+        else:
+            side = self._settings.patch_for(context * float(max(window[2:4])), followed)
+            self._learn_anew(sampler, None, (side, side), context)

@@ -6,16 +6,18 @@ import math
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from streamkit_tracker import kinematics
 from streamkit_tracker.appearance_search import Likelihood, search
 from streamkit_tracker.budget import Budget
+from streamkit_tracker.detected_shape import centroid_std
 from streamkit_tracker.feature_template import FeatureTemplate
 from streamkit_tracker.observation import Measurement, Observation, Placement, TargetReport, TargetState
 from streamkit_tracker.pairing import Pairing, pair
 from streamkit_tracker.provenance import TargetProvenance, gate_distance
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.target import Target, centroid_std
+from streamkit_tracker.target import Target
 from streamkit_tracker.window_geometry import (
     ANGLE,
     LENGTH,
@@ -31,9 +33,13 @@ from streamkit_tracker.window_sampling import ByteArray, WindowSampler
 
 MERGE_FRAMES = 3
 MERGE_SCALE = 0.9
+FRAGMENT_AREA = 3.5
 HIDDEN_SCALE = 2.0
 BIRTH_SCALE = 1.3
 TENTATIVE_SHARE = 4
+
+
+BoolArray = NDArray[np.bool_]
 
 
 class MultiTargetTracker:
@@ -154,21 +160,24 @@ class MultiTargetTracker:
                 target.provenance.gate = gate_distance(
                     target.mean, target.covariance, sighting.centroid, centroid_std(target.side)
                 )
-                target.remember(sighting)
+                target.remember(sighting, observation.step_s)
         self._correct(self._measure(observation, pairing))
         self._finish(observation, pairing)
-        self._merge()
+        self._merge(observation)
         if self.settings.auto_start:
             self._give_birth(observation, pairing)
 
     def _measure(self, observation: Observation, pairing: Pairing) -> dict[int, Measurement]:
         """Positions by target id: of the search for targets that are followed, else of the detection."""
-        seen = [target for target in self._targets if target.appearance is not None]
+        sightings = pairing.sightings
+        known = [target for target in self._targets if target.appearance is not None]
+        seen = [target for target in known if target.id in sightings or not target.dormant]
+        for target in known:
+            target.overlook()
         for target in seen:
             template = target.appearance.template if target.appearance is not None else None
             if isinstance(template, FeatureTemplate) and observation.space is not None:
                 template.follow(observation.space)
-        sightings = pairing.sightings
         for target in seen:
             target.propose(self._sampler, observation.step_s)
         share = self._budget.share
@@ -203,7 +212,8 @@ class MultiTargetTracker:
         windows = np.stack([target.window for target in self._targets])
         visible = visible_fraction(windows, self._sampler.shape)
         upon = inside_windows(windows[:, :2], windows, HIDDEN_SCALE)
-        others = ~np.eye(len(windows), dtype=np.bool_) & [target.followed for target in self._targets]
+        there = [target.followed and not target.dormant for target in self._targets]
+        others = ~np.eye(len(windows), dtype=np.bool_) & there
         hidden = np.any(upon & others, axis=1).tolist()
         # one that coasts makes room for one that is seen
         coasting = sum(target.gives_way for target in self._targets)
@@ -235,7 +245,7 @@ class MultiTargetTracker:
 
     def _give_birth(self, observation: Observation, pairing: Pairing) -> None:
         """Starts a tentative target on every detection that is nobody's and covers no followed target."""
-        followed = [target for target in self._targets if target.followed]
+        followed = [target for target in self._targets if target.followed and not target.dormant]
         taken = np.stack([target.window for target in followed]) if followed else np.zeros((0, 5))
         covered = np.any(inside_windows(observation.centroids, taken, BIRTH_SCALE), axis=1).tolist()
         room = self.settings.max_targets * (1 + TENTATIVE_SHARE) - len(self._targets)
@@ -253,9 +263,9 @@ class MultiTargetTracker:
         self._targets.append(target)
         return target
 
-    def _merge(self) -> None:
-        """Ends the younger of two targets that were on one object, with one velocity, for three frames."""
-        followed = [target for target in self._targets if target.followed]
+    def _merge(self, observation: Observation) -> None:
+        """Ends the younger of two targets that were on one object, with one velocity, for some frames."""
+        followed = [target for target in self._targets if target.followed and not target.dormant]
         if len(followed) < 2:
             self._close = {}
             return
@@ -264,7 +274,8 @@ class MultiTargetTracker:
         velocities = np.stack([target.mean[2:] for target in followed])
         apart = np.linalg.norm(velocities[:, None] - velocities[None], axis=2)
         doubt = np.array([target.side + target.speed_std for target in followed])
-        together = (within | within.T) & (apart < np.maximum(doubt[:, None], doubt[None]))
+        alike = apart < np.maximum(doubt[:, None], doubt[None])
+        together = (within | within.T | self._fragments(followed, observation.boxes)) & alike
         near = np.argwhere(np.triu(together, k=1))
         close: dict[tuple[int, int], int] = {}
         for older, younger in near:
@@ -275,7 +286,23 @@ class MultiTargetTracker:
         self._close = close
 
     @staticmethod
+    def _fragments(followed: list[Target], boxes: FloatArray) -> BoolArray:
+        """Pairs in one detection of which the younger was hardly ever detected alone: bool[n, n]."""
+        boxes = boxes[np.isfinite(boxes).all(axis=1)]
+        areas = np.array([math.prod(target.shape.box) for target in followed])
+        centres = np.stack([target.window[:2] for target in followed])[:, None]
+        inside = (boxes[None, :, :2] <= centres) & (centres <= boxes[None, :, 2:])
+        holds = np.asarray(np.all(inside, axis=2), np.bool_)
+        sizes = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
+        # a detection several times larger than the older target may well show two
+        single = np.asarray(holds & (sizes[None] < FRAGMENT_AREA * areas[:, None]), np.bool_)
+        together = np.any(single[:, None] & holds[None], axis=2)
+        young = np.array([not target.shape.settled and not target.manual for target in followed])
+        return np.asarray(together & young[None])
+
+    @staticmethod
     def _report(targets: list[Target], observation: Observation) -> tuple[TargetReport, ...]:
+        targets = [target for target in targets if target.told]
         if not targets:
             return ()
         means = np.stack([target.mean for target in targets])

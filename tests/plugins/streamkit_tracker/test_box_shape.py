@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from streamkit_tracker.box_shape import window_shape
+from streamkit_tracker.box_shape import window_shape, window_turn
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, 0.7, math.pi / 4, 1.2, math.pi / 2, 2.6, -0.8])
@@ -26,3 +26,16 @@ def test_length_lies_along_the_motion_even_when_it_is_shorter():
 def test_degenerate_boxes_give_positive_sides(box: tuple[float, float]):
     """No box gives a side below two pixels."""
     assert min(window_shape(*box, 0.4)) >= 2.0
+
+
+def test_an_upright_person_keeps_the_upright_box():
+    """No rectangle along a slanting motion has the box of a person seen from the side."""
+    assert window_turn(26.0, 92.0, 0.6) == (26.0, 92.0, 0.0)
+
+
+@pytest.mark.parametrize("heading", [0.3, 1.2, -0.8])
+def test_a_car_turns_with_its_motion(heading: float):
+    """Where a turned rectangle fills the box, it is the window."""
+    cosine, sine = abs(math.cos(heading)), abs(math.sin(heading))
+    _, _, angle = window_turn(26 * cosine + 13 * sine, 26 * sine + 13 * cosine, heading)
+    assert angle == pytest.approx(heading)

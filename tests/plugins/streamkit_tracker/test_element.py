@@ -151,6 +151,7 @@ def test_a_window_set_while_playing_adds_a_target(scenes: ModuleType):
         assert (tracks[1].x, tracks[1].y) == (39.5, 34.5)
         with pytest.raises(PropertyError, match="property window must be"):
             harness.element.window = "20,20"
+        assert harness.element.window == "20,20,40,30"
 
 
 @pytest.mark.parametrize("window", ["", "1,2,3", "1,2,3,x", "1,2,0,4", "1,2,nan,4", "1,2,3,4,5,6"])

@@ -1,5 +1,6 @@
 """Many targets on simulated detections that miss, lie and merge."""
 
+from itertools import pairwise
 from types import ModuleType
 
 import numpy as np
@@ -129,11 +130,43 @@ def test_what_blinks_in_place_is_never_confirmed(scenes: ModuleType):
 
 
 def test_a_car_that_vanishes_leaves_no_ghost(scenes: ModuleType):
-    """Where there is only ground left, the track ends within five frames."""
+    """Where there is only ground left, nothing is confirmed after five frames, and the track ends."""
     car = scenes.Car((100, 100), (70, 20), scenes.car_texture(np.random.default_rng(3)), gone_at=40)
-    rows = follow(scenes.Flight([car], frames=50, seed=3, miss=0.0, false_alarms=0))
+    settings = TrackerSettings(coast_s=0.8)
+    rows = follow(scenes.Flight([car], frames=70, seed=3, miss=0.0, false_alarms=0), settings)
     assert len(confirmed(rows[39][1])) == 1
-    assert all(not reports for _, reports in rows[46:])
+    assert all(not confirmed(reports) for _, reports in rows[46:])
+    states = [report.state for _, reports in rows[40:] for report in reports]
+    assert states.count(TargetState.LOST) == 1
+    assert rows[-1][1] == ()
+
+
+def test_doubt_grows_while_nothing_is_seen(scenes: ModuleType):
+    """A coasting target's covariance grows from frame to frame; it is told only while it is of use."""
+    car = scenes.Car((100, 100), (70, 20), scenes.car_texture(np.random.default_rng(3)), gone_at=40)
+    rows = follow(scenes.Flight([car], frames=70, seed=3, miss=0.0, false_alarms=0))
+    coasting = [report for _, reports in rows for report in reports if report.state is TargetState.COASTING]
+    spread = [np.trace(report.covariance) for report in coasting]
+    assert len(spread) >= 5
+    assert all(later > earlier for earlier, later in pairwise(spread))
+    assert max(np.sqrt(report.covariance[0, 0]) for report in coasting) < coasting[0].window[2]
+
+
+@pytest.mark.parametrize("unseen", [12, 24])
+def test_an_identity_survives_a_gap(scenes: ModuleType, unseen: int):
+    """A car under a roof for half a second or a whole one comes out under the number it had."""
+    car = scenes.Car((80, 120), (80, 10), scenes.car_texture(np.random.default_rng(9)))
+    tracker = MultiTargetTracker(TrackerSettings(coast_s=2.0))
+    roof = scenes.ground(np.random.default_rng(4), 360, 480).astype(np.uint8)
+    ids = []
+    for index, seen in enumerate(scenes.Flight([car], frames=75, seed=7, miss=0.0, false_alarms=0)):
+        covered = 40 <= index < 40 + unseen
+        none = Observation(0.04, to_previous=seen.to_previous, to_reference=seen.to_reference)
+        reports = tracker.step(roof if covered else seen.image, none if covered else observe(seen))
+        ids.append([report.id for report in confirmed(reports)])
+    assert ids[39] == [1]
+    assert ids[39 + unseen] == []
+    assert ids[-1] == [1]
 
 
 def test_two_targets_on_one_object_become_the_older_one(scenes: ModuleType):
@@ -167,9 +200,13 @@ def test_who_coasts_makes_room_for_who_is_seen():
     """With the places taken, a new mover takes that of a coasting one, which ends and is counted."""
     tracker = MultiTargetTracker(TrackerSettings(max_targets=1, lost_threshold=0.0))
     noise = np.random.default_rng(0)
-    image = noise.integers(0, 255, (200, 300)).astype(np.uint8)
+    ground = noise.integers(90, 110, (200, 300)).astype(np.uint8)
+    body = noise.integers(0, 255, (12, 12)).astype(np.uint8)
 
     def step(place: tuple[float, float]) -> dict[int, TargetState]:
+        image = ground.copy()
+        left, top = round(place[0]) - 6, round(place[1]) - 6
+        image[top : top + 12, left : left + 12] = body
         centroids = np.array([place])
         boxes = np.hstack([centroids - 6, centroids + 6])
         reports = tracker.step(image, Observation(0.04, centroids=centroids, boxes=boxes))
@@ -177,7 +214,6 @@ def test_who_coasts_makes_room_for_who_is_seen():
 
     for index in range(60):
         step((40.0 + 2.5 * index, 40.0))
-    # with no threshold the first target never goes unseen: it coasts for longer than a birth takes
     states = [step((40.0 + 2.5 * index, 160.0)) for index in range(8)]
     assert TargetState.LOST in [found.get(1) for found in states]
     assert tracker.given_up == 1

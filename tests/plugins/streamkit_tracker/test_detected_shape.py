@@ -1,0 +1,71 @@
+"""How a window follows detections."""
+
+import math
+
+import numpy as np
+
+from streamkit_tracker.detected_shape import DetectedShape
+from streamkit_tracker.observation import Sighting
+
+STEP_S = 0.04
+
+
+def sighting(x: float, y: float, width: float = 30.0, height: float = 14.0) -> Sighting:
+    """A detection that shows nothing else."""
+    return Sighting((x, y), (width, height), (x, y), 2.0)
+
+
+def settled() -> DetectedShape:
+    """The shape of a target that was detected for more than a second."""
+    shape = DetectedShape((30.0, 14.0))
+    for _ in range(30):
+        shape.remember(sighting(0, 0), STEP_S)
+    return shape
+
+
+def test_a_young_target_is_as_large_as_was_ever_seen():
+    """First detections show a part: the box grows at once, and shrinks slowly."""
+    shape = DetectedShape((10.0, 8.0))
+    shape.remember(sighting(0, 0, 24, 12), STEP_S)
+    assert shape.box == (24.0, 12.0)
+    shape.remember(sighting(0, 0, 6, 12), STEP_S)
+    assert shape.box == (12.0, 12.0)
+
+
+def test_a_detection_that_shows_others_too_teaches_nothing():
+    """A blob of two cars is not the size of one."""
+    shape = settled()
+    shape.remember(Sighting((0, 0), (80, 60), (0, 0), 20.0, crowded=True), STEP_S)
+    np.testing.assert_allclose(shape.box, (30, 14))
+
+
+def test_a_window_that_agrees_is_left_alone():
+    """Detections that tremble by a pixel do not move the window of a settled target."""
+    shape = settled()
+    window = shape.window(100, 100, 0.0)
+    noise = np.random.default_rng(0).normal(0, 0.7, (50, 2))
+    assert all(
+        shape.better(window, sighting(100 + dx, 100 + dy), 0.0, math.inf, 1.0) is None for dx, dy in noise
+    )
+
+
+def test_a_window_far_off_begins_again_on_the_detection():
+    """Where the detection lies for the most part beside it, at once; where it lies half beside it, soon."""
+    shape = settled()
+    far = shape.better(shape.window(100, 100, 0.0), sighting(120, 100), 0.0, math.inf, 0.0)
+    assert far is not None
+    np.testing.assert_allclose(far[:2], (120, 100))
+    window = shape.window(100, 100, 0.0)
+    answers = [shape.better(window, sighting(109, 102), 0.0, math.inf, 0.0) for _ in range(2)]
+    assert answers[0] is None
+    assert answers[1] is not None
+
+
+def test_a_detection_of_an_odd_size_has_to_last():
+    """One blob twice as large changes nothing; after eight the target is that large."""
+    shape = settled()
+    window = shape.window(100, 100, 0.0)
+    answers = [shape.better(window, sighting(100, 100, 44, 40), 0.0, math.inf, 0.0) for _ in range(8)]
+    assert answers[:7] == [None] * 7
+    assert answers[7] is not None
+    assert answers[7][3] > 35
