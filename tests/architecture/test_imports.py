@@ -36,6 +36,7 @@ GLUE = {
     "streamkit_decoder.telemetry.telemetrydecoder",
     "streamkit_decoder.doctor.checks",
     "streamkit_decoder.doctor.command",
+    "streamkit_decoder.doctor.decoding",
     "streamkit_decoder.doctor.examine",
     "streamkit_decoder.doctor.watch",
     "streamkit_decoder.files.playrange",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from fractions import Fraction
 
+from streamkit_decoder.doctor.decoding import Decoded, try_decoding
 from streamkit_decoder.doctor.measure import Measured, measure
 from streamkit_decoder.doctor.report import Check, Verdict
 from streamkit_decoder.doctor.watch import Seen
@@ -11,20 +13,27 @@ from streamkit_decoder.doctor.watch import Seen
 LONG_KEYFRAME_INTERVAL_S = 2.0
 LARGE_JITTER_MS = 50.0
 RATE_TOLERANCE = 0.1
+HEADROOM = 1.5  # decoding is not the only work
+ENOUGH_PICTURES = 10  # to speak of a rate
 
 
 def stream_checks(seen: Seen, *, is_live: bool, transport: str) -> list[Check]:
     """All checks of a stream that gave packets."""
     found = measure(seen.packets)
-    checks = [_format_check(seen, transport), _rate_check(seen, found), _keyframe_check(found, is_live)]
+    decoded = try_decoding(seen.kept)
+    checks = [
+        _format_check(seen, transport),
+        _decoding_check(decoded, found.rate if is_live else None),
+        _rate_check(seen, found),
+        _keyframe_check(found, is_live),
+    ]
     if is_live:
         checks += [_jitter_check(found), _clock_check(seen)]
     return [*checks, _loss_check(found), _telemetry_check(seen)]
 
 
 def _format_check(seen: Seen, transport: str) -> Check:
-    assert seen.first is not None
-    caps = seen.first.caps
+    caps = seen.kept[0].caps
     width, height = caps.get("width"), caps.get("height")
     size = f"{width!s} x {height!s}" if width else "size not told before the first key frame"
     over = f" over {transport.upper()}" if transport else ""
@@ -32,9 +41,28 @@ def _format_check(seen: Seen, transport: str) -> Check:
     return Check("stream", Verdict.GOOD, f"{caps.name}, {size}{over}", facts)
 
 
+def _decoding_check(decoded: Decoded, live_rate: float | None) -> Check:
+    facts = asdict(decoded)
+    if not decoded.pictures:
+        why = f": {decoded.error}" if decoded.error else ""
+        text = f"none of {decoded.packets} packets decodes{why}; the video is damaged, encrypted or cut short"
+        return Check("decoding", Verdict.BAD, text, facts)
+    text = f"{decoded.pictures} pictures of {decoded.packets} packets"
+    if decoded.error:
+        return Check("decoding", Verdict.NOTE, f"{text}, the others do not decode: {decoded.error}", facts)
+    if decoded.damaged:
+        return Check("decoding", Verdict.NOTE, f"{text}, {decoded.damaged} of them damaged", facts)
+    if decoded.rate is None or decoded.pictures < ENOUGH_PICTURES:
+        return Check("decoding", Verdict.GOOD, text, facts)
+    text += f", {decoded.rate:.0f}/s on this machine"
+    if live_rate is not None and decoded.rate < live_rate * HEADROOM:
+        hint = f"the stream has {live_rate:.0f}/s: ask the camera for less, or set decode skip="
+        return Check("decoding", Verdict.NOTE, f"{text}; {hint}", facts)
+    return Check("decoding", Verdict.GOOD, text, facts)
+
+
 def _rate_check(seen: Seen, found: Measured) -> Check:
-    assert seen.first is not None
-    declared = seen.first.caps.get("framerate")
+    declared = seen.kept[0].caps.get("framerate")
     told = float(declared) if isinstance(declared, int | Fraction) else None
     facts = {"declared": told, "measured": found.rate, "bit_rate": found.bit_rate}
     if found.rate is None:

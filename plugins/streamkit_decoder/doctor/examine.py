@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from urllib.parse import urlsplit, urlunsplit
 
 from streamkit import StreamkitError
@@ -12,7 +12,7 @@ from streamkit_decoder.doctor.checks import stream_checks
 from streamkit_decoder.doctor.report import Check, Report, Verdict
 from streamkit_decoder.doctor.server import NoAnswer, ask_options
 from streamkit_decoder.doctor.watch import Seen, watch
-from streamkit_decoder.location import local_path, redact
+from streamkit_decoder.location import is_network, local_path, redact
 from streamkit_decoder.rtsp.address import DEFAULT_PORTS, port_of
 from streamkit_decoder.rtsp.connections import refusal
 from streamkit_decoder.telemetry.files import NoTelemetry, read_telemetry
@@ -48,7 +48,13 @@ def _examine_live(location: str, seconds: float, timeout_s: float, transport: st
         checks.append(Check("stream", Verdict.BAD, seen.error or f"no packet within {timeout_s:g} s"))
         return Report(where, tuple(checks), "")
     checks += stream_checks(seen, is_live=True, transport=transport)
-    return Report(where, tuple(checks), _live_line(location, transport, seen))
+    return _reported(where, checks, _live_line(location, transport, seen))
+
+
+def _reported(where: str, checks: list[Check], line: str) -> Report:
+    """The report; what cannot be used gets no pipeline."""
+    report = Report(where, tuple(checks), line)
+    return report if report.is_usable else replace(report, pipeline="")
 
 
 def _reach(location: str, timeout_s: float) -> list[Check]:
@@ -70,7 +76,7 @@ def _reach(location: str, timeout_s: float) -> list[Check]:
     except (NoAnswer, OSError) as error:
         return [Check("server", Verdict.BAD, f"{host} port {port}: {error}; is this an RTSP server?")]
     return [
-        Check("reach", Verdict.GOOD, f"{host} port {port}, connected in {server.connect_ms:.0f} ms"),
+        Check("reach", Verdict.GOOD, f"{host} port {port}, connected in {server.connect_ms:.1f} ms"),
         Check(
             "server",
             Verdict.GOOD,
@@ -97,21 +103,25 @@ def _live_line(location: str, transport: str, seen: Seen) -> str:
 
 
 def _examine_file(location: str, timeout_s: float) -> Report:
-    where = redact(location)
-    try:
-        check_file(location)
-    except StreamkitError as error:
-        return Report(where, (Check("file", Verdict.BAD, str(error)),), "")
-    size = local_path(location).stat().st_size
-    checks = [Check("file", Verdict.GOOD, f"{size / 1e6:.1f} MB", {"bytes": size})]
+    where, checks = redact(location), list[Check]()
+    if not is_network(location):
+        try:
+            check_file(location)
+        except StreamkitError as error:
+            return Report(where, (Check("file", Verdict.BAD, str(error)),), "")
+        size = local_path(location).stat().st_size
+        text = f"{size / 1e6:.1f} MB" if size >= 100_000 else f"{size / 1e3:.1f} kB"
+        checks.append(Check("file", Verdict.GOOD, text, {"bytes": size}))
     seen = watch("filesrc", {"location": location}, max(timeout_s, 10.0), None)
+    if not seen.packets and is_network(location):
+        return Report(where, (*checks, Check("stream", Verdict.BAD, seen.error or "no packet came")), "")
     if not seen.packets:
         return _telemetry_file(location, checks, seen.error)
     checks += stream_checks(seen, is_live=False, transport="")
     pose, klv = _pose_parts(seen)
     source = f"filesrc name=s location={in_description(location)}"
     line = f'streamkit launch "{source} ! decode{pose} ! {TRACKING} ! tracksink location=tracks.jsonl{klv}"'
-    return Report(where, tuple(checks), line)
+    return _reported(where, checks, line)
 
 
 def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:

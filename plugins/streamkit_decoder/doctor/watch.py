@@ -6,12 +6,13 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from streamkit import Frame, FrameFlags, Pipeline, StreamkitError
+from streamkit import ElementFailure, Frame, FrameFlags, Pipeline, StreamkitError
 from streamkit_decoder.doctor.measure import PacketFacts
 from streamkit_decoder.telemetry.telemetrydecoder import TelemetryDecoder
 
 POLL_S = 0.1
 FILE_PACKETS = 3000
+KEPT_PACKETS, KEPT_BYTES = 150, 1 << 26
 
 
 class Seen:
@@ -19,7 +20,7 @@ class Seen:
 
     Attributes:
         packets: of the video.
-        caps: of the first, as text and fields.
+        kept: the first of them whole, to try whether they decode.
         origins: of the capture times.
         telemetry: decodes what came beside.
         error: the one that ended it, or "".
@@ -27,15 +28,18 @@ class Seen:
 
     def __init__(self) -> None:
         self.packets: list[PacketFacts] = []
-        self.first: Frame | None = None
+        self.kept: list[Frame] = []
+        self._kept_bytes = 0
         self.origins: dict[str, int] = {}
         self.telemetry = TelemetryDecoder()
         self.error = ""
 
     def add_video(self, frame: Frame) -> None:
         """Takes a packet of the video."""
-        self.first = self.first or frame
         size, is_key = memoryview(frame.data).nbytes, bool(frame.flags & FrameFlags.KEYFRAME)
+        if not self.kept or (len(self.kept) < KEPT_PACKETS and self._kept_bytes + size <= KEPT_BYTES):
+            self.kept.append(frame)
+            self._kept_bytes += size
         self.packets.append(PacketFacts(frame.pts, frame.arrival_ns, size, is_key))
         if frame.capture is not None:
             self.origins[frame.capture.origin] = self.origins.get(frame.capture.origin, 0) + 1
@@ -75,10 +79,15 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
                     seen.add_telemetry(packet)
             while (packet := _pull(pipeline["klv"], 0.0)) is not None:
                 seen.add_telemetry(packet)
-            seen.error = str(pipeline.error or "")
+            seen.error = _bare(pipeline.error)
     except StreamkitError as error:
-        seen.error = str(error)
+        seen.error = _bare(error)
     return seen
+
+
+def _bare(error: Exception | None) -> str:
+    """What an error says, without the element that nobody has named."""
+    return str((error.__cause__ or error) if isinstance(error, ElementFailure) else error or "")
 
 
 def _pull(sink: Any, timeout_s: float = POLL_S) -> Frame | None:

@@ -4,10 +4,11 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
+import av
 import pytest
 
 from streamkit import Pipeline
@@ -46,6 +47,7 @@ def test_a_live_stream(fake: ModuleType) -> None:
         "reach",
         "server",
         "stream",
+        "decoding",
         "frame rate",
         "key frames",
         "jitter",
@@ -89,6 +91,31 @@ def test_a_file_with_telemetry(streamkit_data: Path) -> None:
     assert facts["frame rate"]["measured"] == pytest.approx(30, rel=0.01)
     assert (facts["telemetry"]["good_packets"], facts["telemetry"]["poses"]) == (277, 277)
     assert "s.klv ! p.telemetry" in report.pipeline
+
+
+def test_what_does_not_decode_is_told(make_video: Callable[..., Path], tmp_path: Path) -> None:
+    """A file whose packets read well but hold rubbish cannot be used, and there is no pipeline."""
+    good = make_video("good.mkv")
+    with av.open(str(good)) as container, av.open(str(tmp_path / "bad.mkv"), "w") as bad:
+        stream = bad.add_stream_from_template(container.streams.video[0])
+        for packet in container.demux(video=0):
+            if packet.size:
+                packet.update(b"\x7f" * packet.size)  # type: ignore[arg-type]
+                packet.stream = stream
+                bad.mux(packet)
+    report = examine(str(tmp_path / "bad.mkv"), 1, 5, "tcp")
+    assert verdicts(report)["decoding"] == "bad"
+    assert "the video is damaged, encrypted or cut short" in report.as_text()
+    assert not report.pipeline
+    assert not report.is_usable
+
+
+def test_a_url_that_is_no_file(tmp_path: Path) -> None:
+    """Other URLs than rtsp:// are opened as such, and what is wrong is what FFmpeg says."""
+    report = examine("http://me:hunter2@127.0.0.1:1/flight.mp4", 1, 2, "tcp")
+    assert verdicts(report) == {"stream": "bad"}
+    assert "cannot be opened" in report.as_text()
+    assert "hunter2" not in report.as_text()
 
 
 def test_telemetry_alone(streamkit_data: Path) -> None:
