@@ -30,6 +30,11 @@ TELEMETRY_SDP = (
 )
 
 
+SDP_HEAD = (
+    "v=0\r\no=- 1 1 IN IP4 127.0.0.1\r\ns=drone\r\nt=0 0\r\nm=video 0 RTP/AVP 96\r\nc=IN IP4 0.0.0.0\r\n"
+)
+
+
 class Behaviour(enum.StrEnum):
     """What the server does with a client."""
 
@@ -53,6 +58,8 @@ def access_units(
     encoder.width, encoder.height, encoder.pix_fmt = *size, "yuv420p"
     encoder.time_base, encoder.framerate = Fraction(1, 30), Fraction(30)
     encoder.options = {"tune": "zerolatency", "preset": "ultrafast", "g": str(gop), "bf": "0"}
+    if codec == "libx265":
+        encoder.options |= {"x265-params": f"keyint={gop}:log-level=none:repeat-headers=1"}
     units = []
     for index in range(count):
         pixels = np.full((size[1] * 3 // 2, size[0]), 128, np.uint8)
@@ -68,17 +75,21 @@ def nal_units(unit: bytes) -> list[bytes]:
     return [part for part in re.split(b"\0\0\0?\1", unit) if part]
 
 
-def rtp_payloads(unit: bytes) -> Iterator[bytes]:
-    """The RTP payloads of an access unit (RFC 6184: single NAL units and FU-A)."""
+def rtp_payloads(unit: bytes, codec: str = "h264") -> Iterator[bytes]:
+    """The RTP payloads of an access unit: single NAL units and fragments (RFC 6184, RFC 7798)."""
+    is_h265 = codec == "h265"
     for nal in nal_units(unit):
         if len(nal) <= PAYLOAD_LIMIT:
             yield nal
             continue
-        head, body = nal[0], nal[1:]
+        if is_h265:
+            indicator, kind, body = bytes([nal[0] & 0x81 | 49 << 1, nal[1]]), nal[0] >> 1 & 0x3F, nal[2:]
+        else:
+            indicator, kind, body = bytes([nal[0] & 0xE0 | 28]), nal[0] & 0x1F, nal[1:]
         pieces = [body[start : start + PAYLOAD_LIMIT] for start in range(0, len(body), PAYLOAD_LIMIT)]
         for index, piece in enumerate(pieces):
             mark = (0x80 if index == 0 else 0) | (0x40 if index == len(pieces) - 1 else 0)
-            yield bytes([head & 0xE0 | 28, mark | head & 0x1F]) + piece
+            yield indicator + bytes([mark | kind]) + piece
 
 
 @dataclass
@@ -93,6 +104,7 @@ class FakeServer:
         wall_clock_offset_s: added to the wall clock that the sender reports tell.
         telemetry: KLV packets sent beside the pictures, one with each, again and again; none where empty.
         loses_every: of so many RTP packets of the video one is not sent; 0 loses none.
+        codec: of the units, h264 or h265.
         connections: clients accepted so far.
         frames_sent: over all clients.
     """
@@ -105,6 +117,7 @@ class FakeServer:
     wall_clock_offset_s: float = 0.0
     telemetry: Sequence[bytes] = ()
     loses_every: int = 0
+    codec: str = "h264"
     connections: int = 0
     frames_sent: int = 0
     _closing: threading.Event = field(default_factory=threading.Event)
@@ -241,11 +254,12 @@ class Client:
 
     def description(self) -> str:
         """The SDP."""
+        if self.server.codec == "h265":
+            return f"{SDP_HEAD}a=rtpmap:96 H265/90000\r\na=control:video\r\n"
         first = nal_units(self.server.units[0])
         sets = ",".join(base64.b64encode(nal).decode() for nal in first if nal[0] & 31 in (7, 8))
         return (
-            "v=0\r\no=- 1 1 IN IP4 127.0.0.1\r\ns=drone\r\nt=0 0\r\nm=video 0 RTP/AVP 96\r\n"
-            "c=IN IP4 0.0.0.0\r\na=rtpmap:96 H264/90000\r\n"
+            f"{SDP_HEAD}a=rtpmap:96 H264/90000\r\n"
             f"a=fmtp:96 packetization-mode=1;sprop-parameter-sets={sets}\r\na=control:video\r\n"
         ) + (TELEMETRY_SDP if self.server.telemetry else "")
 
@@ -291,10 +305,14 @@ class Client:
                 return
             if frames % 15 == 0:
                 self.send(1, self.report(frames, began_utc))
-            self.send_frame(frames, list(rtp_payloads(self.server.units[frames % len(self.server.units)])))
+            self.send_frame(frames, self.payloads(frames))
             self.send_telemetry(frames)
             frames += 1
             self.server.frames_sent += 1
+
+    def payloads(self, frames: int) -> list[bytes]:
+        """The RTP payloads of a frame."""
+        return list(rtp_payloads(self.server.units[frames % len(self.server.units)], self.server.codec))
 
     def send_frame(self, frames: int, payloads: list[bytes]) -> None:
         """Sends one frame's packets."""

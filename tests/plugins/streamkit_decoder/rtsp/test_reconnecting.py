@@ -231,6 +231,25 @@ def test_size_may_change_on_reconnect(start_server: StartServer, fake: ModuleTyp
     assert changed.caps["width"] == 96
 
 
+def test_codec_and_rate_may_change_on_reconnect(start_server: StartServer, fake: ModuleType) -> None:
+    """A server that comes back with H.265 at half the rate is decoded as that, with the times to match."""
+    server = start_server()
+    text = f"rtspsrc location={server.url} {QUICK} ! decode ! appsink name=out max-buffers=0"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = iter(pipeline["out"])
+        assert next(frames).data.shape == (48, 64)
+        server.close()
+        server.units = fake.access_units((96, 80), count=30, codec="libx265")
+        server.codec, server.rate = "h265", 15.0
+        server.open()
+        changed = list(islice((frame for frame in frames if frame.epoch == 1), 20))
+    assert {frame.data.shape for frame in changed} == {(80, 96)}
+    steps = sorted(b.pts - a.pts for a, b in pairwise(changed))
+    assert steps[len(steps) // 2] == pytest.approx(1e9 / 15, rel=0.02)
+    assert not any(frame.flags & FrameFlags.CORRUPT for frame in changed)
+
+
 @pytest.mark.parametrize("transport", ["tcp", "udp"])
 def test_capture_time_is_the_senders(start_server: StartServer, transport: str) -> None:
     """With sender reports each frame has the server's wall clock of its own picture, to the millisecond."""
