@@ -141,7 +141,7 @@ class ElementFailure(StreamkitError, RuntimeError):
     """
 
     def __init__(self, element: str, factory: str, cause: BaseException, frame: str = "") -> None:
-        what = str(cause) or type(cause).__name__
+        what = str(cause).removeprefix(f"{element}: ") or type(cause).__name__
         if not isinstance(cause, StreamkitError):
             what = f"{type(cause).__name__}: {what}"
         kind = f" ({factory})" if factory and factory != element.rstrip("0123456789") else ""

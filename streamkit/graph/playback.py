@@ -215,7 +215,7 @@ class Playback:
         """Links still waiting are warned of; what they should have fed ends, so that the rest can."""
         for link in list(self._graph.delayed_links):
             if link.source is element and not link.has_succeeded and not link.every_pad:
-                text = f"{element.name}: the stream has no pad for {link.description}"
+                text = f"the stream has no pad for {link.description}; {_pads_told(element)}"
                 self._bus.post(Message(MessageKind.WARNING, element.name, text, {"code": "delayed-link"}))
         for other in list(self._graph.elements):
             for pad in other.sink_pads():
@@ -331,6 +331,15 @@ def compose_chains(elements: Iterable[Element], chains: list[Chain]) -> None:
                 pad.push = chain.compose()
                 chains.append(chain)
         element.pads_changed()
+
+
+def _pads_told(element: Element) -> str:
+    """The pads that an element has brought, with what they carry: what is missing shows by that."""
+    pads = [
+        pad.name if pad.caps is None or pad.caps.is_any else f"{pad.name} with {pad.caps.name}"
+        for pad in element.src_pads()
+    ]
+    return f"it has {', '.join(pads)}" if pads else "it has none at all"
 
 
 def _sources_above(element: Element) -> list[Source]:

@@ -92,6 +92,17 @@ def test_a_pad_that_never_comes_is_a_warning() -> None:
 
 
 @pytest.mark.usefixtures("demuxer")
+def test_the_warning_names_the_pads_there_are() -> None:
+    """Once, with its element beside it: what was mistyped or left out shows by what is there."""
+    texts: list[str] = []
+    with Pipeline.parse("demux name=d d.video_0 ! fakesink d.video_7 ! fakesink") as pipeline:
+        pipeline.bus.watch(lambda message: texts.append(message.text))
+        pipeline.run(timeout_s=20)
+    told = [text for text in texts if "no pad" in text]
+    assert told == ["the stream has no pad for d.video_7 ! fakesink1; it has video_0"]
+
+
+@pytest.mark.usefixtures("demuxer")
 def test_what_waits_is_told() -> None:
     """The graph lists its delayed links; a filter is not made before its time."""
     graph = build("demux name=d d.video_0 ! a/b ! fakesink  d. : fakesink", {})
