@@ -96,7 +96,7 @@ def is_sane(homography: Matrix) -> bool:
 
 def map_points(homography: Matrix, points: Matrix) -> Matrix:
     """float64[n, 2] points under a homography; points on its horizon become infinite or huge."""
-    projected = np.column_stack([points, np.ones(len(points))]) @ homography.T
+    projected = points @ homography[:, :2].T + homography[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         return projected[:, :2] / projected[:, 2:]
 

@@ -97,7 +97,7 @@ class FrameDiff(Transform):
         18.0, min=0.0, max=255.0, live=True, unit="grey levels", doc="Change over tau frames that counts."
     )
     tf: float = Property(
-        10.0, min=0.0, max=255.0, live=True, unit="grey levels", doc="Least difference that is foreground."
+        7.0, min=0.0, max=255.0, live=True, unit="grey levels", doc="Least difference that is foreground."
     )
     noise_gain: float = Property(
         4.0,
@@ -116,6 +116,14 @@ class FrameDiff(Transform):
         live=True,
         unit="px",
         doc="Error of registration to bear, at the working scale; -1 is 0 at full resolution, else 1.",
+    )
+    weak: float = Property(
+        0.5,
+        min=0.0,
+        max=1.0,
+        live=True,
+        doc="Share of its threshold from which a pixel beside foreground is foreground, too, where tolerance "
+        "is not 0; 1 is off.",
     )
     gradient_gain: float = Property(
         0.3, min=0.0, max=4.0, live=True, doc="Raises both thresholds by this share of the local range."
@@ -283,6 +291,7 @@ class FrameDiff(Transform):
             noise_gain=self.noise_gain,
             coefficient=self.alpha,
             tolerance=self.tolerance,
+            weak=self.weak,
             gradient_gain=self.gradient_gain,
             frame_threshold=self.frame_threshold,
             absorb_frames=self.absorb,

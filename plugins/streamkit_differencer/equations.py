@@ -25,6 +25,11 @@ if TYPE_CHECKING:
     ByteImage = NDArray[np.uint8]
     FloatImage = NDArray[np.float32]
 
+# Grey levels that a pixel beside foreground must differ by at least, and how far from it that is looked at.
+LEAST_WEAK = 5.0
+GROWTH_STEPS = 2
+_NEIGHBOURHOOD = np.ones((5, 5), np.uint8)
+
 
 def logical_matrix(
     current: ByteImage, earlier: ByteImage, threshold: float, *, gradient_gain: float = 0.0
@@ -104,7 +109,9 @@ def foreground(
         exact = cv2.absdiff(current.astype(np.float32), background.astype(np.float32, copy=False))
         return threshold_mask(cast("FloatImage", exact), threshold)
     # With a tolerance the comparison is coarser than a grey level anyway, and 8 bits are four times as fast.
-    rounded = cast("ByteImage", cv2.convertScaleAbs(background))
+    rounded = cast("ByteImage", background)
+    if background.dtype != np.uint8:
+        rounded = cast("ByteImage", cv2.convertScaleAbs(background))
     excess = cast("ByteImage", cv2.absdiff(current, rounded))
     if tolerance > 0 or gradient_gain > 0.0:
         lowest, highest = local_bounds(rounded, max(tolerance, 1))
@@ -116,6 +123,35 @@ def foreground(
     if isinstance(threshold, np.ndarray):
         return cast("ByteImage", cv2.compare(excess, threshold, cv2.CMP_GT))
     return threshold_mask(excess, threshold)
+
+
+def grown(
+    mask: ByteImage, current: ByteImage, background: ByteImage, threshold: float | ByteImage, share: float
+) -> ByteImage:
+    """The foreground and what is next to it and differs from the background by a share of the threshold.
+
+    Args:
+        mask: uint8[h, w], foreground.
+        current: uint8[h, w], f(t).
+        background: uint8[h, w], B(t - 1), rounded.
+        threshold: T_F of all or of each pixel, grey levels.
+        share: of the threshold, 0 to 1.
+
+    Returns:
+        uint8[h, w]: the foreground without lone pixels, grown by up to `GROWTH_STEPS` times two pixels.
+
+    Source: thresholding with hysteresis, Canny, "A Computational Approach to Edge Detection", PAMI 1986.
+    """
+    difference = cv2.absdiff(current, background)
+    if isinstance(threshold, np.ndarray):
+        least = np.maximum(cv2.convertScaleAbs(threshold, alpha=share), np.uint8(LEAST_WEAK))
+        weak = cv2.compare(difference, least, cv2.CMP_GT)
+    else:
+        weak = cv2.threshold(difference, max(share * threshold, LEAST_WEAK), 255, cv2.THRESH_BINARY)[1]
+    mask = cast("ByteImage", cv2.medianBlur(mask, 3))
+    for _ in range(GROWTH_STEPS):
+        mask |= cast("ByteImage", cv2.dilate(mask, _NEIGHBOURHOOD)) & cast("ByteImage", weak)
+    return mask
 
 
 def local_bounds(image: ByteImage, radius: int) -> tuple[ByteImage, ByteImage]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 if TYPE_CHECKING:
@@ -21,6 +22,9 @@ DARKEST, BRIGHTEST = 8, 247
 # Smaller steps than this are learnt by equation 3 in time.
 SMALLEST_SHIFT = 4.0
 SMALLEST_AGREEMENT = 0.6
+# Deviation of a picture that has something to be recognised by, and the correlation of two of another scene.
+LEAST_TEXTURE = 8.0
+LEAST_CORRELATION = 0.3
 NEAR = 10.0
 
 
@@ -35,6 +39,33 @@ class Brightness:
 
     gain: float
     offset: float
+
+
+def is_another_scene(earlier: ByteImage, current: ByteImage, known: ByteImage, share: float) -> bool:
+    """Whether two pictures of one place show different things: the camera was switched, covered or blinded.
+
+    Means of 8 by 8 pixels tell, which noise leaves alone.
+
+    Args:
+        earlier: uint8[h, w].
+        current: uint8[h, w].
+        known: uint8[h, w], mask of the pixels that both show.
+        share: of means that must have changed where the pictures are still alike.
+
+    Returns:
+        Whether that share has changed, or the pictures are not alike at all.
+    """
+    size = max(1, current.shape[1] // SAMPLE_STEP), max(1, current.shape[0] // SAMPLE_STEP)
+    means = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in (earlier, current, known)]
+    usable = means[2] == 255
+    before, after = means[0][usable].astype(np.float32), means[1][usable].astype(np.float32)
+    if not before.size:
+        return False
+    if np.mean(np.abs(after - before) > NEAR) > share:
+        return True
+    if before.size < FEWEST_SAMPLES or min(before.std(), after.std()) < LEAST_TEXTURE:
+        return False
+    return bool(np.corrcoef(before, after)[0, 1] < LEAST_CORRELATION)
 
 
 def exposure_step(model: FloatImage | ByteImage, current: ByteImage, known: ByteImage) -> Brightness | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, cast
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from streamkit_differencer.equations import (
     dynamic_matrix,
     foreground,
-    local_bounds,
+    grown,
     logical_matrix,
     quiet_mask,
     threshold_mask,
@@ -26,8 +26,9 @@ from streamkit_differencer.equations import (
 from streamkit_differencer.filters.flicker import update_flicker
 from streamkit_differencer.filters.ghost import ghost_mask
 from streamkit_differencer.filters.shadow import shadow_mask
-from streamkit_differencer.illumination import exposure_step
-from streamkit_differencer.noise import thresholds, update_spread
+from streamkit_differencer.illumination import exposure_step, is_another_scene
+from streamkit_differencer.noise import DEVIATION_RATIO, first_spread, thresholds, update_spread
+from streamkit_differencer.resampling import LastFrames, Remembered, scrolled, warped
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,16 +39,18 @@ if TYPE_CHECKING:
     Points = NDArray[np.float64]
     Region = tuple[slice, slice]
 
-Image = TypeVar("Image", "NDArray[np.uint8]", "NDArray[np.float32]")
-
 # What foreground that is quiet is marked with, and what is shadow; other foreground has 255.
 FOREGROUND_QUIET = 128
 SHADOW = 50
-# Standard deviation that a pixel is given before its own is known, and the weight of a frame in learning it.
-FIRST_SPREAD = 6.0
-SPREAD_COEFFICIENT = 0.02
+# Mean deviation of a pixel where nothing is known of it, what the local range adds to that of its first
+# frames, and the weight of a frame in learning it: under a camera that flies ground is in view for seconds.
+FIRST_SPREAD = 5.0
+EDGE_SPREAD = 0.08
+SPREAD_COEFFICIENT = 0.05
 HIGHEST_THRESHOLD = 60.0
 WITHOUT_BACKGROUND = 22.0
+# Of a frame that may be of another scene, so much changed.
+LEAST_CUT_SHARE = 0.25
 GHOST_INTERVAL = 3
 
 
@@ -71,6 +74,8 @@ class ModelSettings:
         noise_gain: standard deviations of a pixel's own noise that raise its T_F; 0 is one T_F for all.
         coefficient: alpha of equation 3, per frame.
         tolerance: error of registration to bear, canvas px; the differencer chooses where it is negative.
+        weak: share of its threshold from which a pixel beside foreground is foreground too, so that the
+            tolerance hides no grey part of a thing; 1 is none, and without tolerance there is none.
         gradient_gain: share of the local range that raises T_s, and T_F until a pixel's noise is known.
         frame_threshold: share of changed pixels from which the whole model is begun anew.
         absorb_frames: frames after which a thing that stands still becomes background, 0 to 255.
@@ -84,10 +89,11 @@ class ModelSettings:
     interval: int = 3
     quiet_frames: int = 12
     change_threshold: float = 18.0
-    foreground_threshold: float = 10.0
+    foreground_threshold: float = 7.0
     noise_gain: float = 4.0
     coefficient: float = 0.08
     tolerance: int = -1
+    weak: float = 0.5
     gradient_gain: float = 0.3
     frame_threshold: float = 0.6
     absorb_frames: int = 60
@@ -98,14 +104,6 @@ class ModelSettings:
 
 
 @dataclass(slots=True)
-class Remembered:
-    """An earlier frame on the canvas and where it covered it."""
-
-    image: ByteImage
-    seen: ByteImage
-
-
-@dataclass(slots=True)
 class BackgroundModel:
     """The state of every pixel of a canvas.
 
@@ -113,7 +111,7 @@ class BackgroundModel:
         size: width and height of the canvas, px.
         settings: what to do.
         background: float32[h, w], B; where it is not valid it follows the frames.
-        spread: float32[h, w], standard deviation of the background, grey levels.
+        spread: float32[h, w], mean absolute deviation of the background, grey levels.
         valid: uint8[h, w], mask of the pixels whose background is known.
         dynamic: uint8[h, w], D, frames still to wait until a pixel is quiet.
         standing: uint8[h, w], frames that a pixel was foreground and quiet.
@@ -130,7 +128,7 @@ class BackgroundModel:
     restless: ByteImage = field(init=False)
     _foreground_before: ByteImage = field(init=False)
     _frames: int = 0
-    _history: list[Remembered] = field(init=False)
+    _history: LastFrames = field(init=False)
 
     def __post_init__(self) -> None:
         self.reset()
@@ -138,46 +136,36 @@ class BackgroundModel:
     def reset(self) -> None:
         """Forgets everything."""
         shape = self.size[1], self.size[0]
+        for name, fill in self._fills().items():
+            setattr(self, name, np.full(shape, fill, np.uint8))
         self.background = np.zeros(shape, np.float32)
         self.spread = np.full(shape, FIRST_SPREAD, np.float32)
-        self.valid = np.zeros(shape, np.uint8)
-        self.dynamic = np.full(shape, self.settings.quiet_frames, np.uint8)
-        self.standing = np.zeros(shape, np.uint8)
-        self.restless = np.zeros(shape, np.uint8)
-        self._foreground_before = np.zeros(shape, np.uint8)
-        self._history = []
+        # One more than equation 2 looks back: the newest and the one of tau before it, for `frames_apart`.
+        length = self.settings.interval * (2 if self.settings.three_frame else 1) + 1
+        self._history = LastFrames(shape, length)
+
+    def _fills(self) -> dict[str, int]:
+        """The byte images of the canvas, and what each is where nothing is known."""
+        empty = ("valid", "standing", "restless", "_foreground_before")
+        return {"dynamic": self.settings.quiet_frames} | dict.fromkeys(empty, 0)
 
     def scroll(self, dx: int, dy: int) -> None:
         """Moves everything by whole pixels: what was at (x, y) is then at (x + dx, y + dy)."""
+        for name, fill in self._fills().items():
+            setattr(self, name, scrolled(getattr(self, name), dx, dy, fill))
         self.background = scrolled(self.background, dx, dy, 0)
         self.spread = scrolled(self.spread, dx, dy, FIRST_SPREAD)
-        self.valid = scrolled(self.valid, dx, dy, 0)
-        self.dynamic = scrolled(self.dynamic, dx, dy, self.settings.quiet_frames)
-        self.standing = scrolled(self.standing, dx, dy, 0)
-        self.restless = scrolled(self.restless, dx, dy, 0)
-        self._foreground_before = scrolled(self._foreground_before, dx, dy, 0)
-        for earlier in self._history:
-            earlier.image = scrolled(earlier.image, dx, dy, 0)
-            earlier.seen = scrolled(earlier.seen, dx, dy, 0)
+        self._history.scroll(dx, dy)
 
     def warp(self, change: Matrix) -> None:
         """Resamples everything onto another canvas: float64[3, 3] maps this canvas to that one."""
-        self.background = self._warped(self.background, change, cv2.INTER_CUBIC, 0)
-        self.spread = self._warped(self.spread, change, cv2.INTER_NEAREST, FIRST_SPREAD)
-        self.valid = self._warped(self.valid, change, cv2.INTER_NEAREST, 0)
-        self.dynamic = self._warped(self.dynamic, change, cv2.INTER_NEAREST, self.settings.quiet_frames)
-        self.standing = self._warped(self.standing, change, cv2.INTER_NEAREST, 0)
-        self.restless = self._warped(self.restless, change, cv2.INTER_NEAREST, 0)
-        self._foreground_before = self._warped(self._foreground_before, change, cv2.INTER_NEAREST, 0)
+        for name, fill in self._fills().items():
+            setattr(self, name, warped(getattr(self, name), change, fill))
+        self.background = warped(self.background, change, 0, cv2.INTER_CUBIC)
+        self.spread = warped(self.spread, change, FIRST_SPREAD)
         # Cubic resampling of the background mixes pixels across the border of what is known.
         self.valid = cast("ByteImage", cv2.erode(self.valid, np.ones((3, 3), np.uint8)))
-        for earlier in self._history:
-            earlier.image = self._warped(earlier.image, change, cv2.INTER_CUBIC, 0)
-            earlier.seen = self._warped(earlier.seen, change, cv2.INTER_NEAREST, 0)
-
-    def _warped(self, image: Image, change: Matrix, interpolation: int, border: float) -> Image:
-        warped = cv2.warpPerspective(image, change, self.size, flags=interpolation, borderValue=border)
-        return cast("Image", warped)
+        self._history.warp(change)
 
     def update(self, image: ByteImage, seen: ByteImage, region: Region) -> tuple[ByteImage, Event]:
         """Takes in one frame.
@@ -195,22 +183,32 @@ class BackgroundModel:
         changed, share = self._changed(image, seen, region)
         if share > self.settings.frame_threshold:
             self.reset()
-            self._remember(image, seen, region)
+            self._history.append(image, seen, region)
             return np.zeros_like(image), Event.RESET
         dynamic = self.dynamic[region]
         cv2.copyTo(dynamic_matrix(dynamic, changed, self.settings.quiet_frames), seen, dynamic)
         still = quiet_mask(dynamic)
-        mask = self._foreground(image, self.background[region], self._thresholds(region))
-        mask &= seen & self.valid[region]
+        needed = self._thresholds(region)
+        rounded = cast("ByteImage", cv2.convertScaleAbs(self.background[region]))
+        mask = self._foreground(
+            image, rounded if isinstance(needed, np.ndarray) else self.background[region], needed
+        )
+        known = seen & self.valid[region]
+        mask &= known
+        self._frames += 1
+        if self.settings.tolerance > 0 and self.settings.weak < 1.0:
+            mask = grown(mask, image, rounded, needed, self.settings.weak) & known
         # They stay where they are, so not every frame has to be searched.
         if self.settings.ghost and self._frames % GHOST_INTERVAL == 0:
-            mask = self._without_ghosts(image, mask, region)
+            mask = self._without_ghosts(image, mask, rounded, region)
         shadow = shadow_mask(image, self.background[region], mask) if self.settings.shadow else None
+        if isinstance(needed, np.ndarray):
+            self._learn_noise(image, rounded, known & still & ~mask, needed, region)
         self._learn(image, seen, mask, still & seen, region)
         if self.settings.three_frame:
             mask |= self._three_frame(image, seen, region)
-        self._accept(still & seen, region)
-        self._remember(image, seen, region)
+        self._accept(image, still & seen, region)
+        self._history.append(image, seen, region)
         if self.settings.flicker:
             mask = self._without_flicker(mask, region)
         mask -= mask & still & np.uint8(255 - FOREGROUND_QUIET)
@@ -232,7 +230,8 @@ class BackgroundModel:
         columns, rows = np.round(points).astype(np.intp).transpose(2, 0, 1)
         columns, rows = np.clip(columns, 0, self.size[0] - 1), np.clip(rows, 0, self.size[1] - 1)
         lowest = max(self.settings.foreground_threshold, 1.0)
-        needed = np.clip(self.settings.noise_gain * self.spread[rows, columns], lowest, HIGHEST_THRESHOLD)
+        deviation = DEVIATION_RATIO * self.spread[rows, columns]
+        needed = np.clip(self.settings.noise_gain * deviation, lowest, HIGHEST_THRESHOLD)
         excess = np.abs(self._history[-1].image[rows, columns] - self.background[rows, columns]) / needed
         counted = excess > 1.0
         total = np.where(counted, excess, 0.0).sum(axis=1)
@@ -245,12 +244,12 @@ class BackgroundModel:
             return None
         return self._history[-1 - interval].image, self._history[-1].image
 
-    def _without_ghosts(self, image: ByteImage, mask: ByteImage, region: Region) -> ByteImage:
-        background = self.background[region]
-        rounded = cast("ByteImage", cv2.convertScaleAbs(background))
+    def _without_ghosts(
+        self, image: ByteImage, mask: ByteImage, rounded: ByteImage, region: Region
+    ) -> ByteImage:
         ghosts = ghost_mask(image, rounded, mask, self.valid[region])
         if cv2.countNonZero(ghosts):
-            cv2.copyTo(image.astype(np.float32), ghosts, background)
+            update_background(self.background[region], image, ghosts, 1.0)
         return mask & ~ghosts
 
     def _without_flicker(self, mask: ByteImage, region: Region) -> ByteImage:
@@ -287,17 +286,26 @@ class BackgroundModel:
     def _changed(self, image: ByteImage, seen: ByteImage, region: Region) -> tuple[ByteImage, float]:
         """Equation 2, and the share of the pixels seen both times that changed."""
         settings = self.settings
-        if len(self._history) < settings.interval:
+        if not self._history:
             return seen, 0.0
-        earlier = self._history[-settings.interval]
+        earlier = self._earlier
         known = earlier.seen[region] & seen
         logical = logical_matrix(
             image, earlier.image[region], settings.change_threshold, gradient_gain=settings.gradient_gain
         )
         count = cv2.countNonZero(known)
         share = cv2.countNonZero(logical & known) / count if count else 0.0
+        # Noise changes pixels and not the scene, a cut between like scenes the scene and not all pixels.
+        if share > min(LEAST_CUT_SHARE, settings.frame_threshold):
+            is_new = is_another_scene(earlier.image[region], image, known, settings.frame_threshold)
+            share = 1.0 if is_new else min(share, settings.frame_threshold)
         # A pixel that was not in view tau frames ago is not known to be quiet.
         return logical | ~known, share
+
+    @property
+    def _earlier(self) -> Remembered:
+        """The frame of tau before; a model that has just begun is sooner done when it takes its first one."""
+        return self._history[-min(self.settings.interval, len(self._history))]
 
     def _three_frame(self, image: ByteImage, seen: ByteImage, region: Region) -> ByteImage:
         """Where there is no background: what differs both from tau and from twice tau frames before."""
@@ -318,26 +326,28 @@ class BackgroundModel:
         cv2.add(standing, still & np.uint8(1), dst=standing)
         standing &= mask | ~seen
         absorbed = still & threshold_mask(standing, self.settings.absorb_frames - 1)
-        self._frames += 1
-        # Every other frame with twice the weight: noise does not change from one to the next.
-        if self.settings.noise_gain and self._frames % 2 == 0:
-            known = quiet & ~mask & self.valid[region]
-            update_spread(self.spread[region], background, image, known, 2 * SPREAD_COEFFICIENT)
         taken = (seen & ~self.valid[region]) | absorbed
         if cv2.countNonZero(taken):
-            cv2.copyTo(image.astype(np.float32), taken, background)
+            update_background(background, image, taken, 1.0)
         update_background(background, image, quiet & ~mask, self.settings.coefficient)
 
-    def _accept(self, quiet: ByteImage, region: Region) -> None:
+    def _learn_noise(
+        self, image: ByteImage, rounded: ByteImage, known: ByteImage, needed: ByteImage, region: Region
+    ) -> None:
+        """The noise of the pixels that show quiet ground."""
+        # Every other frame with twice the weight: noise does not change from one to the next.
+        if self._frames % 2 == 0:
+            update_spread(self.spread[region], rounded, image, known, needed, 2 * SPREAD_COEFFICIENT)
+
+    def _accept(self, image: ByteImage, quiet: ByteImage, region: Region) -> None:
         """Makes the background of quiet pixels valid; new ones get the noise that edges may have."""
         valid = self.valid[region]
-        new = quiet & ~valid
-        if self.settings.noise_gain and self.settings.gradient_gain and cv2.countNonZero(new):
-            known = cast("ByteImage", cv2.convertScaleAbs(self.background[region]))
-            lowest, highest = local_bounds(known, 1)
-            edges = (highest - lowest).astype(np.float32)
-            expected = self.settings.gradient_gain * edges + np.float32(FIRST_SPREAD)
-            cv2.copyTo(expected, new, self.spread[region])
+        points = cv2.findNonZero(quiet & ~valid) if self.settings.noise_gain else None
+        if points is not None:
+            columns, rows = points.reshape(-1, 2).T
+            edges = cv2.morphologyEx(image, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+            first = first_spread(self._earlier.image[region], image)
+            self.spread[region][rows, columns] = first + EDGE_SPREAD * edges[rows, columns]
         valid |= quiet
 
     def _follow_brightness(self, image: ByteImage, seen: ByteImage, region: Region) -> Event:
@@ -349,38 +359,10 @@ class BackgroundModel:
         if step is not None:
             event = Event.GAIN
             self.background = np.clip(step.gain * self.background + step.offset, 0.0, 255.0)
-            for earlier in self._history:
-                earlier.image = cast(
-                    "ByteImage",
-                    cv2.addWeighted(earlier.image, step.gain, earlier.image, 0.0, step.offset),
-                )
+            self._history.follow(step.gain, step.offset)
         # Exposure that creeps leaves the last frame alone, but not a background that learns slowly.
         creep = exposure_step(self.background[region], image, self.valid[region] & seen)
         if creep is not None:
             event = Event.GAIN
             self.background = np.clip(creep.gain * self.background + creep.offset, 0.0, 255.0)
         return event
-
-    def _remember(self, image: ByteImage, seen: ByteImage, region: Region) -> None:
-        """Puts the frame into the ring of the last frames, in the arrays of the oldest."""
-        # One more than equation 2 looks back: the newest and the one of tau before it, for `frames_apart`.
-        length = self.settings.interval * (2 if self.settings.three_frame else 1) + 1
-        if len(self._history) < length:
-            shape = self.valid.shape
-            oldest = Remembered(np.zeros(shape, np.uint8), np.zeros(shape, np.uint8))
-        else:
-            oldest = self._history.pop(0)
-        oldest.seen[:] = 0
-        oldest.image[region], oldest.seen[region] = image, seen
-        self._history.append(oldest)
-
-
-def scrolled(image: Image, dx: int, dy: int, fill: float) -> Image:
-    """The image moved by whole pixels, with `fill` where nothing came in."""
-    result = np.full_like(image, fill)
-    height, width = image.shape[:2]
-    if abs(dx) < width and abs(dy) < height:
-        rows, columns = max(0, dy), max(0, dx)
-        source = image[max(0, -dy) : height - rows, max(0, -dx) : width - columns]
-        result[rows : rows + source.shape[0], columns : columns + source.shape[1]] = source
-    return result

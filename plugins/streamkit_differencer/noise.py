@@ -17,37 +17,60 @@ if TYPE_CHECKING:
     ByteImage = NDArray[np.uint8]
     FloatImage = NDArray[np.float32]
 
+SAMPLE_STEP = 8
+MOST_DEVIATIONS = 3.0
+LEAST_FIRST = 1.5
 # Of a normal distribution: standard deviation over mean absolute deviation.
 DEVIATION_RATIO = 1.2533
-# A difference counts as at most so many standard deviations: a mover that was missed teaches little.
-MOST_DEVIATIONS = 3.0
 
 
 def thresholds(spread: FloatImage, gain: float, lowest: float, highest: float) -> ByteImage:
     """T_F of each pixel, uint8[h, w]: `gain` standard deviations, within bounds.
 
     Args:
-        spread: float32[h, w], standard deviation of the background, grey levels.
+        spread: float32[h, w], mean absolute deviation of the background, grey levels.
         gain: standard deviations that are not foreground yet.
         lowest: smallest threshold, grey levels.
         highest: largest threshold, grey levels.
     """
-    scaled = cv2.convertScaleAbs(spread, alpha=gain)
+    scaled = cv2.convertScaleAbs(spread, alpha=gain * DEVIATION_RATIO)
     return cast("ByteImage", np.clip(scaled, np.uint8(lowest), np.uint8(highest)))
 
 
+def first_spread(earlier: ByteImage, current: ByteImage) -> float:
+    """What a pixel whose background is a single frame differs from it by: the mean difference of two frames.
+
+    Every eighth pixel of every eighth row tells; movers lose their say.
+
+    Args:
+        earlier: uint8[h, w], a frame on the canvas.
+        current: uint8[h, w], a later one.
+    """
+    grid = np.s_[SAMPLE_STEP // 2 :: SAMPLE_STEP, SAMPLE_STEP // 2 :: SAMPLE_STEP]
+    difference = np.abs(earlier[grid].astype(np.float32) - current[grid])
+    if not difference.size:
+        return LEAST_FIRST
+    usual = difference[difference <= MOST_DEVIATIONS * np.median(difference) + 1.0]
+    return max(float(usual.mean()), LEAST_FIRST)
+
+
 def update_spread(
-    spread: FloatImage, background: FloatImage, current: ByteImage, mask: ByteImage, coefficient: float
+    spread: FloatImage,
+    background: ByteImage,
+    current: ByteImage,
+    mask: ByteImage,
+    most: ByteImage,
+    coefficient: float,
 ) -> None:
-    """Learns the standard deviation of the pixels in `mask`, in place, as a running mean.
+    """Learns the mean absolute deviation of the pixels in `mask`, in place, as a running mean.
 
     Args:
         spread: float32[h, w], grey levels.
-        background: float32[h, w], B(t - 1).
+        background: uint8[h, w], B(t - 1), rounded.
         current: uint8[h, w], f(t).
         mask: uint8[h, w], quiet pixels that show the background.
+        most: uint8[h, w], what a difference counts as at most: a mover that was missed teaches little.
         coefficient: weight of this frame, 0 to 1.
     """
-    deviation = cv2.absdiff(background, current.astype(np.float32))
-    bounded = cv2.min(deviation * np.float32(DEVIATION_RATIO), spread * np.float32(MOST_DEVIATIONS))
-    cv2.accumulateWeighted(bounded, spread, coefficient, mask=mask)
+    deviation = cv2.min(cv2.absdiff(background, current), most)
+    cv2.accumulateWeighted(deviation, spread, coefficient, mask=mask)

@@ -7,6 +7,7 @@ from streamkit_differencer.equations import (
     FrameDifference,
     dynamic_matrix,
     foreground,
+    grown,
     logical_matrix,
     update_background,
 )
@@ -138,3 +139,17 @@ def test_gradient_gain_raises_the_threshold_at_edges_only():
     assert not changed[:, 19:21].any()
     assert changed[:, :18].all()
     assert changed[:, 22:].all()
+
+
+def test_weak_differences_count_beside_strong_ones():
+    """A grey part that touches a bright one is foreground with it; one that stands alone is not."""
+    background = np.full((40, 60), 100, np.uint8)
+    current = background.copy()
+    current[10:16, 10:16], current[10:16, 16:20] = 200, 107
+    current[30:36, 40:46] = 107
+    strong = foreground(current, background, 12.0)
+    mask = grown(strong, current, background, 12.0, 0.5)
+    assert mask[11:15, 11:19].all()
+    assert not mask[25:].any()
+    each = grown(strong, current, background, np.full(background.shape, 12, np.uint8), 0.5)
+    np.testing.assert_array_equal(mask, each)

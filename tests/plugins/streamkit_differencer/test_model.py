@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 
 from streamkit_differencer.anchor import translation
-from streamkit_differencer.model import BackgroundModel, Event, ModelSettings, scrolled
+from streamkit_differencer.model import BackgroundModel, Event, ModelSettings
 
 SHAPE = (120, 160)
 WHOLE = np.s_[:120, :160]
 SEEN = np.full(SHAPE, 255, np.uint8)
 SETTINGS = ModelSettings(interval=2, quiet_frames=4, absorb_frames=10)
-FIRST_VALID = SETTINGS.interval + SETTINGS.quiet_frames
+# A new model compares with its first frame; ground that comes into view later, with tau frames before.
+FIRST_VALID = 1 + SETTINGS.quiet_frames
 
 
 OTHER = np.where(np.indices(SHAPE).sum(axis=0) // 16 % 2, 220, 15).astype(np.uint8)
@@ -39,7 +40,7 @@ def learnt(settings=SETTINGS, image=None):
 
 
 def test_background_is_valid_after_lambda_quiet_frames():
-    """Tau frames to compare with and lambda frames without change, and not one less."""
+    """A frame to compare with and lambda frames without change, and not one less."""
     model = BackgroundModel((160, 120), SETTINGS)
     for time in range(FIRST_VALID):
         assert not model.valid.any(), time
@@ -108,7 +109,7 @@ def test_ground_that_comes_into_view_has_no_background_yet():
     left[:, :80] = 255
     for _ in range(20):
         model.update(ground(), left, WHOLE)
-    for time in range(FIRST_VALID):
+    for time in range(SETTINGS.interval + SETTINGS.quiet_frames):
         assert not model.valid[:, 80:].any()
         mask, _ = model.update(with_thing(ground(), 90 + 4 * time), SEEN, WHOLE)
         assert not mask[:, 80:].any()
@@ -148,14 +149,22 @@ def test_another_scene_begins_the_model_anew():
     assert mask[22:28, 32:38].mean() > 127
 
 
-@pytest.mark.parametrize(("dx", "dy"), [(5, -3), (-7, 4), (0, 0), (100, 0), (0, -60)])
-def test_scrolling_moves_pixels_and_loses_nothing_else(dx, dy):
-    """What was at (x, y) is at (x + dx, y + dy); what comes in is filled."""
-    image = np.random.default_rng(0).integers(1, 255, SHAPE).astype(np.uint8)
-    moved = scrolled(image, dx, dy, 0)
-    for y, x in np.ndindex(SHAPE):
-        inside = 0 <= y - dy < SHAPE[0] and 0 <= x - dx < SHAPE[1]
-        assert moved[y, x] == (image[y - dy, x - dx] if inside else 0)
+def test_noise_over_the_whole_picture_is_no_other_scene():
+    """Nearly all pixels change and their means do not: the background is kept."""
+    model, random = learnt(), np.random.default_rng(3)
+    for _ in range(4):
+        noisy = np.clip(ground() + random.normal(0, 60, SHAPE), 0, 255).astype(np.uint8)
+        _, event = model.update(noisy, SEEN, WHOLE)
+        assert event is Event.NONE
+    assert not model.update(ground(), SEEN, WHOLE)[0].any()
+
+
+def test_a_cut_that_changes_few_pixels_begins_the_model_anew():
+    """Two scenes of like shades differ in less than frame_threshold of their pixels, and are told apart."""
+    model = learnt(image=ground(0))
+    other = ground(1)
+    assert (np.abs(other.astype(int) - ground(0)) > SETTINGS.change_threshold).mean() < 0.6
+    assert model.update(other, SEEN, WHOLE)[1] is Event.RESET
 
 
 def test_a_scrolled_model_goes_on_as_if_nothing_happened():
