@@ -1,6 +1,6 @@
 """The whole pipeline at 1080p: decode, stitch, framediff, waveleteigen, particletrack, zenohsink.
 
-From a file, as fast as it goes; and live over RTSP at 25/s, with pipelines/rtsp-to-zenoh.pipe as it is.
+From a file, as fast as it goes; and live over RTSP at 25/s with the ready pipelines, as they are.
 Beside it the script that one would write: cv2.VideoCapture, MOG2, and CSRT (MIL where OpenCV has no CSRT).
 
     python benchmarks/pipeline.py [--video FILE] [--seconds 60] [--repeats 5] [--contrib PYTHON]
@@ -37,7 +37,8 @@ from streamkit import Pipeline
 
 HERE = Path(__file__).resolve().parent
 STREAMKIT = str(Path(sys.executable).with_name("streamkit"))
-LIVE_PIPELINE = HERE.parent / "pipelines" / "rtsp-to-zenoh.pipe"
+PIPELINES = HERE.parent / "pipelines"
+LIVE_PIPELINES = {"live, tracks alone": "rtsp-to-tracks.pipe", "live, with mosaic": "rtsp-to-zenoh.pipe"}
 RATE = 25
 FORWARD_FRAMES = 150
 SETTLE_S = 3.0
@@ -185,23 +186,23 @@ def from_file(name: str, text: str, video: Path, repeats: int) -> None:
     print(f"{'':<22} {costs(run)}", flush=True)
 
 
-def live(video: Path, seconds: float) -> None:
-    """Over RTSP at 25/s, the shipped pipeline."""
+def live(name: str, pipeline: Path, video: Path, seconds: float) -> None:
+    """Over RTSP at 25/s, a ready pipeline."""
     with process(__file__, "serve", str(video)) as server:
         assert server.stdout is not None
         url = server.stdout.readline().strip()
         settings = [f"--set=location={url}", f"--set=key={KEY}"]
-        run, records, cpu_s = launch(["-f", str(LIVE_PIPELINE), *settings], seconds + SETTLE_S)
+        run, records, cpu_s = launch(["-f", str(pipeline), *settings], seconds + SETTLE_S)
     first = records[0][0] + round(SETTLE_S * RATE) if records else 0
     settled = [record for record in records if record[0] >= first]
     ages = sorted(record[1] for record in settled if record[1] is not None)
     if len(ages) < 2:
-        print(f"{'live, as shipped':<22} {len(ages)} records with an age came; dropped: {drops(run)}")
+        print(f"{name:<22} {len(ages)} records with an age came; dropped: {drops(run)}")
         return
     span = settled[-1][0] - settled[0][0] + 1
     high = ages[min(len(ages) - 1, round(0.99 * len(ages)))]
     print(
-        f"{'live, as shipped':<22} {len(settled) / span * RATE:6.1f} frames/s   "
+        f"{name:<22} {len(settled) / span * RATE:6.1f} frames/s   "
         f"{cpu_s / frames_of(run) * 1e3:6.1f} ms CPU a frame   "
         f"age median {statistics.median(ages):.1f} ms, 99 % {high:.1f} ms"
     )
@@ -245,7 +246,8 @@ def main() -> None:
         video = there_and_back(options.video, Path(folder))
         from_file("file, one thread", ONE_THREAD, video, options.repeats)
         from_file("file, with queues", WITH_QUEUES, video, options.repeats)
-        live(video, options.seconds)
+        for name, pipeline in LIVE_PIPELINES.items():
+            live(name, PIPELINES / pipeline, video, options.seconds)
         peers(video, options.contrib, options.seconds)
 
 
