@@ -38,6 +38,7 @@ _LOOK_BACK_TRIES: Final = 2
 _RECOGNISED: Final = 3
 _SCALE_RANGE: Final = (0.8, 1.25)
 _MAX_UNMATCHED: Final = 3
+_MAX_DOUBTED: Final = 12
 _FOLLOW_LEVEL: Final = 1
 _FOLLOW_POINTS: Final = 48
 
@@ -66,6 +67,7 @@ class KeyframeAnchor:
         self._detector = CornerDetector()
         self._described: Description | None = None
         self._unmatched = 0
+        self._is_carried_surely = True
 
     def add(
         self, images: Sequence[GreyArray], to_reference: FloatArray, ties: Sequence[Tie] = ()
@@ -85,6 +87,7 @@ class KeyframeAnchor:
         if self._described is not None:
             self._recogniser.remember(keyframe, self._described)
         self._unmatched = 0
+        self._is_carried_surely = True
         return keyframe
 
     def follow(self, images: Sequence[GreyArray], expected: FloatArray) -> KeyframeMatch | None:
@@ -97,7 +100,7 @@ class KeyframeAnchor:
         active = self.keyframes.active
         if active is None:
             return None
-        return self._match(active, images, expected, _FOLLOW_LEVEL, coarse=_FOLLOW_POINTS)
+        return self._sure(self._match(active, images, expected, _FOLLOW_LEVEL, coarse=_FOLLOW_POINTS))
 
     def recognise(self, small: GreyArray) -> KeyframeMatch | None:
         """Looks for a picture of unknown motion in the newest key pictures, by what it shows.
@@ -151,17 +154,22 @@ class KeyframeAnchor:
             match = better(seen, aligned, active, self._settings.max_points)
         if match is None:
             level = self._search_level if trusted else LEVELS - 1
-            match = self._match(active, images, carried, level)
+            match = self._sure(self._match(active, images, carried, level))
         if match is None and trusted:
-            match = self._match(active, images, carried, LEVELS - 1)
+            match = self._sure(self._match(active, images, carried, LEVELS - 1))
         place = _placed(active, match) if match is not None else Anchored(carried, measured=False)
         self._unmatched = 0 if match is not None else self._unmatched + 1
-        if match is not None and not due and not self._is_leaving(active, place.to_reference):
+        self._is_carried_surely = match is not None or (trusted and self._is_carried_surely)
+        leaving = self._is_leaving(active, place.to_reference)
+        if match is not None and not due and not leaving:
             return place
         back = None if due or seen is not None else self._look_back(active, images, place)
         if back is not None:
             return back
-        if match is None and (not trusted or self._unmatched < _MAX_UNMATCHED):
+        # Where the key picture should be seen but is not, this one is rather to blame than the ground; where
+        # the motion since it was seen is a guess, a later picture may be found on it.
+        patience = _MAX_UNMATCHED if leaving and self._is_carried_surely else _MAX_DOUBTED
+        if match is None and (not trusted or self._unmatched < patience):
             return place
         return self._promote(images, place, None if match is None else (active, match))
 
@@ -177,7 +185,7 @@ class KeyframeAnchor:
         found = self.keyframes.overlapping(place.to_reference, active.shape, min(least, 0.95))
         candidates = [keyframe for _, keyframe in found if keyframe.index != active.index]
         for keyframe in candidates[:_LOOK_BACK_TRIES]:
-            match = self._match(keyframe, images, place.to_reference, LEVELS - 1)
+            match = self._sure(self._match(keyframe, images, place.to_reference, LEVELS - 1))
             if match is not None:
                 self.keyframes.activate(keyframe)
                 self._unmatched = 0
@@ -217,6 +225,10 @@ class KeyframeAnchor:
             )
         self.add(images, place.to_reference, [tie_of(keyframe, 0, match) for keyframe, match in matches])
         return replace(place, keyframe=True, change=change)
+
+    def _sure(self, match: KeyframeMatch | None) -> KeyframeMatch | None:
+        """A match that tells where the whole picture lies, not only the part with the patches."""
+        return match if match is not None and match.deviation <= self._limits.threshold else None
 
     def begin_adjustment(self, images: Sequence[GreyArray], whole: bool = False) -> None:
         """Begins the adjustment that a new key picture makes due, see `KeyframeMap.begin_adjustment`."""

@@ -19,6 +19,7 @@ from streamkit_stitcher.homographies import (
     scale_change,
     translation,
 )
+from streamkit_stitcher.registration.gauss_newton import corner_deviation
 from streamkit_stitcher.registration.motion_models import (
     FitLimits,
     MotionFit,
@@ -78,12 +79,14 @@ class KeyframeMatch:
         frame_points: float64[n, 2], the inliers in the picture, px.
         key_points: float64[n, 2], the same ground in the key picture, px.
         patches: int64[n], the key picture's patches they are.
+        deviation: how far off the fit may put the worst corner of the picture, one standard deviation, px.
     """
 
     fit: MotionFit
     frame_points: FloatArray
     key_points: FloatArray
     patches: npt.NDArray[np.int64]
+    deviation: float = 0.0
 
 
 class KeyframeStore:
@@ -305,4 +308,7 @@ def _accepted(
     if not is_plausible(fit.matrix, shape, _ANY_STEP):
         return None
     patches = chosen[found.patches[fit.inliers]]
-    return KeyframeMatch(fit, frame_points[fit.inliers], key_points[fit.inliers], patches)
+    seen = frame_points[fit.inliers]
+    freedom = 8 if fit.model is MotionModel.HOMOGRAPHY else 6
+    deviation = corner_deviation(fit.matrix, seen, fit.rmse, shape, freedom)
+    return KeyframeMatch(fit, seen, key_points[fit.inliers], patches, deviation)

@@ -40,7 +40,7 @@ _MAX_LOST: Final = 25
 _STILL_SHIFT: Final = 0.2
 _VELOCITY_GAIN: Final = 0.5
 _ADOPT_AFTER: Final = 10
-_RECOGNISE_EVERY: Final = 5
+_RECOGNISE_EVERY: Final = 2
 _PLANE_SCALE: Final = (0.2, 5.0)
 
 
@@ -186,14 +186,15 @@ class PlaneTracker:
         guess = normalised(inverse(self._base_to_reference) @ expected)
         earlier = replace(self._working((base,), 0), factor=image.factor)
         motion = register(earlier, image, guess, limits)
+        if motion.model is None:
+            motion = self._leap(earlier, image) or motion
         known = motion.model is not None
         recognised = None
         if motion.is_cut:
             recognised = anchor.recognise(image.grey)
             if recognised is None and gap == 1:
                 return self._begin_again(images)
-        step = motion.matrix if known else self._leap(earlier, image)
-        carried = expected if step is None else normalised(self._base_to_reference @ step)
+        carried = normalised(self._base_to_reference @ motion.matrix) if known else expected
         trusted = motion.model is MotionModel.HOMOGRAPHY
         anchored = anchor.place(
             images, carried, trusted or recognised is not None, seen=recognised, due=due and trusted
@@ -210,13 +211,13 @@ class PlaneTracker:
             return self._coast()
         return self._settle(images, anchored, motion)
 
-    def _leap(self, earlier: WorkingImage, image: WorkingImage) -> FloatArray | None:
-        """The motion since the last picture if the camera leapt, float64[3, 3]; a match must confirm it."""
+    def _leap(self, earlier: WorkingImage, image: WorkingImage) -> PairwiseMotion | None:
+        """The motion since the last picture if the camera leapt, or None."""
         shift = jump(earlier.grey, image.grey, image.factor)
         if shift is None:
             return None
         motion = register(earlier, image, shift, replace(self._settings.limits, max_step=1.0))
-        return motion.matrix if motion.model is MotionModel.HOMOGRAPHY else shift
+        return motion if motion.model is MotionModel.HOMOGRAPHY else None
 
     def _settle(
         self, images: Sequence[GreyArray], anchored: Anchored, motion: PairwiseMotion | None

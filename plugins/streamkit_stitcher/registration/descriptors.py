@@ -15,6 +15,8 @@ _FEATURES: Final = 2500
 _CONTRAST: Final = 0.01
 _RATIO: Final = 0.8
 _LEAST_SHARE: Final = 0.25
+# Enough for that share; more would only take longer to find that there is nothing.
+_ITERATIONS: Final = 1000
 # Wide enough for trees and roofs, which do not lie on the plane.
 _THRESHOLD: Final = 4.0
 
@@ -98,7 +100,7 @@ def recognise(source: Description, target: Description, min_inliers: int) -> Rec
     if len(own) < min_inliers:
         return None
     first, second = source.points[own], target.points[other]
-    fit = fit_wide_baseline(first, second, _THRESHOLD)
+    fit = fit_wide_baseline(first, second, _THRESHOLD, _ITERATIONS)
     if fit is None or fit.count < max(min_inliers, _LEAST_SHARE * len(own)):
         return None
     return Recognition(fit, first[fit.inliers], second[fit.inliers], other[fit.inliers])

@@ -1,11 +1,12 @@
 """Gauss-Newton steps of a homography on weighted point pairs."""
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray, normalised
+from streamkit_stitcher.homographies import FloatArray, corners, normalised, project
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,29 +56,72 @@ def stepped(
     return None if step is None else normalised(scaling.forth @ step @ scaling.back @ matrix)
 
 
-def _step(points: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray | None:
-    """The homography near the identity that moves the points by `residuals` best, to first order.
+def corner_deviation(
+    matrix: FloatArray, source: FloatArray, rmse: float, shape: tuple[int, int], freedom: int = 8
+) -> float:
+    """How far off a fitted motion may put the worst corner of a picture, one standard deviation, px.
 
-    The normal equations hold only moments of the points up to the fourth order, so they are summed at once.
+    Points in one half of a picture may agree to a tenth of a pixel and leave its other half unknown.
+
+    Args:
+        matrix: float64[3, 3], source to target.
+        source: float64[n, 2], the points it was fitted to.
+        rmse: root mean square distance of the targets from where it maps them, px.
+        shape: (height, width) of the source picture, px.
+        freedom: parameters of the motion, 8 for a homography, 6 for an affine one.
+
+    Source: Hartley and Zisserman, Multiple View Geometry, section 5.2.
     """
-    monomials = np.empty((6, len(points)))
-    monomials[3:5] = points.T
-    monomials[5] = 1
-    np.multiply(monomials[3], monomials[3:5], out=monomials[:2])
-    np.multiply(monomials[4], monomials[4], out=monomials[2])
+    if 2 * len(source) <= freedom:
+        return math.inf
+    mapped = project(matrix, source)
+    scaling = Scaling.of(mapped)
+    monomials = _monomials((mapped - scaling.middle) / scaling.size)
+    try:
+        covariance = np.linalg.inv(_normal(monomials @ monomials.T)[:freedom, :freedom])
+    except np.linalg.LinAlgError:
+        return math.inf
+    x, y = ((project(matrix, corners(shape)) - scaling.middle) / scaling.size).T
+    none, one = np.zeros(4), np.ones(4)
+    across = np.stack([x, y, one, none, none, none, -x * x, -x * y])[:freedom]
+    down = np.stack([none, none, none, x, y, one, -x * y, -y * y])[:freedom]
+    spread = sum(np.einsum("ic,ij,jc->c", slopes, covariance, slopes) for slopes in (across, down))
+    variance = rmse**2 * len(source) / (2 * len(source) - freedom)
+    worst = float(np.max(spread)) * variance
+    return math.sqrt(worst) if worst >= 0 else math.inf
+
+
+def _step(points: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray | None:
+    """The homography near the identity that moves the points by `residuals` best, to first order."""
+    monomials = _monomials(points)
     counted = monomials * weights
-    moments = counted @ monomials.T
     sides = counted @ residuals
-    normal = np.zeros((8, 8))
-    normal[:3, :3] = normal[3:6, 3:6] = moments[3:, 3:]
-    normal[6:, :3] = -moments[:2, 3:]
-    normal[6:, 3:6] = -moments[1:3, 3:]
-    normal[:6, 6:] = normal[6:, :6].T
-    normal[6:, 6:] = moments[:2, :2] + moments[1:3, 1:3]
     wanted = np.concatenate([sides[3:, 0], sides[3:, 1], -sides[:2, 0] - sides[1:3, 1]])
+    normal = _normal(counted @ monomials.T)
     solved, step = cv2.solve(normal, wanted[:, np.newaxis], flags=cv2.DECOMP_CHOLESKY)
     if not solved:
         return None
     matrix = np.eye(3)
     matrix.ravel()[:8] += step[:, 0]
     return matrix
+
+
+def _monomials(points: FloatArray) -> FloatArray:
+    """float64[6, n] of float64[n, 2]: x x, x y, y y, x, y, 1."""
+    monomials = np.empty((6, len(points)))
+    monomials[3:5] = points.T
+    monomials[5] = 1
+    np.multiply(monomials[3], monomials[3:5], out=monomials[:2])
+    np.multiply(monomials[4], monomials[4], out=monomials[2])
+    return monomials
+
+
+def _normal(moments: FloatArray) -> FloatArray:
+    """float64[8, 8], the normal matrix: it holds only moments up to the fourth order, float64[6, 6]."""
+    normal = np.zeros((8, 8))
+    normal[:3, :3] = normal[3:6, 3:6] = moments[3:, 3:]
+    normal[6:, :3] = -moments[:2, 3:]
+    normal[6:, 3:6] = -moments[1:3, 3:]
+    normal[:6, 6:] = normal[6:, :6].T
+    normal[6:, 6:] = moments[:2, :2] + moments[1:3, 1:3]
+    return normal

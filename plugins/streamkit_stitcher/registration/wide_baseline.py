@@ -24,7 +24,9 @@ _LEAST_SHARE: Final = 0.01
 _NEAR: Final = 16.0
 
 
-def fit_wide_baseline(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
+def fit_wide_baseline(
+    source: FloatArray, target: FloatArray, threshold: float, iterations: int = _ITERATIONS
+) -> MotionFit | None:
     """Fits the homography that explains matches best, right ones and wrong ones together.
 
     OpenCV's estimators propose at several thresholds, as none of them suits a plane and a street at once.
@@ -34,6 +36,7 @@ def fit_wide_baseline(source: FloatArray, target: FloatArray, threshold: float) 
         source: float64[n, 2].
         target: float64[n, 2].
         threshold: distance of an inlier and largest deviation of the right matches, px of the target.
+        iterations: most draws of each estimator; 1000 find a fit that a quarter of the matches support.
 
     Returns:
         The fit, or None for fewer than 4 pairs or degenerate ones.
@@ -41,7 +44,7 @@ def fit_wide_baseline(source: FloatArray, target: FloatArray, threshold: float) 
     if len(source) < 4:
         return None
     best, most = None, -math.inf
-    for proposal in _proposals(source, target, threshold):
+    for proposal in _proposals(source, target, threshold, iterations):
         matrix, likelihood = _polished(proposal.matrix, source, target, threshold)
         fit = judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
         if fit is not None and likelihood > most:
@@ -49,7 +52,7 @@ def fit_wide_baseline(source: FloatArray, target: FloatArray, threshold: float) 
     return best
 
 
-def _proposals(source: FloatArray, target: FloatArray, threshold: float) -> list[MotionFit]:
+def _proposals(source: FloatArray, target: FloatArray, threshold: float, iterations: int) -> list[MotionFit]:
     """The best supported homographies that the estimators find; one where most pairs agree at once."""
     plain = fit_homography(source, target, threshold)
     if plain is not None and plain.ratio >= _PLAIN_RATIO:
@@ -58,7 +61,7 @@ def _proposals(source: FloatArray, target: FloatArray, threshold: float) -> list
     for method in _METHODS:
         for scale in _SCALES:
             matrix, _ = cv2.findHomography(
-                source, target, method, scale * threshold, maxIters=_ITERATIONS, confidence=_CONFIDENCE
+                source, target, method, scale * threshold, maxIters=iterations, confidence=_CONFIDENCE
             )
             fit = judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
             if fit is not None:

@@ -61,9 +61,18 @@ def test_an_untrusted_place_never_makes_a_key_picture(anchor, ground):
         assert np.array_equal(placed.to_reference, shift(30.0))
 
 
-def test_a_lost_key_picture_is_replaced_after_three_misses(anchor, ground):
-    """With the motion measured, ground that matches no key picture becomes one itself."""
+@pytest.mark.parametrize(("carried", "misses"), [(300.0, 3), (30.0, 12)])
+def test_a_lost_key_picture_is_replaced(anchor, ground, carried, misses):
+    """Other ground becomes a key picture: soon where the old one was left, late where it should be seen."""
     made = [
-        anchor.place((ground[1000:1360, 1200:1840],), shift(30.0), trusted=True).keyframe for _ in range(3)
+        anchor.place((ground[1000:1360, 1200:1840],), shift(carried), trusted=True).keyframe
+        for _ in range(misses)
     ]
-    assert made == [False, False, True]
+    assert made == [False] * (misses - 1) + [True]
+
+
+def test_a_key_picture_is_not_made_where_the_way_there_was_a_guess(anchor, ground):
+    """One untrusted step makes all that follow it a guess, until a key picture is seen again."""
+    other = (ground[1000:1360, 1200:1840],)
+    made = [anchor.place(other, shift(300.0), trusted=step > 0).keyframe for step in range(8)]
+    assert not any(made)
