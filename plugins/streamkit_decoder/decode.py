@@ -296,17 +296,15 @@ class Decode(Transform):
 
     def _reason_to_hide(self, origin: Frame) -> str | None:
         """Why a picture is not shown, "" where nobody asked for it; None where it is."""
-        hidden, has_waited = origin.get(DecodeOnly), self._has_waited(origin)
+        hidden, freshness = origin.get(DecodeOnly), origin.get(Freshness)
+        age_ns = self.clock_ns() - origin.arrival_ns if freshness is not None else 0
         if hidden is not None:
+            if freshness is not None:
+                self._gauge.note(age_ns)
             return hidden.reason
-        return TOO_OLD if has_waited else None
-
-    def _has_waited(self, origin: Frame) -> bool:
-        """Whether a live picture has become too old on its way, however that came."""
-        freshness = origin.get(Freshness)
-        if freshness is None:
-            return False
-        return self._gauge.has_waited(self.clock_ns() - origin.arrival_ns, freshness.slack_ns)
+        if freshness is not None and self._gauge.has_waited(age_ns, freshness.slack_ns):
+            return TOO_OLD
+        return None
 
     def _frame(self, picture: VideoFrame, origin: Frame, number: int) -> Frame:
         try:
