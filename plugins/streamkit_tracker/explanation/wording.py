@@ -20,7 +20,7 @@ def explanation(number: int, moments: Sequence[Moment], index: int, before: int,
         moments: of the track, in order.
         index: of the moment.
         before: frames up to the moment that are listed one by one.
-        gate: largest distance of a detection that could be given to the track, standard deviations.
+        gate: largest distance of a detection that need not lie upon the track, standard deviations.
     """
     moment = moments[index]
     lines = [f"track {number} at {moment.when}: frame {moment.frame}, epoch {moment.epoch}"]
@@ -61,7 +61,7 @@ def _origin_facts(moment: Moment, gate: float) -> list[tuple[str, str]]:
     if origin.predicted is not None:
         facts.append(("expected", f"{origin.predicted[0]:.1f} {origin.predicted[1]:.1f} px"))
     if match is not None:
-        distance = "" if origin.gate is None else f", {origin.gate:.2f} of at most {gate:g} deviations away"
+        distance = "" if origin.gate is None else f", {_distance_text(origin.gate, gate)}"
         label = f", {match.label}" if match.label else ""
         box = " ".join(f"{side:.1f}" for side in match.box)
         facts.append(
@@ -86,6 +86,11 @@ def _origin_facts(moment: Moment, gate: float) -> list[tuple[str, str]]:
     if origin.cause:
         facts.append(("decided", origin.cause))
     return facts
+
+
+def _distance_text(distance: float, gate: float) -> str:
+    inside = f"gate {gate:g}" if distance <= gate else f"outside the gate of {gate:g}, but upon the target"
+    return f"{distance:.2f} deviations away ({inside})"
 
 
 def _place_text(place: FramePlace | None) -> str:

@@ -62,7 +62,7 @@ def test_a_moment_is_explained(tmp_path: Path) -> None:
         "track 7 at 0.480 s: frame 12, epoch 0",
         "ok, plane 3, 180 of 200 points agree, rmse 0.25 px",
         "50.5 40.5 px",
-        "row 2 at 51.0 41.0 px, 0.50 of at most 4 deviations away",
+        "row 2 at 51.0 41.0 px, 0.50 deviations away (gate 4)",
         "0.950 to its template; learnt from this frame",
         "frame 10, 0.400 s: tentative: began on a detection",
         "detected in 3 of 3 frames",
@@ -140,8 +140,13 @@ def test_a_line_that_is_no_record_is_told(tmp_path: Path) -> None:
     assert "only half written" in result.stderr
 
 
+def touch(first: list[float], second: list[float]) -> bool:
+    """Whether two boxes x0 y0 x1 y1 have something in common."""
+    return all(first[i] <= second[i + 2] and second[i] <= first[i + 2] for i in (0, 1))
+
+
 def test_every_row_of_a_real_run_is_explained(tmp_path: Path) -> None:
-    """Each begins on a detection, each detection lies within the gate, and each loss has a cause."""
+    """Each begins on a detection, each detection lies in the gate or upon the target, each loss has a cause."""
     path = tmp_path / "tracks.jsonl"
     text = (
         "dronetestsrc num-buffers=45 seed=4 cars=6 ! video/x-raw, width=480, height=360 "
@@ -163,7 +168,8 @@ def test_every_row_of_a_real_run_is_explained(tmp_path: Path) -> None:
     assert confirmed
     for seq, row in rows:
         origin = row["provenance"]
-        assert origin.get("detection", {}).get("gate", 0.0) <= 6.0
+        match = origin.get("detection", {})
+        assert match.get("gate", 0.0) <= 4.0 or touch(match["bbox"], row["bbox"])
         assert row["state"] != "lost" or origin["cause"]
         if row["state"] == "confirmed":
             result = run(path, f"{row['id']}#{seq}")
