@@ -146,7 +146,7 @@ def touch(first: list[float], second: list[float]) -> bool:
 
 
 def test_every_row_of_a_real_run_is_explained(tmp_path: Path) -> None:
-    """Each begins on a detection, each detection lies in the gate or upon the target, each loss has a cause."""
+    """Each begins on a detection, each detection lies in the gate or upon the target, losses have causes."""
     path = tmp_path / "tracks.jsonl"
     text = (
         "dronetestsrc num-buffers=45 seed=4 cars=6 ! video/x-raw, width=480, height=360 "
