@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from streamkit_tracker.window_geometry import MINIMUM_SIDE, half_turn
+from streamkit_tracker.window_geometry import MINIMUM_SIDE
 
 USUAL_ASPECT = 2.0
 ASPECT_WEIGHT = 0.3
@@ -61,4 +61,9 @@ def window_turn(box_width: float, box_height: float, heading: float) -> tuple[fl
     common = min(sides[0], box_width) * min(sides[1], box_height)
     if common < LEAST_AGREEMENT * (sides[0] * sides[1] + box_width * box_height - common):
         return box_width, box_height, 0.0
-    return length, width, float(half_turn(heading))
+    return length, width, without_sign(heading)
+
+
+def without_sign(direction: float) -> float:
+    """A direction as the angle of a line, in [-pi/2, pi/2); plain numbers, once for each target and frame."""
+    return (direction + math.pi / 2) % math.pi - math.pi / 2

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from streamkit_tracker.box_shape import window_turn
+from streamkit_tracker.box_shape import window_turn, without_sign
 from streamkit_tracker.observation import Sighting
-from streamkit_tracker.window_geometry import FloatArray, half_turn, window_boxes
+from streamkit_tracker.window_geometry import FloatArray
 
 YOUNG_S = 1.0  # first detections often show a part only: until then size and place follow at once
 BOX_RATE, SHRINK_RATE = 0.15, 0.5
@@ -77,9 +77,9 @@ class DetectedShape:
             heading_std: its standard deviation, rad; infinite where it is not known.
             trust: 0 to 1, how well the detection's size is that of the target.
         """
-        detected = self.window(*sighting.middle, heading)
         side = math.sqrt(float(window[2] * window[3]))
         if not self.settled:
+            detected = self.window(*sighting.middle, heading)
             off = math.hypot(*(detected[:2] - window[:2]))
             wrong = off > YOUNG_OFF * side or _resized(window, detected) > YOUNG_RESIZED
             return self._begin_again(detected) if wrong else None
@@ -92,7 +92,7 @@ class DetectedShape:
         down = self._offset[1] + rate * (sighting.centroid[1] - y - self._offset[1])
         self._offset = (across, down)
         expected = self.window(x + across, y + down, heading)
-        turned = abs(float(half_turn(expected[4] - window[4])))
+        turned = abs(without_sign(float(expected[4] - window[4])))
         wrong = (
             math.hypot(across, down) > max(0.8, 0.06 * side)
             or turned > max(0.25, 2.5 * heading_std)
@@ -112,7 +112,7 @@ class DetectedShape:
     def _contradicted(self, window: FloatArray, sighting: Sighting) -> bool:
         """Whether window and detection have lain apart for so long that the window must be wrong."""
         ratio = sighting.box[0] * sighting.box[1] / (self.box[0] * self.box[1])
-        fit = _overlap(window_boxes(window[None])[0], sighting)
+        fit = _overlap(window, sighting)
         self._unfit = 0 if fit >= LEAST_FIT else self._unfit + 1
         usual = 1 / SAME_SIZE < ratio < SAME_SIZE
         return self._unfit >= (PATIENCE if usual else ODD_SIZE_PATIENCE) or (usual and fit < HARDLY_FIT)
@@ -127,14 +127,17 @@ def _resized(window: FloatArray, other: FloatArray) -> float:
     return max(abs(math.log(float(other[index] / window[index]))) for index in (2, 3))
 
 
-def _overlap(box: FloatArray, sighting: Sighting) -> float:
-    """Intersection over union of x0 y0 x1 y1 and a detection's box."""
-    half = np.array(sighting.box) / 2
-    low = np.maximum(box[:2], np.array(sighting.middle) - half)
-    high = np.minimum(box[2:], np.array(sighting.middle) + half)
-    common = float(np.prod(np.maximum(high - low, 0.0)))
-    area = float(np.prod(box[2:] - box[:2])) + sighting.box[0] * sighting.box[1]
-    return common / (area - common)
+def _overlap(window: FloatArray, sighting: Sighting) -> float:
+    """Intersection over union of a window's upright box and a detection's."""
+    x, y, length, width, angle = (float(number) for number in window)
+    cosine, sine = abs(math.cos(angle)), abs(math.sin(angle))
+    across, down = length * cosine + width * sine, length * sine + width * cosine
+    shared_x = (across + sighting.box[0]) / 2 - abs(x - sighting.middle[0])
+    shared_y = (down + sighting.box[1]) / 2 - abs(y - sighting.middle[1])
+    shared_x = min(shared_x, across, sighting.box[0])
+    shared_y = min(shared_y, down, sighting.box[1])
+    common = max(shared_x, 0.0) * max(shared_y, 0.0)
+    return common / (across * down + sighting.box[0] * sighting.box[1] - common)
 
 
 def centroid_std(side: float) -> float:
