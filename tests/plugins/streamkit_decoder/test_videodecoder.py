@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from av.error import FFmpegError
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from streamkit_decoder.codecs import stream_parameters
@@ -61,6 +61,7 @@ def test_flush_of_an_unused_decoder_is_empty(small_video: Path) -> None:
     assert decoder.flush() == []
 
 
+@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.permutations(range(6)), st.integers(1, 4))
 def test_numbers_ascend(order: list[int], delay: int) -> None:
     """Numbers put in blocks of six in any order come out ascending, none twice, for any delay of a block."""

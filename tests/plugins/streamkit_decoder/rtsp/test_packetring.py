@@ -2,7 +2,7 @@ import itertools
 import threading
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from streamkit_decoder.rtsp.packetring import PacketRing
@@ -54,6 +54,7 @@ def test_without_a_key_frame_it_waits_for_the_next() -> None:
     assert empty(ring) == [12]
 
 
+@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.one_of(st.booleans(), st.none()), max_size=200), st.integers(2, 9))
 def test_every_packet_is_taken_or_counted(steps: list[bool | None], capacity: int) -> None:
     """Delivered and dropped make received; the order is kept; a gap is followed by a key frame."""

@@ -1,4 +1,4 @@
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from streamkit_decoder.rtsp.pushprotocol import (
@@ -13,12 +13,14 @@ from streamkit_decoder.rtsp.pushprotocol import (
 TIMES = st.integers(-(2**63), 2**63 - 1)
 
 
+@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.builds(PushPacket, TIMES, TIMES, TIMES, st.booleans(), st.binary(max_size=100)))
 def test_packets_come_out_as_they_went_in(packet: PushPacket) -> None:
     """Times, flag and data of any packet survive the pipe."""
     assert read_packet(packet_content(packet)) == packet
 
 
+@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.lists(st.tuples(st.sampled_from(Kind), st.binary(max_size=20)), max_size=8),
     st.lists(st.integers(1, 9), min_size=1),

@@ -1,4 +1,4 @@
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from streamkit_decoder.telemetry.subrip import Cue, read_cues
@@ -18,6 +18,7 @@ def test_what_is_no_cue_is_passed_over() -> None:
     assert list(read_cues("hello\n\n00:00:01,000 -->\n\n7\n00:00:09,000 --> 00:00:10,000")) == []
 
 
+@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.text(max_size=300))
 def test_any_text_is_survived(text: str) -> None:
     """No text raises."""
