@@ -8,6 +8,7 @@ from __future__ import annotations
 import enum
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 if TYPE_CHECKING:
@@ -15,44 +16,43 @@ if TYPE_CHECKING:
 
     FloatArray = NDArray[np.float64]
     IntArray = NDArray[np.intp]
+    LabelImage = NDArray[np.int32]
 
 
 class Criterion(enum.StrEnum):
-    """What J_mn is: the gap between two fragments' boxes, or the scatter that merging them adds."""
+    """What J_mn is: the gap between two fragments, or the scatter that merging them adds."""
 
     GAP = "gap"
     SCATTER = "scatter"
 
 
-def merge_by_gap(corners: FloatArray, gap: float) -> IntArray:
-    """Merges the nearest pair of boxes until no two are less than `gap` apart.
+def merge_by_gap(labels: LabelImage, count: int, gap: int) -> IntArray:
+    """Merges the two nearest clusters until no two have less than `gap` cells between them.
 
-    A merged box is never farther from a third than its parts were, so the order of merging does not matter
-    and all near pairs of a round are merged at once.
+    The distance is that of the nearest cells. Between the clusters' boxes it would grow together what drives
+    side by side: the box around two cars takes in a third that touches neither.
 
     Args:
-        corners: float64[n, 4], x0 y0 x1 y1, the last exclusive.
-        gap: smallest distance between two clusters' boxes, along the axis on which they are farther apart.
+        labels: int32[h, w], the fragment that each cell belongs to, from 1; 0 for none.
+        count: number of fragments.
+        gap: empty cells that two clusters must have between them to stay apart.
 
     Returns:
         int[n], the number of each fragment's cluster, from 0.
+
+    Source: merging the nearest pair up to a distance is single linkage, and what it leaves are the connected
+        components of everything that lies that near.
     """
-    cluster = np.arange(len(corners))
-    boxes = corners
-    while len(boxes) > 1:
-        left, top, right, bottom = boxes.T
-        apart = np.maximum(left[:, None] - right, top[:, None] - bottom)
-        apart = np.maximum(apart, apart.T)
-        roots = np.argmax(apart < gap, axis=1)
-        if (roots == np.arange(len(boxes))).all():
-            break
-        names, renumbered = np.unique(roots, return_inverse=True)
-        merged = np.empty((len(names), 4))
-        merged[:, :2], merged[:, 2:] = np.inf, -np.inf
-        np.minimum.at(merged[:, :2], renumbered, boxes[:, :2])
-        np.maximum.at(merged[:, 2:], renumbered, boxes[:, 2:])
-        cluster, boxes = renumbered[cluster], merged
-    return cluster
+    if gap <= 1 or count < 2:
+        return np.arange(count)
+    cells = np.minimum(labels, 1).astype(np.uint8)
+    # Grown by this, cells with less than `gap` between them touch.
+    near = cv2.dilate(cells, np.ones((gap, gap), np.uint8))
+    joined = cv2.connectedComponents(near, connectivity=8)[1]
+    members = labels > 0
+    cluster = np.zeros(count, np.intp)
+    cluster[labels[members] - 1] = joined[members]
+    return np.asarray(np.unique(cluster, return_inverse=True)[1], np.intp)
 
 
 def merge_by_scatter(centres: FloatArray, areas: FloatArray, gap: float) -> IntArray:

@@ -138,13 +138,17 @@ class FrameDiff(Transform):
         False, doc="Uses the difference of three frames where there is no background; large things break up."
     )
     shadow: bool = Property(
-        False, live=True, doc="Tells shadows from things; things as grey as a shadow of their ground suffer."
+        False,
+        live=True,
+        doc="Tells shadows from things, at a quarter more time; things as grey as a shadow suffer.",
     )
     ghost: bool = Property(
         True, live=True, doc="Notices things that were learnt as ground and have left, by their outlines."
     )
     flicker: bool = Property(
-        False, live=True, doc="Leaves out what flickers, such as leaves; dense traffic suffers."
+        False,
+        live=True,
+        doc="Leaves out what flickers, such as leaves, at a twentieth more time; dense traffic suffers.",
     )
     parallax: float = Property(
         0.0,
@@ -152,7 +156,8 @@ class FrameDiff(Transform):
         max=1.0,
         live=True,
         doc="Leaves out what slides as things do whose height is up to this share of the camera's "
-        "height above them; what drives towards the camera as slowly is lost, too. 0 is off.",
+        "height above them, at a fifth more time; what drives towards the camera as slowly is lost, "
+        "too. 0 is off.",
     )
     median: int = Property(
         5,
@@ -175,7 +180,7 @@ class FrameDiff(Transform):
         2, min=0, max=100, live=True, unit="cells", doc="Fragments nearer than this are one object."
     )
     merge_criterion: Criterion = Property(
-        Criterion.GAP, live=True, doc="gap: between fragments' boxes; scatter: of the cells in a cluster."
+        Criterion.GAP, live=True, doc="gap: between fragments; scatter: of the cells in a cluster."
     )
     min_change: float = Property(
         0.25,

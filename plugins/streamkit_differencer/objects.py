@@ -95,11 +95,11 @@ def find_objects(foreground: ByteImage, scale: int, settings: ObjectSettings) ->
         settings: what counts as an object.
     """
     foreground = cast("ByteImage", cv2.threshold(foreground, LOWEST_MARK, 0, cv2.THRESH_TOZERO)[1])
-    labels, areas, corners, centres = fragments(cells_of(foreground, scale))
+    labels, areas, centres = fragments(cells_of(foreground, scale))
     if not areas.size:
         return NOTHING
     if settings.criterion is Criterion.GAP:
-        cluster = merge_by_gap(corners, settings.merge_gap)
+        cluster = merge_by_gap(labels, areas.size, settings.merge_gap)
     else:
         cluster = merge_by_scatter(centres, areas, settings.merge_gap)
     cells = np.bincount(cluster, weights=areas)
@@ -143,12 +143,11 @@ def cells_of(foreground: ByteImage, scale: int) -> ByteImage:
     return cast("ByteImage", closed)
 
 
-def fragments(cells: ByteImage) -> tuple[IntImage, FloatArray, FloatArray, FloatArray]:
+def fragments(cells: ByteImage) -> tuple[IntImage, FloatArray, FloatArray]:
     """Connected components of the cells.
 
     Returns:
-        labels int32[h, w], 0 for none and then from 1; areas float64[n] in cells; corners float64[n, 4],
-        x0 y0 x1 y1 in cells, the last exclusive; centres float64[n, 2].
+        labels int32[h, w], 0 for none and then from 1; areas float64[n] in cells; centres float64[n, 2].
     """
     count, labels, statistics, centres = cv2.connectedComponentsWithStats(cells, connectivity=8)
     areas = statistics[1:, cv2.CC_STAT_AREA].astype(np.float64)
@@ -156,16 +155,8 @@ def fragments(cells: ByteImage) -> tuple[IntImage, FloatArray, FloatArray, Float
         kept = np.sort(np.argsort(-areas, kind="stable")[:MOST_FRAGMENTS])
         renumber = np.zeros(count, np.int32)
         renumber[kept + 1] = np.arange(1, kept.size + 1)
-        labels, statistics, centres = (
-            renumber[labels],
-            statistics[[0, *(kept + 1)]],
-            centres[[0, *(kept + 1)]],
-        )
-        areas = areas[kept]
-    low = statistics[1:, [cv2.CC_STAT_LEFT, cv2.CC_STAT_TOP]]
-    size = statistics[1:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
-    corners = np.hstack([low, low + size]).astype(np.float64)
-    return labels.astype(np.int32, copy=False), areas, corners, centres[1:].astype(np.float64)
+        labels, centres, areas = renumber[labels], centres[[0, *(kept + 1)]], areas[kept]
+    return labels.astype(np.int32, copy=False), areas, centres[1:].astype(np.float64)
 
 
 def measure(foreground: ByteImage, labels: IntImage, scale: int, count: int) -> Objects:

@@ -1,5 +1,6 @@
 """Merging of fragments."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -11,39 +12,54 @@ def as_partition(cluster):
     return {frozenset(np.flatnonzero(cluster == number).tolist()) for number in set(cluster.tolist())}
 
 
-def nearest_pair_by_hand(boxes, gap):
+def nearest_pair_by_hand(labels, gap):
     """Merges the nearest pair again and again, as the paper words it."""
-    clusters = [({index}, tuple(box)) for index, box in enumerate(boxes)]
+    cells = [np.argwhere(labels == number) for number in range(1, labels.max() + 1)]
+    clusters = [({index}, members) for index, members in enumerate(cells)]
 
     def distance(first, second):
-        return max(first[0] - second[2], second[0] - first[2], first[1] - second[3], second[1] - first[3])
+        return np.abs(first[:, None] - second[None]).max(axis=2).min() - 1
 
     while len(clusters) > 1:
         pairs = [(i, j) for i in range(len(clusters)) for j in range(i)]
         i, j = min(pairs, key=lambda pair: distance(clusters[pair[0]][1], clusters[pair[1]][1]))
         if distance(clusters[i][1], clusters[j][1]) >= gap:
             break
-        (a, p), (b, q) = clusters[i], clusters[j]
-        merged = (min(p[0], q[0]), min(p[1], q[1]), max(p[2], q[2]), max(p[3], q[3]))
-        clusters = [item for k, item in enumerate(clusters) if k not in (i, j)] + [(a | b, merged)]
+        merged = clusters[i][0] | clusters[j][0], np.concatenate([clusters[i][1], clusters[j][1]])
+        clusters = [item for k, item in enumerate(clusters) if k not in (i, j)] + [merged]
     return {frozenset(members) for members, _ in clusters}
 
 
-@pytest.mark.parametrize("seed", range(20))
+def labelled(*boxes, shape=(30, 40)):
+    """Fragments that are boxes x0 y0 x1 y1, the last exclusive."""
+    labels = np.zeros(shape, np.int32)
+    for number, (left, top, right, bottom) in enumerate(boxes, 1):
+        labels[top:bottom, left:right] = number
+    return labels
+
+
+@pytest.mark.parametrize("seed", range(10))
 def test_gap_merging_equals_merging_the_nearest_pair(seed):
-    """Merging all near pairs of a round at once gives what merging the nearest pair first gives."""
+    """What is found at once is what merging the nearest pair again and again gives."""
     random = np.random.default_rng(seed)
-    low = random.integers(0, 60, (25, 2)).astype(float)
-    boxes = np.hstack([low, low + random.integers(1, 6, (25, 2))])
-    gap = float(random.integers(0, 5))
-    assert as_partition(merge_by_gap(boxes, gap)) == nearest_pair_by_hand(boxes, gap)
+    count, labels = cv2.connectedComponents((random.random((30, 40)) < 0.03).astype(np.uint8))
+    gap = int(random.integers(0, 5))
+    assert as_partition(merge_by_gap(labels, count - 1, gap)) == nearest_pair_by_hand(labels, gap)
 
 
-def test_gap_counts_empty_cells_between_boxes():
-    """Boxes with two empty cells between them merge at gap 3 and not at gap 2."""
-    boxes = np.array([[0, 0, 4, 4], [6, 1, 9, 3]], float)
-    assert len(as_partition(merge_by_gap(boxes, 3))) == 1
-    assert len(as_partition(merge_by_gap(boxes, 2))) == 2
+def test_gap_counts_empty_cells_between_fragments():
+    """Fragments with two empty cells between them merge at gap 3 and not at gap 2."""
+    labels = labelled((0, 0, 4, 4), (6, 1, 9, 3))
+    assert len(as_partition(merge_by_gap(labels, 2, 3))) == 1
+    assert len(as_partition(merge_by_gap(labels, 2, 2))) == 2
+
+
+def test_things_side_by_side_stay_apart():
+    """Two that merge do not take in a third that lies in the corner of the box around both."""
+    labels = labelled((2, 2, 6, 4), (7, 4, 11, 6), (2, 10, 6, 12), (9, 13, 13, 15))
+    labels[4:13, 12], labels[13:15, 12] = 2, 4
+    labels[labels == 4] = 2
+    assert as_partition(merge_by_gap(labels, 3, 2)) == {frozenset({0, 1}), frozenset({2})}
 
 
 def criterion(cluster, centres, areas, gap):
@@ -74,5 +90,5 @@ def test_scatter_merging_stops_where_no_merge_lowers_the_criterion(seed):
 
 def test_one_fragment_is_one_cluster():
     """Nothing to merge is no error."""
-    assert merge_by_gap(np.array([[0, 0, 2, 2]], float), 3).tolist() == [0]
+    assert merge_by_gap(labelled((0, 0, 2, 2)), 1, 3).tolist() == [0]
     assert merge_by_scatter(np.array([[1.0, 1.0]]), np.array([4.0]), 3).tolist() == [0]
