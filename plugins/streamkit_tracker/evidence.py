@@ -58,6 +58,11 @@ class Evidence:
         """How many times the variance of the residual is larger than that of a rigid target, 1 or more."""
         return max(1.0, median(self._distances) / USUAL_DISTANCE)
 
+    @property
+    def _slack(self) -> float:
+        """How much further the responses of a soft target may fall: it loses its look without a cover."""
+        return math.sqrt(max(1.0, self.tolerance / RIGID))
+
     def responds(self, peak: float, sharpness: float, *, frames_unseen: int) -> bool:
         """Whether a filter response is no outlier among this target's own.
 
@@ -68,14 +73,17 @@ class Evidence:
         """
         if sharpness < LEAST_SHARPNESS:
             return False
-        drop = max(SEEN_DROP, SEEN_DEVIATIONS * self._deviation)
+        drop = max(SEEN_DROP * self._slack, SEEN_DEVIATIONS * self._deviation)
         if frames_unseen > 0:
-            drop = min(drop, FOUND_DROP + self._deviation + FOUND_RELIEF * frames_unseen)
+            at_first = FOUND_DROP * self._slack + self._deviation
+            drop = min(drop, at_first + FOUND_RELIEF * frames_unseen)
         return self._drop(peak, sharpness) <= drop
 
     def clear(self, peak: float, sharpness: float) -> bool:
         """Whether a response is so near this target's usual ones that its look may be learnt."""
-        return self._drop(peak, sharpness) <= max(LEARNT_DROP, LEARNT_DEVIATIONS * self._deviation)
+        return self._drop(peak, sharpness) <= max(
+            LEARNT_DROP * self._slack, LEARNT_DEVIATIONS * self._deviation
+        )
 
     def judge(
         self, distance: float, response: tuple[float, float] | None, *, informative: bool, unseen: bool

@@ -17,7 +17,7 @@ def wavering() -> Evidence:
     """Twenty frames of a target whose responses go up and down by a factor of three."""
     evidence = Evidence(lost_threshold=0.6, update_threshold=0.85)
     for frame in range(20):
-        evidence.judge(0.7, (0.9, 30.0) if frame % 2 else (0.5, 18.0), informative=True, unseen=False)
+        evidence.judge(0.02, (0.9, 30.0) if frame % 2 else (0.5, 18.0), informative=True, unseen=False)
     return evidence
 
 
@@ -33,7 +33,7 @@ def test_a_response_is_believed_unless_it_is_an_outlier(peak: float, sharpness: 
 def test_a_target_that_wavers_is_believed_longer():
     """A faint response hides a steady target, not one that often responds faintly."""
     assert wavering().responds(0.25, 9.0, frames_unseen=0)
-    assert not settled(0.7, 0.7).responds(0.2, 9.0, frames_unseen=0)
+    assert not settled(0.02, 0.7).responds(0.2, 9.0, frames_unseen=0)
 
 
 def test_after_a_gap_more_is_asked_at_first():
@@ -52,12 +52,21 @@ def test_a_peak_without_height_above_the_rest_is_none():
 
 def test_what_is_seen_half_is_not_learnt():
     """Half the height and sharpness do to be seen by, not to learn from; no cover soon becomes usual."""
-    evidence = settled(0.7, 0.9)
+    evidence = settled(0.02, 0.9)
     for _ in range(10):
         assert evidence.responds(0.5, 16.0, frames_unseen=0)
-        verdict = evidence.judge(0.7, (0.45, 14.0), informative=True, unseen=False)
+        verdict = evidence.judge(0.1, (0.45, 14.0), informative=True, unseen=False)
         assert verdict.seen
         assert not verdict.learnt
+
+
+def test_a_soft_target_may_fade_further():
+    """What hides a rigid target is a new posture of a soft one: seen, and learnt unless it is very faint."""
+    soft, rigid = settled(0.5, 0.9), settled(0.02, 0.9)
+    assert soft.responds(0.25, 9.0, frames_unseen=0)
+    assert not rigid.responds(0.25, 9.0, frames_unseen=0)
+    assert soft.clear(0.4, 12.0)
+    assert not rigid.clear(0.4, 12.0)
 
 
 def test_tolerance_is_that_of_the_target():
