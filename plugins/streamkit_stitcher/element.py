@@ -199,14 +199,16 @@ class Stitch(Transform):
             ResourceError: it cannot be written.
         """
         pad = self._mosaic_pad
-        if pad is not None:
-            if self._recorder is not None:
-                self._show(pad, self._recorder, None)
-            pad.send_event(EosEvent())
         try:
+            if pad is not None and self._recorder is not None:
+                self._show(pad, self._recorder, None)
             self._finish(current=True)
         except OSError as error:
             raise ResourceError(f"{self.name}: the mosaic is lost: {error}") from error
+        finally:
+            # Last: whoever watched to the end finds the file written.
+            if pad is not None:
+                pad.send_event(EosEvent())
         return ()
 
     def stop(self) -> None:

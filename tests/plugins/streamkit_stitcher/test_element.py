@@ -247,6 +247,19 @@ def test_the_mosaic_pad_shows_the_mosaic_as_it_grows():
     assert painted > 0.3
 
 
+def test_the_end_of_the_mosaic_pad_comes_after_the_file(tmp_path):
+    """Whoever stops the pipeline when the pad ends has the mosaic."""
+    text = (
+        "dronetestsrc num-buffers=3 ! video/x-raw, width=320, height=240 "
+        f"! stitch name=s location={tmp_path}/m.png "
+        "! fakesink  s.mosaic ! queue ! appsink name=out"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        assert len(list(pipeline["out"])) >= 1
+        assert (tmp_path / "m.png").exists()
+
+
 def test_a_mosaic_asks_for_colour(tmp_path):
     """With a mosaic wanted and nothing else said, frames come in colour; without one they come grey."""
     formats = []
