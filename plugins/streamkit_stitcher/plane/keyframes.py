@@ -45,6 +45,9 @@ _COARSE_THRESHOLD: Final = 1.5
 _COARSE_TOLERANCE: Final = 0.2
 _FINE_TOLERANCE: Final = 0.1
 _ANY_STEP: Final = 10.0
+_WIDE_OVERLAP: Final = 0.8
+# What no patch is better than, px: the lens, the shutter, the ground are not quite a plane's.
+_FLOOR: Final = 0.04
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,6 +211,9 @@ class KeyframeMatcher:
         """
         top_level = min(top_level, len(images) - 1, len(keyframe.patches) - 1)
         key_to_frame = inverse(frame_to_key)
+        if overlap(frame_to_key, keyframe.shape) < _WIDE_OVERLAP:
+            # About as many are in view as otherwise; the corners beyond them need them most.
+            max_points += max_points // 2
         for level in range(top_level, -1, -1):
             patches, chosen = self._level(keyframe, level, coarse_points if level == 1 else max_points)
             expected = reduced_motion(key_to_frame, level)
@@ -301,7 +307,8 @@ def _accepted(
     with a homography: what counts is how many of the patches in view agree, not of those that settled.
     """
     frame_points, key_points = found.frame_points, found.key_points
-    fit = fit_homography(frame_points, key_points, limits.threshold, start=start)
+    weights = 1 / (found.variances + _FLOOR**2)
+    fit = fit_homography(frame_points, key_points, limits.threshold, start=start, weights=weights)
     if fit is None or fit.count < max(limits.min_inliers, limits.min_ratio * found.sought):
         return None
     fit = restricted(fit, model, frame_points, key_points)

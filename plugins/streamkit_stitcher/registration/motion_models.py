@@ -85,6 +85,7 @@ def fit_homography(
     threshold: float,
     refinements: int = _REFINEMENTS,
     start: FloatArray | None = None,
+    weights: FloatArray | None = None,
 ) -> MotionFit | None:
     """Fits a homography by RANSAC, refined by least squares on the inliers and then on the best of them.
 
@@ -97,6 +98,7 @@ def fit_homography(
         threshold: largest distance of an inlier in px of the target.
         refinements: steps of that refinement.
         start: float64[3, 3], a guess; where most pairs agree with it, it is refined without RANSAC.
+        weights: float64[n], how much each pair counts in the refinement, such as one over its variance.
 
     Returns:
         The fit, or None for fewer than 4 pairs or degenerate ones.
@@ -114,7 +116,7 @@ def fit_homography(
         fit = judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
     if fit is None or fit.count < _REFINABLE or not refinements:
         return fit
-    matrix = _refined(fit.matrix, source, target, threshold, refinements)
+    matrix = _refined(fit.matrix, source, target, threshold, refinements, weights)
     refined = judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
     return refined if refined is not None and refined.count >= _KEPT * fit.count else fit
 
@@ -225,11 +227,17 @@ def fit_motion(
 
 
 def _refined(
-    matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float, steps: int
+    matrix: FloatArray,
+    source: FloatArray,
+    target: FloatArray,
+    threshold: float,
+    steps: int,
+    weights: FloatArray | None = None,
 ) -> FloatArray:
     """Gauss-Newton steps on the pairs near `matrix`, on all if `threshold` is infinite."""
     scaling = Scaling.of(target)
-    weights = np.ones(len(target))
+    even = np.ones(len(target)) if weights is None else weights
+    counted = even
     for _ in range(steps):
         mapped = project(matrix, source)
         residuals = target - mapped
@@ -238,8 +246,8 @@ def _refined(
             close = squares[squares < threshold**2]
             typical = float(np.partition(close, len(close) // 2)[len(close) // 2]) if len(close) else 0.0
             kept = squares < max(_TRIM**2 * typical, (_LEAST_TRIM * threshold) ** 2)
-            weights = kept.astype(np.float64)
-        better = stepped(matrix, scaling, mapped, residuals, weights)
+            counted = even * kept
+        better = stepped(matrix, scaling, mapped, residuals, counted)
         if better is None:
             break
         matrix = better

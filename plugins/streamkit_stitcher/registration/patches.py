@@ -146,12 +146,15 @@ class Alignment:
         key_points: float64[k, 2], their positions in the key picture.
         frame_points: float64[k, 2], the same ground in the frame.
         patches: int64[k], their indices.
+        variances: float64[k], of one coordinate of a position, px squared, by what is left of the difference
+            of the pictures and by the contrast that fixes the position.
         sought: patches that should have been in view, k or more.
     """
 
     key_points: FloatArray
     frame_points: FloatArray
     patches: npt.NDArray[np.int64]
+    variances: FloatArray
     sought: int
 
 
@@ -176,7 +179,7 @@ def align(
     chosen = np.flatnonzero(visible)
     sought = len(chosen)
     if not sought:
-        return Alignment(np.empty((0, 2)), np.empty((0, 2)), chosen, 0)
+        return Alignment(np.empty((0, 2)), np.empty((0, 2)), chosen, np.empty(0), 0)
     if len(chosen) < _MOSTLY * len(visible):
         level, visible = level.part(chosen), visible[chosen]
     else:
@@ -186,7 +189,10 @@ def align(
     settled = visible & (step < _SETTLED * tolerance) & (correlation > _MIN_CORRELATION)
     good = settled & (np.hypot(shift[:, 0], shift[:, 1]) < _MAX_SHIFT)
     key_points = level.centres[good]
-    return Alignment(key_points, project(key_to_frame, key_points + shift[good]), chosen[good], sought)
+    # Pictures of unit deviation that correlate by c differ by 2 - 2 c.
+    variances = (1 - correlation[good]) * np.trace(level.inverse_hessian[good], axis1=1, axis2=2)
+    frame_points = project(key_to_frame, key_points + shift[good])
+    return Alignment(key_points, frame_points, chosen[good], np.maximum(variances, 0.0), sought)
 
 
 def _visible(points: FloatArray, shape: Sequence[int]) -> MaskArray:
