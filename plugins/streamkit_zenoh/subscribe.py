@@ -107,13 +107,19 @@ def _print_all(
             return 0, ""
         if update is None:
             if timeout_s is not None and time.monotonic() - heard_s > timeout_s:
-                return 1, f"no record has come within {timeout_s:g} s"
+                return 1, f"no record has come within {timeout_s:g} s{_whom(subscriber)}"
             continue
         heard_s = time.monotonic()
         if update.record is not None:
             printed += 1
             printer.show(update.record)
     return 0, ""
+
+
+def _whom(subscriber: TrackSubscriber) -> str:
+    if subscriber.counts.publishers:
+        return ", though a publisher is there"
+    return ": no publisher is there; start it, or give both sides endpoints that meet (--connect, --listen)"
 
 
 def _fail(message: str) -> NoReturn:

@@ -9,6 +9,8 @@ import typer
 
 from streamkit.cli.commands import CORE, CommandEntry, add_command, installed_commands
 
+INTERRUPTED = 130
+
 
 def version(show: bool = typer.Option(False, "--version", help="Print the version and leave.")) -> None:
     """Streams frames through graphs of elements: drone video in, tracks out."""
@@ -44,4 +46,7 @@ def wanted_commands(name: str) -> list[CommandEntry]:
 
 def main() -> None:
     """Entry point of the command line."""
-    make_app(sys.argv[1:])()
+    try:
+        make_app(sys.argv[1:])()
+    except KeyboardInterrupt:  # before a command watches for it itself
+        sys.exit(INTERRUPTED)

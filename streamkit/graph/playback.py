@@ -12,7 +12,7 @@ from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.timing import Timing
 from streamkit.element.transform import Transform
-from streamkit.errors import ElementFailure, ResourceError, StreamkitError
+from streamkit.errors import ElementFailure, NotNegotiated, ResourceError, StreamkitError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.branches import first_push
@@ -212,11 +212,20 @@ class Playback:
         pad.push = pad.not_linked
 
     def no_more_pads(self, element: Element) -> None:
-        """Links still waiting are warned of; what they should have fed ends, so that the rest can."""
+        """Links still waiting are warned of; what they should have fed ends, so that the rest can.
+
+        Where the element feeds nothing at all, as a decoder was left out, that is an error.
+        """
+        text = ""
         for link in list(self._graph.delayed_links):
             if link.source is element and not link.has_succeeded and not link.every_pad:
                 text = f"the stream has no pad for {link.description}; {_pads_told(element)}"
                 self._bus.post(Message(MessageKind.WARNING, element.name, text, {"code": "delayed-link"}))
+        if text and all(pad.peer is None for pad in element.src_pads()):
+            cause = NotNegotiated(
+                f"nothing it brings is linked: {text}; put what takes it, such as a decoder, in between"
+            )
+            self.fail(ElementFailure(element.name, element.factory, cause))
         for other in list(self._graph.elements):
             for pad in other.sink_pads():
                 if pad.peer is None and not pad.is_eos:

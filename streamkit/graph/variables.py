@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from streamkit.element.suggest import did_you_mean
 from streamkit.errors import DescriptionError, Place
 
 VARIABLE = r"\$\{(?P<name>[^}:\s{]*)(?::-(?P<default>(?:[^}\n$]|\$(?!\{))*))?\}"  # none within another
@@ -113,7 +112,8 @@ def _value(text: str, match: re.Match[str], variables: Mapping[str, str]) -> str
         return variables[name]
     if match["default"] is not None:
         return match["default"]
-    hint = did_you_mean(name, variables) or f"give it with --set {name}=VALUE"
+    given = f"; given are {', '.join(variables)}" if variables else ""
+    hint = f"give it with --set {name}=VALUE{given}"
     raise DescriptionError(
         "syntax", f"variable {name!r} has no value and no default", _place_in(text, match), hint
     )

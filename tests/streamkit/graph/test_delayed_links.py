@@ -17,7 +17,7 @@ from streamkit import (
     Property,
     Source,
 )
-from streamkit.errors import DescriptionError
+from streamkit.errors import DescriptionError, ElementFailure
 from streamkit.graph.build import build
 
 Register = Callable[..., None]
@@ -89,6 +89,17 @@ def test_a_pad_that_never_comes_is_a_warning() -> None:
     """Code `delayed-link` on the bus once there will be no more pads; what it should have fed ends."""
     text = "demux name=d d.video_0 ! appsink name=v d.video_7 ! appsink name=w"
     assert run(text) == ({"v": 2, "w": 0}, ["delayed-link"])
+
+
+@pytest.mark.usefixtures("demuxer")
+def test_a_stream_that_feeds_nothing_is_an_error() -> None:
+    """Where a decoder was left out, what has done nothing has not gone well: `not-linked` in gst-launch."""
+    text = "demux name=d pads-found=data_0 ! video/x-raw ! fakesink"
+    with (
+        Pipeline.parse(text) as pipeline,
+        pytest.raises(ElementFailure, match=r"nothing it brings is linked: .* it has data_0; put what"),
+    ):
+        pipeline.run(timeout_s=20)
 
 
 @pytest.mark.usefixtures("demuxer")

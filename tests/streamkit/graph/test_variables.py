@@ -39,10 +39,14 @@ def test_expansion(text: str, variables: dict[str, str], expanded: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message", "place"),
     [
-        ("a ! ${Y}", "variable 'Y' has no value and no default; give it with --set Y=VALUE", Place(1, 5, 4)),
+        (
+            "a ! ${Y}",
+            "variable 'Y' has no value and no default; give it with --set Y=VALUE; given are NAME",
+            Place(1, 5, 4),
+        ),
         (
             "a\n ${NAMES}",
-            "variable 'NAMES' has no value and no default; did you mean \"NAME\"?",
+            "variable 'NAMES' has no value and no default; give it with --set NAMES=VALUE; given are NAME",
             Place(2, 2, 8),
         ),
         ("${} a", "'${}' names no variable: ${NAME} or ${NAME:-default}", Place(1, 1, 3)),
