@@ -68,8 +68,8 @@ def refusal(host: str, port: int, ca_file: str | None, limit_s: float) -> str:
         )
     except TimeoutError:
         return f"no TLS on port {port}: the server does not answer; write rtsp:// if it is not encrypted"
-    except ssl.SSLError as error:
-        reason = error.reason or "the connection was closed"
+    except (ssl.SSLError, ConnectionResetError, BrokenPipeError) as error:
+        reason = getattr(error, "reason", None) or "the connection was closed"
         return f"no TLS on port {port}: {reason}; write rtsp:// if it is not encrypted"
     except OSError:
         return ""  # what is wrong with the connection itself is told elsewhere

@@ -40,10 +40,13 @@ def _written(kind: FileKind) -> str:
 
 
 def test_mot_counts_frames_from_one() -> None:
-    """Frame, id, left, top, width, height, score and three times -1; tentative targets are no results."""
+    """Frame, id, left, top, width, height, score and three times -1; tentative targets are no results.
+
+    Pixels count from 1, too: the left edge of the first one is at 1, which is -0.5 in a frame.
+    """
     assert _written(FileKind.MOT).splitlines() == [
-        "1,7,16,27.5,8,5,0.875,-1,-1,-1",
-        "3,7,16,27.5,8,5,0.875,-1,-1,-1",
+        "1,7,17.5,29,8,5,0.875,-1,-1,-1",
+        "3,7,17.5,29,8,5,0.875,-1,-1,-1",
     ]
 
 
