@@ -93,7 +93,7 @@ class Stitch(Transform):
         20, min=8, max=1000, doc="Fewest points that must agree on a homography; simpler motions need fewer."
     )
     min_inlier_ratio: float = Property(
-        0.35, min=0.05, max=1.0, doc="Least share of the matched points that must agree on the motion."
+        0.35, min=0.05, max=1.0, doc="Least share of the points in view that must agree on the motion."
     )
     keyframe_overlap: float = Property(
         0.65, min=0.3, max=0.95, doc="A frame that shares less than this with its key frame becomes one."
