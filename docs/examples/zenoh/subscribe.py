@@ -40,8 +40,9 @@ def main(key: str, endpoint: str = "", count: int = -1) -> None:
     news: queue.Queue[zenoh.Sample | zenoh.Reply] = queue.Queue(maxsize=1000)
     gaps = Gaps()
     with zenoh.open(config) as session:
-        session.declare_subscriber(f"{key}/tracks", news.put)
+        # First, so that a publisher is seen before its records.
         session.liveliness().declare_subscriber(f"{key}/alive", news.put, history=True)
+        session.declare_subscriber(f"{key}/tracks", news.put)
         # Who comes late asks for the last record.
         session.get(f"{key}/tracks", news.put)
         while count:

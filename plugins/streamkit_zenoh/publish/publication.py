@@ -111,8 +111,6 @@ class Publication:
         """Tells once that the stream has ended."""
         if not self._has_ended:
             self._has_ended = True
-            if self._status is not None:
-                self._status.look()
             self._tick()
 
     def close(self, limit_s: float, cancelled: threading.Event | None = None) -> bool:
@@ -201,7 +199,10 @@ class Publication:
             yield Answer(self._status.key, payload, self._status.encoding)
 
     def _tick(self) -> None:
-        if self._status is not None and self._status.is_wanted:
+        if self._status is None:
+            return
+        self._status.look()
+        if self._status.is_wanted:
             payload = self._status_codec.encode(self._status_record())
             self._status.put(payload, self._status.stamp().attachment())
 

@@ -98,6 +98,8 @@ class RecordsFeed:
             if getattr(watcher.matching_status, "matching", False):
                 self._each_is_wanted = True
         self._failed = failed
+        self._tick = tick
+        self._has_told = False
         self.line: SendingLine[Outgoing] = SendingLine(
             self._send, settings.max_queue, self._not_sent, tick, tick_every_s=1.0
         )
@@ -167,6 +169,10 @@ class RecordsFeed:
             self.fault = self.fault or error
             return
         attachment = item.stamp.attachment()
+        if not self._has_told:
+            # Before the first record: whoever has a record and then nothing knows that this is no end.
+            self._has_told = True
+            self._tick()
         if self._settings.tracks and self._outlet.is_wanted:
             self._outlet.put(payload, attachment)
         if self._each_is_wanted:
