@@ -90,7 +90,7 @@ def test_no_streamkit_is_imported() -> None:
 def test_the_example_of_the_documentation_works() -> None:
     """It follows the publisher, and prints a line per record."""
     lines = _run(EXAMPLE, "json")
-    assert lines.count("publisher there") <= 1
+    assert "publisher there" in lines
     records = [line.split() for line in lines if line.startswith("record")]
     assert [int(words[1]) for words in records] == list(range(COUNT))
     assert all(words[2] == "#1" for words in records)
