@@ -17,7 +17,8 @@ import cv2
 import numpy as np
 from aerial_flights import Flight, FloatArray, PictureArray, camera, ground_picture
 
-from streamkit_stitcher.mosaic.recorder import MosaicRecorder, RecorderSettings
+from streamkit_stitcher.mosaic.album import RecorderSettings
+from streamkit_stitcher.mosaic.recorder import MosaicRecorder
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.plane.tracker import PlaneTracker
 

@@ -27,8 +27,9 @@ import numpy.typing as npt
 from aerial_flights import Flight, FloatArray, PictureArray, ground_picture, rows
 
 from streamkit_stitcher.homographies import inverse, normalised, project
+from streamkit_stitcher.mosaic.album import RecorderSettings
 from streamkit_stitcher.mosaic.composition import PlacedPicture, compose
-from streamkit_stitcher.mosaic.recorder import MosaicRecorder, RecorderSettings
+from streamkit_stitcher.mosaic.recorder import MosaicRecorder
 from streamkit_stitcher.mosaic.seams import SeamKind
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.plane.tracker import PlaneTracker

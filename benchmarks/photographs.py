@@ -19,8 +19,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from streamkit_stitcher.mosaic.album import RecorderSettings
 from streamkit_stitcher.mosaic.georeference import PositionFix
-from streamkit_stitcher.mosaic.recorder import MosaicRecorder, RecorderSettings
+from streamkit_stitcher.mosaic.recorder import MosaicRecorder
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.plane.tracker import PlaneTracker
 from streamkit_stitcher.registration.wide_baseline import fit_wide_baseline

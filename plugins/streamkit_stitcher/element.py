@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, replace
 from fractions import Fraction
+from functools import partial
 from typing import Any, ClassVar
 
 import cv2
@@ -15,9 +16,11 @@ from streamkit import (
     Caps,
     CapsEvent,
     Direction,
-    EndOfStream,
     EosEvent,
     Event,
+    Flushing,
+    FlushStart,
+    FlushStop,
     Frame,
     FrameFlags,
     PadTemplate,
@@ -31,24 +34,21 @@ from streamkit import (
     luma,
 )
 from streamkit_stitcher.flight_plan.plan import CameraView, FlightPlan, parse_strip, plan_strip
-from streamkit_stitcher.homographies import inverse
+from streamkit_stitcher.live_mosaic import PREVIEW_CAPS, LiveMosaic, linked_pad
+from streamkit_stitcher.mosaic.album import RecorderSettings
 from streamkit_stitcher.mosaic.georeference import PositionFix
 from streamkit_stitcher.mosaic.picture_file import check_location
-from streamkit_stitcher.mosaic.recorder import MosaicRecorder, RecorderSettings, WrittenMosaic
 from streamkit_stitcher.mosaic.seams import SeamKind
 from streamkit_stitcher.mosaic.tiles import PictureArray
+from streamkit_stitcher.mosaic_pad import MosaicPad
 from streamkit_stitcher.plane.placement import Placement
 from streamkit_stitcher.plane.settings import ModelChoice, PlaneSettings, ReferenceChoice
 from streamkit_stitcher.plane.tracker import PlaneTracker
 from streamkit_stitcher.registration.motion_models import FitLimits
 
 _TO_BGR = {"I420": cv2.COLOR_YUV2BGR_I420, "NV12": cv2.COLOR_YUV2BGR_NV12}
-_FROM_BGR = {"I420": cv2.COLOR_BGR2YUV_I420, "GRAY8": cv2.COLOR_BGR2GRAY}
 # BGR for pictures of odd sizes, which have no halved colours.
 _COLOUR_FIRST = Caps("video/x-raw, format={ I420, NV12, BGR, GRAY8 }")
-_PREVIEW_CAPS = Caps("video/x-raw, format={ BGR, I420, GRAY8 }, width=[ 16, 8192 ], height=[ 16, 8192 ]")
-_PREVIEW = Caps("video/x-raw, width=1280, height=720")
-_NS = 1_000_000_000
 
 
 class Stitch(Transform):
@@ -59,15 +59,16 @@ class Stitch(Transform):
     `cut`. Where the plane moves - its reference changes, key frames were adjusted, the camera came back to
     ground it knows - the frame carries `reference_change`, so that whoever follows moves along.
 
-    The mosaic is written at EOS, or when the pipeline stops before; a message `mosaic` tells its size. The
-    pad `mosaic` shows it as it grows; put a queue behind it.
+    The mosaic is painted beside the stream, and written at EOS or when the pipeline stops before; a message
+    `mosaic` tells its size. The pad `mosaic` shows it as it grows, from a thread of its own: whoever is slow
+    there sees fewer states of it, and the last.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! fakesink
     """
 
     sink = src = LUMA_CAPS
-    templates: ClassVar = (PadTemplate("mosaic", Direction.SRC, _PREVIEW_CAPS, Presence.REQUEST),)
+    templates: ClassVar = (PadTemplate("mosaic", Direction.SRC, PREVIEW_CAPS, Presence.REQUEST),)
 
     location: str | None = Property(
         None, doc="Path of the mosaic, .png, .jpg or .tif; %d in it gives each plane a file."
@@ -125,14 +126,21 @@ class Stitch(Transform):
         1.0, min=0.0, unit="s", doc="Least time between two frames of the pad `mosaic`."
     )
 
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        super().__init__(name, **properties)
+        self.prepare_run()
+
+    def prepare_run(self) -> None:
+        """Forgets what an earlier run left for the pad `mosaic`."""
+        self._shown = MosaicPad(
+            lambda: linked_pad(self), lambda: self.count_drop("mosaic: a newer picture came")
+        )
+
     def start(self) -> None:
         """Begins without a plane; refuses a location or strip that could not be used at the end."""
         self._tracker = PlaneTracker(self._settings(0, 0))
-        self._recorder: MosaicRecorder | None = None
+        self._mosaic: LiveMosaic | None = None
         self._epoch: int | None = None
-        self._previewed_pts = 0
-        self._preview_due = False
-        self._preview_caps: Caps | None = None
         try:
             if self.strip is not None:
                 parse_strip(self.strip)
@@ -140,15 +148,24 @@ class Stitch(Transform):
                 check_location(self.location)
         except (OSError, ValueError) as error:
             raise ResourceError(f"{self.name}: {error}") from error
-        if self._wants_mosaic:
-            self._recorder = MosaicRecorder(
-                RecorderSettings(self.location, round(self.max_canvas_mpx * 1e6), self.final, self.seam)
+        if self.location is not None or "mosaic" in self.pads:
+            settings = RecorderSettings(
+                self.location, round(self.max_canvas_mpx * 1e6), self.final, self.seam
             )
+            self._mosaic = LiveMosaic(self, settings, self.preview_interval, lambda: self._shown)
+
+    def stream(self) -> None:
+        """The body of the thread that serves the pad `mosaic`."""
+        self._shown.serve(self.stopping)
+
+    def interrupt(self) -> None:
+        """Wakes that thread."""
+        self._shown.wake()
 
     def query_caps(self, pad: Any) -> Caps:
         """What a pad can carry: the mosaic is made here, frames pass as they come."""
         if pad.name == "mosaic":
-            return _PREVIEW_CAPS
+            return PREVIEW_CAPS
         return super().query_caps(pad)
 
     def property_changed(self, name: str) -> None:
@@ -182,15 +199,19 @@ class Stitch(Transform):
             return frame.attach(registration(self._tracker.skip()))
         grey = brightness_of(frame)
         placement = self._tracker.place(grey)
-        if self._recorder is not None:
-            self._record(self._recorder, placement, frame, (grey.shape[0], grey.shape[1]))
+        if self._mosaic is not None:
+            if self._mosaic.is_other_plane(placement):
+                self._mosaic.leave(self._tracker.take_plane())
+            shape = int(grey.shape[0]), int(grey.shape[1])
+            self._mosaic.record(frame, placement, shape, partial(picture_of, frame), position_of(frame))
         return frame.attach(registration(placement))
 
     def event(self, event: Event) -> None:
         """Events reach whoever watches the mosaic, too."""
-        pad = self._mosaic_pad
-        if pad is not None and not isinstance(event, (CapsEvent, EosEvent)):
-            pad.send_event(event)
+        if isinstance(event, FlushStart | FlushStop):
+            self._shown.flush(event)
+        elif not isinstance(event, CapsEvent | EosEvent):
+            self._shown.put_event(event)
 
     def drain(self) -> tuple[()]:
         """Shows the mosaic for the last time and writes it.
@@ -198,38 +219,31 @@ class Stitch(Transform):
         Raises:
             ResourceError: it cannot be written.
         """
-        pad = self._mosaic_pad
+        plane = self._tracker.take_plane(current=True)
         try:
-            if pad is not None and self._recorder is not None:
-                self._show(pad, self._recorder, None)
-            self._finish(current=True)
+            if self._mosaic is not None:
+                self._mosaic.show_last()
+                if not self._mosaic.finish(plane, self.stopping):
+                    raise Flushing(self.name)
+            elif plane is not None:
+                plane.close()
         except OSError as error:
             raise ResourceError(f"{self.name}: the mosaic is lost: {error}") from error
         finally:
             # Last: whoever watched to the end finds the file written.
-            if pad is not None:
-                pad.send_event(EosEvent())
+            self._shown.put_event(EosEvent())
         return ()
 
     def stop(self) -> None:
         """Writes the mosaic if EOS did not come, and lets go of it."""
-        try:
-            self._finish(current=True)
-        except OSError as error:
-            self.post_warning(f"the mosaic is lost: {error}")
-        if self._recorder is not None:
-            self._recorder.close()
-        self._recorder = None
+        mosaic, self._mosaic = self._mosaic, None
+        if mosaic is not None:
+            try:
+                mosaic.finish(self._tracker.take_plane(current=True))
+            except OSError as error:
+                self.post_warning(f"the mosaic is lost: {error}")
+            mosaic.close()
         self._tracker.close()
-
-    @property
-    def _mosaic_pad(self) -> Any:
-        pad = self.pads.get("mosaic")
-        return pad if pad is not None and pad.peer is not None else None
-
-    @property
-    def _wants_mosaic(self) -> bool:
-        return self.location is not None or "mosaic" in self.pads
 
     def _prefer_colour(self) -> None:
         for name in ("sink", "src"):
@@ -273,67 +287,6 @@ class Stitch(Transform):
                 "pip install 'streamkit[geo]'"
             ) from error
 
-    def _record(
-        self, recorder: MosaicRecorder, placement: Placement, frame: Frame, shape: tuple[int, int]
-    ) -> None:
-        refused = recorder.refused
-        try:
-            if recorder.is_other_plane(placement):
-                self._finish(current=False)
-            changed = recorder.add(placement, shape, lambda: picture_of(frame), position_of(frame))
-        except OSError as error:
-            # The frames matter more than a picture of an earlier plane: the stream goes on.
-            self.post_warning(f"the mosaic of an earlier plane is lost: {error}")
-            return
-        if recorder.refused and not refused:
-            self.post_warning(
-                f"{frame.describe()} does not fit into the mosaic and is left out, as others may be; see "
-                "whether the registration holds"
-            )
-        self._preview_due |= changed
-        pad = self._mosaic_pad
-        since_ns = (frame.pts or 0) - self._previewed_pts
-        if pad is not None and self._preview_due and since_ns >= self.preview_interval * _NS:
-            self._show(pad, recorder, frame)
-
-    def _show(self, pad: Any, recorder: MosaicRecorder, frame: Frame | None) -> None:
-        """Sends the mosaic as it is through its pad."""
-        if recorder.is_empty:
-            return
-        if self._preview_caps is None:
-            allowed = pad.peer_caps() & _PREVIEW_CAPS
-            self._preview_caps = allowed.fixate(near=_PREVIEW)
-            pad.send_event(CapsEvent(self._preview_caps))
-        caps = self._preview_caps
-        picture, matrix = recorder.mosaic.canvas.preview(caps.integer("width"), caps.integer("height"))
-        place = Registration(np.eye(3), inverse(matrix), reference=recorder.reference)
-        pts = self._previewed_pts if frame is None else frame.pts
-        shown = Frame(_in_format(picture, str(caps["format"])), caps, pts=pts).attach(place)
-        self._previewed_pts, self._preview_due = pts or 0, False
-        try:
-            pad.push(shown)
-        except EndOfStream:
-            pad.unlink()
-
-    def _finish(self, current: bool) -> None:
-        """Writes the mosaic of the plane that was left, or of the current one."""
-        plane = self._tracker.take_plane(current)
-        if self._recorder is None:
-            if plane is not None:
-                plane.close()
-            return
-        places, rmse = None, 0.0
-        if plane is not None:
-            if self.final:
-                rmse = plane.finish()
-                places = dict(plane.places)
-            plane.close()
-        self._announce(self._recorder.finish(places, rmse))
-
-    def _announce(self, written: WrittenMosaic | None) -> None:
-        if written is not None:
-            self.post_message("mosaic", **{**asdict(written), "path": str(written.path)})
-
 
 def registration(placement: Placement) -> Registration:
     """A placement as metadata."""
@@ -370,10 +323,3 @@ def position_of(frame: Frame) -> PositionFix | None:
     """Where the camera was, if the frame tells and its telemetry is not too old."""
     pose = frame.get(Pose)
     return None if pose is None or pose.is_stale else PositionFix(pose.latitude, pose.longitude)
-
-
-def _in_format(picture: PictureArray, pixel_format: str) -> PictureArray:
-    """uint8[h, w, c] in a pixel format."""
-    colours = np.asarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)) if picture.shape[2] == 1 else picture
-    code = _FROM_BGR.get(pixel_format)
-    return np.asarray(colours if code is None else cv2.cvtColor(colours, code), dtype=np.uint8)

@@ -42,6 +42,8 @@ GLUE = {
     "streamkit_decoder.files.playrange",
     "streamkit_decoder.packets",
     "streamkit_decoder.videodecoder",
+    "streamkit_stitcher.live_mosaic",
+    "streamkit_stitcher.mosaic_pad",
     "streamkit_tracker.explanation.command",
     "streamkit_tracker.explanation.reading",
     "streamkit_tracker.frame_link",

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from streamkit_stitcher.homographies import translation
+from streamkit_stitcher.mosaic.album import RecorderSettings
 from streamkit_stitcher.mosaic.georeference import PositionFix
 from streamkit_stitcher.mosaic.picture_store import PictureStore
-from streamkit_stitcher.mosaic.recorder import MosaicRecorder, RecorderSettings
+from streamkit_stitcher.mosaic.recorder import MosaicRecorder
 from streamkit_stitcher.plane.placement import Placement, Status
 
 SMALL = (360, 640)
@@ -132,7 +133,7 @@ def test_a_mosaic_that_somebody_asks_for_is_painted_from_then_on(ground, tmp_pat
 def test_pictures_that_are_not_kept_are_in_the_mosaic_as_it_grew(ground, tmp_path, monkeypatch):
     """Where the store is full, nothing is lost but the final adjustment."""
     monkeypatch.setattr(
-        "streamkit_stitcher.mosaic.recorder.PictureStore", lambda: PictureStore(2 * 360 * 640, 0)
+        "streamkit_stitcher.mosaic.album.PictureStore", lambda: PictureStore(2 * 360 * 640, 0)
     )
     recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), 64_000_000))
     for number in range(4):

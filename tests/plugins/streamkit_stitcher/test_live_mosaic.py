@@ -1,0 +1,126 @@
+"""The mosaic beside the path, in pipelines."""
+
+import threading
+
+import cv2
+import numpy as np
+import pytest
+
+from streamkit import MessageKind, Pipeline, Registration
+from streamkit_stitcher.mosaic.mosaic import Mosaic
+
+SOURCE = "dronetestsrc num-buffers=30 speed=32 ! video/x-raw, format=I420, width=480, height=270"
+SMALL = "video/x-raw, format=BGR, width=160, height=120"
+
+
+def key_frames(frames):
+    """How many of some frames are key frames."""
+    return sum(frame.get(Registration).keyframe for frame in frames)
+
+
+def mosaic_message(pipeline):
+    """The fields of the message that tells of the mosaic."""
+    while (message := pipeline.bus.pop(0.0)) is not None:
+        if message.kind is MessageKind.ELEMENT and message.fields["name"] == "mosaic":
+            return message.fields
+    return None
+
+
+def worker_threads():
+    """The threads that paint."""
+    return [thread for thread in threading.enumerate() if thread.name.endswith(" mosaic")]
+
+
+def test_whoever_does_not_look_holds_up_nobody(tmp_path):
+    """All frames pass while nobody takes a picture of the mosaic; then the last one shows all of it."""
+    text = (
+        f"{SOURCE} ! stitch name=s location={tmp_path}/m.png preview-interval=0 ! appsink name=out "
+        f"s.mosaic ! {SMALL} ! appsink name=slow max-buffers=1"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        passed = list(pipeline["out"])
+        assert len(passed) == 30
+        whole = cv2.imread(str(tmp_path / "m.png"))
+        shown = list(pipeline["slow"])
+    places = [frame.get(Registration).to_reference for frame in shown]
+    assert len(shown) >= 1
+    # The last fits all of the ground into as many pixels.
+    assert places[-1][0, 0] == pytest.approx(max(whole.shape[1] / 160, whole.shape[0] / 120), rel=0.05)
+
+
+def test_the_path_goes_on_while_the_mosaic_is_painted(tmp_path, monkeypatch):
+    """Painting that takes for ever holds up no frame; stopped then, the mosaic has every key frame."""
+    paint, begun = Mosaic.add, threading.Event()
+    with Pipeline.parse(
+        f"{SOURCE} ! stitch name=s location={tmp_path}/m.png final=false ! appsink name=out"
+    ) as pipeline:
+
+        def add(self, picture, *place):
+            if picture.ndim == 3:  # not the outlines
+                begun.set()
+                assert pipeline["s"].stopping.wait(60)
+            return paint(self, picture, *place)
+
+        monkeypatch.setattr(Mosaic, "add", add)
+        pipeline.play()
+        passed = [frame for _, frame in zip(range(29), pipeline["out"], strict=False)]
+        assert begun.wait(30)
+        assert not (tmp_path / "m.png").exists()
+        pipeline.stop()
+        written = mosaic_message(pipeline)
+    assert written["pictures"] >= key_frames(passed) > 2
+    assert (tmp_path / "m.png").exists()
+    assert not worker_threads()
+
+
+@pytest.mark.parametrize("final", ["true", "false"])
+def test_the_same_frames_give_the_same_mosaic(tmp_path, final):
+    """Whoever looks at it as it grows, and however slowly, the file is the same to the bit."""
+    files = []
+    for number, look in enumerate(("", f"s.mosaic ! {SMALL} ! appsink max-buffers=1 drop=true")):
+        path = tmp_path / f"{number}.png"
+        text = f"{SOURCE} ! stitch name=s location={path} final={final} preview-interval=0 ! fakesink {look}"
+        Pipeline.parse(text).run(timeout_s=60)
+        files.append(path.read_bytes())
+    assert files[0] == files[1]
+
+
+def test_after_a_flush_the_mosaic_goes_on(tmp_path):
+    """A flush drops what waits to be shown and loses no ground."""
+    text = (
+        f"{SOURCE} ! stitch name=s location={tmp_path}/m.png preview-interval=0 ! appsink name=out "
+        f"max-buffers=4 s.mosaic ! queue ! {SMALL} ! appsink name=shown"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = iter(pipeline["out"])
+        before = [next(frames) for _ in range(10)]
+        pipeline.flush()
+        after = list(frames)
+        shown = list(pipeline["shown"])
+    assert len(after) >= 10
+    assert len(before) == 10
+    assert len(shown) >= 1
+    assert np.isfinite(shown[-1].get(Registration).to_reference).all()
+    assert cv2.imread(str(tmp_path / "m.png")).shape[1] > 600
+
+
+def test_each_plane_is_written_beside_the_path(tmp_path):
+    """Where the scene is cut the stream does not wait for the file; by EOS there is one of each plane."""
+    random = np.random.default_rng(5)
+    for number in range(6):
+        if number % 3 == 0:
+            ground = cv2.resize(random.integers(0, 255, (60, 110), dtype=np.uint8), (880, 480))
+        left = 80 * (number % 3)
+        cv2.imwrite(str(tmp_path / f"p{number}.png"), ground[40:400, left : left + 640])
+    text = (
+        f"multifilesrc location={tmp_path}/p%d.png ! decode ! stitch location={tmp_path}/m-%d.png "
+        "! appsink name=out"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        planes = [frame.get(Registration).reference for frame in pipeline["out"]]
+    assert planes == [0, 0, 0, 1, 1, 1]
+    widths = [cv2.imread(str(tmp_path / f"m-{plane}.png")).shape[1] for plane in (0, 1)]
+    assert widths == [pytest.approx(800, abs=2)] * 2
