@@ -6,7 +6,7 @@ The paper leaves J_mn undefined. Two readings make sense, and both stop where th
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     FloatArray = NDArray[np.float64]
+    ByteImage = NDArray[np.uint8]
     IntArray = NDArray[np.intp]
     LabelImage = NDArray[np.int32]
 
@@ -26,33 +27,27 @@ class Criterion(enum.StrEnum):
     SCATTER = "scatter"
 
 
-def merge_by_gap(labels: LabelImage, count: int, gap: int) -> IntArray:
+def label_by_gap(cells: ByteImage, gap: int) -> tuple[LabelImage, int]:
     """Merges the two nearest clusters until no two have less than `gap` cells between them.
 
     The distance is that of the nearest cells. Between the clusters' boxes it would grow together what drives
     side by side: the box around two cars takes in a third that touches neither.
 
     Args:
-        labels: int32[h, w], the fragment that each cell belongs to, from 1; 0 for none.
-        count: number of fragments.
+        cells: uint8[h, w], 255 where there is something.
         gap: empty cells that two clusters must have between them to stay apart.
 
     Returns:
-        int[n], the number of each fragment's cluster, from 0.
+        int32[h, w], the cluster that each cell belongs to, from 1; what it is between cells means nothing.
+        And how many clusters there are.
 
     Source: merging the nearest pair up to a distance is single linkage, and what it leaves are the connected
         components of everything that lies that near.
     """
-    if gap <= 1 or count < 2:
-        return np.arange(count)
-    cells = np.minimum(labels, 1).astype(np.uint8)
     # Grown by this, cells with less than `gap` between them touch.
-    near = cv2.dilate(cells, np.ones((gap, gap), np.uint8))
-    joined = cv2.connectedComponents(near, connectivity=8)[1]
-    members = labels > 0
-    cluster = np.zeros(count, np.intp)
-    cluster[labels[members] - 1] = joined[members]
-    return np.asarray(np.unique(cluster, return_inverse=True)[1], np.intp)
+    near = cv2.dilate(cells, np.ones((gap, gap), np.uint8)) if gap > 1 else cells
+    count, labels = cv2.connectedComponents(near, connectivity=8)
+    return cast("LabelImage", labels), count - 1
 
 
 def merge_by_scatter(centres: FloatArray, areas: FloatArray, gap: float) -> IntArray:

@@ -21,7 +21,8 @@ from streamkit_differencer.camera_motion import CameraMotion
 from streamkit_differencer.cleaning import cleaned
 from streamkit_differencer.confidence import Persistence, confidence
 from streamkit_differencer.filters.parallax import parallax_objects
-from streamkit_differencer.model import BackgroundModel, Event, ModelSettings
+from streamkit_differencer.model import BackgroundModel
+from streamkit_differencer.model_settings import Event, ModelSettings
 from streamkit_differencer.objects import NOTHING, Objects, ObjectSettings, chosen, find_objects
 
 if TYPE_CHECKING:
@@ -288,9 +289,8 @@ def on_canvas(
     if size == (width, height) and np.abs(shifted - outline).max() <= WHOLE_PIXEL_PX:
         seen = np.full_like(working, 255)
         return working, seen, region
-    warped = cv2.warpPerspective(
-        working, local, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
+    # What `seen` leaves out is wider than what mixes with the black around the frame.
+    warped = cv2.warpPerspective(working, local, size, flags=cv2.INTER_LINEAR)
     inner = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], np.float64) * BORDER_PX
     seen = np.zeros((size[1], size[0]), np.uint8)
     cv2.fillConvexPoly(seen, np.round(map_points(local, outline + inner)).astype(np.int32), 255)

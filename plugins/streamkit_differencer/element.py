@@ -30,7 +30,7 @@ from streamkit import (
 from streamkit_differencer.anchor import Change, Motion
 from streamkit_differencer.clusters import Criterion
 from streamkit_differencer.differencer import Differencer, Result
-from streamkit_differencer.model import Event, ModelSettings
+from streamkit_differencer.model_settings import Event, ModelSettings
 from streamkit_differencer.objects import NOTHING, Objects, ObjectSettings
 from streamkit_differencer.pictures import full_size
 from streamkit_differencer.region import RegionOfInterest

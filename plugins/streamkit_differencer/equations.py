@@ -7,6 +7,9 @@ background of the wrong time: foreground is what differs from the background as 
 Masks are uint8, 255 for true. Brightness is uint8, the background float32: with 8 bits and a small
 coefficient a difference of less than half a level per update would never be learnt.
 
+Functions that take `scratch` return one of its planes, which holds until the function is called with it
+again; without it they return an array of their own.
+
 Source: Zhang, Liu, Qu, "Research on Feature Extraction Method of UAV Video Image Based on Target Tracking",
 section 2.2; the method is that of Collins et al., "A System for Video Surveillance and Monitoring", 2000.
 """
@@ -19,6 +22,9 @@ from typing import TYPE_CHECKING, cast
 import cv2
 import numpy as np
 
+from streamkit_differencer.resampling import padded, parts
+from streamkit_differencer.scratch import Scratch
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -28,11 +34,19 @@ if TYPE_CHECKING:
 # Grey levels that a pixel beside foreground must differ by at least, and how far from it that is looked at.
 LEAST_WEAK = 5.0
 GROWTH_STEPS = 2
+# Rows that growth looks at together.
+GROWTH_BAND = 96
 _NEIGHBOURHOOD = np.ones((5, 5), np.uint8)
 
 
 def logical_matrix(
-    current: ByteImage, earlier: ByteImage, threshold: float, *, gradient_gain: float = 0.0
+    current: ByteImage,
+    earlier: ByteImage,
+    threshold: float,
+    *,
+    gradient_gain: float = 0.0,
+    ranges: ByteImage | None = None,
+    scratch: Scratch | None = None,
 ) -> ByteImage:
     """Equation 2: whether a pixel changed since the frame tau before.
 
@@ -42,32 +56,46 @@ def logical_matrix(
         threshold: T_s, grey levels; a change must exceed it.
         gradient_gain: raises the threshold by this share of the local range of `earlier`, so that an error
             of registration at an edge is not taken for a change; 0 is the equation as printed.
+        ranges: uint8[h, w], the local range of `earlier` within 1 px, where that is known already.
+        scratch: planes to work in.
 
     Returns:
         uint8[h, w], S(t) as a mask.
     """
-    difference = cast("ByteImage", cv2.absdiff(current, earlier))
+    scratch = scratch or Scratch()
+    difference = scratch.plane("logical", current.shape)
+    cv2.absdiff(current, earlier, dst=difference)
     if gradient_gain > 0.0:
-        lowest, highest = local_bounds(earlier, 1)
-        allowance = cv2.convertScaleAbs(highest - lowest, alpha=gradient_gain)
-        difference = cast("ByteImage", cv2.subtract(difference, allowance))
-    return threshold_mask(difference, threshold)
+        if ranges is None:
+            ranges = local_range(*local_bounds(earlier, 1, scratch), scratch)
+        subtract_share(difference, ranges, gradient_gain, scratch)
+    cv2.threshold(difference, threshold, 255, cv2.THRESH_BINARY, dst=difference)
+    return difference
 
 
-def dynamic_matrix(dynamic: ByteImage, logical: ByteImage, quiet_frames: int) -> ByteImage:
+def dynamic_matrix(
+    dynamic: ByteImage, logical: ByteImage, quiet_frames: int, *, scratch: Scratch | None = None
+) -> ByteImage:
     """Equation 1: frames still to wait until a pixel counts as quiet.
 
     Args:
         dynamic: uint8[h, w], D(t - 1).
         logical: uint8[h, w], S(t) as a mask.
         quiet_frames: lambda, 1 to 255.
+        scratch: planes to work in.
 
     Returns:
         uint8[h, w], D(t): lambda where the pixel changed, else one less than before, not below 0.
     """
+    scratch = scratch or Scratch()
     # Where S = 1 the result is lambda, which is never less than D - 1: a maximum needs no branch.
-    changed = np.minimum(logical, np.uint8(quiet_frames))
-    return np.maximum(dynamic - np.minimum(dynamic, np.uint8(1)), changed)
+    waiting = scratch.plane("waiting", dynamic.shape)
+    changed = scratch.plane("changed", dynamic.shape)
+    changed[:] = 1
+    cv2.subtract(dynamic, changed, dst=waiting)
+    cv2.threshold(logical, 0, quiet_frames, cv2.THRESH_BINARY, dst=changed)
+    cv2.max(waiting, changed, dst=waiting)
+    return waiting
 
 
 def update_background(
@@ -91,6 +119,7 @@ def foreground(
     *,
     tolerance: int = 0,
     gradient_gain: float = 0.0,
+    scratch: Scratch | None = None,
 ) -> ByteImage:
     """Equation 4, corrected: whether a pixel differs from the background before this frame.
 
@@ -101,6 +130,7 @@ def foreground(
         tolerance: error of registration to bear, px: a pixel is compared with the range of the background
             within this distance; 0 with a `gradient_gain` of 0 and one threshold is the equation itself.
         gradient_gain: raises the threshold by this share of that range.
+        scratch: planes to work in.
 
     Returns:
         uint8[h, w], F(t) as a mask.
@@ -108,25 +138,38 @@ def foreground(
     if tolerance == 0 and gradient_gain == 0.0 and not isinstance(threshold, np.ndarray):
         exact = cv2.absdiff(current.astype(np.float32), background.astype(np.float32, copy=False))
         return threshold_mask(cast("FloatImage", exact), threshold)
+    scratch = scratch or Scratch()
     # With a tolerance the comparison is coarser than a grey level anyway, and 8 bits are four times as fast.
     rounded = cast("ByteImage", background)
     if background.dtype != np.uint8:
         rounded = cast("ByteImage", cv2.convertScaleAbs(background))
-    excess = cast("ByteImage", cv2.absdiff(current, rounded))
+    excess = scratch.plane("excess", current.shape)
     if tolerance > 0 or gradient_gain > 0.0:
-        lowest, highest = local_bounds(rounded, max(tolerance, 1))
-        if tolerance > 0:
-            excess = cast("ByteImage", cv2.max(cv2.subtract(current, highest), cv2.subtract(lowest, current)))
-        if gradient_gain > 0.0:
-            allowance = cv2.convertScaleAbs(highest - lowest, alpha=gradient_gain)
-            excess = cast("ByteImage", cv2.subtract(excess, allowance))
+        lowest, highest = local_bounds(rounded, max(tolerance, 1), scratch)
+    if tolerance > 0:
+        below = scratch.plane("below", current.shape)
+        cv2.subtract(current, highest, dst=excess)
+        cv2.subtract(lowest, current, dst=below)
+        cv2.max(excess, below, dst=excess)
+    else:
+        cv2.absdiff(current, rounded, dst=excess)
+    if gradient_gain > 0.0:
+        subtract_share(excess, local_range(lowest, highest, scratch), gradient_gain, scratch)
     if isinstance(threshold, np.ndarray):
-        return cast("ByteImage", cv2.compare(excess, threshold, cv2.CMP_GT))
-    return threshold_mask(excess, threshold)
+        cv2.compare(excess, threshold, cv2.CMP_GT, dst=excess)
+    else:
+        cv2.threshold(excess, threshold, 255, cv2.THRESH_BINARY, dst=excess)
+    return excess
 
 
 def grown(
-    mask: ByteImage, current: ByteImage, background: ByteImage, threshold: float | ByteImage, share: float
+    mask: ByteImage,
+    current: ByteImage,
+    background: ByteImage,
+    threshold: float | ByteImage,
+    share: float,
+    *,
+    scratch: Scratch | None = None,
 ) -> ByteImage:
     """The foreground and what is next to it and differs from the background by a share of the threshold.
 
@@ -136,28 +179,64 @@ def grown(
         background: uint8[h, w], B(t - 1), rounded.
         threshold: T_F of all or of each pixel, grey levels.
         share: of the threshold, 0 to 1.
+        scratch: planes to work in.
 
     Returns:
         uint8[h, w]: the foreground without lone pixels, grown by up to `GROWTH_STEPS` times two pixels.
 
     Source: thresholding with hysteresis, Canny, "A Computational Approach to Edge Detection", PAMI 1986.
     """
-    difference = cv2.absdiff(current, background)
-    if isinstance(threshold, np.ndarray):
-        least = np.maximum(cv2.convertScaleAbs(threshold, alpha=share), np.uint8(LEAST_WEAK))
-        weak = cv2.compare(difference, least, cv2.CMP_GT)
-    else:
-        weak = cv2.threshold(difference, max(share * threshold, LEAST_WEAK), 255, cv2.THRESH_BINARY)[1]
-    mask = cast("ByteImage", cv2.medianBlur(mask, 3))
-    for _ in range(GROWTH_STEPS):
-        mask |= cast("ByteImage", cv2.dilate(mask, _NEIGHBOURHOOD)) & cast("ByteImage", weak)
-    return mask
+    scratch = scratch or Scratch()
+    lonely, result = scratch.plane("lonely", mask.shape), scratch.plane("grown", mask.shape)
+    cv2.medianBlur(mask, 3, dst=lonely)
+    result[:] = lonely
+    # Growth of a union is the union of the growths, so empty parts of the picture need no look.
+    for part in parts(lonely, GROWTH_BAND):
+        outer, inner = padded(part, GROWTH_STEPS * (len(_NEIGHBOURHOOD) // 2), mask.shape)
+        here = result[outer]
+        piece, weak = scratch.plane("piece", here.shape), scratch.plane("weak", here.shape)
+        piece[:] = 0
+        piece[inner] = lonely[part]
+        near = scratch.plane("near", here.shape)
+        cv2.absdiff(current[outer], background[outer], dst=weak)
+        if isinstance(threshold, np.ndarray):
+            cv2.convertScaleAbs(threshold[outer], dst=near, alpha=share)
+            np.maximum(near, np.uint8(LEAST_WEAK), out=near)
+            cv2.compare(weak, near, cv2.CMP_GT, dst=weak)
+        else:
+            cv2.threshold(weak, max(share * threshold, LEAST_WEAK), 255, cv2.THRESH_BINARY, dst=weak)
+        for _ in range(GROWTH_STEPS):
+            cv2.dilate(piece, _NEIGHBOURHOOD, dst=near)
+            cv2.bitwise_and(near, weak, dst=near)
+            cv2.bitwise_or(piece, near, dst=piece)
+        cv2.bitwise_or(here, piece, dst=here)
+    return result
 
 
-def local_bounds(image: ByteImage, radius: int) -> tuple[ByteImage, ByteImage]:
+def local_bounds(
+    image: ByteImage, radius: int, scratch: Scratch | None = None
+) -> tuple[ByteImage, ByteImage]:
     """The smallest and the largest value within a square of `radius` px around each pixel."""
+    scratch = scratch or Scratch()
     square = np.ones((2 * radius + 1,) * 2, np.uint8)
-    return cast("ByteImage", cv2.erode(image, square)), cast("ByteImage", cv2.dilate(image, square))
+    lowest, highest = scratch.plane("lowest", image.shape), scratch.plane("highest", image.shape)
+    cv2.erode(image, square, dst=lowest)
+    cv2.dilate(image, square, dst=highest)
+    return lowest, highest
+
+
+def local_range(lowest: ByteImage, highest: ByteImage, scratch: Scratch) -> ByteImage:
+    """The largest value around each pixel less the smallest one."""
+    ranges = scratch.plane("range", lowest.shape)
+    cv2.subtract(highest, lowest, dst=ranges)
+    return ranges
+
+
+def subtract_share(values: ByteImage, ranges: ByteImage, gain: float, scratch: Scratch) -> None:
+    """Takes a share of the local range away from `values`."""
+    share = scratch.plane("share", values.shape)
+    cv2.convertScaleAbs(ranges, dst=share, alpha=gain)
+    cv2.subtract(values, share, dst=values)
 
 
 def quiet_mask(dynamic: ByteImage) -> ByteImage:

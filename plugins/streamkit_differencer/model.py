@@ -7,7 +7,6 @@ then becomes background; a change of exposure is taken over instead of seen as m
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, cast
 
@@ -18,17 +17,19 @@ from streamkit_differencer.equations import (
     dynamic_matrix,
     foreground,
     grown,
+    local_bounds,
+    local_range,
     logical_matrix,
-    quiet_mask,
-    threshold_mask,
     update_background,
 )
 from streamkit_differencer.filters.flicker import update_flicker
 from streamkit_differencer.filters.ghost import ghost_mask
 from streamkit_differencer.filters.shadow import shadow_mask
 from streamkit_differencer.illumination import exposure_step, is_another_scene
+from streamkit_differencer.model_settings import Event, ModelSettings
 from streamkit_differencer.noise import DEVIATION_RATIO, first_spread, thresholds, update_spread
 from streamkit_differencer.resampling import LastFrames, Remembered, scrolled, warped
+from streamkit_differencer.scratch import Scratch
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -52,55 +53,9 @@ WITHOUT_BACKGROUND = 22.0
 # Of a frame that may be of another scene, so much changed.
 LEAST_CUT_SHARE = 0.25
 GHOST_INTERVAL = 3
-
-
-class Event(enum.StrEnum):
-    """What the model did at a frame, beyond learning."""
-
-    NONE = "none"
-    GAIN = "gain"
-    RESET = "reset"
-
-
-@dataclass(frozen=True, slots=True)
-class ModelSettings:
-    """What the model is to do.
-
-    Attributes:
-        interval: tau of equation 2, frames.
-        quiet_frames: lambda of equation 1, frames, 1 to 255.
-        change_threshold: T_s of equation 2, grey levels.
-        foreground_threshold: smallest T_F of equation 4, grey levels.
-        noise_gain: standard deviations of a pixel's own noise that raise its T_F; 0 is one T_F for all.
-        coefficient: alpha of equation 3, per frame.
-        tolerance: error of registration to bear, canvas px; the differencer chooses where it is negative.
-        weak: share of its threshold from which a pixel beside foreground is foreground too, so that the
-            tolerance hides no grey part of a thing; 1 is none, and without tolerance there is none.
-        gradient_gain: share of the local range that raises T_s, and T_F until a pixel's noise is known.
-        frame_threshold: share of changed pixels from which the whole model is begun anew.
-        absorb_frames: frames after which a thing that stands still becomes background, 0 to 255.
-        three_frame: whether pixels without background are judged by the difference of three frames; it finds
-            more in the first half second, but large things in fragments.
-        shadow: whether shadows are told from things.
-        flicker: whether what turns to foreground and back all the time is left out.
-        ghost: whether things that were learnt as ground and have left are noticed.
-    """
-
-    interval: int = 3
-    quiet_frames: int = 12
-    change_threshold: float = 18.0
-    foreground_threshold: float = 7.0
-    noise_gain: float = 4.0
-    coefficient: float = 0.08
-    tolerance: int = -1
-    weak: float = 0.5
-    gradient_gain: float = 0.3
-    frame_threshold: float = 0.6
-    absorb_frames: int = 60
-    three_frame: bool = False
-    shadow: bool = False
-    flicker: bool = False
-    ghost: bool = True
+SHARE_STEP = 4
+# Frames for which the noise of ground that comes into view is taken for the same.
+FIRST_SPREAD_FRAMES = 8
 
 
 @dataclass(slots=True)
@@ -129,6 +84,11 @@ class BackgroundModel:
     _foreground_before: ByteImage = field(init=False)
     _frames: int = 0
     _history: LastFrames = field(init=False)
+    _scratch: Scratch = field(default_factory=Scratch)
+    _needed: ByteImage = field(init=False)
+    _needed_for: tuple[float, float] | None = None
+    _first_spread: float | None = None
+    _ranges: ByteImage = field(init=False)
 
     def __post_init__(self) -> None:
         self.reset()
@@ -139,7 +99,8 @@ class BackgroundModel:
         for name, fill in self._fills().items():
             setattr(self, name, np.full(shape, fill, np.uint8))
         self.background = np.zeros(shape, np.float32)
-        self.spread = np.full(shape, FIRST_SPREAD, np.float32)
+        self.spread, self._needed_for = np.full(shape, FIRST_SPREAD, np.float32), None
+        self._first_spread = None
         # One more than equation 2 looks back: the newest and the one of tau before it, for `frames_apart`.
         length = self.settings.interval * (2 if self.settings.three_frame else 1) + 1
         self._history = LastFrames(shape, length)
@@ -154,7 +115,7 @@ class BackgroundModel:
         for name, fill in self._fills().items():
             setattr(self, name, scrolled(getattr(self, name), dx, dy, fill))
         self.background = scrolled(self.background, dx, dy, 0)
-        self.spread = scrolled(self.spread, dx, dy, FIRST_SPREAD)
+        self.spread, self._needed_for = scrolled(self.spread, dx, dy, FIRST_SPREAD), None
         self._history.scroll(dx, dy)
 
     def warp(self, change: Matrix) -> None:
@@ -162,7 +123,7 @@ class BackgroundModel:
         for name, fill in self._fills().items():
             setattr(self, name, warped(getattr(self, name), change, fill))
         self.background = warped(self.background, change, 0, cv2.INTER_CUBIC)
-        self.spread = warped(self.spread, change, FIRST_SPREAD)
+        self.spread, self._needed_for = warped(self.spread, change, FIRST_SPREAD), None
         # Cubic resampling of the background mixes pixels across the border of what is known.
         self.valid = cast("ByteImage", cv2.erode(self.valid, np.ones((3, 3), np.uint8)))
         self._history.warp(change)
@@ -180,41 +141,145 @@ class BackgroundModel:
             foreground that changed within `quiet_frames`; and what happened to the model as a whole.
         """
         event = self._follow_brightness(image, seen, region)
-        changed, share = self._changed(image, seen, region)
-        if share > self.settings.frame_threshold:
+        changed, is_new = self._changed(image, seen, region)
+        if is_new:
             self.reset()
             self._history.append(image, seen, region)
             return np.zeros_like(image), Event.RESET
-        dynamic = self.dynamic[region]
-        cv2.copyTo(dynamic_matrix(dynamic, changed, self.settings.quiet_frames), seen, dynamic)
-        still = quiet_mask(dynamic)
-        needed = self._thresholds(region)
-        rounded = cast("ByteImage", cv2.convertScaleAbs(self.background[region]))
-        mask = self._foreground(
-            image, rounded if isinstance(needed, np.ndarray) else self.background[region], needed
-        )
-        known = seen & self.valid[region]
-        mask &= known
         self._frames += 1
-        if self.settings.tolerance > 0 and self.settings.weak < 1.0:
-            mask = grown(mask, image, rounded, needed, self.settings.weak) & known
-        # They stay where they are, so not every frame has to be searched.
-        if self.settings.ghost and self._frames % GHOST_INTERVAL == 0:
-            mask = self._without_ghosts(image, mask, rounded, region)
+        dynamic, still = self.dynamic[region], self._plane("still", image)
+        waiting = dynamic_matrix(dynamic, changed, self.settings.quiet_frames, scratch=self._scratch)
+        cv2.copyTo(waiting, seen, dynamic)
+        cv2.threshold(dynamic, 0, 255, cv2.THRESH_BINARY_INV, dst=still)
+        rounded, needed = self._plane("rounded", image), self._thresholds(region)
+        cv2.convertScaleAbs(self.background[region], dst=rounded)
+        mask = self._mask(image, seen, rounded, needed, region)
         shadow = shadow_mask(image, self.background[region], mask) if self.settings.shadow else None
-        if isinstance(needed, np.ndarray):
-            self._learn_noise(image, rounded, known & still & ~mask, needed, region)
-        self._learn(image, seen, mask, still & seen, region)
+        quiet = self._plane("quiet", image)
+        cv2.bitwise_and(still, seen, dst=quiet)
+        ground = self._plane("ground", image)
+        cv2.subtract(quiet, mask, dst=ground)
+        # Every other frame with twice the weight: noise does not change from one to the next.
+        learns_noise = isinstance(needed, np.ndarray) and self._frames % 2 == 0
+        if isinstance(needed, np.ndarray) and learns_noise:
+            known = self._plane("known", image)
+            cv2.bitwise_and(ground, self.valid[region], dst=known)
+            spread = self.spread[region]
+            update_spread(spread, rounded, image, known, needed, 2 * SPREAD_COEFFICIENT, self._scratch)
+        self._absorb(image, seen, mask, quiet, region)
+        update_background(self.background[region], image, ground, self.settings.coefficient)
+        self._accept(image, seen, quiet, region)
+        if isinstance(needed, np.ndarray) and learns_noise:
+            self._set_thresholds(self.spread[region], needed)
         if self.settings.three_frame:
-            mask |= self._three_frame(image, seen, region)
-        self._accept(image, still & seen, region)
+            cv2.bitwise_or(mask, self._three_frame(image, seen, region), dst=mask)
         self._history.append(image, seen, region)
         if self.settings.flicker:
-            mask = self._without_flicker(mask, region)
-        mask -= mask & still & np.uint8(255 - FOREGROUND_QUIET)
-        if shadow is not None:
-            cv2.copyTo(np.full_like(mask, SHADOW), shadow & mask, mask)
-        return mask, event
+            self._leave_out_flicker(mask, region)
+        return marked(mask, still, shadow), event
+
+    def _plane(self, name: str, image: ByteImage) -> ByteImage:
+        return self._scratch.plane(name, image.shape)
+
+    def _changed(self, image: ByteImage, seen: ByteImage, region: Region) -> tuple[ByteImage, bool]:
+        """Equation 2, and whether so much changed that nothing of the model holds."""
+        settings = self.settings
+        if not self._history:
+            return seen, False
+        earlier = self._earlier
+        known = self._plane("known", image)
+        cv2.bitwise_and(earlier.seen[region], seen, dst=known)
+        self._ranges = local_range(*local_bounds(earlier.image[region], 1, self._scratch), self._scratch)
+        logical = logical_matrix(
+            image,
+            earlier.image[region],
+            settings.change_threshold,
+            gradient_gain=settings.gradient_gain,
+            ranges=self._ranges,
+            scratch=self._scratch,
+        )
+        # A quarter of the rows tells the share.
+        rows = np.s_[:: SHARE_STEP if len(known) >= SHARE_STEP**2 else 1]
+        both = cv2.bitwise_and(logical[rows], known[rows])
+        share = cv2.countNonZero(both) / max(1, cv2.countNonZero(known[rows]))
+        # Noise changes pixels and not the scene, a cut between like scenes the scene and not all pixels.
+        is_new = share > min(LEAST_CUT_SHARE, settings.frame_threshold) and is_another_scene(
+            earlier.image[region], image, known, settings.frame_threshold
+        )
+        # A pixel that was not in view tau frames ago is not known to be quiet.
+        cv2.bitwise_not(known, dst=known)
+        cv2.bitwise_or(logical, known, dst=logical)
+        return logical, is_new
+
+    def _mask(
+        self,
+        image: ByteImage,
+        seen: ByteImage,
+        rounded: ByteImage,
+        needed: float | ByteImage,
+        region: Region,
+    ) -> ByteImage:
+        """Equation 4, grown to the whole of things, without ghosts: in a plane of its own."""
+        settings, mask = self.settings, self._plane("mask", image)
+        known = self._plane("known", image)
+        cv2.bitwise_and(seen, self.valid[region], dst=known)
+        noisy = isinstance(needed, np.ndarray)
+        found = self._foreground(image, rounded if noisy else self.background[region], needed)
+        cv2.bitwise_and(found, known, dst=mask)
+        if settings.tolerance > 0 and settings.weak < 1.0:
+            whole = grown(mask, image, rounded, needed, settings.weak, scratch=self._scratch)
+            cv2.bitwise_and(whole, known, dst=mask)
+        # They stay where they are, so not every frame has to be searched.
+        if settings.ghost and self._frames % GHOST_INTERVAL == 0:
+            ghosts = ghost_mask(image, rounded, mask, self.valid[region])
+            if ghosts is not None:
+                update_background(self.background[region], image, ghosts, 1.0)
+                cv2.subtract(mask, ghosts, dst=mask)
+        return mask
+
+    def _absorb(
+        self, image: ByteImage, seen: ByteImage, mask: ByteImage, quiet: ByteImage, region: Region
+    ) -> None:
+        """Foreground that stands still long enough becomes background."""
+        standing, still = self.standing[region], self._plane("standing", image)
+        step = self._plane("step", image)
+        if cv2.countNonZero(standing):
+            # What is seen and not foreground stands no longer.
+            cv2.subtract(seen, mask, dst=step)
+            cv2.subtract(standing, step, dst=standing)
+        cv2.bitwise_and(quiet, mask, dst=still)
+        if not cv2.countNonZero(still):
+            return
+        cv2.threshold(still, 0, 1, cv2.THRESH_BINARY, dst=step)
+        cv2.add(standing, step, dst=standing)
+        cv2.threshold(standing, self.settings.absorb_frames - 1, 255, cv2.THRESH_BINARY, dst=step)
+        cv2.bitwise_and(step, still, dst=step)
+        if cv2.countNonZero(step):
+            update_background(self.background[region], image, step, 1.0)
+
+    def _accept(self, image: ByteImage, seen: ByteImage, quiet: ByteImage, region: Region) -> None:
+        """The background of pixels that have none yet follows the frames, until they are quiet.
+
+        Those that are get the noise that edges may have.
+        """
+        valid = self.valid[region]
+        unknown = self._plane("unknown", image)
+        cv2.subtract(seen, valid, dst=unknown)
+        if not cv2.countNonZero(unknown):
+            return
+        update_background(self.background[region], image, unknown, 1.0)
+        new = self._plane("new", image)
+        cv2.bitwise_and(unknown, quiet, dst=new)
+        if not cv2.countNonZero(new):
+            return
+        cv2.bitwise_or(valid, new, dst=valid)
+        if self.settings.noise_gain:
+            if self._first_spread is None or self._frames % FIRST_SPREAD_FRAMES == 0:
+                self._first_spread = first_spread(self._earlier.image[region], image)
+            rough = cv2.addWeighted(
+                self._ranges, EDGE_SPREAD, self._ranges, 0.0, self._first_spread, dtype=cv2.CV_32F
+            )
+            cv2.copyTo(rough, new, self.spread[region])
 
     def contrast(self, points: Points) -> Points:
         """How far the last frame differs from the background, in multiples of the threshold.
@@ -244,31 +309,27 @@ class BackgroundModel:
             return None
         return self._history[-1 - interval].image, self._history[-1].image
 
-    def _without_ghosts(
-        self, image: ByteImage, mask: ByteImage, rounded: ByteImage, region: Region
-    ) -> ByteImage:
-        ghosts = ghost_mask(image, rounded, mask, self.valid[region])
-        if cv2.countNonZero(ghosts):
-            update_background(self.background[region], image, ghosts, 1.0)
-        return mask & ~ghosts
-
-    def _without_flicker(self, mask: ByteImage, region: Region) -> ByteImage:
+    def _leave_out_flicker(self, mask: ByteImage, region: Region) -> None:
         restless, before = self.restless[region], self._foreground_before[region]
         flickers = update_flicker(restless, before, mask)
         before[:] = mask
-        return mask & ~flickers
+        cv2.subtract(mask, flickers, dst=mask)
 
     def _thresholds(self, region: Region) -> float | ByteImage:
+        """T_F of all pixels, or of each: those of the canvas are kept up with `spread`."""
         settings = self.settings
-        lowest = settings.foreground_threshold
         if settings.noise_gain == 0.0:
-            return lowest
-        return thresholds(
-            self.spread[region],
-            settings.noise_gain,
-            min(lowest, 255.0),
-            max(min(lowest, 255.0), HIGHEST_THRESHOLD),
-        )
+            return settings.foreground_threshold
+        wanted = settings.noise_gain, settings.foreground_threshold
+        if self._needed_for != wanted:
+            self._needed_for = wanted
+            self._needed = np.empty(self.spread.shape, np.uint8)
+            self._set_thresholds(self.spread, self._needed)
+        return self._needed[region]
+
+    def _set_thresholds(self, spread: FloatImage, needed: ByteImage) -> None:
+        lowest = min(self.settings.foreground_threshold, 255.0)
+        thresholds(spread, self.settings.noise_gain, lowest, max(lowest, HIGHEST_THRESHOLD), needed)
 
     def _foreground(
         self, image: ByteImage, background: FloatImage | ByteImage, threshold: float | ByteImage
@@ -281,26 +342,8 @@ class BackgroundModel:
             tolerance=max(settings.tolerance, 0),
             # Where the noise of each pixel is known it tells of the edges, too.
             gradient_gain=0.0 if isinstance(threshold, np.ndarray) else settings.gradient_gain,
+            scratch=self._scratch,
         )
-
-    def _changed(self, image: ByteImage, seen: ByteImage, region: Region) -> tuple[ByteImage, float]:
-        """Equation 2, and the share of the pixels seen both times that changed."""
-        settings = self.settings
-        if not self._history:
-            return seen, 0.0
-        earlier = self._earlier
-        known = earlier.seen[region] & seen
-        logical = logical_matrix(
-            image, earlier.image[region], settings.change_threshold, gradient_gain=settings.gradient_gain
-        )
-        count = cv2.countNonZero(known)
-        share = cv2.countNonZero(logical & known) / count if count else 0.0
-        # Noise changes pixels and not the scene, a cut between like scenes the scene and not all pixels.
-        if share > min(LEAST_CUT_SHARE, settings.frame_threshold):
-            is_new = is_another_scene(earlier.image[region], image, known, settings.frame_threshold)
-            share = 1.0 if is_new else min(share, settings.frame_threshold)
-        # A pixel that was not in view tau frames ago is not known to be quiet.
-        return logical | ~known, share
 
     @property
     def _earlier(self) -> Remembered:
@@ -317,52 +360,29 @@ class BackgroundModel:
             mask &= earlier.seen[region] & self._foreground(image, earlier.image[region], WITHOUT_BACKGROUND)
         return mask
 
-    def _learn(
-        self, image: ByteImage, seen: ByteImage, mask: ByteImage, quiet: ByteImage, region: Region
-    ) -> None:
-        """Equation 3, for the pixels that are quiet and show the ground or something that stays."""
-        background, standing = self.background[region], self.standing[region]
-        still = quiet & mask
-        cv2.add(standing, still & np.uint8(1), dst=standing)
-        standing &= mask | ~seen
-        absorbed = still & threshold_mask(standing, self.settings.absorb_frames - 1)
-        taken = (seen & ~self.valid[region]) | absorbed
-        if cv2.countNonZero(taken):
-            update_background(background, image, taken, 1.0)
-        update_background(background, image, quiet & ~mask, self.settings.coefficient)
-
-    def _learn_noise(
-        self, image: ByteImage, rounded: ByteImage, known: ByteImage, needed: ByteImage, region: Region
-    ) -> None:
-        """The noise of the pixels that show quiet ground."""
-        # Every other frame with twice the weight: noise does not change from one to the next.
-        if self._frames % 2 == 0:
-            update_spread(self.spread[region], rounded, image, known, needed, 2 * SPREAD_COEFFICIENT)
-
-    def _accept(self, image: ByteImage, quiet: ByteImage, region: Region) -> None:
-        """Makes the background of quiet pixels valid; new ones get the noise that edges may have."""
-        valid = self.valid[region]
-        points = cv2.findNonZero(quiet & ~valid) if self.settings.noise_gain else None
-        if points is not None:
-            columns, rows = points.reshape(-1, 2).T
-            edges = cv2.morphologyEx(image, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
-            first = first_spread(self._earlier.image[region], image)
-            self.spread[region][rows, columns] = first + EDGE_SPREAD * edges[rows, columns]
-        valid |= quiet
-
     def _follow_brightness(self, image: ByteImage, seen: ByteImage, region: Region) -> Event:
         """Makes the model as bright as the frame."""
         if not self._history:
             return Event.NONE
         last, event = self._history[-1], Event.NONE
-        step = exposure_step(last.image[region], image, last.seen[region] & seen)
+        step = exposure_step(last.image[region], image, last.seen[region], seen)
         if step is not None:
             event = Event.GAIN
             self.background = np.clip(step.gain * self.background + step.offset, 0.0, 255.0)
             self._history.follow(step.gain, step.offset)
         # Exposure that creeps leaves the last frame alone, but not a background that learns slowly.
-        creep = exposure_step(self.background[region], image, self.valid[region] & seen)
+        creep = exposure_step(self.background[region], image, self.valid[region], seen)
         if creep is not None:
             event = Event.GAIN
             self.background = np.clip(creep.gain * self.background + creep.offset, 0.0, 255.0)
         return event
+
+
+def marked(mask: ByteImage, still: ByteImage, shadow: ByteImage | None) -> ByteImage:
+    """The foreground with what it is, in an array of its own; uses up `still`."""
+    cv2.bitwise_and(mask, still, dst=still)
+    cv2.threshold(still, 0, 255 - FOREGROUND_QUIET, cv2.THRESH_BINARY, dst=still)
+    marks = cast("ByteImage", cv2.subtract(mask, still))
+    if shadow is not None:
+        cv2.copyTo(np.full_like(mask, SHADOW), shadow & mask, marks)
+    return marks

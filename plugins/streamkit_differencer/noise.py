@@ -6,10 +6,12 @@ for all is too high for the first or too low for the others.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+
+from streamkit_differencer.scratch import Scratch
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,7 +26,9 @@ LEAST_FIRST = 1.5
 DEVIATION_RATIO = 1.2533
 
 
-def thresholds(spread: FloatImage, gain: float, lowest: float, highest: float) -> ByteImage:
+def thresholds(
+    spread: FloatImage, gain: float, lowest: float, highest: float, out: ByteImage | None = None
+) -> ByteImage:
     """T_F of each pixel, uint8[h, w]: `gain` standard deviations, within bounds.
 
     Args:
@@ -32,9 +36,11 @@ def thresholds(spread: FloatImage, gain: float, lowest: float, highest: float) -
         gain: standard deviations that are not foreground yet.
         lowest: smallest threshold, grey levels.
         highest: largest threshold, grey levels.
+        out: uint8[h, w], where the result goes; None for an array of its own.
     """
-    scaled = cv2.convertScaleAbs(spread, alpha=gain * DEVIATION_RATIO)
-    return cast("ByteImage", np.clip(scaled, np.uint8(lowest), np.uint8(highest)))
+    needed = np.empty(spread.shape, np.uint8) if out is None else out
+    cv2.convertScaleAbs(spread, dst=needed, alpha=gain * DEVIATION_RATIO)
+    return np.clip(needed, np.uint8(lowest), np.uint8(highest), out=needed)
 
 
 def first_spread(earlier: ByteImage, current: ByteImage) -> float:
@@ -61,6 +67,7 @@ def update_spread(
     mask: ByteImage,
     most: ByteImage,
     coefficient: float,
+    scratch: Scratch | None = None,
 ) -> None:
     """Learns the mean absolute deviation of the pixels in `mask`, in place, as a running mean.
 
@@ -71,6 +78,9 @@ def update_spread(
         mask: uint8[h, w], quiet pixels that show the background.
         most: uint8[h, w], what a difference counts as at most: a mover that was missed teaches little.
         coefficient: weight of this frame, 0 to 1.
+        scratch: planes to work in.
     """
-    deviation = cv2.min(cv2.absdiff(background, current), most)
+    deviation = (scratch or Scratch()).plane("deviation", current.shape)
+    cv2.absdiff(background, current, dst=deviation)
+    cv2.min(deviation, most, dst=deviation)
     cv2.accumulateWeighted(deviation, spread, coefficient, mask=mask)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.clusters import Criterion, merge_by_gap, merge_by_scatter
+from streamkit_differencer.clusters import Criterion, label_by_gap, merge_by_scatter
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -95,19 +95,32 @@ def find_objects(foreground: ByteImage, scale: int, settings: ObjectSettings) ->
         settings: what counts as an object.
     """
     foreground = cast("ByteImage", cv2.threshold(foreground, LOWEST_MARK, 0, cv2.THRESH_TOZERO)[1])
-    labels, areas, centres = fragments(cells_of(foreground, scale))
-    if not areas.size:
+    cells = cells_of(foreground, scale)
+    left, top, width, height = cv2.boundingRect(cells)
+    if not width:
         return NOTHING
+    area = np.s_[top : top + height, left : left + width]
+    labels, count = clustered(np.ascontiguousarray(cells[area]), settings)
+    step = CELL_SIZE // scale
+    inside = foreground[top * step : (top + height) * step, left * step : (left + width) * step]
+    return selected(measure(inside, labels, scale, count, (left * CELL_SIZE, top * CELL_SIZE)), settings)
+
+
+def clustered(cells: ByteImage, settings: ObjectSettings) -> tuple[IntImage, int]:
+    """The object that each cell belongs to, int32[h, w] from 1, 0 for none; and how many there are."""
     if settings.criterion is Criterion.GAP:
-        cluster = merge_by_gap(labels, areas.size, settings.merge_gap)
+        labels, count = label_by_gap(cells, settings.merge_gap)
     else:
+        fragment, areas, centres = fragments(cells)
         cluster = merge_by_scatter(centres, areas, settings.merge_gap)
-    cells = np.bincount(cluster, weights=areas)
-    large = np.flatnonzero(cells >= settings.min_area)
-    number = np.zeros(cells.size, np.int32)
+        count = int(cluster.max()) + 1
+        labels = np.concatenate([[0], cluster + 1]).astype(np.int32)[fragment]
+    columns, rows = cv2.findNonZero(cells).reshape(-1, 2).T
+    sizes = np.bincount(labels[rows, columns], minlength=count + 1)
+    large = np.flatnonzero(sizes[1:] >= settings.min_area) + 1
+    number = np.zeros(count + 1, np.int32)
     number[large] = np.arange(1, large.size + 1)
-    of_fragment = np.concatenate([[0], number[cluster]]).astype(np.int32)
-    return selected(measure(foreground, of_fragment[labels], scale, large.size), settings)
+    return number[labels], large.size
 
 
 def selected(objects: Objects, settings: ObjectSettings) -> Objects:
@@ -134,7 +147,8 @@ def cells_of(foreground: ByteImage, scale: int) -> ByteImage:
     cells = cv2.threshold(foreground, 0, 255, cv2.THRESH_BINARY)[1]
     while scale < CELL_SIZE:
         height, width = cells.shape[:2]
-        cells = cv2.copyMakeBorder(cells, 0, height % 2, 0, width % 2, cv2.BORDER_CONSTANT, value=0.0)
+        if height % 2 or width % 2:
+            cells = cv2.copyMakeBorder(cells, 0, height % 2, 0, width % 2, cv2.BORDER_CONSTANT, value=0.0)
         size = cells.shape[1] // 2, cells.shape[0] // 2
         halved = cv2.resize(cells, size, interpolation=cv2.INTER_AREA)
         cells = cv2.threshold(halved, VOTE_THRESHOLD, 255, cv2.THRESH_BINARY)[1]
@@ -159,7 +173,9 @@ def fragments(cells: ByteImage) -> tuple[IntImage, FloatArray, FloatArray]:
     return labels.astype(np.int32, copy=False), areas, centres[1:].astype(np.float64)
 
 
-def measure(foreground: ByteImage, labels: IntImage, scale: int, count: int) -> Objects:
+def measure(
+    foreground: ByteImage, labels: IntImage, scale: int, count: int, origin: tuple[int, int] = (0, 0)
+) -> Objects:
     """Boxes, areas, centroids and scores of labelled cells, from the foreground inside them.
 
     Args:
@@ -167,9 +183,9 @@ def measure(foreground: ByteImage, labels: IntImage, scale: int, count: int) -> 
         labels: int32[cells], the object that each cell belongs to, from 1; 0 for none.
         scale: frame pixels per pixel of `foreground`.
         count: number of objects, the largest label.
+        origin: x y of the first pixel of `foreground` in the frame, px.
     """
-    points = cv2.findNonZero(foreground)
-    columns, rows = points.reshape(-1, 2).T
+    columns, rows = cv2.findNonZero(foreground).reshape(-1, 2).T
     step = CELL_SIZE // scale
     owner = labels[rows // step, columns // step] - 1
     inside = owner >= 0
@@ -187,7 +203,7 @@ def measure(foreground: ByteImage, labels: IntImage, scale: int, count: int) -> 
     starts = np.concatenate([[0], np.cumsum(pixels)[:-1]])
     ordered = np.column_stack([columns, rows])[order]
     low, high = np.minimum.reduceat(ordered, starts), np.maximum.reduceat(ordered, starts)
-    boxes = np.hstack([low, high + 1.0]) * scale - 0.5
+    boxes = np.hstack([low, high + 1.0]) * scale - 0.5 + np.tile(origin, 2)
     return Objects(
-        centroids * scale + (scale - 1) / 2, boxes, pixels * np.float64(scale**2), changed / pixels
+        centroids * scale + (scale - 1) / 2 + origin, boxes, pixels * np.float64(scale**2), changed / pixels
     )

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     ByteImage = NDArray[np.uint8]
@@ -28,6 +30,26 @@ def scrolled(image: Image, dx: int, dy: int, fill: float) -> Image:
         source = image[max(0, -dy) : height - rows, max(0, -dx) : width - columns]
         result[rows : rows + source.shape[0], columns : columns + source.shape[1]] = source
     return result
+
+
+def parts(mask: ByteImage, band: int) -> Iterator[Region]:
+    """The parts of a mask that have something in them: a rectangle for each `band` of so many rows.
+
+    Movers are few: a rectangle around all of them would often be the whole frame.
+    """
+    for first in range(0, len(mask), band):
+        left, top, width, rows = cv2.boundingRect(mask[first : first + band])
+        if width:
+            yield np.s_[first + top : first + top + rows, left : left + width]
+
+
+def padded(part: Region, margin: int, shape: tuple[int, ...]) -> tuple[Region, Region]:
+    """The part with a margin where the picture has one, and the part within that."""
+    rows, columns = part
+    top, left = max(0, rows.start - margin), max(0, columns.start - margin)
+    outer = np.s_[top : min(shape[0], rows.stop + margin), left : min(shape[1], columns.stop + margin)]
+    inner = np.s_[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+    return outer, inner
 
 
 def warped(image: Image, change: Matrix, fill: float, interpolation: int = cv2.INTER_NEAREST) -> Image:
@@ -81,7 +103,7 @@ class LastFrames:
     def warp(self, change: Matrix) -> None:
         """Resamples the frames onto another canvas."""
         for frame in self._frames:
-            frame.image = warped(frame.image, change, 0, cv2.INTER_CUBIC)
+            frame.image = warped(frame.image, change, 0, cv2.INTER_LINEAR)
             frame.seen = warped(frame.seen, change, 0)
 
     def follow(self, gain: float, offset: float) -> None:

@@ -23,7 +23,7 @@ AGREEMENT = 0.75
 
 def ghost_mask(
     current: ByteImage, background: ByteImage, foreground: ByteImage, known: ByteImage
-) -> ByteImage:
+) -> ByteImage | None:
     """The pieces of foreground whose outline shows in the background and not in the frame.
 
     Args:
@@ -33,23 +33,21 @@ def ghost_mask(
         known: uint8[h, w], mask of where the background is valid; outlines near the rest tell nothing.
 
     Returns:
-        uint8[h, w], mask; a part of `foreground`.
+        uint8[h, w], mask; a part of `foreground`. None where there are no ghosts.
 
     Source: the idea of Cucchiara, Grana, Piccardi and Prati, "Detecting Moving Objects, Ghosts, and Shadows
         in Video Streams", PAMI 2003, with edges for their optical flow.
     """
     left, top, width, height = cv2.boundingRect(foreground)
-    result = np.zeros_like(foreground)
     if not width:
-        return result
+        return None
     # With a margin, or an outline at the edge of the area would be none.
     area = np.s_[max(0, top - 2) : top + height + 2, max(0, left - 2) : left + width + 2]
     count, labels = cv2.connectedComponents(foreground[area], connectivity=8)
-    outline = edges(foreground[area]) & foreground[area]
+    outline = cv2.bitwise_and(edges(foreground[area]), foreground[area])
     if not cv2.countNonZero(outline):
-        return result
-    points = cv2.findNonZero(outline)
-    columns, rows = points.reshape(-1, 2).T
+        return None
+    columns, rows = cv2.findNonZero(outline).reshape(-1, 2).T
     owner = labels[rows, columns]
     here, there = (edges(image[area])[rows, columns].astype(np.int16) for image in (current, background))
     decided = cv2.erode(known[area], _BORDER)[rows, columns] > 0
@@ -58,6 +56,9 @@ def ghost_mask(
     votes = np.bincount(owner[decided & (there > RATIO * here + LEAST_EDGE)], minlength=count)
     is_ghost = (votes >= AGREEMENT * np.maximum(sure, 1)) & (2 * sure >= length)
     is_ghost[0] = False
+    if not is_ghost.any():
+        return None
+    result = np.zeros_like(foreground)
     result[area] = is_ghost[labels].astype(np.uint8) * np.uint8(255)
     return result
 

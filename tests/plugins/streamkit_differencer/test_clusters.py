@@ -4,12 +4,20 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.clusters import merge_by_gap, merge_by_scatter
+from streamkit_differencer.clusters import label_by_gap, merge_by_scatter
 
 
 def as_partition(cluster):
     """The clusters as sets of fragments."""
     return {frozenset(np.flatnonzero(cluster == number).tolist()) for number in set(cluster.tolist())}
+
+
+def partition_by_gap(labels, gap):
+    """The sets of fragments that get one label."""
+    clusters, _ = label_by_gap(np.where(labels > 0, 255, 0).astype(np.uint8), gap)
+    of_fragment = [set(clusters[labels == number].tolist()) for number in range(1, labels.max() + 1)]
+    assert all(len(found) == 1 for found in of_fragment)
+    return as_partition(np.array([found.pop() for found in of_fragment]))
 
 
 def nearest_pair_by_hand(labels, gap):
@@ -42,16 +50,16 @@ def labelled(*boxes, shape=(30, 40)):
 def test_gap_merging_equals_merging_the_nearest_pair(seed):
     """What is found at once is what merging the nearest pair again and again gives."""
     random = np.random.default_rng(seed)
-    count, labels = cv2.connectedComponents((random.random((30, 40)) < 0.03).astype(np.uint8))
+    _, labels = cv2.connectedComponents((random.random((30, 40)) < 0.03).astype(np.uint8))
     gap = int(random.integers(0, 5))
-    assert as_partition(merge_by_gap(labels, count - 1, gap)) == nearest_pair_by_hand(labels, gap)
+    assert partition_by_gap(labels, gap) == nearest_pair_by_hand(labels, gap)
 
 
 def test_gap_counts_empty_cells_between_fragments():
     """Fragments with two empty cells between them merge at gap 3 and not at gap 2."""
     labels = labelled((0, 0, 4, 4), (6, 1, 9, 3))
-    assert len(as_partition(merge_by_gap(labels, 2, 3))) == 1
-    assert len(as_partition(merge_by_gap(labels, 2, 2))) == 2
+    assert len(partition_by_gap(labels, 3)) == 1
+    assert len(partition_by_gap(labels, 2)) == 2
 
 
 def test_things_side_by_side_stay_apart():
@@ -59,7 +67,7 @@ def test_things_side_by_side_stay_apart():
     labels = labelled((2, 2, 6, 4), (7, 4, 11, 6), (2, 10, 6, 12), (9, 13, 13, 15))
     labels[4:13, 12], labels[13:15, 12] = 2, 4
     labels[labels == 4] = 2
-    assert as_partition(merge_by_gap(labels, 3, 2)) == {frozenset({0, 1}), frozenset({2})}
+    assert partition_by_gap(labels, 2) == {frozenset({0, 1}), frozenset({2})}
 
 
 def criterion(cluster, centres, areas, gap):
@@ -90,5 +98,5 @@ def test_scatter_merging_stops_where_no_merge_lowers_the_criterion(seed):
 
 def test_one_fragment_is_one_cluster():
     """Nothing to merge is no error."""
-    assert merge_by_gap(labelled((0, 0, 2, 2)), 1, 3).tolist() == [0]
+    assert partition_by_gap(labelled((0, 0, 2, 2)), 3) == {frozenset({0})}
     assert merge_by_scatter(np.array([[1.0, 1.0]]), np.array([4.0]), 3).tolist() == [0]

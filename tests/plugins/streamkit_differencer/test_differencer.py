@@ -6,7 +6,7 @@ from scipy.optimize import linear_sum_assignment
 
 from streamkit_differencer.anchor import Change, Motion
 from streamkit_differencer.differencer import Differencer, reduced
-from streamkit_differencer.model import Event, ModelSettings
+from streamkit_differencer.model_settings import Event, ModelSettings
 
 WARM_UP = 32
 MATCH_PX = 15.0

@@ -1,9 +1,11 @@
 """Equations 1 to 4."""
 
+import cv2
 import numpy as np
 import pytest
 
 from streamkit_differencer.equations import (
+    GROWTH_BAND,
     FrameDifference,
     dynamic_matrix,
     foreground,
@@ -11,6 +13,7 @@ from streamkit_differencer.equations import (
     logical_matrix,
     update_background,
 )
+from streamkit_differencer.scratch import Scratch
 
 
 class SlowReference:
@@ -153,3 +156,37 @@ def test_weak_differences_count_beside_strong_ones():
     assert not mask[25:].any()
     each = grown(strong, current, background, np.full(background.shape, 12, np.uint8), 0.5)
     np.testing.assert_array_equal(mask, each)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_growth_by_parts_is_growth_of_the_whole(seed):
+    """Bands of the picture that are looked at one by one give what all of it at once would."""
+    random = np.random.default_rng(seed)
+    shape = 2 * GROWTH_BAND + 31, 90
+    background = np.full(shape, 100, np.uint8)
+    current = background + cv2.blur(random.integers(0, 60, shape).astype(np.uint8), (3, 3))
+    mask = cv2.dilate(np.where(random.random(shape) < 0.004, 255, 0).astype(np.uint8), np.ones((4, 4)))
+    weak = np.where(current - background > 6, 255, 0).astype(np.uint8)
+    expected = cv2.medianBlur(mask, 3)
+    for _ in range(2):
+        expected |= cv2.dilate(expected, np.ones((5, 5), np.uint8)) & weak
+    np.testing.assert_array_equal(grown(mask, current, background, 12.0, 0.5), expected)
+
+
+def test_planes_that_are_used_again_change_nothing():
+    """With scratch planes of another picture the masks are those of fresh ones."""
+    random, scratch = np.random.default_rng(7), Scratch()
+    for shape in ((40, 60), (31, 70), (40, 60)):
+        first, second = random.integers(0, 256, (2, *shape), np.uint8)
+        dynamic, each = random.integers(0, 12, shape, np.uint8), random.integers(5, 90, shape, np.uint8)
+        for arguments in ({"scratch": scratch}, {}):
+            results = [
+                logical_matrix(first, second, 18.0, gradient_gain=0.3, **arguments).copy(),
+                dynamic_matrix(dynamic, first, 12, **arguments).copy(),
+                foreground(first, second, each, tolerance=1, gradient_gain=0.2, **arguments).copy(),
+                grown(first, first, second, each, 0.5, **arguments).copy(),
+            ]
+            if arguments:
+                reused = results
+        for one, other in zip(reused, results, strict=True):
+            np.testing.assert_array_equal(one, other)

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from streamkit_differencer.anchor import translation
-from streamkit_differencer.model import BackgroundModel, Event, ModelSettings
+from streamkit_differencer.model import BackgroundModel
+from streamkit_differencer.model_settings import Event, ModelSettings
 
 SHAPE = (120, 160)
 WHOLE = np.s_[:120, :160]
