@@ -44,7 +44,7 @@ Method = Callable[[Sequence[PictureArray], str], int]
 def stitched(frames: Sequence[PictureArray], path: str) -> int:
     """Ours: placed, adjusted, blended and written as `stitch` does it; the number of frames in it."""
     tracker = PlaneTracker(PlaneSettings())
-    recorder = MosaicRecorder(RecorderSettings(path, MEMORY_PX, seam=SeamKind.VORONOI))
+    recorder = MosaicRecorder(RecorderSettings(path, MEMORY_PX, seam=SeamKind.GRAPHCUT))
     for frame in frames:
         placement = tracker.place(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
         recorder.add(placement, SHAPE, lambda taken=frame: taken)
@@ -72,7 +72,7 @@ def exact(flight: Flight, frames: Sequence[PictureArray], path: str) -> int:
         PlacedPicture(number, SHAPE, normalised(to_first @ matrix))
         for number, matrix in enumerate(flight.to_ground)
     ]
-    whole = compose(placed, lambda number: frames[number], SeamKind.VORONOI, MEMORY_PX)
+    whole = compose(placed, lambda number: frames[number], SeamKind.GRAPHCUT, MEMORY_PX)
     cv2.imwrite(path, whole.picture)
     return len(placed)
 

@@ -118,7 +118,10 @@ class Stitch(Transform):
     final: bool = Property(
         True, doc="At the end adjust all key frames together and blend them; else keep the mosaic as it grew."
     )
-    seam: SeamKind = Property(SeamKind.VORONOI, doc="How frames share the ground in the final mosaic.")
+    seam: SeamKind = Property(
+        SeamKind.GRAPHCUT,
+        doc="How frames share the ground in the final mosaic: seams half-way, or moved round cars and trees.",
+    )
     max_canvas_mpx: float = Property(
         64.0, min=1.0, max=1024.0, unit="Mpx", doc="Mosaic kept in memory; the rest goes to a temporary file."
     )

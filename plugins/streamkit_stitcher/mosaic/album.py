@@ -58,7 +58,7 @@ class RecorderSettings:
     location: str | None
     memory_px: int
     final: bool = True
-    seam: SeamKind = SeamKind.VORONOI
+    seam: SeamKind = SeamKind.GRAPHCUT
 
 
 @dataclass(frozen=True, eq=False)

@@ -141,6 +141,9 @@ def _plan(
 ) -> _Plan:
     """Seams and gains, found on a coarse grid of the mosaic."""
     factor = thumbnail_factor(max(picture.shape[1] for picture in placed))
+    if seam is SeamKind.GRAPHCUT:
+        # A seam that goes round cars needs cells smaller than cars.
+        factor = max(1, factor // 2)
     factor = max(factor, 2 ** math.ceil(math.log2(max(1.0, shape[0] * shape[1] / _LARGEST_GRID)) / 2))
     grid = -(-shape[0] // factor), -(-shape[1] // factor)
     lower = np.array(
@@ -158,8 +161,10 @@ def _plan(
         channels = channels or (1 if pixels.ndim == 2 else 3)
         small, to_grid = shrunk(like(pixels, channels), normalised(lower @ matrix))
         footprints.append(footprint(small.reshape(*small.shape[:2], -1), to_grid, grid, picture.fills_gaps))
-    labels = (graph_cut_labels if seam is SeamKind.GRAPHCUT else voronoi_labels)(footprints, grid)
-    return _Plan(placed, to_mosaic, labels, factor, gains(footprints), channels)
+    evened = gains(footprints)
+    cut = seam is SeamKind.GRAPHCUT
+    labels = graph_cut_labels(footprints, grid, evened) if cut else voronoi_labels(footprints, grid)
+    return _Plan(placed, to_mosaic, labels, factor, evened, channels)
 
 
 def _fill(block: PictureArray, left: int, top: int, plan: _Plan, load: Callable[[int], PictureArray]) -> None:

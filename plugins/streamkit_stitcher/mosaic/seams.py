@@ -15,12 +15,17 @@ from streamkit_stitcher.mosaic.tiles import PictureArray
 
 LabelArray = npt.NDArray[np.int32]
 
-_GRAPH_CUT_LIMIT: Final = 60
+_MOST_CUT_CELLS: Final = 8_000_000
+_BAND: Final = 1 / 8
 _BELOW: Final = 300
 
 
 class SeamKind(StrEnum):
-    """How neighbouring pictures share the ground that both show."""
+    """How neighbouring pictures share the ground that both show.
+
+    `voronoi` has each part from the picture in whose middle it lies most; `graphcut` moves those seams, by up
+    to an eighth of a picture, to where the pictures look alike: around cars and trees.
+    """
 
     VORONOI = "voronoi"
     GRAPHCUT = "graphcut"
@@ -35,12 +40,14 @@ class Footprint:
         top: row of the grid where its box begins.
         thumbnail: uint8[h, w, c], the picture warped into its box.
         depth: int32[h, w], how deep inside the picture each cell lies, 0 outside.
+        fills_gaps: whether it gives way to every other picture.
     """
 
     left: int
     top: int
     thumbnail: PictureArray
     depth: LabelArray
+    fills_gaps: bool = False
 
     @property
     def window(self) -> tuple[slice, slice]:
@@ -70,7 +77,7 @@ def footprint(
     depth = cv2.warpPerspective(flat, to_box, size, flags=cv2.INTER_LINEAR).astype(np.int32)
     if not fills_gaps:
         depth[depth > 0] += _BELOW
-    return Footprint(left, top, np.asarray(warped, np.uint8).reshape(*size[::-1], -1), depth)
+    return Footprint(left, top, np.asarray(warped, np.uint8).reshape(*size[::-1], -1), depth, fills_gaps)
 
 
 def voronoi_labels(footprints: Sequence[Footprint], grid: tuple[int, int]) -> LabelArray:
@@ -91,29 +98,57 @@ def voronoi_labels(footprints: Sequence[Footprint], grid: tuple[int, int]) -> La
     return labels
 
 
-def graph_cut_labels(footprints: Sequence[Footprint], grid: tuple[int, int]) -> LabelArray:
+def graph_cut_labels(footprints: Sequence[Footprint], grid: tuple[int, int], gains: FloatArray) -> LabelArray:
     """Seams led along lines where neighbouring pictures look alike, around cars and houses that lean.
 
-    Many pictures fall back to `voronoi_labels`: the cut's cost grows with the square of their number.
+    They stay near those of `voronoi_labels`: each part still comes from a picture taken from nearly above it,
+    and only neighbours need be compared. Where there are too many pictures for memory those seams are kept.
+
+    Args:
+        footprints: the pictures on the grid.
+        grid: (rows, columns).
+        gains: float64[n, c], what makes the pictures equally bright.
+
+    Returns:
+        int32[rows, columns], the number of a picture, -1 where none reaches.
 
     Source: Kwatra et al., Graphcut textures, SIGGRAPH 2003, as in cv2.detail.
     """
-    whole = voronoi_labels(footprints, grid)
-    if not 1 < len(footprints) <= _GRAPH_CUT_LIMIT:
-        return whole
-    images = [
-        np.ascontiguousarray(np.broadcast_to(own.thumbnail, (*own.depth.shape, 3)), dtype=np.float32)
-        for own in footprints
+    labels = voronoi_labels(footprints, grid)
+    wanted = [
+        (number, *found) for number, own in enumerate(footprints) if (found := _wanted(own, number, labels))
     ]
+    if len(wanted) < 2 or sum(mask.size for _, _, mask in wanted) > _MOST_CUT_CELLS:
+        return labels
+    images, places = [], []
+    for number, (rows, columns), mask in wanted:
+        own = footprints[number]
+        part = np.broadcast_to(own.thumbnail[rows, columns] * gains[number], (*mask.shape, 3))
+        images.append(np.ascontiguousarray(part, dtype=np.float32))
+        places.append((own.left + columns.start, own.top + rows.start))
     on_device: Any = cv2.UMat  # the stubs do not know it takes arrays
-    masks = [on_device(np.where(own.depth > 0, 255, 0).astype(np.uint8)) for own in footprints]
-    places = [(own.left, own.top) for own in footprints]
+    masks = [on_device(mask) for _, _, mask in wanted]
     finder: Any = cv2.detail.GraphCutSeamFinder("COST_COLOR_GRAD")
     found = finder.find(images, places, masks)
-    labels = np.full(grid, -1, dtype=np.int32)
-    for number, own in enumerate(footprints):
-        mask = np.asarray((found if found is not None else masks)[number].get()) > 0
-        labels[own.window][mask] = number
-    gaps = (labels < 0) & (whole >= 0)
-    labels[gaps] = whole[gaps]
+    for (number, _, _), (left, top), cut in zip(
+        wanted, places, masks if found is None else found, strict=True
+    ):
+        shown = np.asarray(cut.get()) > 0
+        labels[top : top + shown.shape[0], left : left + shown.shape[1]][shown] = number
     return labels
+
+
+def _wanted(
+    own: Footprint, number: int, labels: LabelArray
+) -> tuple[tuple[slice, slice], PictureArray] | None:
+    """Where a picture may be shown: rows and columns of its box, and a mask of them; None for nowhere."""
+    cells = labels[own.window] == number
+    if not cells.any():
+        return None
+    near = cells
+    if not own.fills_gaps:
+        apart = cv2.distanceTransform((~cells).astype(np.uint8), cv2.DIST_L2, 3)
+        near = cells | ((apart <= max(2.0, _BAND * min(cells.shape))) & (own.depth > 0))
+    rows, columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
+    part = slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+    return part, np.where(near[part], 255, 0).astype(np.uint8)
