@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from streamkit_tracker.eigen_template import EigenTemplate, eigen_distances
+from streamkit_tracker.eigen_template import EigenStack, EigenTemplate
 from streamkit_tracker.feature_template import FeatureTemplate, feature_distances
+from streamkit_tracker.frame_crops import Crops, Float32Array
 from streamkit_tracker.layered_filter import Cloud, LayerSettings, Proposal, layered_step
 from streamkit_tracker.window_geometry import (
     ANGLE,
@@ -19,7 +20,7 @@ from streamkit_tracker.window_geometry import (
     half_turn,
     visible_fraction,
 )
-from streamkit_tracker.window_sampling import Float32Array, WindowSampler, shrink_factor
+from streamkit_tracker.window_sampling import WindowSampler, shrink_factor
 
 Template = EigenTemplate | FeatureTemplate
 
@@ -27,6 +28,7 @@ LEAST_CONTRAST = 1e-3
 VISIBLE_ENOUGH = 0.5
 HIDDEN_PENALTY = 20.0
 DETECTION_SHARE = 0.5
+LATER_LAYERS = 0.15  # of the diagonal: how far smaller layers reach beyond the first
 SAMPLES_AT_ONCE = 400_000  # keeps maps and patches of a batch inside the cache
 
 
@@ -157,20 +159,22 @@ def _search_alike(
     """Jobs with the same kind of template, patch, layers and shrinking, in one batch."""
     expected = log_prior([job.prior for job in jobs])
     scale = -0.5 / (likelihood.sigma**2 * np.array([job.tolerance for job in jobs])[:, None])
-
-    def distances(windows: FloatArray) -> FloatArray:
-        return _distances(sampler, jobs, windows, factor)[0]
+    comparison = _Comparison(sampler, jobs, factor)
 
     def score(windows: FloatArray) -> FloatArray:
-        visible = visible_fraction(windows.reshape(-1, 5), sampler.shape).reshape(windows.shape[:2])
-        hidden = np.maximum(VISIBLE_ENOUGH - visible, 0.0)
-        return scale * distances(windows) - HIDDEN_PENALTY * hidden + expected(windows)
+        scores = scale * comparison.distances(windows) + expected(windows)
+        if not comparison.inside:
+            visible = visible_fraction(windows.reshape(-1, 5), sampler.shape).reshape(windows.shape[:2])
+            scores -= HIDDEN_PENALTY * np.maximum(VISIBLE_ENOUGH - visible, 0.0)
+        return scores
 
     proposal = _proposal(jobs, likelihood)
     clouds, generators = [job.cloud for job in jobs], [job.generator for job in jobs]
     estimates = layered_step(clouds, generators, proposal, score, jobs[0].layers)
-    final, patches = _distances(sampler, jobs, estimates.windows[:, None], factor)
-    similarities = np.exp(-final[:, 0])
+    # cut out anew: where a shrunk picture's pixels begin shows in a patch, and a template starts in its own
+    comparison.cut_anew(margin=0.0)
+    final = comparison.distances(estimates.windows[:, None])
+    patches, similarities = comparison.first_patches, np.exp(-final[:, 0])
     return [
         Found(
             estimates.windows[row],
@@ -203,29 +207,60 @@ def _proposal(jobs: list[SearchJob], likelihood: Likelihood) -> Proposal:
     )
 
 
-def _distances(
-    sampler: WindowSampler, jobs: list[SearchJob], windows: FloatArray, factor: int
-) -> tuple[FloatArray, Float32Array]:
-    """Distances float64[t, n] of windows float64[t, n, 5], and the first patch of each target."""
-    patch, context = jobs[0].patch, jobs[0].context
-    targets, count = windows.shape[:2]
-    pixels = patch[0] * patch[1]
-    together = max(1, SAMPLES_AT_ONCE // (count * pixels))
-    result, firsts = np.empty((targets, count)), np.empty((targets, pixels), np.float32)
-    for start in range(0, targets, together):
-        chunk = slice(start, min(start + together, targets))
-        flat = _widened(windows[chunk].reshape(-1, 5), context)
-        patches = sampler.sample(flat, patch, factor).reshape(-1, count, pixels)
-        result[chunk] = _compare([job.template for job in jobs[chunk]], patches)
-        firsts[chunk] = patches[:, 0]
-    return result, firsts
+class _Comparison:
+    """Compares windows of several targets with their templates, a cacheful at a time.
 
+    The parts of the frame are cut out around the first windows, those of the widest layer, with room for the
+    others.
 
-def _compare(templates: Sequence[Template], patches: Float32Array) -> Float32Array:
-    eigen = [template for template in templates if isinstance(template, EigenTemplate)]
-    if len(eigen) == len(templates):
-        return eigen_distances(eigen, patches)
-    return feature_distances([t for t in templates if isinstance(t, FeatureTemplate)], patches)
+    Attributes:
+        first_patches: float32[t, p], of the first window of each target that was compared last.
+    """
+
+    def __init__(self, sampler: WindowSampler, jobs: list[SearchJob], factor: int) -> None:
+        self._sampler, self._patch, self._factor = sampler, jobs[0].patch, factor
+        self._context = jobs[0].context
+        eigen = [job.template for job in jobs if isinstance(job.template, EigenTemplate)]
+        self._features = [job.template for job in jobs if isinstance(job.template, FeatureTemplate)]
+        self._stack = EigenStack(eigen) if eigen else None
+        self.first_patches = np.zeros((0, 0), np.float32)
+        self._together = max(
+            1, SAMPLES_AT_ONCE // (jobs[0].layers.particles * self._patch[0] * self._patch[1])
+        )
+        self.cut_anew(LATER_LAYERS)
+
+    def cut_anew(self, margin: float) -> None:
+        """Forgets the parts of the frame; `margin` is the room around the next ones, see `FrameCrops`."""
+        self._crops: list[Crops] = []
+        self._margin = margin
+
+    @property
+    def inside(self) -> bool:
+        """Whether all windows compared so far lie inside the frame."""
+        return all(crops.whole for crops in self._crops)
+
+    def distances(self, windows: FloatArray) -> FloatArray:
+        """Distances float64[t, n] of windows float64[t, n, 5]."""
+        targets, count = windows.shape[:2]
+        pixels = self._patch[0] * self._patch[1]
+        result = np.empty((targets, count))
+        self.first_patches = np.empty((targets, pixels), np.float32)
+        wider = _widened(windows.reshape(-1, 5), self._context).reshape(windows.shape)
+        for index, start in enumerate(range(0, targets, self._together)):
+            chunk = slice(start, min(start + self._together, targets))
+            flat = wider[chunk].reshape(-1, 5)
+            if index == len(self._crops):
+                groups = chunk.stop - chunk.start
+                self._crops.append(self._sampler.crop(flat, self._factor, groups, self._margin))
+            patches = self._sampler.sample(flat, self._patch, crops=self._crops[index])
+            patches = patches.reshape(-1, count, pixels)
+            result[chunk] = (
+                feature_distances(self._features[chunk], patches)
+                if self._stack is None
+                else self._stack.distances(patches, chunk)
+            )
+            self.first_patches[chunk] = patches[:, 0]
+        return result
 
 
 def _widened(windows: FloatArray, context: float) -> FloatArray:
@@ -243,11 +278,16 @@ def log_prior(priors: Sequence[Prior]) -> Callable[[FloatArray], FloatArray]:
     headings = np.array([prior.heading for prior in priors])[:, None]
     heading_precisions = np.array([prior.heading_std**-2 for prior in priors])[:, None]
 
+    turned, sized = bool(heading_precisions.any()), bool(side_precisions.any())
+
     def log(windows: FloatArray) -> FloatArray:
-        offsets = np.sum((windows[:, :, :2] - centroids) ** 2, axis=2)
-        ratios = np.sum(np.log(windows[:, :, LENGTH : WIDTH + 1] / sides) ** 2, axis=2)
-        turns = half_turn(windows[:, :, ANGLE] - headings) ** 2
-        weighted = centroid_precisions * offsets + side_precisions * ratios + heading_precisions * turns
+        offsets = windows[:, :, :2] - centroids
+        weighted = centroid_precisions * np.einsum("tnk,tnk->tn", offsets, offsets)
+        if sized:
+            ratios = np.log(windows[:, :, LENGTH : WIDTH + 1] / sides)
+            weighted += side_precisions * np.einsum("tnk,tnk->tn", ratios, ratios)
+        if turned:
+            weighted += heading_precisions * half_turn(windows[:, :, ANGLE] - headings) ** 2
         return np.asarray(-0.5 * weighted)
 
     return log

@@ -11,8 +11,9 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from streamkit_tracker.constrained_filter import ConstrainedFilter
+from streamkit_tracker.frame_crops import Float32Array
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
-from streamkit_tracker.window_sampling import Float32Array, WindowSampler, shrink_factor
+from streamkit_tracker.window_sampling import WindowSampler, shrink_factor
 
 ComplexArray = NDArray[np.complex64]
 
@@ -94,15 +95,22 @@ class CorrelationFilter:
         scale = (float(self._scale[0]), float(self._scale[1]))
         self._constrained = ConstrainedFilter(spectrum, self._wanted, scale)
 
-    def respond(self, sampler: WindowSampler, windows: FloatArray) -> list[Response]:
-        """Where the target is, for each of the windows float64[n, 5] it may have moved from."""
+    def respond(self, sampler: WindowSampler, windows: FloatArray, lead: float = 1.0) -> Response:
+        """Where the target is, by the window with the highest answer.
+
+        Args:
+            sampler: has been shown the frame.
+            windows: float64[n, 5] it may have moved from.
+            lead: part of the highest answer that is enough for the first window.
+        """
         spectra = self._spectrum(sampler, windows)
         transfer = np.conj(self._numerator) / (self._denominator + self._floor)
-        both = np.stack([transfer, self._constrained.transfer])
-        spectrum = np.einsum("fcij,ncij->fnij", both, spectra)
-        plain, constrained = np.asarray(scipy.fft.irfft2(spectrum, s=(GRID, GRID), axes=(2, 3)), np.float32)
-        mixed = 0.5 * (plain + constrained)
-        return [self._peak(*rows) for rows in zip(mixed, plain, windows, strict=True)]
+        plain = _answers(transfer, spectra)
+        peaks = plain.max(axis=(1, 2))
+        best = int(peaks.argmax())
+        best = 0 if peaks[0] >= lead * peaks[best] else best
+        constrained = _answers(self._constrained.transfer, spectra[best : best + 1])[0]
+        return self._peak(0.5 * (plain[best] + constrained), plain[best], windows[best])
 
     def learn(self, sampler: WindowSampler, window: FloatArray) -> None:
         """Learns the patch at a window, float64[5]."""
@@ -135,6 +143,12 @@ class CorrelationFilter:
         sides = (float(window[LENGTH]), float(window[WIDTH]))
         row, column = np.unravel_index(int(np.argmax(plain)), plain.shape)
         return Response(position, sides, float(plain[row, column]), _sharpness(plain, int(row), int(column)))
+
+
+def _answers(transfer: ComplexArray, spectra: ComplexArray) -> Float32Array:
+    """float32[n, grid, grid] of a filter complex64[channels, ...] to n spectra."""
+    spectrum = np.asarray((spectra * transfer).sum(axis=1), np.complex64)
+    return np.asarray(scipy.fft.irfft2(spectrum, s=(GRID, GRID), axes=(1, 2)), np.float32)
 
 
 def gradient_channels(patches: Float32Array) -> Float32Array:

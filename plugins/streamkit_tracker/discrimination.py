@@ -41,10 +41,7 @@ def ask(
         predicted: float64[5].
         frames_unseen: since the target was last seen; the search grows with them.
     """
-    responses = discriminator.respond(sampler, search_places(predicted, frames_unseen))
-    first, others = responses[0], responses[1:]
-    best = max(others, key=lambda response: response.peak)
-    best = first if first.peak >= OTHER_SIZE_SHARE * best.peak else best
+    best = discriminator.respond(sampler, search_places(predicted, frames_unseen), OTHER_SIZE_SHARE)
     return best if evidence.responds(best.peak, best.sharpness, frames_unseen=frames_unseen) else None
 
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit_tracker.calling_thread import product
-from streamkit_tracker.window_sampling import Float32Array
+from streamkit_tracker.frame_crops import Float32Array
 
 DEVIATION_FLOOR = 4.0
 TEXTURE_FLOOR = 0.05
+EVERY = slice(None)
 NOISE_SHARE = 0.02  # residual a pixel has anyway; directions that vary less are not forgiven
 
 
@@ -98,34 +99,55 @@ class EigenTemplate:
         self.columns[:, : self.basis.shape[1]] = self.basis * forgiven
         self.columns[:, -2] = self.mean
         self.columns[:, -1] = 1.0
-        self.constants = np.stack([self.columns[:, :-1].sum(axis=0), self.mean @ self.columns[:, :-1]])
+        self.constants = _constants(self.columns)
 
 
-def eigen_distances(templates: Sequence[EigenTemplate], patches: Float32Array) -> Float32Array:
-    """Mean squared residuals of normalised patches, several for each of t templates.
-
-    The normalisation is folded into one product with [basis, mean, 1], so no normalised copy is made.
+class EigenStack:
+    """Templates of t targets side by side, to be compared with several patches each.
 
     Args:
         templates: t of them, with the same number of components.
-        patches: float32[t, n, p], grey levels minus 128.
-
-    Returns:
-        float32[t, n]; 0 is a perfect match, about 2 an unrelated patch.
     """
-    pixels = patches.shape[2]
-    columns = np.stack([template.columns for template in templates])
-    products = product(patches, columns)
-    constants = np.stack([template.constants for template in templates])
-    sums, mean_products = constants[:, :1], constants[:, 1:]
-    average = products[:, :, -1:] / pixels
-    power = np.einsum("tnp,tnp->tn", patches, patches)[:, :, None]
-    variance = np.maximum(power / pixels - average**2, 0.0)
-    deviation = np.maximum(np.sqrt(variance), DEVIATION_FLOOR)
-    scaled = (products[:, :, :-1] - average * sums) / deviation
-    outside = pixels * (variance / deviation**2)[:, :, 0] - 2 * scaled[:, :, -1] + mean_products[:, :, -1]
-    inside = np.sum((scaled[:, :, :-1] - mean_products[:, :, :-1]) ** 2, axis=2)
-    return np.asarray(np.maximum(outside - inside, 0.0) / pixels, np.float32)
+
+    def __init__(self, templates: Sequence[EigenTemplate]) -> None:
+        self._columns = np.stack([template.columns for template in templates])
+        self._constants = np.stack([template.constants for template in templates])
+
+    def distances(self, patches: Float32Array, chosen: slice = EVERY) -> Float32Array:
+        """Mean squared residuals of normalised patches.
+
+        The normalisation is folded into one product with [basis, mean, 1], so no normalised copy is made.
+
+        Args:
+            patches: float32[c, n, p], grey levels minus 128, for the c templates that are `chosen`.
+            chosen: which of the templates.
+
+        Returns:
+            float32[c, n]; 0 is a perfect match, about 2 an unrelated patch.
+        """
+        pixels = patches.shape[2]
+        constants = self._constants[chosen]
+        products = product(patches, self._columns[chosen])
+        sums, mean_products = constants[:, :1], constants[:, 1:]
+        average = products[:, :, -1:] / pixels
+        power = np.einsum("tnp,tnp->tn", patches, patches)[:, :, None]
+        variance = np.maximum(power / pixels - average**2, 0.0)
+        deviation = np.maximum(np.sqrt(variance), DEVIATION_FLOOR)
+        scaled = (products[:, :, :-1] - average * sums) / deviation
+        outside = pixels * (variance / deviation**2)[:, :, 0] - 2 * scaled[:, :, -1] + mean_products[:, :, -1]
+        scaled -= mean_products
+        inside = np.einsum("tnk,tnk->tn", scaled[:, :, :-1], scaled[:, :, :-1])
+        return np.asarray(np.maximum(outside - inside, 0.0) / pixels, np.float32)
+
+
+def eigen_distances(templates: Sequence[EigenTemplate], patches: Float32Array) -> Float32Array:
+    """Distances float32[t, n] of patches float32[t, n, p] to t templates, see `EigenStack`."""
+    return EigenStack(templates).distances(patches)
+
+
+def _constants(columns: Float32Array) -> Float32Array:
+    """float32[2, k - 1]: sums of the columns but the last, and their products with the mean."""
+    return np.stack([columns[:, :-1].sum(axis=0), columns[:, -2] @ columns[:, :-1]])
 
 
 def normalise(patches: Float32Array) -> Float32Array:

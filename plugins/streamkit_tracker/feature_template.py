@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from streamkit_tracker.window_sampling import MIDDLE_GREY, Float32Array
+from streamkit_tracker.frame_crops import MIDDLE_GREY, Float32Array
 
 LEARNING_RATE = 0.05
 
@@ -95,7 +95,7 @@ def feature_distances(templates: Sequence[FeatureTemplate], patches: Float32Arra
 def embed_rows(space: Space, patches: Float32Array) -> Float32Array:
     """Unit vectors float32[n, k] of patches float32[n, p], grey levels minus 128."""
     height, width = space.patch_size
-    vectors = space.embed((patches + np.float32(MIDDLE_GREY)).reshape(-1, height, width))
+    vectors = space.embed((patches + MIDDLE_GREY).reshape(-1, height, width))
     return unit_rows(np.nan_to_num(np.asarray(vectors, np.float32)).reshape(len(patches), -1))
 
 

@@ -140,8 +140,9 @@ def layered_step(
     scores = score(windows)
     contrasts = scores.max(axis=1) - np.median(scores, axis=1)
     order = np.argsort(-scores, axis=1, kind="stable")[:, : settings.keep]
-    survivors = np.take_along_axis(windows, order[:, :, None], axis=1)
-    best = np.take_along_axis(scores, order, axis=1)
+    target = np.arange(len(clouds))[:, None]
+    survivors = windows[target, order]
+    best = scores[target, order]
     gathered = np.sqrt(survivors[:, :, :2].var(axis=1).mean(axis=1))
     polish = POLISH * np.minimum(proposal.spread, gathered)
     if settings.size_particles > 0:
@@ -165,7 +166,7 @@ def _positions(clouds: list[Cloud], proposal: Proposal, noise: FloatArray, offse
         positions[row, : len(cloud.weights)] = cloud.positions
         weights[row, : len(cloud.weights)] = cloud.weights
     chosen = systematic_resample(weights, count, offsets)
-    centres = np.take_along_axis(positions, chosen[:, :, None], axis=1) + proposal.displacement[:, None]
+    centres = positions[np.arange(targets)[:, None], chosen] + proposal.displacement[:, None]
     spread = np.repeat(proposal.spread[:, None], count, axis=1)
     spread[:, ::WIDE_EVERY] = proposal.wide_spread[:, None]
     seeded = np.isfinite(proposal.seed).all(axis=1)
@@ -214,10 +215,9 @@ def _collapse(
     """Hands the best of each family back to its root."""
     targets, keep = best.shape
     families = scores.reshape(targets, keep, -1)
-    winner = families.argmax(axis=2)
-    leading = np.take_along_axis(families, winner[:, :, None], axis=2)[:, :, 0]
-    children = brood.reshape(targets, keep, -1, brood.shape[2])
-    heirs = np.take_along_axis(children, winner[:, :, None, None], axis=2)[:, :, 0]
+    target, parent, winner = np.arange(targets)[:, None], np.arange(keep), families.argmax(axis=2)
+    leading = families[target, parent, winner]
+    heirs = brood.reshape(targets, keep, -1, brood.shape[2])[target, parent, winner]
     better = leading > best
     return np.where(better[:, :, None], heirs, survivors), np.where(better, leading, best)
 

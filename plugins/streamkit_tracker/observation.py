@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from streamkit_tracker.feature_template import Space
+from streamkit_tracker.frame_crops import Float32Array
 from streamkit_tracker.provenance import TargetProvenance
 from streamkit_tracker.window_geometry import FloatArray
-from streamkit_tracker.window_sampling import Float32Array
 
 
 class Placement(enum.StrEnum):

@@ -13,6 +13,7 @@ from streamkit_tracker.appearance_search import Likelihood, search
 from streamkit_tracker.budget import Budget
 from streamkit_tracker.detected_shape import centroid_std
 from streamkit_tracker.feature_template import FeatureTemplate
+from streamkit_tracker.frame_crops import ByteArray
 from streamkit_tracker.observation import Measurement, Observation, Placement, TargetReport, TargetState
 from streamkit_tracker.pairing import Pairing, pair
 from streamkit_tracker.provenance import TargetProvenance, gate_distance
@@ -29,7 +30,7 @@ from streamkit_tracker.window_geometry import (
     map_windows,
     visible_fraction,
 )
-from streamkit_tracker.window_sampling import ByteArray, WindowSampler
+from streamkit_tracker.window_sampling import WindowSampler
 
 MERGE_FRAMES = 3
 MERGE_SCALE = 0.9

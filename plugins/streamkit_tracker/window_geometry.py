@@ -6,6 +6,8 @@ towards +y. `length` lies along the angle, `width` across it.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -107,9 +109,10 @@ def inside_windows(points: FloatArray, windows: FloatArray, scale: float) -> NDA
 
 def extent(windows: FloatArray) -> tuple[float, float, float, float]:
     """x0, y0, x1, y1 of an upright box that surely holds every window."""
-    reach = 0.5 * float(np.hypot(windows[:, LENGTH].max(), windows[:, WIDTH].max()))
-    (x0, y0), (x1, y1) = windows[:, :2].min(axis=0), windows[:, :2].max(axis=0)
-    return float(x0) - reach, float(y0) - reach, float(x1) + reach, float(y1) + reach
+    largest = windows.max(axis=0).tolist()
+    x0, y0 = windows[:, :2].min(axis=0).tolist()
+    reach = 0.5 * math.hypot(largest[LENGTH], largest[WIDTH])
+    return x0 - reach, y0 - reach, largest[X] + reach, largest[Y] + reach
 
 
 def visible_fraction(windows: FloatArray, image_shape: tuple[int, int]) -> FloatArray:

@@ -6,17 +6,12 @@ from functools import cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from streamkit_tracker.calling_thread import product
-from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray, extent
-
-Float32Array = NDArray[np.float32]
-ByteArray = NDArray[np.uint8]
+from streamkit_tracker.frame_crops import ByteArray, Crops, Float32Array, FrameCrops
+from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
 
 LARGEST_BATCH = 16384  # cv2.remap refuses maps with more than 32767 rows
-WHOLE_FRAME_SHARE = 4
-MIDDLE_GREY = 128.0  # keeps sums of squares small, so that float32 is enough for the variance
 
 
 @cache
@@ -41,22 +36,21 @@ def unit_grid(patch: tuple[int, int]) -> Float32Array:
 class WindowSampler:
     """Resamples rotated windows of one frame to patches, with buffers that are used again and again.
 
-    The sampling maps come from one matrix product, the pixels from one remap over all windows. Windows that
-    lie together are cropped first, so that the cost does not grow with the frame; for windows all over the
-    frame it is converted to float32 once. Windows several times larger than the patch are averaged down
-    first. Outside the image its edge pixels continue.
+    The sampling maps come from one matrix product, the pixels from one remap over all windows. The parts of
+    the frame that the windows lie in are cropped first, so that the cost does not grow with the frame.
+    Windows several times larger than the patch are averaged down first. Outside the image its edge pixels
+    continue.
     """
 
     def __init__(self) -> None:
-        self._image: ByteArray = np.zeros((1, 1), np.uint8)
-        self._levels: dict[int, Float32Array] = {}
+        self._crops = FrameCrops()
         self._maps = np.zeros(0, np.float32)
         self._patches = np.zeros(0, np.float32)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width of the frame, px."""
-        return self._image.shape[0], self._image.shape[1]
+        return self._crops.image.shape[0], self._crops.image.shape[1]
 
     def look_at(self, image: ByteArray) -> None:
         """Takes the next frame, uint8[h, w] grey levels.
@@ -66,16 +60,28 @@ class WindowSampler:
         """
         if image.ndim != 2 or image.size == 0:
             raise ValueError(f"look_at needs a grey image with pixels, got shape {image.shape}")
-        self._image = image
-        self._levels.clear()
+        self._crops.look_at(image)
 
-    def sample(self, windows: FloatArray, patch: tuple[int, int], factor: int = 1) -> Float32Array:
+    def crop(self, windows: FloatArray, factor: int, groups: int = 1, margin: float = 0.0) -> Crops:
+        """The parts of the frame around windows float64[n, 5], for several samples; see `FrameCrops`.
+
+        Raises:
+            ValueError: a window is not finite.
+        """
+        if not np.isfinite(windows).all():
+            raise ValueError("sample needs finite windows; a state has become NaN or infinite")
+        return self._crops.around(windows, groups, factor, margin)
+
+    def sample(
+        self, windows: FloatArray, patch: tuple[int, int], factor: int = 1, crops: Crops | None = None
+    ) -> Float32Array:
         """Resamples every window.
 
         Args:
             windows: float64[n, 5], finite.
             patch: samples across and along each window (rows, columns).
             factor: by how much the image is averaged down first, see `shrink_factor`.
+            crops: that hold the windows, if they are known already; then `factor` is theirs.
 
         Returns:
             float32[n, rows * columns], grey levels minus 128; a view that the next call overwrites.
@@ -83,30 +89,18 @@ class WindowSampler:
         Raises:
             ValueError: a window is not finite, or there are more than 16384.
         """
-        if not np.isfinite(windows).all():
-            raise ValueError("sample needs finite windows; a state has become NaN or infinite")
         if len(windows) > LARGEST_BATCH:
             raise ValueError(f"sample takes at most {LARGEST_BATCH} windows at once, got {len(windows)}")
-        crop, left, top = self._crop(windows, factor)
-        rows = _map_rows(windows, left, top, factor)
+        crops = crops or self.crop(windows, factor)
+        rows = _map_rows(windows, crops)
         maps, patches = self._buffers(len(windows), patch[0] * patch[1])
         product(rows, unit_grid(patch), out=maps)
-        cv2.remap(crop, maps[0], maps[1], cv2.INTER_LINEAR, dst=patches, borderMode=cv2.BORDER_REPLICATE)
+        if len(crops.rows) > 1:
+            _stay_inside(maps.reshape(2, len(crops.rows), -1), crops)
+        cv2.remap(
+            crops.picture, maps[0], maps[1], cv2.INTER_LINEAR, dst=patches, borderMode=cv2.BORDER_REPLICATE
+        )
         return patches
-
-    def _crop(self, windows: FloatArray, factor: int) -> tuple[Float32Array, int, int]:
-        """float32 image around the windows minus 128, its left and its top pixel."""
-        height, width = self._image.shape
-        x0, y0, x1, y1 = extent(windows)
-        left, top = int(min(max(x0 - 2, 0), width - 1)), int(min(max(y0 - 2, 0), height - 1))
-        right = int(min(max(x1 + 3 + factor, left + factor), width))
-        bottom = int(min(max(y1 + 3 + factor, top + factor), height))
-        if (right - left) * (bottom - top) * WHOLE_FRAME_SHARE > height * width:
-            if factor not in self._levels:
-                self._levels[factor] = _shrunk(self._image, factor)
-            return self._levels[factor], 0, 0
-        left, top = min(left, max(width - factor, 0)), min(top, max(height - factor, 0))
-        return _shrunk(self._image[top:bottom, left:right], factor), left, top
 
     def _buffers(self, count: int, pixels: int) -> tuple[Float32Array, Float32Array]:
         """float32[2, count, pixels] for the maps and float32[count, pixels] for the patches."""
@@ -124,28 +118,28 @@ def shrink_factor(window: FloatArray, patch: tuple[int, int], image_shape: tuple
     return max(1, min(int(side // max(patch)), *image_shape))
 
 
-def _shrunk(image: ByteArray, factor: int) -> Float32Array:
-    """float32 image minus 128, averaged over squares of `factor` pixels; a rest at the far edges goes."""
-    level = image.astype(np.float32)
-    level -= MIDDLE_GREY
-    if factor == 1:
-        return level
-    rows, columns = max(level.shape[0] // factor, 1), max(level.shape[1] // factor, 1)
-    whole = level[: rows * factor, : columns * factor]
-    return np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
-
-
-def _map_rows(windows: FloatArray, left: int, top: int, factor: int) -> Float32Array:
-    """float32[2, n, 3]: times the unit grid they give the map's x and y in the crop."""
-    cosine, sine = np.cos(windows[:, ANGLE]), np.sin(windows[:, ANGLE])
+def _map_rows(windows: FloatArray, crops: Crops) -> Float32Array:
+    """float32[2, n, 3]: times the unit grid they give the map's x and y in the crops' picture."""
+    angle, length, width = windows[:, ANGLE], windows[:, LENGTH], windows[:, WIDTH]
+    cosine, sine, factor = np.cos(angle), np.sin(angle), crops.factor
     rows = np.empty((2, len(windows), 3), np.float32)
-    rows[0, :, 0] = windows[:, LENGTH] * cosine
-    rows[0, :, 1] = -windows[:, WIDTH] * sine
-    rows[1, :, 0] = windows[:, LENGTH] * sine
-    rows[1, :, 1] = windows[:, WIDTH] * cosine
-    rows[0, :, 2] = windows[:, 0] - left
-    rows[1, :, 2] = windows[:, 1] - top
+    np.multiply(length, cosine, out=rows[0, :, 0], casting="same_kind")
+    np.multiply(width, -sine, out=rows[0, :, 1], casting="same_kind")
+    np.multiply(length, sine, out=rows[1, :, 0], casting="same_kind")
+    np.multiply(width, cosine, out=rows[1, :, 1], casting="same_kind")
+    centres = windows[:, :2].reshape(len(crops.corners), -1, 2) - crops.corners[:, None]
+    rows[:, :, 2] = centres.reshape(-1, 2).T
     if factor > 1:
         rows /= factor
         rows[:, :, 2] += 0.5 / factor - 0.5
+    if len(crops.rows) > 1:
+        rows[1, :, 2] += np.repeat(crops.rows, len(windows) // len(crops.rows))
     return rows
+
+
+def _stay_inside(maps: Float32Array, crops: Crops) -> None:
+    """Repeats the frame's edge where a crop ends at it, since in the picture another one follows."""
+    for group in np.flatnonzero(crops.cut):
+        for axis, start in ((0, 0), (1, int(crops.rows[group]))):
+            end = start + int(crops.sizes[group, axis]) - 1
+            np.clip(maps[axis, group], start, end, out=maps[axis, group])

@@ -35,7 +35,7 @@ def test_a_shift_is_found(scenes: ModuleType, angle: float, step: tuple[float, f
     sampler, discriminator = trained(scenes, window)
     moved = window + np.array([*step, 0, 0, 0])
     sampler.look_at(seen(scenes, moved))
-    (response,) = discriminator.respond(sampler, window[None])
+    response = discriminator.respond(sampler, window[None])
     assert np.hypot(*(np.array(response.position) - moved[:2])) < 1.0
     assert response.sharpness > 9
 
@@ -44,9 +44,9 @@ def test_light_does_not_count(scenes: ModuleType):
     """Half the light gives nearly the same response."""
     window = np.array([150.0, 120, 48, 34, 0.3])
     sampler, discriminator = trained(scenes, window)
-    (bright,) = discriminator.respond(sampler, window[None])
+    bright = discriminator.respond(sampler, window[None])
     sampler.look_at(seen(scenes, window, light=0.5))
-    (dark,) = discriminator.respond(sampler, window[None])
+    dark = discriminator.respond(sampler, window[None])
     assert dark.peak > 0.7 * bright.peak
     np.testing.assert_allclose(dark.position, window[:2], atol=0.5)
 
@@ -55,9 +55,9 @@ def test_ground_without_the_target_responds_faintly(scenes: ModuleType):
     """A third of what the target gives at most."""
     window = np.array([150.0, 120, 48, 34, 0.0])
     sampler, discriminator = trained(scenes, window)
-    (there,) = discriminator.respond(sampler, window[None])
+    there = discriminator.respond(sampler, window[None])
     sampler.look_at(seen(scenes, None))
-    (gone,) = discriminator.respond(sampler, window[None])
+    gone = discriminator.respond(sampler, window[None])
     assert gone.peak < there.peak / 3
 
 
@@ -67,11 +67,18 @@ def test_the_right_size_responds_best(scenes: ModuleType):
     sampler, discriminator = trained(scenes, window)
     grown = window * [1, 1, 1.15, 1.15, 1]
     sampler.look_at(seen(scenes, grown))
-    peaks = [
-        r.peak
-        for r in discriminator.respond(sampler, np.stack([window, grown, window * [1, 1, 0.87, 0.87, 1]]))
-    ]
-    assert int(np.argmax(peaks)) == 1
+    found = discriminator.respond(sampler, np.stack([window, grown, window * [1, 1, 0.87, 0.87, 1]]))
+    assert found.sides == (grown[2], grown[3])
+
+
+def test_the_first_size_is_kept_unless_another_is_clearly_better(scenes: ModuleType):
+    """A lead of the first window is enough for it to win, so that the size does not tremble."""
+    window = np.array([150.0, 120, 48, 34, 0.0])
+    sampler, discriminator = trained(scenes, window)
+    grown = window * [1, 1, 1.15, 1.15, 1]
+    sampler.look_at(seen(scenes, grown))
+    found = discriminator.respond(sampler, np.stack([window, grown]), lead=0.1)
+    assert found.sides == (window[2], window[3])
 
 
 def test_learning_follows_a_new_look(scenes: ModuleType):
@@ -81,10 +88,10 @@ def test_learning_follows_a_new_look(scenes: ModuleType):
     generator = np.random.default_rng(9)
     other = scenes.paint(scenes.ground(generator, *SIZE), scenes.blob_texture(generator), window)
     sampler.look_at(scenes.grey(other, generator, 2.0))
-    (before,) = discriminator.respond(sampler, window[None])
+    before = discriminator.respond(sampler, window[None])
     for _ in range(30):
         discriminator.learn(sampler, window)
-    (after,) = discriminator.respond(sampler, window[None])
+    after = discriminator.respond(sampler, window[None])
     assert after.peak > before.peak + 0.2
 
 
@@ -96,6 +103,6 @@ def test_a_flat_patch_gives_finite_channels_and_no_peak():
     sampler = WindowSampler()
     sampler.look_at(np.full((60, 80), 90, np.uint8))
     window = np.array([40.0, 30, 20, 10, 0])
-    (response,) = CorrelationFilter(sampler, window).respond(sampler, window[None])
+    response = CorrelationFilter(sampler, window).respond(sampler, window[None])
     assert response.peak == 0.0
     assert response.sharpness == 0.0

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_tracker.window_sampling import MIDDLE_GREY, WindowSampler, shrink_factor
+from streamkit_tracker.frame_crops import MIDDLE_GREY
+from streamkit_tracker.window_sampling import WindowSampler, shrink_factor
 
 
 def ramp(height: int = 80, width: int = 100) -> np.ndarray:
@@ -49,6 +50,23 @@ def test_windows_far_apart_read_the_same_as_one_by_one():
     together = sampler_on(image).sample(windows, (12, 12)).copy()
     alone = [sampler_on(image).sample(window[None], (12, 12))[0].copy() for window in windows]
     np.testing.assert_allclose(together, np.stack(alone), atol=0.2)
+
+
+def test_places_far_apart_are_cut_out_each_by_itself():
+    """Groups of windows read the same in one picture of crops as each alone, also over the frame's edge."""
+    image = cv2.GaussianBlur(
+        np.random.default_rng(3).integers(0, 255, (400, 600)).astype(np.uint8), (0, 0), 2
+    )
+    sampler = sampler_on(image)
+    windows = np.array(
+        [[20.0, 2, 18, 12, 0.4], [25, 4, 18, 12, 0.1], [598, 380, 20, 10, -0.7], [590, 396, 20, 30, 1.0]]
+    )
+    crops = sampler.crop(windows, factor=1, groups=2)
+    assert crops.picture.size < image.size / 4
+    assert not crops.whole
+    together = sampler.sample(windows, (12, 12), crops=crops).copy()
+    alone = [sampler.sample(window[None], (12, 12))[0].copy() for window in windows]
+    np.testing.assert_allclose(together, np.stack(alone), atol=0.01)
 
 
 def test_large_windows_are_averaged_before_they_are_sampled():
