@@ -1,5 +1,6 @@
 """A tiled canvas on a plane, which moves with the plane and halves its resolution rather than fail."""
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Final
 
@@ -8,14 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit_stitcher.homographies import IDENTITY, FloatArray, inverse, normalised
-from streamkit_stitcher.mosaic.tiles import TILE, PictureArray, Tile, TileStore
+from streamkit_stitcher.mosaic.tiles import REDUCTION, TILE, PictureArray, Tile, TileStore
 
 CellArray = npt.NDArray[np.int64]
 
 _SMALLEST_SCALE: Final = 1 / 16
 _SPILL_FACTOR: Final = 16
 _LONGEST_SIDE: Final = 500_000
-_COARSE: Final = TILE // 64
+_PER_TILE: Final = 64
+_COARSE: Final = TILE // _PER_TILE
 _PREVIEW_WHOLE_PX: Final = 4_000_000
 
 
@@ -145,15 +147,23 @@ class Canvas:
     def is_painted(self, cells: CellArray) -> npt.NDArray[np.bool_]:
         """Whether canvas pixels, int64[n, 2] x y, were painted, to the nearest eighth pixel."""
         painted = np.zeros(len(cells), dtype=np.bool_)
-        if self._store is None:
+        if self._store is None or not len(cells):
             return painted
-        tiles = cells // TILE
-        for key in {(int(column), int(row)) for column, row in tiles}:
-            depth = self._store.coarse_depth(key)
-            if depth is not None:
-                own = np.flatnonzero((tiles == key).all(axis=1))
-                inside = (cells[own] - np.array(key) * TILE) // _COARSE
-                painted[own] = depth[inside[:, 1], inside[:, 0]] > 0
+        inside = ((cells >= self._low) & (cells < self._high)).all(axis=1)
+        if not inside.any():
+            return painted
+        coarse = cells[inside] // _COARSE
+        low, high = coarse.min(axis=0) // _PER_TILE, coarse.max(axis=0) // _PER_TILE + 1
+        columns, rows = (high - low).tolist()
+        depths = np.zeros((rows * _PER_TILE, columns * _PER_TILE), dtype=np.uint8)
+        for row in range(rows):
+            for column in range(columns):
+                depth = self._store.coarse_depth((int(low[0]) + column, int(low[1]) + row))
+                if depth is not None:
+                    top, left = row * _PER_TILE, column * _PER_TILE
+                    depths[top : top + _PER_TILE, left : left + _PER_TILE] = depth
+        x, y = (coarse - low * _PER_TILE).T
+        painted[inside] = depths[y, x] > 0
         return painted
 
     def preview(self, width: int, height: int) -> tuple[PictureArray, FloatArray]:
@@ -163,10 +173,15 @@ class Canvas:
             uint8[height, width, c], and float64[3, 3] from the present plane to its pixels.
         """
         left, top, right, bottom = self.box
-        whole = max(1, right - left), max(1, bottom - top)
+        share = min(width / max(1, right - left), height / max(1, bottom - top), 1.0)
+        step = REDUCTION if share <= 1 / REDUCTION else 1
+        left, top = left // step * step, top // step * step
+        right, bottom = max(left + 1, right), max(top + 1, bottom)
+        whole = -(-(right - left) // step) * step, -(-(bottom - top) // step) * step
         share = min(width / whole[0], height / whole[1], 1.0)
         size = max(1, round(whole[0] * share)), max(1, round(whole[1] * share))
-        shown = self._reduced(left, top, whole, size)
+        part = left // step, top // step, whole[0] // step, whole[1] // step
+        shown = self._shrunk(*part, size, self._read_reduced if step > 1 else self._read_pixels)
         result = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
         x, y = (width - size[0]) // 2, (height - size[1]) // 2
         result[y : y + size[1], x : x + size[0]] = shown.reshape(size[1], size[0], -1)
@@ -185,16 +200,36 @@ class Canvas:
         if self._store is not None:
             self._store.close()
 
-    def _reduced(self, left: int, top: int, whole: tuple[int, int], size: tuple[int, int]) -> PictureArray:
-        """The box reduced to `size`, a row of tiles at a time so that little of it is in memory."""
-        if whole[0] * whole[1] <= _PREVIEW_WHOLE_PX:
-            return np.asarray(cv2.resize(self.read(left, top, *whole)[0], size, interpolation=cv2.INTER_AREA))
+    def _read_pixels(self, left: int, top: int, width: int, height: int) -> PictureArray:
+        return self.read(left, top, width, height)[0]
+
+    def _read_reduced(self, left: int, top: int, width: int, height: int) -> PictureArray:
+        """A part of the canvas at a quarter of its sides, in px of that."""
+        pixels = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
+        for key, there, here in _parts(left, top, width, height, TILE // REDUCTION):
+            tile = None if self._store is None else self._store.reduced(key)
+            if tile is not None:
+                pixels[here] = tile[there]
+        return pixels
+
+    def _shrunk(
+        self,
+        left: int,
+        top: int,
+        width: int,
+        height: int,
+        size: tuple[int, int],
+        read: Callable[[int, int, int, int], PictureArray],
+    ) -> PictureArray:
+        """A part reduced to `size`, a row of tiles at a time so that little of it is in memory."""
+        if width * height <= _PREVIEW_WHOLE_PX:
+            return np.asarray(cv2.resize(read(left, top, width, height), size, interpolation=cv2.INTER_AREA))
         result = np.zeros((size[1], size[0], max(1, self.channels)), dtype=np.uint8)
-        edges = np.linspace(0, size[1], max(2, whole[1] // TILE + 1)).astype(int)
+        edges = np.linspace(0, size[1], max(2, height // TILE + 1)).astype(int)
         for first, last in pairwise(edges.tolist()):
-            begin, end = round(first * whole[1] / size[1]), round(last * whole[1] / size[1])
+            begin, end = round(first * height / size[1]), round(last * height / size[1])
             if last > first and end > begin:
-                strip = self.read(left, top + begin, whole[0], end - begin)[0]
+                strip = read(left, top + begin, width, end - begin)
                 small = cv2.resize(strip, (size[0], int(last - first)), interpolation=cv2.INTER_AREA)
                 result[first:last] = small.reshape(last - first, size[0], -1)
         return result
@@ -222,15 +257,15 @@ class Canvas:
 
 
 def _parts(
-    left: int, top: int, width: int, height: int
+    left: int, top: int, width: int, height: int, side: int = TILE
 ) -> list[tuple[tuple[int, int], tuple[slice, slice], tuple[slice, slice]]]:
-    """The tiles under a box: key, the part of the tile, and the same part of the box."""
+    """The tiles of a side under a box: key, the part of the tile, and the same part of the box."""
     found = []
-    for row in range(top // TILE, (top + height - 1) // TILE + 1):
-        for column in range(left // TILE, (left + width - 1) // TILE + 1):
-            x0, x1 = max(left, column * TILE), min(left + width, (column + 1) * TILE)
-            y0, y1 = max(top, row * TILE), min(top + height, (row + 1) * TILE)
-            there = slice(y0 - row * TILE, y1 - row * TILE), slice(x0 - column * TILE, x1 - column * TILE)
+    for row in range(top // side, (top + height - 1) // side + 1):
+        for column in range(left // side, (left + width - 1) // side + 1):
+            x0, x1 = max(left, column * side), min(left + width, (column + 1) * side)
+            y0, y1 = max(top, row * side), min(top + height, (row + 1) * side)
+            there = slice(y0 - row * side, y1 - row * side), slice(x0 - column * side, x1 - column * side)
             here = slice(y0 - top, y1 - top), slice(x0 - left, x1 - left)
             found.append(((column, row), there, here))
     return found

@@ -2,10 +2,11 @@
 
 from typing import Final
 
+import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray, to_reduced
-from streamkit_stitcher.mosaic.mosaic import Mosaic
+from streamkit_stitcher.homographies import FloatArray, corners, normalised, project, to_reduced
+from streamkit_stitcher.mosaic.mosaic import Mosaic, is_placeable
 
 _FACTOR: Final = 4
 _LEAST_SIDE: Final = 256
@@ -51,8 +52,20 @@ class Coverage:
         if self.is_empty and min(shape) < _LEAST_SIDE:
             self._factor = 1
             self._outlines = Mosaic(self._max_px)
-        flat = np.full(self._reduced(shape), 255, dtype=np.uint8)
-        return self._outlines.add(flat, self._on_grid(shape, to_plane))
+        outline, place = self._reduced(shape), self._on_grid(shape, to_plane)
+        canvas = self._outlines.canvas
+        if not is_placeable(place, outline):
+            return False
+        if not canvas.make_room(canvas.at_scale_one(project(place, corners(outline))), 1):
+            return False
+        points = project(normalised(canvas.from_plane @ place), corners(outline))
+        left, top = np.floor(points.min(axis=0)).astype(int).tolist()
+        right, bottom = (np.ceil(points.max(axis=0)).astype(int) + 1).tolist()
+        inside = np.zeros((bottom - top, right - left), dtype=np.uint8)
+        cv2.fillConvexPoly(inside, np.rint((points - (left, top)) * 16).astype(np.int32), 255, cv2.LINE_8, 4)
+        pixels, depth = canvas.read(left, top, right - left, bottom - top)
+        canvas.write(left, top, pixels, np.maximum(depth, inside))
+        return True
 
     def uncovered(self, shape: tuple[int, int], to_plane: FloatArray) -> float:
         """Part of a picture that shows ground of no picture added so far, 0 to 1."""

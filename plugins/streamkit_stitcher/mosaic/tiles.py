@@ -5,12 +5,14 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from typing import IO, Final
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 PictureArray = npt.NDArray[np.uint8]
 
 TILE: Final = 512
+REDUCTION: Final = 4
 _CELL: Final = 8
 _CELLS: Final = TILE // _CELL
 
@@ -42,6 +44,7 @@ class TileStore:
         self._tiles: OrderedDict[tuple[int, int], Tile] = OrderedDict()
         self._slots: dict[tuple[int, int], int] = {}
         self._depths: dict[tuple[int, int], PictureArray] = {}
+        self._small: dict[tuple[int, int], PictureArray] = {}
         self._file: IO[bytes] | None = None
 
     @property
@@ -62,6 +65,21 @@ class TileStore:
     def coarse_depth(self, key: tuple[int, int]) -> PictureArray | None:
         """uint8[64, 64], the depth of every eighth pixel of a tile; None where there is none."""
         return self._depths.get(key)
+
+    def reduced(self, key: tuple[int, int]) -> PictureArray | None:
+        """uint8[128, 128, c], a tile's pixels at a quarter of its sides; None where nothing was painted.
+
+        It is kept, a sixteenth of the tile, so that who looks often does not have to read everything again.
+        """
+        found = self._small.get(key)
+        if found is None:
+            tile = self.get(key)
+            if tile is None:
+                return None
+            side = TILE // REDUCTION
+            small = cv2.resize(tile.pixels, (side, side), interpolation=cv2.INTER_AREA)
+            found = self._small[key] = np.asarray(small, dtype=np.uint8).reshape(side, side, -1)
+        return found
 
     def get(self, key: tuple[int, int]) -> Tile | None:
         """A tile, or None where nothing was painted."""
@@ -84,6 +102,7 @@ class TileStore:
         Raises:
             OSError: the temporary file takes no more.
         """
+        self._small.pop(key, None)
         self._depths[key] = tile.depth[_CELL // 2 :: _CELL, _CELL // 2 :: _CELL].copy()
         self._keep(key, tile)
 
@@ -92,6 +111,7 @@ class TileStore:
         self._tiles.clear()
         self._slots.clear()
         self._depths.clear()
+        self._small.clear()
         if self._file is not None:
             self._file.close()
             self._file = None

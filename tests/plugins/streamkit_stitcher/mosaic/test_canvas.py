@@ -106,3 +106,17 @@ def test_a_preview_shows_the_whole_in_any_size(step):
     assert ((place > -1) & (place < (320, 240))).all()
     column, row = place[0].round().astype(int)
     assert picture[row, column, 0] > 0
+
+
+def test_a_preview_shows_what_was_painted_since_the_last():
+    """What is kept from look to look is not old: new paint shows, at its place, in a far larger canvas."""
+    canvas = Canvas(64_000_000)
+    paint(canvas, 0, 0, 100)
+    paint(canvas, 4000, 1001, 100)
+    before, _ = canvas.preview(320, 240)
+    paint(canvas, 0, 0, 250)
+    paint(canvas, 2003, 501, 250)
+    after, from_plane = canvas.preview(320, 240)
+    for x, y in ((20.0, 15.0), (2023.0, 516.0)):
+        column, row = project(from_plane, np.array([[x, y]]))[0].round().astype(int)
+        assert after[row, column, 0] > before[row, column, 0] + 20
