@@ -51,12 +51,14 @@ class Response:
     Attributes:
         position: x and y of the peak, px.
         sides: length and width of the window it was found with, px.
+        angle: of that window, rad.
         peak: its height; about 1 for what was learnt.
         sharpness: peak to sidelobe ratio.
     """
 
     position: tuple[float, float]
     sides: tuple[float, float]
+    angle: float
     peak: float
     sharpness: float
 
@@ -142,7 +144,8 @@ class CorrelationFilter:
         )
         sides = (float(window[LENGTH]), float(window[WIDTH]))
         row, column = np.unravel_index(int(np.argmax(plain)), plain.shape)
-        return Response(position, sides, float(plain[row, column]), _sharpness(plain, int(row), int(column)))
+        peak, sharpness = float(plain[row, column]), _sharpness(plain, int(row), int(column))
+        return Response(position, sides, float(window[ANGLE]), peak, sharpness)
 
 
 def _answers(transfer: ComplexArray, spectra: ComplexArray) -> Float32Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from streamkit_tracker.appearance_search import Prior
 from streamkit_tracker.correlation_filter import CorrelationFilter, Response
-from streamkit_tracker.evidence import Evidence
+from streamkit_tracker.evidence import LEAST_SHARPNESS, Evidence
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 from streamkit_tracker.window_sampling import WindowSampler
 
@@ -18,6 +18,7 @@ TURN_STD = 0.1  # rad about the drawn angle, for a target too soft to show its t
 SOFT = 5.0
 SIZE_STEP = 1.03
 OTHER_SIZE_SHARE = 0.995
+SIZE_CHANGE, TURN_CHANGE = 1.12, 0.2
 RING = 6
 RING_PER_FRAME = 0.2
 LARGEST_RING = 3.0
@@ -42,6 +43,9 @@ def ask(
         frames_unseen: since the target was last seen; the search grows with them.
     """
     best = discriminator.respond(sampler, search_places(predicted, frames_unseen), OTHER_SIZE_SHARE)
+    if frames_unseen > 0 and best.sharpness >= LEAST_SHARPNESS:
+        changed = changed_windows(best)
+        best = discriminator.respond(sampler, changed, OTHER_SIZE_SHARE)
     return best if evidence.responds(best.peak, best.sharpness, frames_unseen=frames_unseen) else None
 
 
@@ -60,6 +64,15 @@ def search_places(window: FloatArray, frames_unseen: int) -> FloatArray:
     places[1:, 0] += reach * np.cos(turns)
     places[1:, 1] += reach * np.sin(turns)
     return places
+
+
+def changed_windows(response: Response) -> FloatArray:
+    """Windows float64[9, 5] about a response, also smaller, larger and turned: nobody saw what it did."""
+    sizes = np.array([1.0, SIZE_CHANGE, 1 / SIZE_CHANGE])
+    turns = response.angle + np.array([0.0, TURN_CHANGE, -TURN_CHANGE])
+    size, turn = (grid.ravel() for grid in np.meshgrid(sizes, turns))
+    here = np.tile(np.array(response.position), (size.size, 1))
+    return np.column_stack([here, size * response.sides[0], size * response.sides[1], turn])
 
 
 def response_prior(response: Response, tolerance: float, drawn_angle: float) -> Prior:

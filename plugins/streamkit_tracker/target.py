@@ -188,8 +188,11 @@ class Target:
         """What to look for in this frame, once `mean` and `covariance` are predicted for it."""
         assert self.appearance is not None
         spread = math.sqrt(float(self.covariance[0, 0] + self.covariance[1, 1]) / 2)
+        window = self.window
+        if self._response is not None and self._frames_unseen > 0:
+            window = np.array([*window[:2], *self._response.sides, self._response.angle])
         return SearchJob(
-            self.window,
+            window,
             self.appearance.cloud,
             self._generator,
             self.appearance.template,
@@ -258,7 +261,9 @@ class Target:
             self.window[:2] = self.mean[:2]
             self.appearance.cloud = Cloud.at(self.mean)
             if self.manual:
-                self.mean[2:] *= UNSEEN_SPEED
+                self.mean[2:] *= UNSEEN_SPEED ** (1 - self.trail.steadiness)
+        elif self.manual:
+            self.trail.add((float(self.mean[0]), float(self.mean[1])))
         alone = sighting is not None and not sighting.crowded
         if sighting is not None and alone and not self.manual:
             self._keep_right(sampler, space, sighting, followed)

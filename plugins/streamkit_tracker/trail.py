@@ -7,6 +7,7 @@ import numpy as np
 from streamkit_tracker.window_geometry import FloatArray
 
 LONGEST = 16
+TREMBLING, STRAIGHT = 0.5, 0.9
 
 
 class Trail:
@@ -47,3 +48,10 @@ class Trail:
         steps = np.diff(self.positions, axis=0)
         path = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
         return float(np.hypot(*(self.positions[-1] - self.positions[0]))) / path if path > 0 else 0.0
+
+    @property
+    def steadiness(self) -> float:
+        """How far the motion may be expected to go on, 0 to 1: 1 for a path that is long and straight."""
+        if len(self.positions) < LONGEST:
+            return 0.0
+        return min(max((self.straightness - TREMBLING) / (STRAIGHT - TREMBLING), 0.0), 1.0)

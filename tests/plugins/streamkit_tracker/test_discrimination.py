@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from streamkit_tracker.correlation_filter import Response
-from streamkit_tracker.discrimination import response_prior, search_places
+from streamkit_tracker.discrimination import changed_windows, response_prior, search_places
 
 WINDOW = np.array([100.0, 80, 40, 10, 0.3])
 
@@ -31,10 +31,20 @@ def test_the_search_grows_with_the_gap_up_to_a_limit():
 
 def test_the_softer_the_target_the_more_the_filter_counts():
     """A rigid target is free to turn; a soft one is held to the filter's size and the drawn angle."""
-    response = Response((101.0, 79.0), (40.0, 10.0), 0.7, 20.0)
+    response = Response((101.0, 79.0), (40.0, 10.0), 0.3, 0.7, 20.0)
     rigid, soft = response_prior(response, 1.0, 0.3), response_prior(response, 9.0, 0.3)
     assert rigid.heading_std == math.inf
     assert soft.heading_std < 0.1
     assert soft.sides_std == pytest.approx(rigid.sides_std / 3)
     assert soft.centroid_std == pytest.approx(rigid.centroid_std / 3)
     assert rigid.centroid == soft.centroid == (101.0, 79.0)
+
+
+def test_a_target_found_again_may_have_turned_and_resized():
+    """Windows about the response: itself first, then smaller, larger and turned both ways; one aspect."""
+    response = Response((101.0, 79.0), (40.0, 10.0), 0.3, 0.7, 20.0)
+    windows = changed_windows(response)
+    np.testing.assert_allclose(windows[0], [101, 79, 40, 10, 0.3])
+    np.testing.assert_allclose(windows[:, 2] / windows[:, 3], 4.0)
+    assert windows[:, 2].min() < 40 < windows[:, 2].max()
+    assert windows[:, 4].min() < 0.3 < windows[:, 4].max()

@@ -12,6 +12,7 @@ from streamkit_tracker.tracker import MultiTargetTracker
 from streamkit_tracker.window_geometry import half_turn
 
 STEP = Observation(0.04)
+SETTINGS = TrackerSettings(auto_start=False)
 
 
 def follow(
@@ -155,3 +156,30 @@ def test_camera_motion_is_taken_out_before_prediction(scenes: ModuleType):
         (report,) = tracker.step(image, Observation(0.04, to_previous=shift, to_reference=to_reference))
         assert np.hypot(*(report.window[:2] - truth[:2])) < 1.0
     assert np.hypot(*report.velocity) < 10.0
+
+
+def test_a_target_comes_out_of_cover_larger_and_turned(scenes: ModuleType):
+    """It coasts with the speed it had, and is found where it comes out though its look there is another."""
+    generator = np.random.default_rng(4)
+    texture, ground = scenes.blob_texture(generator), scenes.ground(generator, 240, 400)
+    tracker = MultiTargetTracker(SETTINGS)
+    hidden, report = range(25, 40), None
+    for index in range(50):
+        changed = index >= hidden.stop
+        truth = np.array([60.0 + 5 * index, 120.0, 40, 32, 0.0]) * [1, 1, 1.12, 1.12, 1] ** np.float64(
+            changed
+        )
+        truth[4] = 0.2 * changed
+        picture = ground.copy() if index in hidden else scenes.paint(ground.copy(), texture, truth)
+        image = scenes.grey(picture, generator, 2.0)
+        if index == 0:
+            tracker.start_target(image, truth, STEP)
+            continue
+        (report,) = tracker.step(image, STEP)
+        if index in hidden:
+            assert report.state is TargetState.COASTING
+            assert np.hypot(*(report.window[:2] - truth[:2])) < 12
+    assert report is not None
+    assert report.state is TargetState.CONFIRMED
+    assert np.hypot(*(report.window[:2] - truth[:2])) < 2
+    assert report.window[2] == pytest.approx(truth[2], rel=0.1)
