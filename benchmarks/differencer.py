@@ -87,7 +87,7 @@ def methods(kind: str, places: list[Registration | None]) -> dict[str, Own | Pee
     """What takes part, each new."""
     chosen: dict[str, Own | Peer] = {"framediff": Own()}
     if KINDS[kind].blocks:
-        chosen["framediff parallax=0.3"] = Own(parallax=0.3)
+        chosen["framediff parallax=0"] = Own(parallax=0.0)
     for name, settings in peers(kind).items():
         chosen[name] = Peer(settings)
         if KINDS[kind].moving:

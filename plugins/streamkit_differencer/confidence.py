@@ -7,11 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from streamkit_differencer.noise import DEVIATION_RATIO, HIGHEST_THRESHOLD
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
+    ByteImage = NDArray[np.uint8]
+    FloatImage = NDArray[np.float32]
     FloatArray = NDArray[np.float64]
 
 # Contrast at which two thirds of the doubt is gone, in multiples of the threshold it has to exceed.
@@ -46,6 +50,35 @@ class Persistence:
     def follow(self, change: Callable[[FloatArray], FloatArray]) -> None:
         """The canvas moved: `change` maps boxes on the old one to the new one."""
         self._boxes = change(self._boxes)
+
+
+def contrast_at(
+    points: FloatArray,
+    image: ByteImage,
+    background: FloatImage,
+    spread: FloatImage,
+    limits: tuple[float, float],
+) -> FloatArray:
+    """How far a picture differs from the background, in multiples of the threshold.
+
+    Args:
+        points: float64[n, k, 2], x y, k points in each of n objects.
+        image: uint8[h, w].
+        background: float32[h, w].
+        spread: float32[h, w], noise of each pixel, grey levels.
+        limits: deviations of the noise that the threshold is, and its smallest value, grey levels.
+
+    Returns:
+        float64[n], the mean over those points of an object that exceed their threshold; 0 if none does.
+    """
+    columns, rows = np.round(points).astype(np.intp).transpose(2, 0, 1)
+    columns, rows = np.clip(columns, 0, image.shape[1] - 1), np.clip(rows, 0, image.shape[0] - 1)
+    gain, lowest = limits
+    needed = np.clip(gain * DEVIATION_RATIO * spread[rows, columns], max(lowest, 1.0), HIGHEST_THRESHOLD)
+    excess = np.abs(image[rows, columns] - background[rows, columns]) / needed
+    counted = excess > 1.0
+    total = np.where(counted, excess, 0.0).sum(axis=1)
+    return np.asarray(total / np.maximum(counted.sum(axis=1), 1), np.float64)
 
 
 def confidence(contrast: FloatArray, ages: FloatArray, registration: float) -> FloatArray:

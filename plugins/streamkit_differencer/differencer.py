@@ -20,10 +20,10 @@ from streamkit_differencer.anchor import (
 from streamkit_differencer.camera_motion import CameraMotion
 from streamkit_differencer.cleaning import cleaned
 from streamkit_differencer.confidence import Persistence, confidence
-from streamkit_differencer.filters.parallax import parallax_objects
+from streamkit_differencer.filters.parallax import slide
 from streamkit_differencer.model import BackgroundModel
 from streamkit_differencer.model_settings import Event, ModelSettings
-from streamkit_differencer.objects import NOTHING, Objects, ObjectSettings, chosen, find_objects
+from streamkit_differencer.objects import NOTHING, Objects, ObjectSettings, find_objects
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -152,7 +152,7 @@ class Differencer:
             return None
         self._follow(self._model, place)
         warped, seen, region = on_canvas(working, place.working_to_canvas, self._model.size)
-        mask, event = self._model.update(warped, seen, region)
+        mask, event = self._model.update(warped, seen, region, self._way(place.working_to_canvas))
         if not cv2.countNonZero(mask):
             self._persistence.update(NOTHING.boxes)
             return Result(NOTHING, np.zeros_like(working), place.change, event)
@@ -183,31 +183,19 @@ class Differencer:
             mask = mask & cast("ByteImage", inside)
         objects = find_objects(mask, self._grid, settings)
         to_canvas = place.working_to_canvas @ np.linalg.inv(working_to_frame(self._grid))
-        if settings.parallax > 0.0:
-            objects = self._without_parallax(objects, to_canvas, mask)
         boxes = mapped_boxes(to_canvas, objects.boxes)
         ages = self._persistence.update(boxes)
         contrast = self._model.contrast(mapped_grids(to_canvas, objects.boxes))
         objects = replace(objects, confidences=confidence(contrast, ages, registration))
         return Result(objects, mask, place.change, event)
 
-    def _without_parallax(self, objects: Objects, to_canvas: Matrix, mask: ByteImage) -> Objects:
-        """The objects that are no parallax; the foreground in the boxes of the others is taken away."""
-        assert self._model is not None
-        assert self._shape is not None
-        middle = np.array([[self._shape[1] / 2, self._shape[0] / 2]])
-        self._places.append(map_points(to_canvas, middle)[0])
+    def _way(self, working_to_canvas: Matrix) -> Matrix | None:
+        """Along which, on the canvas, tall things may have slid lately, px."""
+        assert self._anchor is not None
+        middle = np.array([self._anchor.working_size]) / 2
+        self._places.append(map_points(working_to_canvas, middle)[0])
         del self._places[: -self.model_settings.interval - 1]
-        pair = self._model.frames_apart()
-        if pair is None or len(self._places) <= self.model_settings.interval:
-            return objects
-        step = self._places[-1] - self._places[0]
-        boxes = mapped_boxes(to_canvas, objects.boxes)
-        is_parallax = parallax_objects(*pair, boxes, step, self.object_settings.parallax)
-        cells = np.round((objects.boxes[is_parallax] + 0.5) / self._grid).astype(int)
-        for left, top, right, bottom in cells:
-            mask[top:bottom, left:right] = 0
-        return chosen(objects, ~is_parallax)
+        return slide(self._places[-1] - self._places[0], self.object_settings.parallax)
 
     def _follow(self, model: BackgroundModel, place: Place) -> None:
         match place.change:

@@ -151,13 +151,13 @@ class FrameDiff(Transform):
         doc="Leaves out what flickers, such as leaves, at a twentieth more time; dense traffic suffers.",
     )
     parallax: float = Property(
-        0.0,
+        0.2,
         min=0.0,
         max=1.0,
         live=True,
-        doc="Leaves out what slides as things do whose height is up to this share of the camera's "
-        "height above them, at a fifth more time; what drives towards the camera as slowly is lost, "
-        "too. 0 is off.",
+        doc="Under a moving camera leaves out what slides as things do whose height is up to this share of "
+        "the camera's height above them; what drives towards the camera as slowly may be lost, too. "
+        "0 is off.",
     )
     median: int = Property(
         5,

@@ -119,6 +119,7 @@ def foreground(
     *,
     tolerance: int = 0,
     gradient_gain: float = 0.0,
+    bounds: tuple[ByteImage, ByteImage] | None = None,
     scratch: Scratch | None = None,
 ) -> ByteImage:
     """Equation 4, corrected: whether a pixel differs from the background before this frame.
@@ -130,6 +131,7 @@ def foreground(
         tolerance: error of registration to bear, px: a pixel is compared with the range of the background
             within this distance; 0 with a `gradient_gain` of 0 and one threshold is the equation itself.
         gradient_gain: raises the threshold by this share of that range.
+        bounds: uint8[h, w] each, the ends of that range where they are known already.
         scratch: planes to work in.
 
     Returns:
@@ -145,7 +147,7 @@ def foreground(
         rounded = cast("ByteImage", cv2.convertScaleAbs(background))
     excess = scratch.plane("excess", current.shape)
     if tolerance > 0 or gradient_gain > 0.0:
-        lowest, highest = local_bounds(rounded, max(tolerance, 1), scratch)
+        lowest, highest = bounds or local_bounds(rounded, max(tolerance, 1), scratch)
     if tolerance > 0:
         below = scratch.plane("below", current.shape)
         cv2.subtract(current, highest, dst=excess)
@@ -214,12 +216,18 @@ def grown(
 
 
 def local_bounds(
-    image: ByteImage, radius: int, scratch: Scratch | None = None
+    image: ByteImage, radius: int, scratch: Scratch | None = None, name: str = "picture"
 ) -> tuple[ByteImage, ByteImage]:
-    """The smallest and the largest value within a square of `radius` px around each pixel."""
+    """The smallest and the largest value within a square of `radius` px around each pixel.
+
+    Bounds of another name are in other planes of `scratch`.
+    """
     scratch = scratch or Scratch()
     square = np.ones((2 * radius + 1,) * 2, np.uint8)
-    lowest, highest = scratch.plane("lowest", image.shape), scratch.plane("highest", image.shape)
+    lowest, highest = (
+        scratch.plane(f"lowest of {name}", image.shape),
+        scratch.plane(f"highest of {name}", image.shape),
+    )
     cv2.erode(image, square, dst=lowest)
     cv2.dilate(image, square, dst=highest)
     return lowest, highest

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, cast
 import cv2
 import numpy as np
 
+from streamkit_differencer.confidence import contrast_at
 from streamkit_differencer.equations import (
     dynamic_matrix,
     foreground,
@@ -24,10 +25,13 @@ from streamkit_differencer.equations import (
 )
 from streamkit_differencer.filters.flicker import update_flicker
 from streamkit_differencer.filters.ghost import ghost_mask
+from streamkit_differencer.filters.parallax import Bounds, sliding_mask
+from streamkit_differencer.filters.pieces import Pieces
 from streamkit_differencer.filters.shadow import shadow_mask
 from streamkit_differencer.illumination import exposure_step, is_another_scene
+from streamkit_differencer.marks import marked
 from streamkit_differencer.model_settings import Event, ModelSettings
-from streamkit_differencer.noise import DEVIATION_RATIO, first_spread, thresholds, update_spread
+from streamkit_differencer.noise import first_spread, thresholds, update_spread
 from streamkit_differencer.resampling import LastFrames, Remembered, scrolled, warped
 from streamkit_differencer.scratch import Scratch
 
@@ -40,19 +44,16 @@ if TYPE_CHECKING:
     Points = NDArray[np.float64]
     Region = tuple[slice, slice]
 
-# What foreground that is quiet is marked with, and what is shadow; other foreground has 255.
-FOREGROUND_QUIET = 128
-SHADOW = 50
 # Mean deviation of a pixel where nothing is known of it, what the local range adds to that of its first
 # frames, and the weight of a frame in learning it: under a camera that flies ground is in view for seconds.
 FIRST_SPREAD = 5.0
 EDGE_SPREAD = 0.08
 SPREAD_COEFFICIENT = 0.05
-HIGHEST_THRESHOLD = 60.0
 WITHOUT_BACKGROUND = 22.0
 # Of a frame that may be of another scene, so much changed.
 LEAST_CUT_SHARE = 0.25
 GHOST_INTERVAL = 3
+SMALLEST_SIDE = 2
 SHARE_STEP = 4
 # Frames for which the noise of ground that comes into view is taken for the same.
 FIRST_SPREAD_FRAMES = 8
@@ -89,6 +90,7 @@ class BackgroundModel:
     _needed_for: tuple[float, float] | None = None
     _first_spread: float | None = None
     _ranges: ByteImage = field(init=False)
+    _earlier_bounds: Bounds = field(init=False)
 
     def __post_init__(self) -> None:
         self.reset()
@@ -98,12 +100,9 @@ class BackgroundModel:
         shape = self.size[1], self.size[0]
         for name, fill in self._fills().items():
             setattr(self, name, np.full(shape, fill, np.uint8))
-        self.background = np.zeros(shape, np.float32)
+        self.background, self._first_spread = np.zeros(shape, np.float32), None
         self.spread, self._needed_for = np.full(shape, FIRST_SPREAD, np.float32), None
-        self._first_spread = None
-        # One more than equation 2 looks back: the newest and the one of tau before it, for `frames_apart`.
-        length = self.settings.interval * (2 if self.settings.three_frame else 1) + 1
-        self._history = LastFrames(shape, length)
+        self._history = LastFrames(shape, self.settings.interval * (2 if self.settings.three_frame else 1))
 
     def _fills(self) -> dict[str, int]:
         """The byte images of the canvas, and what each is where nothing is known."""
@@ -128,13 +127,16 @@ class BackgroundModel:
         self.valid = cast("ByteImage", cv2.erode(self.valid, np.ones((3, 3), np.uint8)))
         self._history.warp(change)
 
-    def update(self, image: ByteImage, seen: ByteImage, region: Region) -> tuple[ByteImage, Event]:
+    def update(
+        self, image: ByteImage, seen: ByteImage, region: Region, way: Points | None = None
+    ) -> tuple[ByteImage, Event]:
         """Takes in one frame.
 
         Args:
             image: uint8[h, w], the frame on the canvas within `region`.
             seen: uint8[h, w], mask of the pixels that the frame covers.
             region: rows and columns of the canvas.
+            way: float64[2], px, along which things that only slide may have come, see `filters.parallax`.
 
         Returns:
             Foreground, uint8[h, w] of the region: 0 background, 50 shadow, 128 foreground that is quiet, 255
@@ -153,29 +155,31 @@ class BackgroundModel:
         cv2.threshold(dynamic, 0, 255, cv2.THRESH_BINARY_INV, dst=still)
         rounded, needed = self._plane("rounded", image), self._thresholds(region)
         cv2.convertScaleAbs(self.background[region], dst=rounded)
-        mask = self._mask(image, seen, rounded, needed, region)
+        mask = self._mask(image, seen, rounded, needed, region, way)
         shadow = shadow_mask(image, self.background[region], mask) if self.settings.shadow else None
         quiet = self._plane("quiet", image)
         cv2.bitwise_and(still, seen, dst=quiet)
         ground = self._plane("ground", image)
         cv2.subtract(quiet, mask, dst=ground)
         # Every other frame with twice the weight: noise does not change from one to the next.
-        learns_noise = isinstance(needed, np.ndarray) and self._frames % 2 == 0
-        if isinstance(needed, np.ndarray) and learns_noise:
-            known = self._plane("known", image)
+        noise = needed if isinstance(needed, np.ndarray) and self._frames % 2 == 0 else None
+        if noise is not None:
+            known, spread = self._plane("known", image), self.spread[region]
             cv2.bitwise_and(ground, self.valid[region], dst=known)
-            spread = self.spread[region]
-            update_spread(spread, rounded, image, known, needed, 2 * SPREAD_COEFFICIENT, self._scratch)
+            update_spread(spread, rounded, image, known, noise, 2 * SPREAD_COEFFICIENT, self._scratch)
         self._absorb(image, seen, mask, quiet, region)
         update_background(self.background[region], image, ground, self.settings.coefficient)
         self._accept(image, seen, quiet, region)
-        if isinstance(needed, np.ndarray) and learns_noise:
-            self._set_thresholds(self.spread[region], needed)
+        if noise is not None:
+            self._set_thresholds(self.spread[region], noise)
         if self.settings.three_frame:
             cv2.bitwise_or(mask, self._three_frame(image, seen, region), dst=mask)
         self._history.append(image, seen, region)
         if self.settings.flicker:
-            self._leave_out_flicker(mask, region)
+            before = self._foreground_before[region]
+            flickers = update_flicker(self.restless[region], before, mask)
+            before[:] = mask
+            cv2.subtract(mask, flickers, dst=mask)
         return marked(mask, still, shadow), event
 
     def _plane(self, name: str, image: ByteImage) -> ByteImage:
@@ -189,7 +193,9 @@ class BackgroundModel:
         earlier = self._earlier
         known = self._plane("known", image)
         cv2.bitwise_and(earlier.seen[region], seen, dst=known)
-        self._ranges = local_range(*local_bounds(earlier.image[region], 1, self._scratch), self._scratch)
+        lowest, highest = local_bounds(earlier.image[region], 1, self._scratch)
+        self._earlier_bounds = Bounds(lowest, highest, earlier.seen[region])
+        self._ranges = local_range(lowest, highest, self._scratch)
         logical = logical_matrix(
             image,
             earlier.image[region],
@@ -218,24 +224,53 @@ class BackgroundModel:
         rounded: ByteImage,
         needed: float | ByteImage,
         region: Region,
+        way: Points | None,
     ) -> ByteImage:
         """Equation 4, grown to the whole of things, without ghosts: in a plane of its own."""
         settings, mask = self.settings, self._plane("mask", image)
         known = self._plane("known", image)
         cv2.bitwise_and(seen, self.valid[region], dst=known)
+        bounds = local_bounds(rounded, max(settings.tolerance, 1), self._scratch, "background")
         noisy = isinstance(needed, np.ndarray)
-        found = self._foreground(image, rounded if noisy else self.background[region], needed)
+        found = self._foreground(image, rounded if noisy else self.background[region], needed, bounds)
         cv2.bitwise_and(found, known, dst=mask)
         if settings.tolerance > 0 and settings.weak < 1.0:
             whole = grown(mask, image, rounded, needed, settings.weak, scratch=self._scratch)
             cv2.bitwise_and(whole, known, dst=mask)
-        # They stay where they are, so not every frame has to be searched.
-        if settings.ghost and self._frames % GHOST_INTERVAL == 0:
-            ghosts = ghost_mask(image, rounded, mask, self.valid[region])
-            if ghosts is not None:
-                update_background(self.background[region], image, ghosts, 1.0)
-                cv2.subtract(mask, ghosts, dst=mask)
+        self._leave_out(image, rounded, mask, needed, region, way, Bounds(*bounds, self.valid[region]))
         return mask
+
+    def _leave_out(
+        self,
+        image: ByteImage,
+        rounded: ByteImage,
+        mask: ByteImage,
+        needed: float | ByteImage,
+        region: Region,
+        way: Points | None,
+        ground: Bounds,
+    ) -> None:
+        """Takes ghosts and what only slides away from the foreground."""
+        # Ghosts stay where they are, so not every frame has to be searched.
+        seeks_ghosts = self.settings.ghost and self._frames % GHOST_INTERVAL == 0
+        way = way if self._history else None
+        if min(mask.shape) < SMALLEST_SIDE or not (seeks_ghosts or way is not None):
+            return
+        pieces = Pieces.of(mask)
+        ghosts = ghost_mask(image, rounded, pieces, ground.known) if seeks_ghosts else None
+        slides: ByteImage | None = None
+        if way is not None:
+            ground = ground.within(self._plane("known ground", image))
+            earlier = self._earlier_bounds.within(self._plane("known earlier", image))
+            slides = sliding_mask(image, ground, earlier, pieces, needed, way)
+        if ghosts is not None:
+            update_background(self.background[region], image, ghosts, 1.0)
+            cv2.subtract(mask, ghosts, dst=mask)
+        if slides is not None:
+            cv2.subtract(mask, slides, dst=mask)
+            # Edges are learnt as soon as they stand still, or the background would fall behind.
+            cv2.bitwise_and(slides, self._plane("still", image), dst=slides)
+            update_background(self.background[region], image, slides, 1.0)
 
     def _absorb(
         self, image: ByteImage, seen: ByteImage, mask: ByteImage, quiet: ByteImage, region: Region
@@ -292,28 +327,8 @@ class BackgroundModel:
         """
         if not self._history:
             return np.zeros(len(points))
-        columns, rows = np.round(points).astype(np.intp).transpose(2, 0, 1)
-        columns, rows = np.clip(columns, 0, self.size[0] - 1), np.clip(rows, 0, self.size[1] - 1)
-        lowest = max(self.settings.foreground_threshold, 1.0)
-        deviation = DEVIATION_RATIO * self.spread[rows, columns]
-        needed = np.clip(self.settings.noise_gain * deviation, lowest, HIGHEST_THRESHOLD)
-        excess = np.abs(self._history[-1].image[rows, columns] - self.background[rows, columns]) / needed
-        counted = excess > 1.0
-        total = np.where(counted, excess, 0.0).sum(axis=1)
-        return np.asarray(total / np.maximum(counted.sum(axis=1), 1), np.float64)
-
-    def frames_apart(self) -> tuple[ByteImage, ByteImage] | None:
-        """The frames of `interval` frames ago and of now on the canvas, uint8[h, w]; None if too few came."""
-        interval = self.settings.interval
-        if len(self._history) <= interval:
-            return None
-        return self._history[-1 - interval].image, self._history[-1].image
-
-    def _leave_out_flicker(self, mask: ByteImage, region: Region) -> None:
-        restless, before = self.restless[region], self._foreground_before[region]
-        flickers = update_flicker(restless, before, mask)
-        before[:] = mask
-        cv2.subtract(mask, flickers, dst=mask)
+        limits = self.settings.noise_gain, self.settings.foreground_threshold
+        return contrast_at(points, self._history[-1].image, self.background, self.spread, limits)
 
     def _thresholds(self, region: Region) -> float | ByteImage:
         """T_F of all pixels, or of each: those of the canvas are kept up with `spread`."""
@@ -328,11 +343,14 @@ class BackgroundModel:
         return self._needed[region]
 
     def _set_thresholds(self, spread: FloatImage, needed: ByteImage) -> None:
-        lowest = min(self.settings.foreground_threshold, 255.0)
-        thresholds(spread, self.settings.noise_gain, lowest, max(lowest, HIGHEST_THRESHOLD), needed)
+        thresholds(spread, self.settings.noise_gain, self.settings.foreground_threshold, out=needed)
 
     def _foreground(
-        self, image: ByteImage, background: FloatImage | ByteImage, threshold: float | ByteImage
+        self,
+        image: ByteImage,
+        background: FloatImage | ByteImage,
+        threshold: float | ByteImage,
+        bounds: tuple[ByteImage, ByteImage] | None = None,
     ) -> ByteImage:
         settings = self.settings
         return foreground(
@@ -342,6 +360,7 @@ class BackgroundModel:
             tolerance=max(settings.tolerance, 0),
             # Where the noise of each pixel is known it tells of the edges, too.
             gradient_gain=0.0 if isinstance(threshold, np.ndarray) else settings.gradient_gain,
+            bounds=bounds,
             scratch=self._scratch,
         )
 
@@ -364,25 +383,13 @@ class BackgroundModel:
         """Makes the model as bright as the frame."""
         if not self._history:
             return Event.NONE
-        last, event = self._history[-1], Event.NONE
+        last = self._history[-1]
         step = exposure_step(last.image[region], image, last.seen[region], seen)
         if step is not None:
-            event = Event.GAIN
             self.background = np.clip(step.gain * self.background + step.offset, 0.0, 255.0)
             self._history.follow(step.gain, step.offset)
         # Exposure that creeps leaves the last frame alone, but not a background that learns slowly.
         creep = exposure_step(self.background[region], image, self.valid[region], seen)
         if creep is not None:
-            event = Event.GAIN
             self.background = np.clip(creep.gain * self.background + creep.offset, 0.0, 255.0)
-        return event
-
-
-def marked(mask: ByteImage, still: ByteImage, shadow: ByteImage | None) -> ByteImage:
-    """The foreground with what it is, in an array of its own; uses up `still`."""
-    cv2.bitwise_and(mask, still, dst=still)
-    cv2.threshold(still, 0, 255 - FOREGROUND_QUIET, cv2.THRESH_BINARY, dst=still)
-    marks = cast("ByteImage", cv2.subtract(mask, still))
-    if shadow is not None:
-        cv2.copyTo(np.full_like(mask, SHADOW), shadow & mask, marks)
-    return marks
+        return Event.NONE if step is None and creep is None else Event.GAIN

@@ -22,12 +22,18 @@ if TYPE_CHECKING:
 SAMPLE_STEP = 8
 MOST_DEVIATIONS = 3.0
 LEAST_FIRST = 1.5
+HIGHEST_THRESHOLD = 60.0
 # Of a normal distribution: standard deviation over mean absolute deviation.
 DEVIATION_RATIO = 1.2533
 
 
 def thresholds(
-    spread: FloatImage, gain: float, lowest: float, highest: float, out: ByteImage | None = None
+    spread: FloatImage,
+    gain: float,
+    lowest: float,
+    highest: float = HIGHEST_THRESHOLD,
+    *,
+    out: ByteImage | None = None,
 ) -> ByteImage:
     """T_F of each pixel, uint8[h, w]: `gain` standard deviations, within bounds.
 
@@ -35,12 +41,13 @@ def thresholds(
         spread: float32[h, w], mean absolute deviation of the background, grey levels.
         gain: standard deviations that are not foreground yet.
         lowest: smallest threshold, grey levels.
-        highest: largest threshold, grey levels.
+        highest: largest threshold, grey levels; no less than the smallest.
         out: uint8[h, w], where the result goes; None for an array of its own.
     """
     needed = np.empty(spread.shape, np.uint8) if out is None else out
     cv2.convertScaleAbs(spread, dst=needed, alpha=gain * DEVIATION_RATIO)
-    return np.clip(needed, np.uint8(lowest), np.uint8(highest), out=needed)
+    lowest = min(lowest, 255.0)
+    return np.clip(needed, np.uint8(lowest), np.uint8(max(lowest, highest)), out=needed)
 
 
 def first_spread(earlier: ByteImage, current: ByteImage) -> float:

@@ -56,7 +56,7 @@ class ObjectSettings:
     max_objects: int = 50
     median_px: int = 5
     fill_holes: bool = False
-    parallax: float = 0.0
+    parallax: float = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, cast
 import cv2
 import numpy as np
 
+from streamkit_differencer.filters.pieces import Pieces, points_of
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     ByteImage = NDArray[np.uint8]
+    IntArray = NDArray[np.intp]
 
 _SQUARE = np.ones((3, 3), np.uint8)
 _BORDER = np.ones((5, 5), np.uint8)
@@ -22,45 +25,44 @@ AGREEMENT = 0.75
 
 
 def ghost_mask(
-    current: ByteImage, background: ByteImage, foreground: ByteImage, known: ByteImage
+    current: ByteImage, background: ByteImage, pieces: Pieces, known: ByteImage
 ) -> ByteImage | None:
     """The pieces of foreground whose outline shows in the background and not in the frame.
 
     Args:
         current: uint8[h, w], f(t).
         background: uint8[h, w], B(t - 1), rounded.
-        foreground: uint8[h, w], mask.
+        pieces: of the foreground.
         known: uint8[h, w], mask of where the background is valid; outlines near the rest tell nothing.
 
     Returns:
-        uint8[h, w], mask; a part of `foreground`. None where there are no ghosts.
+        uint8[h, w], mask; a part of the foreground. None where there are no ghosts.
 
     Source: the idea of Cucchiara, Grana, Piccardi and Prati, "Detecting Moving Objects, Ghosts, and Shadows
         in Video Streams", PAMI 2003, with edges for their optical flow.
     """
-    left, top, width, height = cv2.boundingRect(foreground)
-    if not width:
+    foreground = pieces.mask
+    outline = cv2.bitwise_and(edges(foreground), foreground)
+    rows, columns = points_of(cast("ByteImage", outline))
+    if not rows.size:
         return None
-    # With a margin, or an outline at the edge of the area would be none.
-    area = np.s_[max(0, top - 2) : top + height + 2, max(0, left - 2) : left + width + 2]
-    count, labels = cv2.connectedComponents(foreground[area], connectivity=8)
-    outline = cv2.bitwise_and(edges(foreground[area]), foreground[area])
-    if not cv2.countNonZero(outline):
-        return None
-    columns, rows = cv2.findNonZero(outline).reshape(-1, 2).T
-    owner = labels[rows, columns]
-    here, there = (edges(image[area])[rows, columns].astype(np.int16) for image in (current, background))
-    decided = cv2.erode(known[area], _BORDER)[rows, columns] > 0
+    owner, count = pieces.owners(rows, columns), pieces.count
+    here, there = (range_at(image, rows, columns) for image in (current, background))
+    decided = cv2.erode(known, _BORDER)[rows, columns] > 0
     length = np.bincount(owner, minlength=count)
     sure = np.bincount(owner[decided], minlength=count)
     votes = np.bincount(owner[decided & (there > RATIO * here + LEAST_EDGE)], minlength=count)
     is_ghost = (votes >= AGREEMENT * np.maximum(sure, 1)) & (2 * sure >= length)
     is_ghost[0] = False
-    if not is_ghost.any():
-        return None
-    result = np.zeros_like(foreground)
-    result[area] = is_ghost[labels].astype(np.uint8) * np.uint8(255)
-    return result
+    return pieces.only(is_ghost) if is_ghost.any() else None
+
+
+def range_at(image: ByteImage, rows: IntArray, columns: IntArray) -> NDArray[np.int16]:
+    """The range of values around some pixels, int16[n]."""
+    offsets = np.indices((3, 3)).reshape(2, 9, 1) - 1
+    height, width = image.shape
+    values = image[np.clip(rows + offsets[0], 0, height - 1), np.clip(columns + offsets[1], 0, width - 1)]
+    return np.asarray(values.max(axis=0).astype(np.int16) - values.min(axis=0), np.int16)
 
 
 def edges(image: ByteImage) -> ByteImage:

@@ -1,73 +1,122 @@
 """Tall things under a moving camera: they slide over the ground against the camera's own motion.
 
 A camera at height H that moves by c over the ground sees the top of a thing of height h slide by
--c h / (H - h). A vehicle that comes towards the camera no faster than that looks the same, and is lost with
-them: that is what the filter costs.
+-c h / (H - h). What shows along its edges was a little farther along the camera's way before: the thing's own
+edge on the side that covers ground, and ground like that beside it on the side that uncovers ground. A
+vehicle does not look like what the background shows there, unless it comes towards the camera no faster than
+roofs slide: that is what the filter costs.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+
+from streamkit_differencer.filters.pieces import Pieces
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     ByteImage = NDArray[np.uint8]
-    BoolArray = NDArray[np.bool_]
     FloatArray = NDArray[np.float64]
+    IntArray = NDArray[np.intp]
 
-POINTS_PER_OBJECT = 9
-FEWEST_POINTS = 2
 # A camera that moved less than this between the two frames shows no parallax, px.
 SMALLEST_STEP_PX = 2.0
-SIDEWAYS_PX = 0.5
-SIDEWAYS_SHARE = 0.25
-_FLOW: dict[str, Any] = {"winSize": (9, 9), "maxLevel": 1, "minEigThreshold": 1e-3}
+# Edges are noticed late: the background shows where they were so many times tau before, the earlier frame
+# where they were one tau before, px beyond the slide itself.
+LAG, EARLY_PX = 5.0, 0.5
+# Of a piece of foreground, so much must be explained by what slides.
+EXPLAINED = 0.8
+_SQUARE = np.ones((3, 3), np.uint8)
 
 
-def parallax_objects(
-    earlier: ByteImage, current: ByteImage, boxes: FloatArray, camera_step: FloatArray, height_share: float
-) -> BoolArray:
-    """Which objects slide as tall things do, or do not move over the ground at all.
+def slide(camera_step: FloatArray, height_share: float) -> FloatArray | None:
+    """How far, and from where, things may have slid: float64[2], px; None if none slides.
 
     Args:
-        earlier: uint8[h, w], a frame on the canvas.
-        current: uint8[h, w], a later one on the same canvas.
-        boxes: float64[n, 4], x0 y0 x1 y1 of objects in `current`, canvas px.
-        camera_step: float64[2], how far the camera's view moved over the canvas between the two, px.
+        camera_step: float64[2], how far the camera's view moved over the canvas in the last tau frames, px.
         height_share: largest h / (H - h) looked for.
-
-    Returns:
-        bool[n].
     """
     distance = float(np.linalg.norm(camera_step))
-    if not len(boxes) or distance < SMALLEST_STEP_PX:
-        return np.zeros(len(boxes), bool)
-    points = grid_points(boxes)
-    found, status, _ = cv2.calcOpticalFlowPyrLK(
-        current, earlier, points.reshape(-1, 1, 2).astype(np.float32), np.empty(0, np.float32), **_FLOW
+    if distance < SMALLEST_STEP_PX or height_share <= 0.0:
+        return None
+    return np.asarray(camera_step * height_share)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bounds:
+    """What a picture may have at each pixel where it is placed a pixel wrong.
+
+    Attributes:
+        lowest: uint8[h, w], smallest value within 1 px.
+        highest: uint8[h, w], largest value.
+        known: uint8[h, w], mask of where the picture is known.
+    """
+
+    lowest: ByteImage
+    highest: ByteImage
+    known: ByteImage
+
+    def within(self, plane: ByteImage) -> Bounds:
+        """Without the pixels whose bounds take in what is not known; `plane` becomes their mask."""
+        cv2.erode(self.known, _SQUARE, dst=plane)
+        return Bounds(self.lowest, self.highest, plane)
+
+
+def sliding_mask(
+    current: ByteImage,
+    ground: Bounds,
+    earlier: Bounds,
+    pieces: Pieces,
+    threshold: float | ByteImage,
+    way: FloatArray,
+) -> ByteImage | None:
+    """The pieces of foreground that only slid: both the background and the frame of tau before explain them.
+
+    What is explained by the background alone may be a vehicle that was learnt, by the frame alone a slow one.
+
+    Args:
+        current: uint8[h, w], f(t).
+        ground: of the background.
+        earlier: of the frame of tau before.
+        pieces: of the foreground.
+        threshold: T_F of all or of each pixel, grey levels.
+        way: float64[2], px, from where things are to where they may have come from, see `slide`.
+
+    Returns:
+        uint8[h, w], mask; a part of the foreground. None where nothing slides.
+    """
+    rows, columns, owner = pieces.points()
+    if not rows.size:
+        return None
+    values = current[rows, columns]
+    needed = threshold[rows, columns] if isinstance(threshold, np.ndarray) else threshold
+    length = float(np.linalg.norm(way))
+    explained = np.ones(rows.size, bool)
+    for bounds, line in ((ground, way * LAG), (earlier, way * (1.0 + EARLY_PX / length))):
+        lowest, highest = along(bounds, rows, columns, line)
+        excess = np.maximum(values - np.minimum(values, highest), np.maximum(values, lowest) - values)
+        explained &= excess <= needed
+    pixels = np.bincount(owner, minlength=pieces.count)
+    slides = np.bincount(owner[explained], minlength=pieces.count) >= EXPLAINED * np.maximum(pixels, 1)
+    slides[0] = False
+    return pieces.only(slides) if slides.any() else None
+
+
+def along(bounds: Bounds, rows: IntArray, columns: IntArray, way: FloatArray) -> tuple[ByteImage, ByteImage]:
+    """Smallest and largest value of a picture along a way from each pixel, uint8[n] each."""
+    steps = np.round(np.linspace(0.0, 1.0, round(float(np.abs(way).max())) + 1)[:, None] * way).astype(
+        np.intp
     )
-    moved = points.reshape(-1, 2) - found.reshape(-1, 2)
-    moved[status.ravel() == 0] = np.nan
-    per_object = moved.reshape(len(boxes), POINTS_PER_OBJECT, 2)
-    seen = np.count_nonzero(np.isfinite(per_object[:, :, 0]), axis=1)
-    median = np.zeros((len(boxes), 2))
-    enough = seen >= FEWEST_POINTS
-    median[enough] = np.nanmedian(per_object[enough], axis=1)
-    against = -camera_step / distance
-    along = median @ against
-    sideways = np.abs(median @ np.array([-against[1], against[0]]))
-    slides = (along > -SIDEWAYS_PX) & (along < height_share * distance)
-    straight = sideways < np.maximum(SIDEWAYS_PX, SIDEWAYS_SHARE * np.abs(along))
-    return np.asarray(enough & slides & straight, bool)
-
-
-def grid_points(boxes: FloatArray) -> FloatArray:
-    """Nine points in each box, float64[n, 9, 2]."""
-    share = np.array([0.2, 0.5, 0.8])
-    across = boxes[:, None, 0] + (boxes[:, 2] - boxes[:, 0])[:, None] * share
-    down = boxes[:, None, 1] + (boxes[:, 3] - boxes[:, 1])[:, None] * share
-    return np.stack([np.repeat(across, 3, axis=1), np.tile(down, (1, 3))], axis=2)
+    height, width = bounds.known.shape
+    down = np.clip(rows + steps[:, 1:], 0, height - 1)
+    across = np.clip(columns + steps[:, :1], 0, width - 1)
+    # What is not known explains nothing: a mover that comes into view was there, too.
+    known = bounds.known[down, across]
+    lowest = np.maximum(bounds.lowest[down, across], ~known).min(axis=0)
+    highest = np.minimum(bounds.highest[down, across], known).max(axis=0)
+    return lowest, highest

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from streamkit_differencer.filters.ghost import ghost_mask
+from streamkit_differencer.filters.pieces import Pieces
 
 EVERYWHERE = np.full((60, 80), 255, np.uint8)
 PLACE = np.s_[20:35, 30:55]
@@ -31,26 +32,26 @@ def mask_of(place):
 def test_a_car_in_the_background_that_left_is_a_ghost():
     """Its outline shows in the background only."""
     mask = mask_of(PLACE)
-    np.testing.assert_array_equal(ghost_mask(road(), with_car(), mask, EVERYWHERE), mask)
+    np.testing.assert_array_equal(ghost_mask(road(), with_car(), Pieces.of(mask), EVERYWHERE), mask)
 
 
 def test_a_car_in_the_frame_is_none():
     """Its outline shows in the frame."""
-    assert ghost_mask(with_car(), road(), mask_of(PLACE), EVERYWHERE) is None
+    assert ghost_mask(with_car(), road(), Pieces.of(mask_of(PLACE)), EVERYWHERE) is None
 
 
 def test_each_piece_is_judged_by_itself():
     """A ghost beside a car goes, the car stays."""
     frame, other = road(), np.s_[45:55, 5:20]
     frame[other] = 20
-    found = ghost_mask(frame, with_car(), mask_of(PLACE) | mask_of(other), EVERYWHERE)
+    found = ghost_mask(frame, with_car(), Pieces.of(mask_of(PLACE) | mask_of(other)), EVERYWHERE)
     np.testing.assert_array_equal(found, mask_of(PLACE))
 
 
 @pytest.mark.parametrize("mask", [np.zeros((60, 80), np.uint8), EVERYWHERE])
 def test_equal_pictures_have_no_ghosts(mask):
     """Whatever is foreground."""
-    assert ghost_mask(road(), road(), mask, EVERYWHERE) is None
+    assert ghost_mask(road(), road(), Pieces.of(mask), EVERYWHERE) is None
 
 
 def test_what_borders_on_unknown_ground_is_not_judged():
@@ -58,4 +59,4 @@ def test_what_borders_on_unknown_ground_is_not_judged():
     known = np.zeros((60, 80), np.uint8)
     known[:, 45:] = 255
     strip = mask_of(np.s_[20:35, 45:48])
-    assert ghost_mask(road(), with_car(), strip, known) is None
+    assert ghost_mask(road(), with_car(), Pieces.of(strip), known) is None

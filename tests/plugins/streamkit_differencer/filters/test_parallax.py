@@ -4,43 +4,79 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.filters.parallax import parallax_objects
+from streamkit_differencer.equations import foreground, local_bounds
+from streamkit_differencer.filters.parallax import Bounds, slide, sliding_mask
+from streamkit_differencer.filters.pieces import Pieces
 
-STEP = np.array([12.0, 0.0])
+SHAPE = (120, 160)
+CAMERA_STEP = np.array([8.0, 0.0])
+EVERYWHERE = np.full(SHAPE, 255, np.uint8)
+WAY = slide(CAMERA_STEP, 0.25)
 
 
-def pictures(shifts):
-    """Two pictures of textured squares on plain ground, each moved by its shift, and the squares' boxes."""
-    random, boxes = np.random.default_rng(4), []
-    earlier, later = np.full((120, 300), 100, np.uint8), np.full((120, 300), 100, np.uint8)
-    for index, (dx, dy) in enumerate(shifts):
-        tile = cv2.resize(random.integers(0, 255, (10, 10)).astype(np.uint8), (40, 40))
-        x, y = 20 + 80 * index, 40
-        earlier[y : y + 40, x : x + 40] = tile
-        later[y + dy : y + dy + 40, x + dx : x + dx + 40] = tile
-        boxes.append([x + dx, y + dy, x + dx + 40, y + dy + 40])
-    return earlier, later, np.array(boxes, float)
+def view(x, width=40, tone=220):
+    """Textured ground with a bright thing whose left edge is at x."""
+    ground = np.random.default_rng(2).integers(70, 110, (30, 40)).astype(np.uint8)
+    picture = cv2.resize(ground, (160, 120), interpolation=cv2.INTER_LINEAR)
+    picture[40:70, x : x + width] = tone
+    return picture
+
+
+def judged(now, before, learnt, known=EVERYWHERE):
+    """The share of the foreground that slides, of pictures now, of tau before and in the background."""
+    mask = foreground(now, learnt, 12.0, tolerance=1) & known
+    assert mask.any()
+    bounds = [
+        Bounds(*local_bounds(picture, 1), known).within(np.empty_like(known)) for picture in (learnt, before)
+    ]
+    found = sliding_mask(now, *bounds, Pieces.of(mask), 12.0, WAY)
+    if found is None:
+        return 0.0
+    assert not (found & ~mask).any()
+    return np.count_nonzero(found) / np.count_nonzero(mask)
+
+
+def test_a_roof_that_slides_against_the_camera_is_left_out():
+    """By two pixels in tau frames, and by eight since its ground was learnt: both of its edges go."""
+    assert judged(view(60), view(62), view(68)) > 0.95
 
 
 @pytest.mark.parametrize(
-    ("shift", "expected"),
-    [((-2, 0), True), ((0, 0), True), ((3, 0), False), ((0, 3), False), ((-9, 0), False)],
-    ids=["slides-back", "stands", "along", "across", "faster-than-tall"],
+    ("now", "before", "learnt"),
+    [(68, 66, 60), (60, 70, 90), (60, 69, 68)],
+    ids=["along-the-camera", "faster-than-tall", "learnt-by-mistake"],
 )
-def test_what_slides_against_the_camera_is_parallax(shift, expected):
-    """Only against the camera's motion, and by no more than the height allows; what stands is no mover."""
-    earlier, later, boxes = pictures([shift])
-    assert parallax_objects(earlier, later, boxes, STEP, 0.3).tolist() == [expected]
+def test_what_does_not_slide_like_that_stays(now, before, learnt):
+    """A thing that goes the camera's way, one that is too fast, and one whose old place was learnt."""
+    assert judged(view(now), view(before), view(learnt)) < 0.05
 
 
-def test_each_object_is_judged_by_itself():
-    """A roof goes, a car stays."""
-    earlier, later, boxes = pictures([(-2, 0), (3, 2)])
-    assert parallax_objects(earlier, later, boxes, STEP, 0.3).tolist() == [True, False]
+def test_a_thing_that_is_new_stays():
+    """Nothing of it is in the background."""
+    assert judged(view(60), view(62), view(60, width=0)) < 0.05
+
+
+def test_unknown_ground_explains_nothing():
+    """What comes in from the border was on the unknown ground before, too."""
+    known = EVERYWHERE.copy()
+    known[:, 66:] = 0
+    assert judged(view(60), view(62), view(66), known) < 0.05
+
+
+def test_each_piece_is_judged_by_itself():
+    """A roof goes, a car that has just come stays."""
+    now, before, learnt = view(60), view(62), view(66)
+    now[90:100, 20:40] = 230
+    mask = foreground(now, learnt, 12.0, tolerance=1)
+    bounds = (Bounds(*local_bounds(picture, 1), EVERYWHERE) for picture in (learnt, before))
+    found = sliding_mask(now, *bounds, Pieces.of(mask), 12.0, WAY)
+    assert found[40:70].any()
+    assert not found[85:105].any()
 
 
 def test_a_camera_that_stands_sees_no_parallax():
-    """Nor is anything said without objects."""
-    earlier, later, boxes = pictures([(-2, 0)])
-    assert parallax_objects(earlier, later, boxes, np.zeros(2), 0.3).tolist() == [False]
-    assert parallax_objects(earlier, later, np.zeros((0, 4)), STEP, 0.3).shape == (0,)
+    """Nor does one that hardly moved, and a share of 0 turns the filter off."""
+    assert slide(np.zeros(2), 0.3) is None
+    assert slide(np.array([1.0, 0.5]), 0.3) is None
+    assert slide(CAMERA_STEP, 0.0) is None
+    np.testing.assert_allclose(WAY, [2.0, 0.0])
