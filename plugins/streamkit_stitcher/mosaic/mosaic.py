@@ -12,7 +12,7 @@ from streamkit_stitcher.mosaic.tiles import PictureArray
 from streamkit_stitcher.registration.patches import halved
 
 _SCALE_RANGE: Final = (0.25, 4.0)
-_SEAM_DEPTH: Final = 24
+_SEAM_DEPTH: Final = 12
 
 
 class Mosaic:
@@ -137,8 +137,10 @@ def depth_inside(shape: tuple[int, int]) -> PictureArray:
     height, width = shape
     across = np.minimum(np.arange(width), np.arange(width)[::-1])
     down = np.minimum(np.arange(height), np.arange(height)[::-1])
-    nearest = np.minimum(across[np.newaxis, :], down[:, np.newaxis])
-    depth = np.asarray(1 + nearest * (254 / max(1, int(nearest.max()))), dtype=np.uint8)
+    # The geometric mean of both distances: the smaller alone is the same for two pictures of a straight
+    # flight wherever it is that of the other side, and half of what they share would show both.
+    inward = np.sqrt(across[np.newaxis, :] * down[:, np.newaxis].astype(np.float64))
+    depth = np.asarray(1 + inward * (254 / max(1.0, float(inward.max()))), dtype=np.uint8)
     depth.setflags(write=False)
     return depth
 

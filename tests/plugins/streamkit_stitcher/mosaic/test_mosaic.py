@@ -120,3 +120,14 @@ def test_colour_and_grey_may_follow_each_other(ground):
 def test_an_empty_mosaic_has_no_picture():
     """Before the first picture there is None."""
     assert Mosaic(1_000_000).picture() is None
+
+
+def test_what_drives_shows_once_on_a_straight_flight():
+    """Two pictures that lie side by side mix along a short seam only, not over half of what they share."""
+    first, second = (np.full((360, 640), 100, np.uint8) for _ in range(2))
+    mosaic = Mosaic(64_000_000)
+    mosaic.add(first, np.eye(3))
+    mosaic.add(second + 100, translation(np.array([140.0, 0.0])))
+    shared = mosaic.picture()[:, 140:640].astype(int)
+    mixed = (shared > 110) & (shared < 190)
+    assert 0.01 < mixed.mean() < 0.15
