@@ -54,9 +54,14 @@ class Evidence:
         self._responses = 0
 
     @property
+    def usual_distance(self) -> float:
+        """Median of the distances of the last frames in which the target was seen."""
+        return median(self._distances)
+
+    @property
     def tolerance(self) -> float:
         """How many times the variance of the residual is larger than that of a rigid target, 1 or more."""
-        return max(1.0, median(self._distances) / USUAL_DISTANCE)
+        return max(1.0, self.usual_distance / USUAL_DISTANCE)
 
     @property
     def _slack(self) -> float:

@@ -32,7 +32,8 @@ FEATURE_RATE = 0.2
 SIDES_STD = 0.12
 CREDIT_AT_START_S = 0.2
 CREDIT_RATE = 1.0
-HAND_STD = 0.02  # of the middle of a window drawn by hand, relative to its side
+LOOK_STD = 0.1  # px, of a look at a target that keeps its look
+CREEP = 0.25  # sides for each unit of usual distance: how far a template comes to sit beside a soft target
 DOUBT_TOLD = 0.5  # sides; a coasting target whose place is less sure is kept, but not told
 TENTATIVE_MISSES = 2
 STRAIGHT = 0.5
@@ -124,13 +125,11 @@ class Target:
     @property
     def _anchor_variance(self) -> float:
         """Variance of where in the target its template sits, px^2: an error that no look at it corrects."""
-        return (
-            0.0
-            if self.appearance is None
-            else HAND_STD * self.side
-            if self.manual
-            else centroid_std(self.side)
-        ) ** 2
+        if self.appearance is None:
+            return 0.0
+        if self.manual:
+            return (LOOK_STD + CREEP * self._evidence.usual_distance * self.side) ** 2
+        return centroid_std(self.side) ** 2
 
     @property
     def speed_std(self) -> float:
@@ -295,12 +294,15 @@ class Target:
     def report(self, velocity: FloatArray) -> TargetReport:
         """What is told about the target in this frame; `velocity`, float64[2], is px/s on the plane."""
         score = self._similarity if self.appearance is not None else sum(self._seen) / len(self._seen)
+        # the window of a target drawn by hand is where it was seen, not where its motion has it
+        looked_at = self.manual and self._alike and self.state is TargetState.CONFIRMED
+        motion = np.zeros((2, 2)) if looked_at else self.covariance[:2, :2]
         return TargetReport(
             self.id,
             self.state,
             self.window.copy(),
             velocity,
-            self.covariance[:2, :2] + self._anchor_variance * np.eye(2),
+            motion + self._anchor_variance * np.eye(2),
             min(max(score, 0.0), 1.0),
             self.age_s,
             self.provenance,
@@ -334,9 +336,6 @@ class Target:
             sampler, self.window, patch, context, space, self._settings.eigen, discriminated=self.manual
         )
         self._similarity, self._alike = 1.0, True
-
-    def _trust(self, sighting: Sighting) -> float:
-        return min(1.0, centroid_std(self.side) / sighting.std)
 
     def _prior(self, sighting: Sighting | None) -> Prior:
         centroid = (0.0, 0.0) if sighting is None else sighting.centroid
@@ -372,7 +371,7 @@ class Target:
     ) -> None:
         """Starts the template again where detections show that the window is wrong."""
         assert self.appearance is not None
-        trust = self._trust(sighting) ** 2
+        trust = min(1.0, centroid_std(self.side) / sighting.std) ** 2
         heading, heading_std = self._direction()
         if self._alike:
             self.shape.recognised()

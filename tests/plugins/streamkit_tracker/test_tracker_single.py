@@ -183,3 +183,14 @@ def test_a_target_comes_out_of_cover_larger_and_turned(scenes: ModuleType):
     assert report.state is TargetState.CONFIRMED
     assert np.hypot(*(report.window[:2] - truth[:2])) < 2
     assert report.window[2] == pytest.approx(truth[2], rel=0.1)
+
+
+def test_the_covariance_told_agrees_with_the_errors(scenes: ModuleType):
+    """The squared error in units of the covariance is neither a hundredth nor ten times its expectation."""
+    rows = follow(scenes.TurningScene(seed=3, frames=60), SETTINGS)
+    squared = []
+    for truth, report in rows:
+        assert report is not None
+        error = report.window[:2] - truth[:2]
+        squared.append(float(error @ np.linalg.solve(report.covariance, error)) / 2)
+    assert 0.05 < np.mean(squared) < 5.0
