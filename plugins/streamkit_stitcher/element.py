@@ -245,7 +245,8 @@ class Stitch(Transform):
                 mosaic.finish(self._tracker.take_plane(current=True))
             except OSError as error:
                 self.post_warning(f"the mosaic is lost: {error}")
-            mosaic.close()
+            finally:
+                mosaic.close()
         self._tracker.close()
 
     def _prefer_colour(self) -> None:

@@ -121,6 +121,7 @@ class LiveMosaic:
 
         Raises:
             OSError: the mosaic could not be written, or nothing has come of it for two minutes.
+            Exception: what the worker met before, while the pipeline plays.
         """
         if self._writing is None:
             self._writing = self._recorder.leave(partial(self._adjusted, plane), self._announce)
@@ -132,6 +133,8 @@ class LiveMosaic:
             raise OSError(f"nothing has come of it for {_PATIENCE_S:g} s")
         writing, self._writing = self._writing, None
         writing.result()
+        if self._failure is not None and stopping is not None:
+            raise self._failure
         return True
 
     def close(self) -> None:

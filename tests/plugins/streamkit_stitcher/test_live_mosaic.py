@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit import MessageKind, Pipeline, Registration
+from streamkit import ElementFailure, MessageKind, Pipeline, Registration
 from streamkit_stitcher.mosaic.mosaic import Mosaic
 
 SOURCE = "dronetestsrc num-buffers=30 speed=32 ! video/x-raw, format=I420, width=480, height=270"
@@ -84,6 +84,38 @@ def test_the_same_frames_give_the_same_mosaic(tmp_path, final):
         Pipeline.parse(text).run(timeout_s=60)
         files.append(path.read_bytes())
     assert files[0] == files[1]
+
+
+def test_a_fault_of_the_worker_is_the_pipelines(tmp_path, monkeypatch):
+    """What goes wrong beside the stream ends it with an error that names the element."""
+
+    def add(self, picture, *place):
+        raise ValueError("no paint")
+
+    monkeypatch.setattr(Mosaic, "add", add)
+    text = f"{SOURCE} ! stitch name=ground location={tmp_path}/m.png final=false ! fakesink"
+    with pytest.raises(ElementFailure, match=r"ground.*no paint"):
+        Pipeline.parse(text).run(timeout_s=60)
+    assert not worker_threads()
+
+
+def test_who_comes_later_sees_the_mosaic_and_may_go(tmp_path):
+    """A branch that is linked to the pad while frames pass gets pictures; without it the rest goes on."""
+    text = (
+        f"{SOURCE} ! stitch name=s location={tmp_path}/m.png preview-interval=0 "
+        "! appsink name=out max-buffers=2"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = iter(pipeline["out"])
+        next(frames)
+        branch = pipeline.add_branch("s", f"queue ! {SMALL} ! appsink name=shown")
+        passed = [next(frames) for _ in range(15)]
+        assert next(iter(pipeline["shown"])).data.shape == (120, 160, 3)
+        pipeline.remove_branch(branch)
+        passed += list(frames)
+    assert len(passed) == 29
+    assert (tmp_path / "m.png").exists()
 
 
 def test_after_a_flush_the_mosaic_goes_on(tmp_path):
