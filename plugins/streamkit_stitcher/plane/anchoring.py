@@ -12,6 +12,7 @@ from streamkit_stitcher.homographies import (
     overlap,
     scale_change,
 )
+from streamkit_stitcher.plane.following import KeyframeFollower, following_level
 from streamkit_stitcher.plane.graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import (
@@ -24,12 +25,12 @@ from streamkit_stitcher.plane.keyframes import (
 from streamkit_stitcher.plane.loop_closure import Recogniser, better, tie_of
 from streamkit_stitcher.plane.placement import Anchored
 from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.registration.corners import CornerDetector
+from streamkit_stitcher.registration.corners import even_corners
 from streamkit_stitcher.registration.descriptors import Description, describe
 from streamkit_stitcher.registration.motion_models import FitLimits
 from streamkit_stitcher.registration.patches import pyramid
 
-_KEY_POINTS: Final = 400
+_KEY_GRID: Final = (25, 16)
 _POOLED_POINTS: Final = 250
 _POOLED: Final = 4
 _POOLED_OVERLAP: Final = 0.25
@@ -62,9 +63,9 @@ class KeyframeAnchor:
         self._level = level
         self._search_level = max(0, level - 1)
         self.keyframes = KeyframeMap(settings)
+        self._follower = KeyframeFollower()
         self._matcher = KeyframeMatcher()
         self._recogniser = Recogniser()
-        self._detector = CornerDetector()
         self._described: Description | None = None
         self._unmatched = 0
         self._is_carried_surely = True
@@ -80,7 +81,7 @@ class KeyframeAnchor:
             ties: to earlier key pictures, with any observer.
         """
         factor = 2**self._level
-        corners = self._detector.detect(images[self._level], _KEY_POINTS)
+        corners = even_corners(images[self._level], *_KEY_GRID)
         points = corners * factor + (factor - 1) / 2
         levels = max(LEVELS, self._level + 1)
         keyframe = self.keyframes.add(pyramid(images, levels), points, to_reference, self._level, ties)
@@ -100,6 +101,9 @@ class KeyframeAnchor:
         active = self.keyframes.active
         if active is None:
             return None
+        match = self._sure(self._follow(active, images, expected, self._settings.max_points))
+        if match is not None:
+            return match
         return self._sure(self._match(active, images, expected, _FOLLOW_LEVEL, coarse=_FOLLOW_POINTS))
 
     def recognise(self, small: GreyArray) -> KeyframeMatch | None:
@@ -150,16 +154,16 @@ class KeyframeAnchor:
         match = followed
         if seen is not None:
             carried = normalised(active.to_reference @ seen.fit.matrix)
-            aligned = self._match(active, images, carried, LEVELS - 1)
-            match = better(seen, aligned, active, self._settings.max_points)
-        if match is None:
+            match, carried = self._recognised(active, images, carried, seen)
+        elif match is None:
             level = self._search_level if trusted else LEVELS - 1
-            match = self._sure(self._match(active, images, carried, level))
-        if match is None and trusted:
-            match = self._sure(self._match(active, images, carried, LEVELS - 1))
+            match = self._sure(self._follow(active, images, carried, self._settings.max_points))
+            match = match or self._sure(self._match(active, images, carried, level))
+            if match is None and trusted:
+                match = self._sure(self._match(active, images, carried, LEVELS - 1))
         place = _placed(active, match) if match is not None else Anchored(carried, measured=False)
         self._unmatched = 0 if match is not None else self._unmatched + 1
-        self._is_carried_surely = match is not None or (trusted and self._is_carried_surely)
+        self._is_carried_surely = match is not None or (trusted and seen is None and self._is_carried_surely)
         leaving = self._is_leaving(active, place.to_reference)
         if match is not None and not due and not leaving:
             return place
@@ -173,6 +177,17 @@ class KeyframeAnchor:
             return place
         return self._promote(images, place, None if match is None else (active, match))
 
+    def _recognised(
+        self, active: Keyframe, images: Sequence[GreyArray], carried: FloatArray, seen: KeyframeMatch
+    ) -> tuple[KeyframeMatch | None, FloatArray]:
+        """A match that tells where all of a recognised picture lies, if any does, and the likeliest place."""
+        aligned = self._sure(self._follow(active, images, carried, self._settings.max_points))
+        aligned = aligned or self._match(active, images, carried, LEVELS - 1)
+        found = self._sure(better(seen, aligned, active, self._settings.max_points)) or self._sure(aligned)
+        if found is None and aligned is not None and aligned.deviation < seen.deviation:
+            carried = normalised(active.to_reference @ aligned.fit.matrix)
+        return found, carried
+
     def _is_leaving(self, keyframe: Keyframe, to_reference: FloatArray) -> bool:
         to_key = normalised(inverse(keyframe.to_reference) @ to_reference)
         scale = scale_change(to_key, keyframe.shape)
@@ -185,7 +200,10 @@ class KeyframeAnchor:
         found = self.keyframes.overlapping(place.to_reference, active.shape, min(least, 0.95))
         candidates = [keyframe for _, keyframe in found if keyframe.index != active.index]
         for keyframe in candidates[:_LOOK_BACK_TRIES]:
-            match = self._sure(self._match(keyframe, images, place.to_reference, LEVELS - 1))
+            match = self._sure(
+                self._follow(keyframe, images, place.to_reference, self._settings.max_points)
+                or self._match(keyframe, images, place.to_reference, LEVELS - 1)
+            )
             if match is not None:
                 self.keyframes.activate(keyframe)
                 self._unmatched = 0
@@ -209,14 +227,19 @@ class KeyframeAnchor:
         shape = (images[0].shape[0], images[0].shape[1])
         matches: list[tuple[Keyframe, KeyframeMatch]] = []
         for _, keyframe in self.keyframes.overlapping(place.to_reference, shape, _POOLED_OVERLAP)[:_POOLED]:
-            match = self._match(keyframe, images, place.to_reference, self._search_level, _POOLED_POINTS)
+            match = self._follow(keyframe, images, place.to_reference, _POOLED_POINTS) or self._match(
+                keyframe, images, place.to_reference, self._search_level, _POOLED_POINTS
+            )
             if match is not None:
-                matches.append((keyframe, match))
+                matches.append((keyframe, match.firmest()))
                 self.keyframes.learn(match)
         pooled = None
         if known is not None and known[0].index not in {keyframe.index for keyframe, _ in matches}:
-            matches.append((self.keyframes.current(known[0]), known[1]))
+            matches.append((self.keyframes.current(known[0]), known[1].firmest()))
             self.keyframes.learn(known[1])
+        elif len(matches) == 1:
+            # Its fit knows how well each of its patches is placed.
+            place = _placed(*matches[0])
         elif matches:
             pooled = pooled_placement(matches, shape, self._limits, self.keyframes.model)
         if pooled is not None:
@@ -233,6 +256,18 @@ class KeyframeAnchor:
     def begin_adjustment(self, images: Sequence[GreyArray], whole: bool = False) -> None:
         """Begins the adjustment that a new key picture makes due, see `KeyframeMap.begin_adjustment`."""
         self.keyframes.begin_adjustment(images, self._described, whole)
+
+    def _follow(
+        self, keyframe: Keyframe, images: Sequence[GreyArray], to_reference: FloatArray, most: int
+    ) -> KeyframeMatch | None:
+        return self._follower.follow(
+            keyframe,
+            pyramid(images, following_level(keyframe.shape) + 2),
+            normalised(inverse(keyframe.to_reference) @ to_reference),
+            self._limits,
+            most,
+            self.keyframes.model,
+        )
 
     def _match(
         self,

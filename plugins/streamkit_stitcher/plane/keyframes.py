@@ -44,10 +44,11 @@ _SCALE_RANGE: Final = (0.7, 1.4)
 _COARSE_THRESHOLD: Final = 1.5
 _COARSE_TOLERANCE: Final = 0.2
 _FINE_TOLERANCE: Final = 0.1
-_ANY_STEP: Final = 10.0
+ANY_STEP: Final = 10.0
 _WIDE_OVERLAP: Final = 0.8
 # What no patch is better than, px: the lens, the shutter, the ground are not quite a plane's.
 _FLOOR: Final = 0.04
+_MANY: Final = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +84,7 @@ class KeyframeMatch:
         key_points: float64[n, 2], the same ground in the key picture, px.
         patches: int64[n], the key picture's patches they are.
         deviation: how far off the fit may put the worst corner of the picture, one standard deviation, px.
+        variances: float64[n], how badly each patch is placed, in any unit; None where nobody knows.
     """
 
     fit: MotionFit
@@ -90,6 +92,20 @@ class KeyframeMatch:
     key_points: FloatArray
     patches: npt.NDArray[np.int64]
     deviation: float = 0.0
+    variances: FloatArray | None = None
+
+    def firmest(self) -> "KeyframeMatch":
+        """The same with the better placed half of the patches, if there are many."""
+        if self.variances is None or len(self.patches) <= _MANY:
+            return self
+        kept = np.sort(np.argsort(self.variances, kind="stable")[: max(_MANY, len(self.patches) // 2)])
+        return replace(
+            self,
+            frame_points=self.frame_points[kept],
+            key_points=self.key_points[kept],
+            patches=self.patches[kept],
+            variances=self.variances[kept],
+        )
 
 
 class KeyframeStore:
@@ -128,7 +144,7 @@ class KeyframeStore:
         """
         rounded = np.rint(points)
         patches = tuple(
-            cut_patches(image, _at_level(rounded, level)) for level, image in enumerate(images[:LEVELS])
+            cut_patches(image, at_level(rounded, level)) for level, image in enumerate(images[:LEVELS])
         )
         shape = (images[0].shape[0], images[0].shape[1])
         keyframe = Keyframe(
@@ -227,7 +243,7 @@ class KeyframeMatcher:
                 coarse is not None
                 and coarse.count >= min(limits.min_inliers, _COARSE_INLIERS)
                 and coarse.count >= limits.min_ratio * found.sought
-                and is_plausible(coarse.matrix, keyframe.shape, _ANY_STEP)
+                and is_plausible(coarse.matrix, keyframe.shape, ANY_STEP)
             ):
                 key_to_frame = from_reduced(coarse.matrix, 2**level)
         return None
@@ -238,7 +254,7 @@ class KeyframeMatcher:
         prepared = self._prepared.pop(key, None)
         if prepared is None:
             chosen = _spread(len(keyframe.points), most)
-            points = _at_level(keyframe.points[chosen], level)
+            points = at_level(keyframe.points[chosen], level)
             prepared = prepare(keyframe.patches[level][chosen], points), chosen
         self._prepared[key] = prepared
         if len(self._prepared) > _PREPARED:
@@ -281,10 +297,13 @@ def _shifted(expected: FloatArray, source: FloatArray, target: FloatArray) -> Fl
     return translation(np.partition(apart, len(apart) // 2, axis=0)[len(apart) // 2]) @ expected
 
 
-def _at_level(points: FloatArray, level: int) -> FloatArray:
-    """Full-size points in px of a pyramid level."""
+def at_level(points: FloatArray, level: int) -> FloatArray:
+    """The pixel of a pyramid level nearest to each of some full-size points, float64[n, 2].
+
+    Whole pixels: patches cut between them would be smoother than the pictures they are compared with.
+    """
     factor = 2**level
-    return np.asarray((points - (factor - 1) / 2) / factor, dtype=np.float64)
+    return np.asarray(np.rint((points - (factor - 1) / 2) / factor), dtype=np.float64)
 
 
 def _spread(count: int, most: int) -> npt.NDArray[np.int64]:
@@ -312,10 +331,11 @@ def _accepted(
     if fit is None or fit.count < max(limits.min_inliers, limits.min_ratio * found.sought):
         return None
     fit = restricted(fit, model, frame_points, key_points)
-    if not is_plausible(fit.matrix, shape, _ANY_STEP):
+    if not is_plausible(fit.matrix, shape, ANY_STEP):
         return None
     patches = chosen[found.patches[fit.inliers]]
     seen = frame_points[fit.inliers]
     freedom = 8 if fit.model is MotionModel.HOMOGRAPHY else 6
     deviation = corner_deviation(fit.matrix, seen, fit.rmse, shape, freedom)
-    return KeyframeMatch(fit, seen, key_points[fit.inliers], patches, deviation)
+    variances = found.variances[fit.inliers]
+    return KeyframeMatch(fit, seen, key_points[fit.inliers], patches, deviation, variances)

@@ -17,6 +17,7 @@ from streamkit_stitcher.homographies import (
 from streamkit_stitcher.plane.graph import Tie
 from streamkit_stitcher.plane.keyframes import LEVELS, Keyframe, KeyframeMatch, KeyframeMatcher
 from streamkit_stitcher.registration.descriptors import Description, describe, recognise
+from streamkit_stitcher.registration.gauss_newton import corner_deviation
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit
 
 KEPT_TIES: Final = 80
@@ -69,11 +70,13 @@ class Recogniser:
         fit = MotionFit(
             matrix, found.fit.model, np.ones(found.fit.count, dtype=np.bool_), found.fit.rmse * factor
         )
+        source = found.source_points * factor + offset
         return KeyframeMatch(
             fit,
-            found.source_points * factor + offset,
+            source,
             found.target_points * factor + offset,
             found.target_indices + FEATURES_FROM,
+            corner_deviation(matrix, source, fit.rmse, keyframe.shape),
         )
 
 

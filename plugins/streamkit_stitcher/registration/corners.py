@@ -13,6 +13,12 @@ _LOWEST_THRESHOLD: Final = 3.0
 _HIGHEST_THRESHOLD: Final = 60.0
 _CANDIDATES_PER_POINT: Final = 4
 _MARGIN: Final = 8
+_BLOCK: Final = 7
+_SMALLEST_CELL: Final = 4
+_CLEAR: Final = 2.5
+_FEW: Final = 0.35
+_FAINTEST: Final = 1e-6
+_RIPPLE: Final = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
 
 
 class CornerDetector:
@@ -83,3 +89,50 @@ def _strongest_per_cell(
     if len(kept) > max_points:
         kept = kept[np.linspace(0, len(kept) - 1, max_points).astype(np.int64)]
     return np.asarray(points[kept], dtype=np.float64)
+
+
+def even_corners(grey: GreyArray, columns: int, rows: int) -> FloatArray:
+    """The best corner of each cell of a grid, where it is one.
+
+    Args:
+        grey: uint8[h, w].
+        columns: cells beside each other.
+        rows: cells above each other.
+
+    Returns:
+        float64[n, 2], x y, ordered by cell, n at most `columns` times `rows`; 0 for a flat or tiny image.
+
+    Source: Shi and Tomasi, Good features to track, CVPR 1994.
+    """
+    height, width = grey.shape[0] - 2 * _MARGIN, grey.shape[1] - 2 * _MARGIN
+    columns, rows = min(columns, width // _SMALLEST_CELL), min(rows, height // _SMALLEST_CELL)
+    if columns < 1 or rows < 1:
+        return np.empty((0, 2))
+    strength = cv2.cornerMinEigenVal(grey, _BLOCK, ksize=3)
+    down, across = height // rows, width // columns
+    top, left = (grey.shape[0] - rows * down) // 2, (grey.shape[1] - columns * across) // 2
+    cells = strength[top : top + rows * down, left : left + columns * across]
+    cells = cells.reshape(rows, down, columns, across).transpose(0, 2, 1, 3).reshape(rows * columns, -1)
+    best = cells.argmax(axis=1)
+    strongest = cells[np.arange(len(cells)), best]
+    number = np.arange(rows * columns)
+    points: FloatArray = np.stack(
+        [left + number % columns * across + best % across, top + number // columns * down + best // across],
+        axis=1,
+    ).astype(np.float64)
+    clear = _CLEAR * _noise_strength(grey)
+    if np.count_nonzero(strongest > clear) < _FEW * len(strongest):
+        # Where all is fine texture, it passes for noise.
+        clear = float(np.quantile(strongest, 1 - _FEW))
+    return np.asarray(points[strongest > max(_FAINTEST, clear)])
+
+
+def _noise_strength(grey: GreyArray) -> float:
+    """What a corner's strength would be from the picture's noise alone.
+
+    Source: Immerkaer, Fast noise variance estimation, CVIU 1996, with the median for the mean.
+    """
+    ripple = cv2.filter2D(grey, cv2.CV_16S, _RIPPLE)[1:-1, 1:-1]
+    typical = float(np.median(np.abs(ripple)))
+    # The median of normal noise is 0.6745 deviations, the mask's norm 6; slopes keep 0.75 of the variance.
+    return 0.75 * (typical / (0.6745 * 6)) ** 2 / 255**2

@@ -34,6 +34,7 @@ _CRITERIA: Final = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.02)
 _THUMBNAIL: Final = (80, 45)
 _BLANK_DEVIATION: Final = 2.0
 _BLANK_POINTS: Final = 8
+_NEIGHBOURLY: Final = 0.1
 _LEAST_HEIGHT: Final = 64
 _PHASE_WIDTH: Final = 320
 _PHASE_RESPONSE: Final = 0.1
@@ -59,8 +60,12 @@ class WorkingImage:
 
     @property
     def is_blank(self) -> bool:
-        """Whether there is nothing to register: black, flat, or hardly a corner."""
-        return len(self.points) < _BLANK_POINTS or float(self.thumbnail.std()) < _BLANK_DEVIATION
+        """Whether there is nothing to register: black, flat, hardly a corner, or only noise."""
+        return (
+            len(self.points) < _BLANK_POINTS
+            or float(self.thumbnail.std()) < _BLANK_DEVIATION
+            or is_noise(self.thumbnail)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +103,19 @@ def is_flat(grey: GreyArray) -> bool:
     """Whether a picture, reduced to its thumbnail, shows hardly any difference in brightness."""
     thumbnail = cv2.resize(grey, _THUMBNAIL, interpolation=cv2.INTER_AREA)
     return float(cv2.meanStdDev(thumbnail)[1][0, 0]) < _BLANK_DEVIATION
+
+
+def is_noise(thumbnail: FloatArray) -> bool:
+    """Whether neighbours in a thumbnail, float64[h, w], have nothing in common.
+
+    Each of its pixels is the mean of many. Of ground, however fine its texture, something is left that is
+    larger than that; of a receiver's noise nothing is.
+    """
+    apart = thumbnail - thumbnail.mean()
+    power = float((apart**2).mean())
+    across = float((apart[:, 1:] * apart[:, :-1]).mean())
+    down = float((apart[1:] * apart[:-1]).mean())
+    return max(across, down) < _NEIGHBOURLY * power
 
 
 def working_image(

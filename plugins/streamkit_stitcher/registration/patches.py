@@ -11,7 +11,6 @@ import numpy.typing as npt
 from streamkit_stitcher.homographies import FloatArray, GreyArray, MaskArray, project, to_reduced
 
 RADIUS: Final = 7
-_SIDE: Final = 2 * RADIUS + 1
 _ITERATIONS: Final = 6
 _CONVERGED: Final = 0.1
 _ENOUGH: Final = 0.85
@@ -21,9 +20,18 @@ _MIN_CONTRAST: Final = 2.0
 _MIN_CORRELATION: Final = 0.6
 _MOSTLY: Final = 0.7
 _SingleArray = npt.NDArray[np.float32]
-_OFFSETS: Final[_SingleArray] = np.stack(
-    np.meshgrid(*2 * [np.arange(-RADIUS, RADIUS + 1, dtype=np.float32)])
-).reshape(2, _SIDE * _SIDE)
+
+
+def _offsets(radius: int) -> _SingleArray:
+    """Homogeneous offsets of a patch's pixels from its centre, float32[3, (2 radius + 1) ** 2]."""
+    reach = np.arange(-radius, radius + 1, dtype=np.float32)
+    across, down = np.meshgrid(reach, reach)
+    return np.stack([across, down, np.ones_like(across)]).reshape(3, -1)
+
+
+_PIXELS: Final = (2 * RADIUS + 1) ** 2
+_OFFSETS: Final = _offsets(RADIUS)
+_EVEN: Final[_SingleArray] = np.full(_PIXELS, 1 / _PIXELS, dtype=np.float32)
 
 
 def pyramid(images: Sequence[GreyArray], levels: int) -> tuple[GreyArray, ...]:
@@ -56,18 +64,14 @@ class PatchLevel:
 
     Attributes:
         centres: float64[n, 2], patch centres in px of this level.
-        probes: float32[n, 4, 225], what a sampled patch is multiplied with: x and y slopes of the key patch
-            per px, the key patch itself with zero mean and unit deviation, and its mean.
-        slope_sums: float64[n, 2], sums of the slopes.
-        slope_products: float64[n, 2], products of the slopes with the key patch.
-        inverse_hessian: float64[n, 2, 2], inverse of the slopes' normal matrix.
+        probes: float32[n, 3, 225], what a sampled patch is multiplied with; divided by its deviation this
+            gives the Gauss-Newton step in x and in y, px, and the correlation with the key patch.
+        inverse_hessian: float64[n, 2, 2], inverse of the slopes' normal matrix at unit deviation.
         usable: bool[n], patches with contrast in both directions.
     """
 
     centres: FloatArray
     probes: _SingleArray
-    slope_sums: FloatArray
-    slope_products: FloatArray
     inverse_hessian: FloatArray
     usable: MaskArray
 
@@ -76,36 +80,36 @@ class PatchLevel:
         return PatchLevel(
             self.centres[chosen],
             self.probes[chosen],
-            self.slope_sums[chosen],
-            self.slope_products[chosen],
             self.inverse_hessian[chosen],
             self.usable[chosen],
         )
 
+    def first(self, count: int) -> "PatchLevel":
+        """The first `count` patches, without a copy."""
+        return PatchLevel(
+            self.centres[:count],
+            self.probes[:count],
+            self.inverse_hessian[:count],
+            self.usable[:count],
+        )
+
 
 def cut_patches(image: GreyArray, centres: FloatArray) -> GreyArray:
-    """Samples 17 x 17 px around each centre.
+    """Cuts 17 x 17 px around each centre.
 
     Args:
         image: uint8[h, w].
-        centres: float64[n, 2], x y.
+        centres: float64[n, 2], x y, whole pixels.
 
     Returns:
         uint8[n, 17, 17]; beyond the border the edge pixels repeat.
     """
-    reach = np.arange(-RADIUS - 1, RADIUS + 2, dtype=np.float32)
-    columns = centres[:, 0, np.newaxis, np.newaxis] + reach[np.newaxis, np.newaxis, :]
-    rows = centres[:, 1, np.newaxis, np.newaxis] + reach[np.newaxis, :, np.newaxis]
-    columns, rows = np.broadcast_arrays(columns, rows)
-    side = len(reach)
-    sampled = cv2.remap(
-        image,
-        columns.reshape(-1, side * side).astype(np.float32),
-        rows.reshape(-1, side * side).astype(np.float32),
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
-    return np.asarray(sampled, dtype=np.uint8).reshape(-1, side, side)
+    reach = RADIUS + 1
+    bordered = cv2.copyMakeBorder(image, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
+    windows = np.lib.stride_tricks.sliding_window_view(bordered, (2 * reach + 1, 2 * reach + 1))
+    columns, rows = np.rint(centres).astype(np.int64).T
+    inside = np.clip(rows, 0, image.shape[0] - 1), np.clip(columns, 0, image.shape[1] - 1)
+    return np.asarray(windows[inside], dtype=np.uint8)
 
 
 def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
@@ -117,25 +121,34 @@ def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
 
     Source: Baker and Matthews, Lucas-Kanade 20 years on, IJCV 2004, section 3.2 (inverse compositional).
     """
+    count = len(patches)
     grey = patches.astype(np.float32)
-    inner = grey[:, 1:-1, 1:-1].reshape(len(grey), _SIDE * _SIDE)
-    centred = inner - inner.mean(axis=1, keepdims=True)
-    deviation = np.sqrt((centred**2).mean(axis=1, keepdims=True))
+    inner = grey[:, 1:-1, 1:-1].reshape(count, 1, _PIXELS)
+    appearance = inner - inner.mean(axis=2, keepdims=True)
+    deviation = np.sqrt((appearance**2).mean(axis=2, keepdims=True))
     scale = np.maximum(deviation, 1e-3)
-    across = (grey[:, 1:-1, 2:] - grey[:, 1:-1, :-2]) / 2
-    down = (grey[:, 2:, 1:-1] - grey[:, :-2, 1:-1]) / 2
-    steepest = np.stack([across, down], axis=1).reshape(len(grey), 2, _SIDE * _SIDE) / scale[:, np.newaxis]
-    hessian = np.einsum("nip,njp->nij", steepest, steepest).astype(np.float64)
+    appearance /= scale
+    # Sobel's slopes: those of two neighbours alone are half noise where contrast is poor, and the steps then
+    # fall short.
+    across = grey[:, :, 2:] - grey[:, :, :-2]
+    down = grey[:, 2:] - grey[:, :-2]
+    steepest = np.empty((count, 2, _PIXELS), dtype=np.float32)
+    steepest[:, 0] = (across[:, :-2] + 2 * across[:, 1:-1] + across[:, 2:]).reshape(count, _PIXELS)
+    steepest[:, 1] = (down[:, :, :-2] + 2 * down[:, :, 1:-1] + down[:, :, 2:]).reshape(count, _PIXELS)
+    steepest /= 8 * scale
+    # What another brightness or contrast would change, too, says nothing about the place.
+    steepest -= steepest.mean(axis=2, keepdims=True)
+    steepest -= np.matmul(steepest, appearance.transpose(0, 2, 1)) / _PIXELS * appearance
+    hessian = np.matmul(steepest, steepest.transpose(0, 2, 1)).astype(np.float64)
     determinant = hessian[:, 0, 0] * hessian[:, 1, 1] - hessian[:, 0, 1] ** 2
     trace = hessian[:, 0, 0] + hessian[:, 1, 1]
-    usable = (deviation[:, 0] > _MIN_CONTRAST) & (determinant > 0.01 * trace**2)
+    usable = (deviation[:, 0, 0] > _MIN_CONTRAST) & (determinant > 0.01 * trace**2)
     hessian[~usable] = np.eye(2)
-    appearance = centred / scale
-    even = np.full((len(grey), 1, _SIDE * _SIDE), 1 / _SIDE**2, dtype=np.float32)
-    probes = np.concatenate([steepest, appearance[:, np.newaxis], even], axis=1)
-    products = np.einsum("nip,np->ni", steepest, appearance).astype(np.float64)
-    sums = steepest.sum(axis=2).astype(np.float64)
-    return PatchLevel(centres, probes.astype(np.float32), sums, products, np.linalg.inv(hessian), usable)
+    inverse_hessian = np.linalg.inv(hessian)
+    probes = np.empty((count, 3, _PIXELS), dtype=np.float32)
+    np.matmul(-inverse_hessian.astype(np.float32), steepest, out=probes[:, :2])
+    np.divide(appearance[:, 0], _PIXELS, out=probes[:, 2])
+    return PatchLevel(centres, probes, inverse_hessian, usable)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +188,7 @@ def align(
     Returns:
         The patches that converged.
     """
-    visible = level.usable & _visible(project(key_to_frame, level.centres), image.shape)
+    visible = level.usable & _visible(_affine_parts(key_to_frame, level.centres), image.shape)
     chosen = np.flatnonzero(visible)
     sought = len(chosen)
     if not sought:
@@ -195,53 +208,85 @@ def align(
     return Alignment(key_points, frame_points, chosen[good], np.maximum(variances, 0.0), sought)
 
 
-def _visible(points: FloatArray, shape: Sequence[int]) -> MaskArray:
-    height, width = shape[0], shape[1]
-    margin = RADIUS + 3
-    inside = (points >= margin) & (points < (width - margin, height - margin))
-    return np.asarray(inside.all(axis=1), dtype=np.bool_)
+def measure(
+    level: PatchLevel, image: GreyArray, key_to_frame: FloatArray
+) -> tuple[FloatArray, FloatArray, MaskArray]:
+    """One Gauss-Newton step of each patch from where a motion expects it.
+
+    Args:
+        level: patches of the key picture.
+        image: uint8[h, w], the frame at the same reduction.
+        key_to_frame: float64[3, 3], expected motion in px of this level.
+
+    Returns:
+        float64[2, n], how far off the expected place each patch is seen, x and y, px of the key picture;
+        float64[n], how well it correlates at the expected place, -1 to 1; bool[n], whether it is usable and
+        in view.
+    """
+    parts = _affine_parts(key_to_frame, level.centres)
+    products = _probed(level, image, parts)
+    return products[:2], products[2], level.usable & _visible(parts, image.shape)
 
 
 def _iterate(
     level: PatchLevel, image: GreyArray, key_to_frame: FloatArray, visible: MaskArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Gauss-Newton on each patch's shift: (shift, correlation, size of the last step)."""
-    places, local = _linearised(key_to_frame, level.centres)
-    # Where the patches lie; their shifts go through the same local affine parts.
-    spread = np.matmul(local.transpose(1, 0, 2), _OFFSETS)
-    spread += places.T[:, :, np.newaxis]
-    maps = spread
-    shift = np.zeros((len(places), 2))
+    parts = _affine_parts(key_to_frame, level.centres)
+    # Shifts of the patches go through the same affine parts.
+    local, places = parts[:, :, :2], parts[:, :, 2].copy()
+    shift = np.zeros((2, len(visible)))
     enough = _ENOUGH * np.count_nonzero(visible)
     for _ in range(_ITERATIONS):
-        sampled = cv2.remap(image, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        products, deviation = _probed(np.asarray(sampled, dtype=np.float32), level.probes)
-        # The slopes times (sampled - mean) / deviation - key patch, without forming that difference.
-        gradient = (products[:, :2] - products[:, 3:] * level.slope_sums) / deviation - level.slope_products
-        update = np.einsum("nij,nj->ni", level.inverse_hessian, gradient)
-        shift = np.minimum(np.maximum(shift - update, -2 * _MAX_SHIFT), 2 * _MAX_SHIFT)
-        step = np.hypot(update[:, 0], update[:, 1])
+        products = _probed(level, image, parts)
+        update = products[:2]
+        shift = np.minimum(np.maximum(shift + update, -2 * _MAX_SHIFT), 2 * _MAX_SHIFT)
+        step = np.hypot(update[0], update[1])
         if np.count_nonzero(visible & (step < tolerance)) > enough:
             break
-        maps = spread + np.einsum("nij,nj->in", local, shift.astype(np.float32))[:, :, np.newaxis]
-    return shift, products[:, 2] / (_SIDE * _SIDE * deviation[:, 0]), step
+        parts[:, :, 2] = places + np.einsum("nij,jn->ni", local, shift)
+    return shift.T, products[2], step
 
 
-def _probed(sampled: _SingleArray, probes: _SingleArray) -> tuple[FloatArray, FloatArray]:
-    """Products with the probes, float64[n, 4], and the deviation of the samples, float64[n, 1]."""
-    products = np.matmul(probes, sampled[:, :, np.newaxis])[:, :, 0].astype(np.float64)
-    square = np.einsum("np,np->n", sampled, sampled)[:, np.newaxis] / sampled.shape[1]
-    deviation = np.sqrt(np.maximum(square - products[:, 3:] ** 2, 1e-6))
-    return products, deviation
+def _probed(level: PatchLevel, image: GreyArray, parts: _SingleArray) -> FloatArray:
+    """Steps and correlations of the patches at some places, float64[3, n]."""
+    maps = (parts.reshape(-1, 3) @ _OFFSETS).reshape(-1, 2, _PIXELS)
+    # Patches in view keep off the border, so that nothing needs to stand beyond it.
+    resampled = cv2.remap(image, maps[:, 0], maps[:, 1], cv2.INTER_LINEAR)
+    sampled = np.asarray(resampled, dtype=np.float32)
+    mean = sampled @ _EVEN
+    variance = np.einsum("np,np->n", sampled, sampled) / _PIXELS - mean * mean
+    products = np.matmul(level.probes, sampled[:, :, np.newaxis])[:, :, 0]
+    return np.asarray(products.T / np.sqrt(np.maximum(variance, 1e-6)), dtype=np.float64)
 
 
-def _linearised(matrix: FloatArray, points: FloatArray) -> tuple[_SingleArray, _SingleArray]:
-    """Where a homography maps points, float32[n, 2], and its local affine parts there, float32[n, 2, 2]."""
-    weights = points @ matrix[2, :2] + matrix[2, 2]
-    mapped = project(matrix, points)
-    numerator = matrix[np.newaxis, :2, :2] - mapped[:, :, np.newaxis] * matrix[np.newaxis, 2:, :2]
-    local = numerator / weights[:, np.newaxis, np.newaxis]
-    return mapped.astype(np.float32), local.astype(np.float32)
+def _affine_parts(matrix: FloatArray, points: FloatArray) -> _SingleArray:
+    """A homography's affine part at each of some points, float32[n, 2, 3]: slopes, and where it maps them."""
+    (a, b, _), (d, e, _), (g, h, _) = matrix.tolist()
+    mapped = points @ matrix[:, :2].T
+    mapped += matrix[:, 2]
+    terms = np.empty((len(points), 5))
+    weights = np.divide(1.0, mapped[:, 2:], out=terms[:, :1])
+    places = np.multiply(mapped[:, :2], weights, out=terms[:, 3:])
+    np.multiply(places, weights, out=terms[:, 1:3])
+    factors = np.array(
+        [
+            [a, b, 0, d, e, 0],
+            [-g, -h, 0, 0, 0, 0],
+            [0, 0, 0, -g, -h, 0],
+            [0, 0, 1, 0, 0, 0],
+            [0, 0, 0, 0, 0, 1],
+        ]
+    )
+    return np.asarray(terms @ factors, dtype=np.float32).reshape(-1, 2, 3)
+
+
+def _visible(parts: _SingleArray, shape: Sequence[int]) -> MaskArray:
+    """Which patches lie inside an image of a shape, by their affine parts."""
+    margin = RADIUS + 3
+    middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2], dtype=np.float32)
+    apart = np.abs(parts[:, :, 2] - middle) < middle + (0.5 - margin)
+    return np.asarray(apart[:, 0] & apart[:, 1], dtype=np.bool_)
 
 
 def reduced_motion(key_to_frame: FloatArray, level: int) -> FloatArray:

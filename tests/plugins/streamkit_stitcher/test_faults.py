@@ -29,6 +29,11 @@ def dark(picture, random):
     return np.abs(random.normal(0, 3, picture.shape)).astype(np.uint8)
 
 
+def snow(picture, random):
+    """A receiver without a signal."""
+    return random.integers(0, 256, picture.shape, dtype=np.uint8)
+
+
 def gain(factor):
     """Another exposure."""
     return lambda picture, random: np.clip(picture * factor, 0, 255).astype(np.uint8)
@@ -90,6 +95,7 @@ def place(harness, picture, seq):
         pytest.param(constant(128), 5, {LOST}, id="flat"),
         pytest.param(constant(255), 2, {LOST}, id="white"),
         pytest.param(dark, 2, {LOST}, id="dark"),
+        pytest.param(snow, 5, {LOST}, id="snow"),
         pytest.param(gain(1.35), 1, {OK}, id="gain up"),
         pytest.param(gain(0.5), 3, {OK}, id="gain down"),
         pytest.param(blur(2.0), 1, {OK, WEAK}, id="soft"),

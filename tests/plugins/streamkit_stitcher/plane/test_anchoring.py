@@ -76,3 +76,19 @@ def test_a_key_picture_is_not_made_where_the_way_there_was_a_guess(anchor, groun
     other = (ground[1000:1360, 1200:1840],)
     made = [anchor.place(other, shift(300.0), trusted=step > 0).keyframe for step in range(8)]
     assert not any(made)
+
+
+def test_a_place_told_by_a_corner_of_the_picture_is_not_measured(ground):
+    """Features in a corner only leave the rest unknown: the place is passed on, but not as measured."""
+    black = np.zeros((360, 640), np.uint8)
+    key, frame = black.copy(), black.copy()
+    key[237:, 420:] = ground[620:743, 380:600]
+    frame[237:, 420:] = ground[612:735, 370:590]
+    anchor = KeyframeAnchor(PlaneSettings(), 0)
+    anchor.add((key,), IDENTITY)
+    seen = anchor.recognise(frame)
+    assert seen is not None
+    assert seen.deviation > 1.0
+    placed = anchor.place((frame,), shift(0.0), trusted=True, seen=seen)
+    assert not placed.measured
+    assert not placed.keyframe

@@ -86,6 +86,18 @@ def test_thumbnails_tell_scenes_apart(ground):
     assert thumbnail_correlation(here, there, IDENTITY) < 0.5
 
 
+@pytest.mark.parametrize("deviation", [10.0, 40.0, 120.0])
+@pytest.mark.parametrize("shape", [(360, 640), (720, 1280)])
+def test_noise_is_nothing_to_register(ground, deviation, shape):
+    """A receiver's noise has many corners and is blank; ground under much noise is not."""
+    random = np.random.default_rng(4)
+    noise = np.clip(random.normal(128, deviation, shape), 0, 255).astype(np.uint8)
+    assert work(noise).is_blank
+    height, width = shape
+    view = ground[:height, :width] + random.normal(0, 25, shape)
+    assert not work(np.clip(view, 0, 255).astype(np.uint8)).is_blank
+
+
 @pytest.mark.parametrize(
     ("shape", "level"),
     [((720, 1280), 1), ((1080, 1920), 2), ((360, 640), 0), ((1, 5000), 0), ((100, 5000), 0)],

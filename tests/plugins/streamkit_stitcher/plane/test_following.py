@@ -1,0 +1,82 @@
+"""Following a key picture from frame to frame."""
+
+import numpy as np
+import pytest
+
+from streamkit_stitcher.homographies import IDENTITY, project, translation
+from streamkit_stitcher.plane.following import LEVEL_PATCHES, KeyframeFollower, following_level
+from streamkit_stitcher.plane.keyframes import LEVELS, KeyframeStore
+from streamkit_stitcher.registration.corners import even_corners
+from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
+from streamkit_stitcher.registration.patches import pyramid
+
+LIMITS = FitLimits(threshold=2.0, max_step=1.0)
+
+
+def stored(picture, level):
+    """A picture as a key picture, with corners of its `level`."""
+    images = pyramid((picture,), LEVELS)
+    factor = 2**level
+    points = even_corners(images[level], 25, 16) * factor + (factor - 1) / 2
+    return KeyframeStore().add(images, points, IDENTITY, level)
+
+
+@pytest.fixture(scope="module")
+def flight(ground, make_flight):
+    """Pictures of 720p with six cars."""
+    return make_flight(ground, 100, cars=6, noise=3.0)
+
+
+def follow(flight, index, wrong, **options):
+    """The match of a picture on the first one, from a guess that is `wrong` px off."""
+    key = stored(flight.picture(0), 1)
+    images = pyramid((flight.picture(index),), LEVELS)
+    guess = translation(np.array(wrong)) @ flight.to_first(index)
+    return KeyframeFollower().follow(key, images, guess, LIMITS, 220, **options)
+
+
+def test_a_picture_is_placed_to_a_tenth_of_a_pixel(flight):
+    """From 8 px off at 720p, three pictures on; points of the match lie where the truth says."""
+    match = follow(flight, 3, (7.0, -4.0))
+    assert flight.error(match.fit.matrix, 3) < 0.1
+    assert len(match.frame_points) == len(match.key_points) == len(match.patches) == match.fit.count
+    apart = project(flight.to_first(3), match.frame_points) - match.key_points
+    assert np.median(np.hypot(*apart.T)) < 0.15
+    assert (match.patches // LEVEL_PATCHES == 1).all()
+    assert match.deviation < 0.2
+
+
+def test_other_ground_is_not_followed(ground, flight):
+    """A picture of something else gives None."""
+    key = stored(flight.picture(0), 1)
+    images = pyramid((ground[700:1420, 700:1980],), LEVELS)
+    assert KeyframeFollower().follow(key, images, IDENTITY, LIMITS, 220) is None
+
+
+def test_a_guess_far_off_is_left_to_others(flight):
+    """60 px off: nothing rather than something wrong."""
+    match = follow(flight, 3, (60.0, 0.0))
+    assert match is None or flight.error(match.fit.matrix, 3) < 0.3
+
+
+def test_the_model_restricts_the_motion(flight):
+    """A similarity has no perspective and equal diagonal elements."""
+    matrix = follow(flight, 1, (0.0, 0.0), model=MotionModel.SIMILARITY).fit.matrix
+    assert matrix[2, :2] == pytest.approx([0.0, 0.0], abs=1e-12)
+    assert matrix[0, 0] == pytest.approx(matrix[1, 1])
+
+
+def test_a_key_picture_without_corners_is_not_followed(flight):
+    """Flat ground cannot be followed, and that is no error."""
+    key = stored(np.full((720, 1280), 90, np.uint8), 1)
+    images = pyramid((flight.picture(0),), LEVELS)
+    assert KeyframeFollower().follow(key, images, IDENTITY, LIMITS, 220) is None
+
+
+@pytest.mark.parametrize(
+    ("shape", "level"),
+    [((240, 320), 0), ((360, 640), 1), ((720, 1280), 1), ((1080, 1920), 1), ((2160, 3840), 2)],
+)
+def test_pictures_are_followed_at_half_size_or_less(shape, level):
+    """Small ones at full size, most at half size, large ones at 960 px or less."""
+    assert following_level(shape) == level
