@@ -23,7 +23,7 @@ from streamkit_differencer.confidence import Persistence, confidence
 from streamkit_differencer.filters.parallax import slide
 from streamkit_differencer.model import BackgroundModel
 from streamkit_differencer.model_settings import Event, ModelSettings
-from streamkit_differencer.objects import NOTHING, Objects, ObjectSettings, find_objects
+from streamkit_differencer.objects import NOTHING, Objects, ObjectSettings, find_objects, surest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,6 +41,8 @@ WHOLE_PIXEL_PX = 0.02
 AUTOMATIC_SCALE = 0
 # Widest frames worked on at full resolution, and at half of it, px.
 WIDEST_FULL, WIDEST_HALF = 640, 2048
+# Objects of a frame that are judged at all; a flood has more.
+MOST_JUDGED = 400
 CONTRAST_GRID = np.linspace(0.1, 0.9, 5)
 
 
@@ -181,12 +183,15 @@ class Differencer:
         if self.region is not None:
             inside = cv2.resize(self.region, size_of(mask), interpolation=cv2.INTER_NEAREST)
             mask = mask & cast("ByteImage", inside)
-        objects = find_objects(mask, self._grid, settings)
+        objects = find_objects(
+            mask, self._grid, replace(settings, max_objects=max(settings.max_objects, MOST_JUDGED))
+        )
         to_canvas = place.working_to_canvas @ np.linalg.inv(working_to_frame(self._grid))
         boxes = mapped_boxes(to_canvas, objects.boxes)
         ages = self._persistence.update(boxes)
         contrast = self._model.contrast(mapped_grids(to_canvas, objects.boxes))
         objects = replace(objects, confidences=confidence(contrast, ages, registration))
+        objects = surest(objects, settings.max_objects)
         return Result(objects, mask, place.change, event)
 
     def _way(self, working_to_canvas: Matrix) -> Matrix | None:

@@ -190,7 +190,9 @@ class FrameDiff(Transform):
         doc="Share of an object that must have changed within quiet-frames; 0 also reports what has stopped.",
     )
     min_score: float = Property(0.0, min=0.0, max=1.0, live=True, doc="Smallest score reported.")
-    max_objects: int = Property(50, min=1, max=10000, live=True, doc="Most detections in a frame.")
+    max_objects: int = Property(
+        50, min=1, max=10000, live=True, doc="Most detections in a frame; of more the surest are kept."
+    )
 
     def start(self) -> None:
         """Begins without a model.
@@ -334,8 +336,8 @@ class FrameDiff(Transform):
         if dropped and not self._has_warned:
             self._has_warned = True
             self.post_warning(
-                f"more than max-objects={self.max_objects} detections in a frame, the smallest are left out: "
-                "raise tf or min-area, or see whether the registration holds"
+                f"more than max-objects={self.max_objects} detections in a frame, the least sure are left "
+                "out: raise tf or min-area, or see whether the registration holds"
             )
         self._crowded = bool(dropped)
 

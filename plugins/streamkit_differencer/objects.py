@@ -42,7 +42,7 @@ class ObjectSettings:
         merge_gap: cells between fragments of one object.
         criterion: what J_mn is.
         min_score: share of an object's foreground that must have changed lately; 0 keeps what stands still.
-        max_objects: the largest that are kept.
+        max_objects: how many are kept: of a frame's the surest, of those that nothing judged the largest.
         median_px: width of the median filter that cleans the foreground, frame px; 0 for none.
         fill_holes: whether holes in the foreground are filled.
         parallax: largest height of a thing over the camera's height above it, that is taken for parallax and
@@ -129,6 +129,22 @@ def selected(objects: Objects, settings: ObjectSettings) -> Objects:
     order = moving[np.argsort(-objects.areas[moving], kind="stable")]
     kept = order[: settings.max_objects]
     return replace(chosen(objects, kept), dropped=order.size - kept.size)
+
+
+def surest(objects: Objects, most: int) -> Objects:
+    """No more than `most` of the objects: the surest, in the order that they are in.
+
+    By size the same small things would be left out of every frame of dense traffic, and a flood of noise,
+    which is large and new, would push out what has been there for long.
+    """
+    if len(objects) <= most:
+        return objects
+    kept = np.sort(np.argsort(-objects.confidences, kind="stable")[:most])
+    return replace(
+        chosen(objects, kept),
+        confidences=objects.confidences[kept],
+        dropped=objects.dropped + len(objects) - most,
+    )
 
 
 def chosen(objects: Objects, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Objects:

@@ -154,7 +154,7 @@ def test_registration_lost_for_three_seconds(world):
 
 
 def test_a_flood_is_capped_and_flagged():
-    """Four hundred things at once: the 50 largest are reported, and a message says how many there were."""
+    """Four hundred things at once: 50 are reported, and a message says how many there were."""
     ground = np.full((480, 640), 120, np.uint8)
     flood = ground.copy()
     for y, x in np.ndindex(20, 20):

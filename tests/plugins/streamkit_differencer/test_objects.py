@@ -1,10 +1,12 @@
 """Objects from foreground."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from streamkit_differencer.clusters import Criterion
-from streamkit_differencer.objects import ObjectSettings, cells_of, find_objects
+from streamkit_differencer.objects import ObjectSettings, cells_of, find_objects, surest
 
 
 def with_block(shape, x0, y0, x1, y1, value=255):
@@ -81,6 +83,20 @@ def test_the_largest_are_kept():
     objects = find_objects(mask, 2, ObjectSettings(max_objects=2))
     assert objects.areas.tolist() == [8 * 50 * 4.0, 8 * 40 * 4.0]
     assert objects.dropped == 3
+
+
+def test_of_too_many_the_surest_are_kept():
+    """Whatever their size, in the order they were in; the others are counted with those left out before."""
+    mask = np.zeros((200, 200), np.uint8)
+    for index in range(5):
+        mask[40 * index : 40 * index + 8, 20 : 30 + 10 * index] = 255
+    found = find_objects(mask, 2, ObjectSettings(max_objects=4))
+    judged = replace(found, confidences=np.array([0.2, 0.9, 0.1, 0.8]))
+    kept = surest(judged, 2)
+    assert kept.confidences.tolist() == [0.9, 0.8]
+    np.testing.assert_array_equal(kept.boxes, found.boxes[[1, 3]])
+    assert kept.dropped == 3
+    assert surest(judged, 4) is judged
 
 
 @pytest.mark.parametrize("scale", [1, 2, 4])
