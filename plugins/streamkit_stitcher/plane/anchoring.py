@@ -134,6 +134,7 @@ class KeyframeAnchor:
         followed: KeyframeMatch | None = None,
         seen: KeyframeMatch | None = None,
         due: bool = False,
+        leaped: bool = False,
     ) -> Anchored:
         """Measures where a picture lies, and makes it a key picture where one is due.
 
@@ -145,6 +146,8 @@ class KeyframeAnchor:
             followed: what `follow` found, which saves the search.
             seen: what `recognise` found, from where the search begins.
             due: whether it should become a key picture in any case.
+            leaped: whether a picture that was recognised follows the one before without a gap, as photographs
+                do: it is then placed by what little they share, and not sure.
         """
         if seen is None:
             self._described = None
@@ -154,14 +157,16 @@ class KeyframeAnchor:
         match = followed
         if seen is not None:
             carried = normalised(active.to_reference @ seen.fit.matrix)
-            match, carried = self._recognised(active, images, carried, seen)
+            match, carried = self._recognised(active, images, carried, seen, leaped)
         elif match is None:
             level = self._search_level if trusted else LEVELS - 1
             match = self._sure(self._follow(active, images, carried, self._settings.max_points))
             match = match or self._sure(self._match(active, images, carried, level))
             if match is None and trusted:
                 match = self._sure(self._match(active, images, carried, LEVELS - 1))
+        sure = seen is None or self._sure(match) is not None
         place = _placed(active, match) if match is not None else Anchored(carried, measured=False)
+        place = replace(place, sure=sure)
         self._unmatched = 0 if match is not None else self._unmatched + 1
         self._is_carried_surely = match is not None or (trusted and seen is None and self._is_carried_surely)
         leaving = self._is_leaving(active, place.to_reference)
@@ -178,12 +183,22 @@ class KeyframeAnchor:
         return self._promote(images, place, None if match is None else (active, match))
 
     def _recognised(
-        self, active: Keyframe, images: Sequence[GreyArray], carried: FloatArray, seen: KeyframeMatch
+        self,
+        active: Keyframe,
+        images: Sequence[GreyArray],
+        carried: FloatArray,
+        seen: KeyframeMatch,
+        leaped: bool,
     ) -> tuple[KeyframeMatch | None, FloatArray]:
-        """A match that tells where all of a recognised picture lies, if any does, and the likeliest place."""
+        """A match that tells where all of a recognised picture lies, and the likeliest place.
+
+        Returns:
+            The match, None where there is no such one and the camera did not leap; and the place.
+        """
         aligned = self._sure(self._follow(active, images, carried, self._settings.max_points))
         aligned = aligned or self._match(active, images, carried, LEVELS - 1)
-        found = self._sure(better(seen, aligned, active, self._settings.max_points)) or self._sure(aligned)
+        best = better(seen, aligned, active, self._settings.max_points)
+        found = self._sure(best) or self._sure(aligned) or (best if leaped else None)
         if found is None and aligned is not None and aligned.deviation < seen.deviation:
             carried = normalised(active.to_reference @ aligned.fit.matrix)
         return found, carried
@@ -221,6 +236,7 @@ class KeyframeAnchor:
             place: where it lies.
             known: the key picture it was measured against, which counts where it is not matched better.
         """
+        sure = place.sure
         change = self.keyframes.adopt() if self.keyframes.is_adjusting else None
         if change is not None:
             place = replace(place, to_reference=normalised(change @ place.to_reference))
@@ -247,7 +263,7 @@ class KeyframeAnchor:
                 pooled.matrix, True, matches=len(pooled.inliers), inliers=pooled.count, rmse=pooled.rmse
             )
         self.add(images, place.to_reference, [tie_of(keyframe, 0, match) for keyframe, match in matches])
-        return replace(place, keyframe=True, change=change)
+        return replace(place, keyframe=True, change=change, sure=sure)
 
     def _sure(self, match: KeyframeMatch | None) -> KeyframeMatch | None:
         """A match that tells where the whole picture lies, not only the part with the patches."""

@@ -10,7 +10,7 @@ class Status(StrEnum):
     """How far a placement can be trusted.
 
     `ok` and `still` were measured against a key picture, `weak` is only carried on by the motion since the
-    picture before, `lost` is a guess, and `cut` opens another plane.
+    picture before or was told by a part of the picture, `lost` is a guess, and `cut` opens another plane.
     """
 
     OK = "ok"
@@ -33,6 +33,7 @@ class Anchored:
         matches: patches compared.
         inliers: patches that agree with the place.
         rmse: root mean square distance of the inliers, px.
+        sure: whether what was measured tells where the whole picture lies, not only a part of it.
     """
 
     to_reference: FloatArray
@@ -42,6 +43,7 @@ class Anchored:
     matches: int = 0
     inliers: int = 0
     rmse: float = 0.0
+    sure: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -197,12 +197,19 @@ class PlaneTracker:
         carried = normalised(self._base_to_reference @ motion.matrix) if known else expected
         trusted = motion.model is MotionModel.HOMOGRAPHY
         anchored = anchor.place(
-            images, carried, trusted or recognised is not None, seen=recognised, due=due and trusted
+            images,
+            carried,
+            trusted or recognised is not None,
+            seen=recognised,
+            due=due and trusted,
+            leaped=gap == 1,
         )
         if not anchored.measured and recognised is None and self._unmeasured % _RECOGNISE_EVERY == 0:
             recognised = anchor.recognise(image.grey)
             if recognised is not None:
-                anchored = anchor.place(images, carried, trusted=True, seen=recognised, due=due)
+                anchored = anchor.place(
+                    images, carried, trusted=True, seen=recognised, due=due, leaped=gap == 1
+                )
         if not (known or recognised is not None or anchored.measured):
             self._lost += 1
             self._unmeasured += 1
@@ -231,9 +238,9 @@ class PlaneTracker:
         before = previous.to_reference if previous is not None else IDENTITY
         self._base, self._base_to_reference = images[self._level], to_reference
         to_previous = normalised(inverse(before) @ to_reference)
-        status = Status.OK if anchored.measured else Status.WEAK
+        status = Status.OK if anchored.measured and anchored.sure else Status.WEAK
         steady = previous is not None and previous.status is not Status.LOST
-        if anchored.measured and steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT:
+        if status is Status.OK and steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT:
             # Held against the measured place, never added up, so a slow drift is released after 0.2 px.
             to_previous, to_reference, status = IDENTITY, before, Status.STILL
         self._learn_velocity(to_previous)

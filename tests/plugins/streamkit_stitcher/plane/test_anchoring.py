@@ -92,3 +92,17 @@ def test_a_place_told_by_a_corner_of_the_picture_is_not_measured(ground):
     placed = anchor.place((frame,), shift(0.0), trusted=True, seen=seen)
     assert not placed.measured
     assert not placed.keyframe
+
+
+def test_a_photograph_told_by_a_corner_is_placed_and_not_sure(ground):
+    """Of pictures that follow each other without a gap, what little they share must do."""
+    black = np.zeros((360, 640), np.uint8)
+    key, frame = black.copy(), black.copy()
+    key[237:, 420:] = ground[620:743, 380:600]
+    frame[237:, 420:] = ground[612:735, 370:590]
+    anchor = KeyframeAnchor(PlaneSettings(), 0)
+    anchor.add((key,), IDENTITY)
+    seen = anchor.recognise(frame)
+    placed = anchor.place((frame,), shift(0.0), trusted=True, seen=seen, leaped=True)
+    assert placed.measured
+    assert not placed.sure
