@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
-from streamkit_tracker.association import mahalanobis_squared
 from streamkit_tracker.window_geometry import FloatArray
 
 
@@ -45,7 +42,8 @@ def gate_distance(
         centroid: of the detection, px.
         std: standard deviation of such a centroid, px.
     """
-    squared = mahalanobis_squared(
-        mean[None, :2], covariance[None, :2, :2], np.array([centroid]), np.array([[std]])
-    )
-    return math.sqrt(max(float(squared[0, 0]), 0.0))
+    (xx, xy), (_, yy) = covariance[:2, :2].tolist()
+    across, down = centroid[0] - float(mean[0]), centroid[1] - float(mean[1])
+    xx, yy = xx + std**2, yy + std**2
+    quadratic = yy * across**2 - 2 * xy * across * down + xx * down**2
+    return math.sqrt(max(quadratic / max(xx * yy - xy**2, 1e-12), 0.0))
