@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     LabelImage = NDArray[np.int32]
 
 # Of larger foreground a share of the pixels is asked.
-MOST_POINTS = 2000
+MOST_POINTS = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
