@@ -50,11 +50,13 @@ class KeyframeGraph:
 
     def __init__(self, max_tied: int) -> None:
         self._max_tied = max_tied
+        self._taken = 0
         self._places: dict[int, FloatArray] = {}
         self._ties: dict[int, list[Tie]] = {}
 
     def __len__(self) -> int:
-        return len(self._places)
+        """Key pictures that were ever added."""
+        return self._taken
 
     @property
     def places(self) -> Mapping[int, FloatArray]:
@@ -73,6 +75,7 @@ class KeyframeGraph:
 
     def add(self, index: int, place: FloatArray, ties: Sequence[Tie]) -> None:
         """Adds a key picture with its ties to earlier ones."""
+        self._taken += 1
         self._places[index] = place
         self._ties[index] = list(ties)
         if len(self._ties) > self._max_tied:
@@ -90,6 +93,20 @@ class KeyframeGraph:
     def move(self, places: Mapping[int, FloatArray]) -> None:
         """Takes over adjusted places."""
         self._places.update((index, place) for index, place in places.items() if index in self._places)
+
+    def forget(self, most: int, needed: Collection[int]) -> None:
+        """Drops the oldest places, a twentieth of them at once, where there are more than `most`.
+
+        Args:
+            most: places to keep.
+            needed: key pictures whose places stay, beside those that have ties.
+        """
+        if len(self._places) <= most:
+            return
+        tied = {tie.host for ties in self._ties.values() for tie in ties} | self._ties.keys() | set(needed)
+        free = [index for index in self._places if index not in tied]
+        for index in free[: max(1, most // 20)]:
+            del self._places[index]
 
     def rebase(self, change: FloatArray) -> None:
         """Moves every place to another plane by float64[3, 3], old plane to new."""

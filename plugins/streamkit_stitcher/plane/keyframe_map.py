@@ -20,6 +20,7 @@ _LOOP_OVERLAP: Final = 0.12
 _LOOP_CANDIDATES: Final = 3
 _WHOLE_LIMIT: Final = 60
 _FINAL_ITERATIONS: Final = 30
+_MOST_PLACES: Final = 20_000
 
 
 class KeyframeMap:
@@ -54,7 +55,10 @@ class KeyframeMap:
 
     @property
     def places(self) -> Mapping[int, FloatArray]:
-        """float64[3, 3] of each key picture of the plane, its pixels to the reference plane."""
+        """float64[3, 3] of each key picture of the plane, its pixels to the reference plane.
+
+        Of the newest 20 000, and of all that can still be looked for.
+        """
         return self._graph.places
 
     @property
@@ -111,6 +115,7 @@ class KeyframeMap:
         self._active = self._store.add(images, points, to_reference, level)
         index = self._active.index
         self._graph.add(index, to_reference, [replace(tie, observer=index) for tie in ties])
+        self._graph.forget(_MOST_PLACES, {*(keyframe.index for keyframe in self.stored), self._reference})
         return self._active
 
     def begin_adjustment(

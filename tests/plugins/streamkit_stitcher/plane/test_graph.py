@@ -83,3 +83,17 @@ def test_without_ties_there_is_nothing_to_adjust():
     graph = KeyframeGraph(10)
     graph.add(0, np.eye(3), [])
     assert graph.problem([0], 0) is None
+
+
+def test_the_oldest_places_are_forgotten_but_for_those_that_are_needed():
+    """Places are bounded; what was named or has ties stays; the count goes on."""
+    graph = KeyframeGraph(max_tied=3)
+    for index in range(50):
+        ties = [tie(2, index)] if index == 10 else []
+        graph.add(index, np.eye(3), ties)
+        graph.forget(20, {2})
+    assert len(graph.places) <= 21
+    assert {2, 47, 48, 49} <= graph.places.keys()
+    assert 10 not in graph.places
+    assert len(graph) == 50
+    graph.rebase(shift(1))
