@@ -40,17 +40,18 @@ class Recogniser:
 
     def description(self, keyframe: Keyframe) -> Description:
         """What a key picture is recognised by."""
-        found = self._descriptions.pop(keyframe.index, None)
+        found = self._descriptions.get(keyframe.index)
         if found is None:
             found = describe(keyframe.small)
-        self._descriptions[keyframe.index] = found
-        if len(self._descriptions) > _DESCRIBED:
-            del self._descriptions[next(iter(self._descriptions))]
+        self.remember(keyframe, found)
         return found
 
     def remember(self, keyframe: Keyframe, description: Description) -> None:
         """Keeps the description of a key picture that was made before."""
+        self._descriptions.pop(keyframe.index, None)
         self._descriptions[keyframe.index] = description
+        if len(self._descriptions) > _DESCRIBED:
+            del self._descriptions[next(iter(self._descriptions))]
 
     def place(self, picture: Description, keyframe: Keyframe) -> KeyframeMatch | None:
         """Places a picture of the same working size on a key picture; None if that is not seen in it.
