@@ -1,8 +1,9 @@
-"""Fewer particles before frames are late."""
+"""Fewer particles, then fewer looks, before frames are late."""
 
 from __future__ import annotations
 
 SMALLEST_SHARE = 0.125
+LONGEST_TURN = 4  # frames
 ROOM = 0.4  # of the budget: twice the particles still fit in
 CALM_FRAMES = 10
 
@@ -10,8 +11,12 @@ CALM_FRAMES = 10
 class Budget:
     """Halves the particles when a frame took longer than it may, and doubles them when there is room again.
 
+    Where the fewest particles still take too long, targets that detections keep in place are looked at in
+    turn.
+
     Attributes:
         share: part of the usual particles, a power of one half, 1 at most.
+        turn: every so many frames a target is looked at that its detections keep in place.
 
     Args:
         seconds: what a frame may take; 0 is no limit, which alone gives the same tracks in each run.
@@ -21,6 +26,7 @@ class Budget:
         self._seconds = seconds
         self._calm = 0
         self.share = 1.0
+        self.turn = 1
 
     def spent(self, seconds: float) -> None:
         """Takes notice of how long a frame took, s."""
@@ -28,6 +34,13 @@ class Budget:
             return
         self._calm = self._calm + 1 if seconds < ROOM * self._seconds else 0
         if seconds > self._seconds:
-            self.share = max(self.share / 2, SMALLEST_SHARE)
+            if self.share > SMALLEST_SHARE:
+                self.share /= 2
+            else:
+                self.turn = min(self.turn * 2, LONGEST_TURN)
         elif self._calm >= CALM_FRAMES:
-            self.share, self._calm = min(self.share * 2, 1.0), 0
+            self._calm = 0
+            if self.turn > 1:
+                self.turn //= 2
+            else:
+                self.share = min(self.share * 2, 1.0)

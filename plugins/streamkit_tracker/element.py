@@ -69,7 +69,7 @@ class ParticleTrack(Transform):
         min=0.0,
         max=10_000.0,
         unit="ms",
-        doc="Time for a frame before particles become fewer; 0 is no limit, and the same tracks each run.",
+        doc="Time for a frame before particles and looks become fewer; 0 is no limit, and repeatable.",
     )
     birth_hits: int = Property(3, min=1, max=100, doc="Detections that confirm a target.")
     birth_window: int = Property(5, min=1, max=100, unit="frames", doc="The frames they have to lie in.")

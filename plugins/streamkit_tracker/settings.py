@@ -36,7 +36,7 @@ class TrackerSettings:
         coast_s: longest time without a detection, s; a target never coasts for longer than it was detected.
         max_speed: fastest target expected, px/s of the frame.
         max_targets: most confirmed targets at once; four times as many may be tentative.
-        budget_s: what a frame may take before particles become fewer; 0 is no limit.
+        budget_s: what a frame may take before there are fewer particles and looks; 0 is no limit.
         auto_start: whether detections start targets.
         seed: of every target's random generator, together with its id.
     """

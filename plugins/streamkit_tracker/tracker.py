@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,14 @@ from streamkit_tracker.budget import Budget
 from streamkit_tracker.detected_shape import centroid_std
 from streamkit_tracker.feature_template import FeatureTemplate
 from streamkit_tracker.frame_crops import ByteArray
-from streamkit_tracker.observation import Measurement, Observation, Placement, TargetReport, TargetState
+from streamkit_tracker.observation import (
+    Measurement,
+    Observation,
+    Placement,
+    Sighting,
+    TargetReport,
+    TargetState,
+)
 from streamkit_tracker.pairing import Pairing, pair
 from streamkit_tracker.provenance import TargetProvenance, gate_distance
 from streamkit_tracker.settings import TrackerSettings
@@ -65,6 +73,7 @@ class MultiTargetTracker:
         self._shape: tuple[int, int] | None = None
         self._close: dict[tuple[int, int], int] = {}
         self._budget = Budget(self.settings.budget_s)
+        self._frames = 0
         self.given_up = 0
 
     def start_target(self, image: ByteArray, window: FloatArray, observation: Observation) -> TargetReport:
@@ -172,7 +181,8 @@ class MultiTargetTracker:
         """Positions by target id: of the search for targets that are followed, else of the detection."""
         sightings = pairing.sightings
         known = [target for target in self._targets if target.appearance is not None]
-        seen = [target for target in known if target.id in sightings or not target.dormant]
+        resting = self._resting(known, sightings)
+        seen = [t for t in known if t.id not in resting and (t.id in sightings or not t.dormant)]
         for target in known:
             target.overlook()
         for target in seen:
@@ -186,13 +196,21 @@ class MultiTargetTracker:
         measurements = {
             target.id: sightings[target.id].measurement
             for target in self._targets
-            if target.appearance is None and target.id in sightings
+            if target.id in sightings and (target.appearance is None or target.id in resting)
         }
         for target, found in zip(seen, search(self._sampler, jobs, self._likelihood), strict=True):
             measurement = target.take(found, sightings.get(target.id))
             if measurement is not None:
                 measurements[target.id] = measurement
         return measurements
+
+    def _resting(self, known: list[Target], sightings: Mapping[int, Sighting]) -> set[int]:
+        """Ids of the targets that a detection of their own is enough for in this frame: see `Budget.turn`."""
+        self._frames += 1
+        if self._budget.turn == 1:
+            return set()
+        steady = [t.id for t in known if not t.manual and t.id in sightings and not sightings[t.id].crowded]
+        return {number for number in steady if (number + self._frames) % self._budget.turn}
 
     def _correct(self, measurements: dict[int, Measurement]) -> None:
         measured = [target for target in self._targets if target.id in measurements]

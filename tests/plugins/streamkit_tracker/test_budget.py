@@ -25,6 +25,25 @@ def test_particles_come_back_after_calm_frames():
     assert budget.share == 1.0
 
 
+def test_beyond_the_fewest_particles_targets_take_turns():
+    """Every second, then every fourth frame; turns end before particles come back."""
+    budget = Budget(0.010)
+    for _ in range(3):
+        budget.spent(0.020)
+    assert (budget.share, budget.turn) == (0.125, 1)
+    turns = []
+    for _ in range(3):
+        budget.spent(0.020)
+        turns.append(budget.turn)
+    assert turns == [2, 4, 4]
+    states = []
+    for _ in range(3):
+        for _ in range(10):
+            budget.spent(0.001)
+        states.append((budget.share, budget.turn))
+    assert states == [(0.125, 2), (0.125, 1), (0.25, 1)]
+
+
 def test_without_a_budget_time_changes_nothing():
     """The same tracks however slow the machine."""
     budget = Budget(0.0)

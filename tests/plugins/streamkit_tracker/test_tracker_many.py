@@ -78,6 +78,22 @@ def test_cars_under_a_moving_camera_are_followed(scenes: ModuleType, seed: int):
     assert sum(len(of_car) for of_car in ids.values()) <= len(ids) + 1
 
 
+def test_late_frames_look_at_detected_targets_in_turn(scenes: ModuleType):
+    """With no time at all, detections alone mostly keep targets in place; all stay followed, under one id."""
+    flight = scenes.Flight(some_cars(scenes, 0, 6), frames=70, seed=0)
+    rows = follow(flight, TrackerSettings(budget_s=1e-9))
+    found, false = matches(rows)
+    assert len(found) >= 0.85 * sum(len(seen.truth) for seen, _ in rows)
+    assert false <= 0.1 * len(rows)
+    ids = {car: {report.id for _, c, report in found if c == car} for _, car, _ in found}
+    assert sum(len(of_car) for of_car in ids.values()) <= len(ids) + 1
+    late = [
+        report.provenance for index, _, report in found if index >= 30 and report.provenance.gate is not None
+    ]
+    looked_at = sum(provenance.similarity is not None for provenance in late)
+    assert 0.1 * len(late) < looked_at < 0.6 * len(late)
+
+
 def test_velocity_is_that_over_the_ground(scenes: ModuleType):
     """px/s on the reference plane, without the camera's own motion."""
     car = scenes.Car((150, 120), (70, 30), scenes.car_texture(np.random.default_rng(1)))
