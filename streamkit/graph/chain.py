@@ -6,11 +6,10 @@ that a stage has replaced is let go at once, so that `Frame.writable` can see a 
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from itertools import repeat
-from operator import length_hint
 from typing import TYPE_CHECKING, Any
 
 from streamkit.element.pad import SPECIAL
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 SAMPLE_EVERY = 256  # one frame in so many is timed, and the first so many
 SLOW_NS = 100_000  # each, where they come in no shorter a time: timing then costs nothing to speak of
-NO_BATCH = repeat(None, 0)
 
 
 class Chain:
@@ -83,7 +81,7 @@ class Chain:
         """
         stages, consume = tuple(self._stages), self._consume
         failed, timed, odd = self._failed, self._timed, self._odd
-        count, due, batch = self._count(), self._due, NO_BATCH
+        count, due = self._count(), self._due
 
         def push(frame: Frame) -> None:
             nonlocal count
@@ -123,36 +121,24 @@ class Chain:
                 raise failed(consume, frame, cause) from cause
 
         def pull(line: Line) -> None:
-            nonlocal count, batch
+            nonlocal count
             items, popleft = line.items, line.items.popleft
-            while items:
-                if line.care & SPECIAL:
-                    return
-                untimed = due - count - 1
-                if untimed <= 0:
+            with contextlib.suppress(IndexError):  # the line is empty; what elements raise comes wrapped
+                while type(items[0]) is Frame:
                     if line.care:
-                        line.weigh_out(items[0])  # type: ignore[arg-type]
+                        if line.care & SPECIAL:
+                            return
+                        line.weigh_out(items[0])
                     count += 1
-                    timed([popleft()])  # type: ignore[list-item]
-                    continue
-                # Counted before they pass: a loop over `batch` costs less than counting each.
-                batch = repeat(None, min(len(items), untimed))
-                count += length_hint(batch)
-                try:
-                    for _ in batch:
-                        if line.care:
-                            if line.care & SPECIAL:
-                                count -= 1  # the one that stays
-                                break
-                            line.weigh_out(items[0])  # type: ignore[arg-type]
+                    if count >= due:
+                        timed([popleft()])  # type: ignore[list-item]
+                        continue
+                    try:
                         consume(popleft())  # type: ignore[arg-type]  # a cast would cost a call for each frame
-                except (FlowStop, ElementFailure, NotNegotiated):
-                    raise
-                except Exception as cause:
-                    raise failed(consume, _frame_met(cause), cause) from cause
-                finally:
-                    count -= length_hint(batch)
-                    batch = NO_BATCH
+                    except (FlowStop, ElementFailure, NotNegotiated):
+                        raise
+                    except Exception as cause:
+                        raise failed(consume, _frame_met(cause), cause) from cause
 
         def replace_consumer(function: Callable[[Frame], None]) -> None:
             nonlocal consume
@@ -163,7 +149,7 @@ class Chain:
             due = number
 
         self._replace_consumer, self._set_due = replace_consumer, set_due
-        self._count = lambda: count - length_hint(batch)
+        self._count = lambda: count
         self.src.pull = None if stages else pull
         return push if stages else hand_over
 
