@@ -66,8 +66,9 @@ class Line(Protocol):
 
     Attributes:
         items: the oldest first.
-        care: 0 where a frame has only to be taken out; with `SPECIAL` set the chain leaves the line to its
-            owner, with `WEIGHED` each frame is weighed out. Looked at before each frame.
+        care: 0 where a frame has only to be taken out; with `SPECIAL` set, as it is while an event is in the
+            line, the chain leaves it to its owner, with `WEIGHED` each frame is weighed out. Looked at
+            before each frame.
     """
 
     items: deque[Frame | Event]

@@ -230,7 +230,9 @@ class Queue(ThreadBoundary):
         elif isinstance(event, EosEvent) and self.flush_on_eos:
             held = [item for item in tuple(self._items) if isinstance(item, Frame)]
             self.count_drop("dropped at EOS", sum(self._take_away(frame) for frame in held))
-        self._levels.in_events += 1
+        with self._lock:  # told before it is in the line: the chain behind takes out frames alone
+            self._levels.in_events += 1
+            self._heed()
         self._items.append(event)
         self._filled.set()
 

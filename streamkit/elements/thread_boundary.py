@@ -98,7 +98,8 @@ class ThreadBoundary(Element):
 
     def _heed(self) -> None:
         is_gated = self._halted or self._thresholded or self._contended
-        is_special = is_gated or self._head_gap or self._upstream_sleeps
+        has_events = self._levels.in_events != self._levels.out_events
+        is_special = is_gated or has_events or self._head_gap or self._upstream_sleeps
         self.care = self.care & WEIGHED | (SPECIAL if is_special else 0)
 
     def _upstream_sleeps_now(self, sleeps: bool) -> None:
@@ -146,6 +147,7 @@ class ThreadBoundary(Element):
         self._items.extend(event for event in newest.values())
         self.count_drop("flushed", sum(isinstance(item, Frame) for item in held))
         self._levels.empty()
+        self._set()
 
     # The downstream side.
 
@@ -237,7 +239,9 @@ class ThreadBoundary(Element):
         return frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
 
     def _hand_on(self, src: Pad, event: Any) -> None:
-        self._levels.out_events += 1
+        with self._lock:
+            self._levels.out_events += 1
+            self._heed()
         if self._halted:
             raise Flushing(self.name)
         if isinstance(event, SegmentEvent):

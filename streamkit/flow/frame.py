@@ -101,7 +101,9 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
     def writable(self) -> Frame:
         """A frame whose array may be written: this one if nobody else holds it, else one with a copy.
 
-        Call it on the argument of `transform` itself, before binding it to other names.
+        Call it on the argument of `transform` itself, before binding it to other names. Behind a queue a copy
+        may be made that need not be, some in 100 000: where the thread upstream was interrupted just as it
+        handed the frame over, and still holds it.
         """
         data = self.data
         if (

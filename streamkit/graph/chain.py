@@ -6,10 +6,11 @@ that a stage has replaced is let go at once, so that `Frame.writable` can see a 
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from itertools import repeat
+from operator import length_hint
 from typing import TYPE_CHECKING, Any
 
 from streamkit.element.pad import SPECIAL
@@ -82,6 +83,7 @@ class Chain:
         stages, consume = tuple(self._stages), self._consume
         failed, timed, odd = self._failed, self._timed, self._odd
         count, due = self._count(), self._due
+        row: tuple[int, repeat[None]] | None = None  # frames once it has passed, and what is left of it
 
         def push(frame: Frame) -> None:
             nonlocal count
@@ -121,24 +123,41 @@ class Chain:
                 raise failed(consume, frame, cause) from cause
 
         def pull(line: Line) -> None:
-            nonlocal count
+            nonlocal count, row
             items, popleft = line.items, line.items.popleft
-            with contextlib.suppress(IndexError):  # the line is empty; what elements raise comes wrapped
-                while type(items[0]) is Frame:
+            while items:
+                if line.care & SPECIAL:
+                    return
+                untimed = due - count - 1
+                if untimed <= 0:
                     if line.care:
-                        if line.care & SPECIAL:
-                            return
-                        line.weigh_out(items[0])
+                        line.weigh_out(items[0])  # type: ignore[arg-type]
                     count += 1
-                    if count >= due:
-                        timed([popleft()])  # type: ignore[list-item]
-                        continue
-                    try:
+                    timed([popleft()])  # type: ignore[list-item]
+                    continue
+                # Counted before they pass: a loop over `left` costs less than counting each.
+                left = repeat(None, min(len(items), untimed))
+                total = count + length_hint(left)
+                row = total, left
+                try:
+                    for _ in left:
+                        if line.care:
+                            if line.care & SPECIAL:
+                                total -= 1  # the one that stays
+                                break
+                            line.weigh_out(items[0])  # type: ignore[arg-type]
                         consume(popleft())  # type: ignore[arg-type]  # a cast would cost a call for each frame
-                    except (FlowStop, ElementFailure, NotNegotiated):
-                        raise
-                    except Exception as cause:
-                        raise failed(consume, _frame_met(cause), cause) from cause
+                except (FlowStop, ElementFailure, NotNegotiated):
+                    raise
+                except Exception as cause:
+                    raise failed(consume, _frame_met(cause), cause) from cause
+                finally:
+                    count = total - length_hint(left)
+                    row = None
+
+        def frames() -> int:
+            now = row
+            return count if now is None else now[0] - length_hint(now[1])
 
         def replace_consumer(function: Callable[[Frame], None]) -> None:
             nonlocal consume
@@ -149,7 +168,7 @@ class Chain:
             due = number
 
         self._replace_consumer, self._set_due = replace_consumer, set_due
-        self._count = lambda: count
+        self._count = frames
         self.src.pull = None if stages else pull
         return push if stages else hand_over
 

@@ -90,9 +90,10 @@ def test_a_branch_joins_and_leaves_while_playing(register: Register) -> None:
 def test_the_end_waits_for_a_branch_that_joined(register: Register) -> None:
     """One EOS, when the new sink has it too."""
     register(gathering=Gathering)
-    with Pipeline.parse("appsrc name=in ! tee name=t t. ! fakesink") as pipeline:
+    with Pipeline.parse("appsrc name=in ! tee name=t t. ! gathering name=a") as pipeline:
         pipeline.play()
         push(pipeline, range(1))
+        assert pipeline["a"].wait_for(1)
         pipeline.add_branch("t", "queue ! gathering name=b")
         push(pipeline, range(1, 50))
         pipeline["in"].end()

@@ -27,6 +27,39 @@ def test_queues_and_branches_are_counted() -> None:
     assert all(row.dropped == {} for row in rows.values())
 
 
+class Counting(Sink):
+    """Looks at the statistics now and then, and fails at its 900th frame."""
+
+    sink = "ANY"
+    looked: list[tuple[int, int]]
+    pipeline: Pipeline
+
+    def start(self) -> None:
+        self.looked, self._taken = [], 0
+
+    def render(self, frame: Frame) -> None:
+        self._taken += 1
+        if self._taken % 97 == 0:
+            self.looked.append((self._taken, _taken_in(self.pipeline)))
+        if self._taken == 900:
+            raise ValueError("enough")
+
+
+def _taken_in(pipeline: Pipeline) -> int:
+    return next(row.frames_in for row in pipeline.statistics() if row.element == "counting0")
+
+
+def test_counts_are_right_at_every_moment(register: Register) -> None:
+    """Behind a queue frames come in a row: each counts once it reaches the sink, none after a failure."""
+    register(counting=Counting)
+    with Pipeline.parse("fakesrc num-buffers=1000 ! queue ! counting") as pipeline:
+        pipeline["counting0"].pipeline = pipeline
+        with pytest.raises(ElementFailure, match="enough"):
+            pipeline.run(timeout_s=30)
+        assert pipeline["counting0"].looked == [(count, count) for count in range(97, 900, 97)]
+        assert _taken_in(pipeline) == 900
+
+
 @pytest.mark.parametrize("probability", [1.0, 0.5])
 def test_a_drop_has_a_reason(probability: float) -> None:
     """What came in and did not go out stands under its reason."""
