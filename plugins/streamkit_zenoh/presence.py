@@ -1,18 +1,24 @@
 """Who is there: publishers that live, and receivers that listen, shown by zenoh's liveliness tokens."""
 
 import threading
+from collections import OrderedDict
 from collections.abc import Callable
 
 import zenoh
 
 from streamkit_zenoh.keys import LISTENING, alive_key, listening_key, listens_to
+from streamkit_zenoh.wire.numbering import remember
 
 # Tokens come from the network: their number is bounded.
 TOKEN_LIMIT = 10_000
+CONFIRM_LIMIT_S = 5.0
 
 
 class Watch:
     """Keeps the set of tokens below a key expression.
+
+    A session tells a watch of the tokens it knew before in a thread of its own, which may come after such a
+    token's end. So a token told after its end is asked for: only one that answers is there again.
 
     Args:
         session: an open session.
@@ -23,7 +29,10 @@ class Watch:
     def __init__(
         self, session: zenoh.Session, expression: str, changed: Callable[[int], None] | None = None
     ) -> None:
+        self._session = session
         self._tokens: set[str] = set()
+        self._ended: OrderedDict[str, int] = OrderedDict()  # how often each has ended
+        self._closed = False
         self._lock = threading.Lock()
         self._changed = changed
         # Called in zenoh's own thread, so that a token's end is seen behind the records sent before it.
@@ -32,12 +41,38 @@ class Watch:
 
     def _take(self, sample: zenoh.Sample) -> None:
         token = str(sample.key_expr)
-        with self._lock:
-            if sample.kind == zenoh.SampleKind.DELETE:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            with self._lock:
                 self._tokens.discard(token)
-            elif len(self._tokens) < TOKEN_LIMIT:
+                remember(self._ended, token, self._ended.get(token, 0) + 1)
+                count = len(self._tokens)
+            self._tell(count)
+        elif not self._appears(token, 0):
+            self._confirm(token, self._ended.get(token, 0))
+
+    def _appears(self, token: str, ends: int) -> bool:
+        """Notes a token that is there; False where it has ended more often than said."""
+        with self._lock:
+            if self._closed or self._ended.get(token, 0) != ends:
+                return False
+            if len(self._tokens) < TOKEN_LIMIT:
                 self._tokens.add(token)
             count = len(self._tokens)
+        self._tell(count)
+        return True
+
+    def _confirm(self, token: str, ends: int) -> None:
+        """Takes a token as there once somebody says so, unless it ends first."""
+
+        def answered(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                self._appears(token, ends)
+
+        # In a thread of its own: zenoh holds a lock while it tells answers, and `changed` may ask for more.
+        handler = zenoh.handlers.Callback(answered, indirect=True)
+        self._session.liveliness().get(token, handler, timeout=CONFIRM_LIMIT_S)
+
+    def _tell(self, count: int) -> None:
         if self._changed is not None:
             self._changed(count)
 
@@ -53,6 +88,8 @@ class Watch:
 
     def close(self) -> None:
         """Stops watching."""
+        with self._lock:
+            self._closed = True
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 

@@ -119,7 +119,10 @@ def test_silence_is_an_error_when_asked(subscribe: Starter) -> None:
     process = subscribe("--timeout", "0.2")
     _, err = process.communicate(timeout=20)
     assert process.returncode == 1
-    assert err.startswith("error: no record has come within 0.2 s: no publisher is there; start it")
+    assert err == (
+        "error: no record has come within 0.2 s: no publisher is there; start it, or give both sides "
+        "endpoints that meet (--connect, --listen)\n"
+    )
 
 
 def test_a_full_disk_is_told(subscribe: Starter, key: str, endpoint: str) -> None:

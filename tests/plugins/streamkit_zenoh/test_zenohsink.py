@@ -162,8 +162,6 @@ def test_a_pipeline_that_waits_can_be_stopped(key: str) -> None:
 def test_a_stuck_receiver_holds_up_nobody(endpoint: str, key: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Records that find no room are dropped and counted, the stuck receiver is cut off, and closing ends."""
     monkeypatch.setattr("streamkit_zenoh.zenohsink.FINISH_LIMIT_S", 1.0)
-    # A frozen receiver says nothing either: the silence must not end its link before the full line does.
-    monkeypatch.setattr("streamkit_zenoh.configuration.LEASE_MS", 60_000)
     receiver = _start_receiver(f"zenohsrc key={key} connect={endpoint} ! appsink name=out")
     try:
         with Harness(
