@@ -130,10 +130,14 @@ class Chain:
                     return
                 untimed = due - count - 1
                 if untimed <= 0:
-                    if line.care:
-                        line.weigh_out(items[0])  # type: ignore[arg-type]
+                    try:
+                        if line.care:
+                            line.weigh_out(items[0])  # type: ignore[arg-type]
+                        box = [popleft()]
+                    except IndexError:
+                        return
                     count += 1
-                    timed([popleft()])  # type: ignore[list-item]
+                    timed(box)  # type: ignore[arg-type]
                     continue
                 # Counted before they pass: a loop over `left` costs less than counting each.
                 left = repeat(None, min(len(items), untimed))
@@ -150,6 +154,9 @@ class Chain:
                 except (FlowStop, ElementFailure, NotNegotiated):
                     raise
                 except Exception as cause:
+                    if _ran_empty(cause):
+                        total -= 1
+                        return
                     raise failed(consume, _frame_met(cause), cause) from cause
                 finally:
                     count = total - length_hint(left)
@@ -286,6 +293,12 @@ def composed_when_used(src: Pad, chains: list[Chain]) -> Callable[[Frame], None]
         src.push(box.pop())
 
     return push
+
+
+def _ran_empty(cause: Exception) -> bool:
+    """Whether a line was empty when the next frame was taken: upstream had just begun to drop the oldest."""
+    trace = cause.__traceback__
+    return isinstance(cause, IndexError) and trace is not None and trace.tb_next is None
 
 
 def _frame_met(cause: Exception) -> Frame | None:

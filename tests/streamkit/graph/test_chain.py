@@ -1,5 +1,6 @@
 """Chains: what stands behind a src pad, composed once, counted, timed by samples."""
 
+from collections import deque
 from collections.abc import Callable, Iterable
 
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import strategies as st
 
 from streamkit import Caps, ElementFailure, Frame, Pipeline, Transform
 from streamkit.element.registry import make_element
+from streamkit.flow.events import Event
 from streamkit.graph.chain import SAMPLE_EVERY, Chain
 
 Register = Callable[..., None]
@@ -113,3 +115,35 @@ def test_every_frame_arrives_once_and_in_order(trunk: list[str], tails: list[lis
         for number in range(len(tails)):
             assert [frame.seq for frame in pipeline[f"out{number}"]] == list(range(count)), text
         assert pipeline.wait(10) is not None
+
+
+class Emptied:
+    """A line that upstream empties whenever it is looked at for something special."""
+
+    def __init__(self, frames: int, after: int) -> None:
+        self.items: deque[Frame | Event] = deque(Frame(b"", ANYTHING, seq=n) for n in range(frames))
+        self._after = after
+
+    @property
+    def care(self) -> int:
+        """Nothing special, but frames are gone after so many looks."""
+        self._after -= 1
+        if self._after < 0:
+            self.items.clear()
+        return 0
+
+    def weigh_out(self, frame: Frame) -> None:
+        """Weighs nothing."""
+
+
+@pytest.mark.parametrize("timed", [0, SAMPLE_EVERY + 1])
+def test_a_line_emptied_from_upstream_is_no_failure(timed: int) -> None:
+    """A queue that has just been made leaky may lose its oldest frames while a row of them is taken."""
+    pipeline = Pipeline.parse("queue name=q ! fakesink name=s")
+    chain = Chain(pipeline["q"].pads["src"])
+    chain.compose()
+    chain.due = timed
+    pull = chain.src.pull
+    assert pull is not None
+    pull(Emptied(5, after=3 if timed else 2))
+    assert chain.frames == (2 if timed else 1)
