@@ -9,7 +9,7 @@ from fractions import Fraction
 from streamkit import Caps, Frame, Property, ResourceError, Sink, StreamError
 from streamkit_decoder.codecs import caps_rate
 from streamkit_decoder.container import MEDIA_ERRORS, reason_of
-from streamkit_decoder.location import local_path
+from streamkit_decoder.location import local_path, remedy_of
 from streamkit_decoder.videowriter import VideoWriter
 
 ASSUMED_RATE = Fraction(25)
@@ -53,6 +53,7 @@ class VideoFileSink(Sink):
     def start(self) -> None:
         """Checks that the file can be written; it is made when the size is known."""
         self._writer: VideoWriter | None = None
+        self._has_begun = False
         self._writing = threading.Lock()
         self._caps: Caps | None = None
         if not self.location:
@@ -84,7 +85,7 @@ class VideoFileSink(Sink):
 
     def drain(self) -> None:
         """EOS: the file is completed."""
-        if self._writer is None:
+        if not self._has_begun:
             self.post_warning(f"{self.location}: not one picture came, the file is empty")
         self._close()
 
@@ -95,6 +96,7 @@ class VideoFileSink(Sink):
     def _follow(self, caps: Caps) -> None:
         shape = (str(caps["format"]), caps.integer("width"), caps.integer("height"))
         writer = self._writer
+        self._has_begun = True
         if writer is None:
             rate = caps_rate(caps) or ASSUMED_RATE
             self._writer = VideoWriter(self._path, *shape, rate, self.crf, self.preset.value)
@@ -127,4 +129,6 @@ class VideoFileSink(Sink):
             self._writing.release()
 
     def _failure(self, error: Exception) -> ResourceError:
-        return ResourceError(f"{self.location}: the video could not be written: {reason_of(error)}")
+        return ResourceError(
+            f"{self.location}: the video could not be written: {reason_of(error)}{remedy_of(error)}"
+        )

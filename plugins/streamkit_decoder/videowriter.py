@@ -56,6 +56,7 @@ class VideoWriter:
         self._reformatter = VideoReformatter()
         self._offset: int | None = None
         self._last = -self._frame_ticks
+        self._failure: Exception | None = None
         self._container: OutputContainer | None = av.open(
             f"file:{path}", "w", container_options={"movflags": "+faststart"}
         )
@@ -79,14 +80,21 @@ class VideoWriter:
                 began again), follows the last at the frame rate.
 
         Raises:
-            FFmpegError: encoding or writing failed.
+            FFmpegError: encoding or writing failed, this time or before: a container that could not be
+                written is left alone, FFmpeg crashes at the next packet where its head was not.
         """
         assert self._container is not None
+        if self._failure is not None:
+            raise self._failure
         picture = picture_of(pixels, self.pixel_format)
         if picture.format.name != "yuv420p":
             picture = self._reformatter.reformat(picture, format="yuv420p")
         picture.pts, picture.time_base = self._ticks(pts), TIME_BASE
-        self._container.mux(self._stream.encode(picture))
+        try:
+            self._container.mux(self._stream.encode(picture))
+        except Exception as error:
+            self._failure = error
+            raise
 
     def close(self, limit_s: float | None = None) -> bool:
         """Writes what the encoder holds and the file's index: it plays from now on. Safe to call twice.
@@ -96,7 +104,7 @@ class VideoWriter:
                 None waits for all.
 
         Returns:
-            Whether every picture is in the file.
+            Whether every picture is in the file, but for those that `write` has refused.
 
         Raises:
             FFmpegError: writing failed.
@@ -105,7 +113,7 @@ class VideoWriter:
         if container is None:
             return True
         try:
-            return self._last < 0 or self._flush(container, limit_s)
+            return self._last < 0 or self._failure is not None or self._flush(container, limit_s)
         finally:
             container.close()
 

@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any, BinaryIO
 
 from streamkit import Caps, Frame, Property, ResourceError, Sink
-from streamkit_decoder.location import local_path
+from streamkit_decoder.location import local_path, remedy_of
 
 LINE_TYPES = ("text/", "application/json", "application/x-tracks", "application/x-json")
 
@@ -75,9 +75,7 @@ class FileSink(Sink):
         if file is not None:
             with suppress(OSError):  # told already
                 file.close()
-        return ResourceError(
-            f"{self.location}: writing failed: {error.strerror or error}; the disk may be full"
-        )
+        return ResourceError(f"{self.location}: writing failed: {error.strerror or error}{remedy_of(error)}")
 
 
 def as_bytes(data: Any) -> bytes | memoryview:

@@ -7,7 +7,6 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
-from av.error import FFmpegError
 from av.packet import Packet
 
 from streamkit import (
@@ -24,7 +23,7 @@ from streamkit import (
 )
 from streamkit_decoder.codecs import CODED_CAPS, CodecParameters, caps_parameters
 from streamkit_decoder.container import MEDIA_ERRORS, reason_of
-from streamkit_decoder.location import local_path
+from streamkit_decoder.location import local_path, remedy_of
 from streamkit_decoder.packets import nanoseconds
 from streamkit_decoder.recording.annexb import BadPacket
 from streamkit_decoder.recording.arrivals import Arrival, ArrivalsWriter
@@ -207,8 +206,9 @@ class PacketSink(Sink):
             self._writing.release()
 
     def _failure(self, error: Exception) -> ResourceError:
-        hint = "; the disk may be full" if isinstance(error, OSError | FFmpegError) else ""
-        return ResourceError(f"{self.location}: the recording could not be written: {reason_of(error)}{hint}")
+        return ResourceError(
+            f"{self.location}: the recording could not be written: {reason_of(error)}{remedy_of(error)}"
+        )
 
 
 def times_of(frame: Frame) -> tuple[int, int]:

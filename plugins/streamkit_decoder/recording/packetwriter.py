@@ -53,6 +53,7 @@ class PacketWriter:
         with_klv: bool,
     ) -> None:
         self._annexb = AnnexBWriter(codec, extradata)
+        self._failure: Exception | None = None
         name, options = container
         self._container: OutputContainer | None = av.open(
             target, "w", format=name, container_options={**ALWAYS, **options}
@@ -79,7 +80,8 @@ class PacketWriter:
             Bytes written.
 
         Raises:
-            FFmpegError: writing failed.
+            FFmpegError: writing failed, this time or before: a container that could not be written is left
+                alone, FFmpeg crashes at the next packet where its head was not.
             BadPacket: the packet is damaged.
         """
         packet = Packet(self._annexb.packet(data, is_keyframe))
@@ -97,12 +99,18 @@ class PacketWriter:
 
     def _write(self, packet: Packet[Stream], stream: Stream, pts: int, dts: int) -> int:
         assert self._container is not None
+        if self._failure is not None:
+            raise self._failure
         lowest = self._last_dts.get(stream.index, dts - 1) + 1
         dts = max(dts, lowest)
         self._last_dts[stream.index] = dts
         packet.stream = stream
         packet.time_base, packet.dts, packet.pts = TIME_BASE, dts, max(pts, dts)
-        self._container.mux_one(packet)
+        try:
+            self._container.mux_one(packet)
+        except Exception as error:
+            self._failure = error
+            raise
         return packet.size
 
     def close(self) -> None:

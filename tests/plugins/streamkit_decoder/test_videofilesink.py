@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from pathlib import Path
 
 import av
@@ -87,3 +89,23 @@ def test_a_name_without_container_is_told(tmp_path: Path) -> None:
         ),
     ):
         harness.push(grey_frame())
+
+
+LAUNCH = "import sys; from streamkit.cli.main import main; sys.argv[1:] = ['launch', sys.argv[1]]; main()"
+
+
+@pytest.mark.parametrize("between", ["", "! queue max-size-buffers=100"])
+def test_a_full_disk_is_an_error_and_no_crash(tmp_path: Path, between: str) -> None:
+    """A video whose first bytes find no room ends the pipeline with one error, whatever comes after."""
+    path = tmp_path / "out.mp4"
+    path.symlink_to("/dev/full")
+    text = (
+        f"videotestsrc num-buffers=80 ! video/x-raw,format=I420,width=64,height=48 {between} "
+        f"! videofilesink preset=ultrafast location={path}"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", LAUNCH, text], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 1, done.stderr
+    assert "the video could not be written: No space left on device; free some space" in done.stderr
+    assert "not one picture came" not in done.stderr
