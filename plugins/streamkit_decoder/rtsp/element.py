@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import enum
+import threading
 import time
 from collections.abc import Iterator
+from typing import Any
 
 from streamkit import (
     Caps,
@@ -78,9 +80,15 @@ class RtspSrc(RtspEndpoint, Source):
         256, min=2, doc="Packets held for a slow consumer before the oldest are dropped."
     )
 
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self._connection: Connection | None = None
+        self._over = threading.Event()
+        super().__init__(name, **properties)
+
     def start(self) -> None:
         """Checks the location; the connection is made by the source's thread."""
-        self._connection: Connection | None = None
+        self._connection = None
+        self._over.clear()
         self._abandoned: list[PacketReader] = []
         self._received = 0
         self._next_seq = 0
@@ -105,7 +113,7 @@ class RtspSrc(RtspEndpoint, Source):
         Raises:
             ResourceError: a connection failed and is not, or no longer, to be tried again.
         """
-        while not self.stopping.is_set():
+        while not self._over.is_set():
             before = self._received
             self._tell("connecting", attempt=self._backoff.tries, transport=self._carrier.value)
             try:
@@ -115,7 +123,7 @@ class RtspSrc(RtspEndpoint, Source):
                 failure = error
             finally:
                 self._leave(LEAVE_LIMIT_S)
-            if self.stopping.is_set():
+            if self._over.is_set():
                 return
             if failure is not None and self._received == before:
                 if self._turns_to_tcp(failure):
@@ -123,6 +131,16 @@ class RtspSrc(RtspEndpoint, Source):
                 failure = self._with_remedy(failure)
             if not self._tries_again(failure):
                 return
+
+    def finish(self) -> None:
+        """Ends the stream now, also where it waits for a server: none may ever come."""
+        self._over.set()
+        super().finish()
+
+    def halt(self) -> None:
+        """Leaves every wait: the pipeline is stopping."""
+        self._over.set()
+        super().halt()
 
     def interrupt(self) -> None:
         """Wakes the source's thread."""
@@ -150,7 +168,7 @@ class RtspSrc(RtspEndpoint, Source):
             self._settings(), self._next_seq, self._timeline, self.clock
         )
         is_first = True
-        for kind, frame in connection.frames(self.stopping.is_set, self.count_drop):
+        for kind, frame in connection.frames(self._over.is_set, self.count_drop):
             if is_first:
                 self._epoch += 1
                 self._backoff.reset()
@@ -163,7 +181,7 @@ class RtspSrc(RtspEndpoint, Source):
                 yield own
             elif kind.value in self.pads:
                 yield kind.value, own
-        if is_first and not self.stopping.is_set():
+        if is_first and not self._over.is_set():
             raise StreamError(f"{self._where}: the server ended before the first packet")
 
     def _add_pads(self, found: frozenset[StreamKind]) -> None:
@@ -255,5 +273,5 @@ class RtspSrc(RtspEndpoint, Source):
         delay_s = self._backoff.next_delay_s()
         self._tell("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=reason)
         self.post_warning(f"{reason}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
-        self.stopping.wait(delay_s)
+        self._over.wait(delay_s)
         return True

@@ -94,7 +94,9 @@ class RtspEndpoint(Element):
 
     @property
     def _where(self) -> str:
-        """The location as it may be shown."""
+        """The location as it may be shown; one without its scheme may hold a password too."""
+        if "://" not in self.location and "@" in self.location:
+            return f"***@{self.location.rpartition('@')[2]}"
         return redact(self.location)
 
     @property

@@ -103,9 +103,8 @@ def test_a_full_disk_is_an_error_and_no_crash(tmp_path: Path, between: str) -> N
         f"videotestsrc num-buffers=80 ! video/x-raw,format=I420,width=64,height=48 {between} "
         f"! videofilesink preset=ultrafast location={path}"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", LAUNCH, text], capture_output=True, text=True, timeout=60, check=False
-    )
+    command = [sys.executable, "-c", LAUNCH, text]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 1, done.stderr
     assert "the video could not be written: No space left on device; free some space" in done.stderr
     assert "not one picture came" not in done.stderr

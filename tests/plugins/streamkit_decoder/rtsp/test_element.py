@@ -46,7 +46,8 @@ def test_a_closed_port_is_told() -> None:
 
 
 @pytest.mark.parametrize(
-    "location", ["", "cam/live", "http://u:secret@cam/live", "rtsp://", "rtsp://cam:port/x"]
+    "location",
+    ["", "cam/live", "u:secret@cam/live", "http://u:secret@cam/live", "rtsp://", "rtsp://cam:port/x"],
 )
 def test_other_locations_fail_before_playing(location: str) -> None:
     """What is no RTSP URL is refused when the element starts, with an example."""

@@ -345,3 +345,35 @@ def test_lost_packets_are_survived(start_server: StartServer, fake: ModuleType, 
         for before, now, frame in zip(marked, marked[1:], frames[1:], strict=False)
         if not frame.flags & FrameFlags.KEYFRAME
     )
+
+
+def test_a_stream_may_be_ended_while_its_server_is_away(start_server: StartServer, tmp_path: Path) -> None:
+    """`finish` ends a source that waits for its next try, however long that is."""
+    server = start_server()
+    path = tmp_path / "flight.mp4"
+    text = (
+        f"rtspsrc location={server.url} retry-delay-s=600 max-retry-delay-s=600 ! packetsink location={path}"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        next_state(pipeline, "connected")
+        server.close()
+        next_state(pipeline, "retrying")
+        pipeline.finish()
+        ended = pipeline.wait(10)
+    assert ended is not None
+    assert ended.kind is MessageKind.EOS
+    assert path.stat().st_size
+    assert no_reader_is_left()
+
+
+def test_a_stream_may_be_ended_before_it_has_begun(serve: Callable[[int], int]) -> None:
+    """`finish` ends a source whose server says nothing, at once and without an error."""
+    text = f"rtspsrc location=rtsp://127.0.0.1:{serve(1)}/live timeout-s=600 ! fakesink"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        next_state(pipeline, "connecting")
+        pipeline.finish()
+        ended = pipeline.wait(10)
+    assert ended is not None
+    assert ended.kind is MessageKind.EOS
