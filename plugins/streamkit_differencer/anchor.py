@@ -88,15 +88,22 @@ def translation(dx: float, dy: float) -> Matrix:
 
 def is_sane(homography: Matrix) -> bool:
     """Whether a matrix is a finite homography with an inverse that can be trusted."""
-    if homography.shape != (3, 3) or not np.isfinite(homography).all() or homography[2, 2] == 0.0:
+    if homography.shape != (3, 3):
         return False
-    determinant = abs(float(np.linalg.det(homography / homography[2, 2])))
-    return DETERMINANT_LIMITS[0] < determinant < DETERMINANT_LIMITS[1]
+    a, b, c, d, e, f, g, h, last = homography.ravel().tolist()
+    if not all(map(math.isfinite, (a, b, c, d, e, f, g, h, last))) or last == 0.0:
+        return False
+    # Of the matrix whose last element is 1.
+    determinant = a * (e * last - f * h) - b * (d * last - f * g) + c * (d * h - e * g)
+    smallest, largest = DETERMINANT_LIMITS
+    return smallest < abs(determinant / last / last / last) < largest
 
 
 def map_points(homography: Matrix, points: Matrix) -> Matrix:
     """float64[n, 2] points under a homography; points on its horizon become infinite or huge."""
     projected = points @ homography[:, :2].T + homography[:, 2]
+    if projected[:, 2].all():
+        return projected[:, :2] / projected[:, 2:]
     with np.errstate(divide="ignore", invalid="ignore"):
         return projected[:, :2] / projected[:, 2:]
 
@@ -118,9 +125,15 @@ class Anchor:
     _plane_to_canvas: Matrix | None = None
     _previous: Matrix | None = None
     _reference: int = 0
+    _outline: Matrix = field(init=False)
+    _grid: Matrix = field(init=False)
+    _from_grid: Matrix = field(init=False)
 
     def __post_init__(self) -> None:
         width, height = self.working_size
+        self._outline = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float64) - 0.5
+        self._grid = working_to_frame(self.scale)
+        self._from_grid = np.asarray(np.linalg.inv(self._grid), np.float64)
         self._margin = math.ceil(width * MARGIN_RATIO), math.ceil(height * MARGIN_RATIO)
         self.canvas_size = width + 2 * self._margin[0], height + 2 * self._margin[1]
 
@@ -141,7 +154,7 @@ class Anchor:
         matrices = (motion.to_reference, motion.to_previous, motion.reference_change)
         if not all(matrix is None or is_sane(matrix) for matrix in matrices):
             return None
-        on_plane = motion.to_reference @ working_to_frame(self.scale)
+        on_plane = motion.to_reference @ self._grid
         if self._is_elsewhere(motion):
             return self._begin(motion, on_plane)
         assert self._plane_to_canvas is not None
@@ -175,21 +188,16 @@ class Anchor:
         """The chained place where the reference plane was adjusted since the last frame, else `place`."""
         if self._previous is None or to_previous is None:
             return place
-        grid = working_to_frame(self.scale)
-        chained = self._previous @ np.linalg.inv(grid) @ to_previous @ grid
-        width, height = self.working_size
-        outline = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float64)
-        step = np.abs(map_points(place, outline) - map_points(chained, outline)).max()
+        chained = self._previous @ self._from_grid @ to_previous @ self._grid
+        step = np.abs(map_points(place, self._outline) - map_points(chained, self._outline)).max()
         return chained if not step <= ADJUSTMENT_PX else place
 
     def _corners(self, place: Matrix) -> Matrix | None:
         """The frame's corners on the canvas, float64[4, 2]; None if they are not a convex quadrilateral."""
-        width, height = self.working_size
-        outline = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float64) - 0.5
-        depth = outline @ place[2, :2] + place[2, 2]
+        depth = self._outline @ place[2, :2] + place[2, 2]
         if depth.min() * depth.max() <= 0.0:
             return None
-        corners = map_points(place, outline)
+        corners = map_points(place, self._outline)
         convex = cv2.isContourConvex(corners.astype(np.float32).reshape(-1, 1, 2))
         return corners if convex else None
 

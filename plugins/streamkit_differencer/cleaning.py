@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+
+from streamkit_differencer.resampling import padded, parts
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,7 +29,11 @@ def cleaned(mask: ByteImage, median: int, fill_holes: bool) -> ByteImage:
         uint8[h, w].
     """
     if median >= SMALLEST_MEDIAN - 1:
-        mask = cast("ByteImage", cv2.medianBlur(mask, min(median | 1, LARGEST_MEDIAN)))
+        width, cleaner = min(median | 1, LARGEST_MEDIAN), np.zeros_like(mask)
+        for part in parts(mask):
+            outer, inner = padded(part, width, mask.shape)
+            cleaner[part] = cv2.medianBlur(np.ascontiguousarray(mask[outer]), width)[inner]
+        mask = cleaner
     if fill_holes:
         outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         whole = np.zeros_like(mask)

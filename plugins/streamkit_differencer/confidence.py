@@ -55,8 +55,7 @@ class Persistence:
 def contrast_at(
     points: FloatArray,
     image: ByteImage,
-    background: FloatImage,
-    spread: FloatImage,
+    known: tuple[FloatImage, ByteImage, FloatImage],
     limits: tuple[float, float],
 ) -> FloatArray:
     """How far a picture differs from the background, in multiples of the threshold.
@@ -64,19 +63,22 @@ def contrast_at(
     Args:
         points: float64[n, k, 2], x y, k points in each of n objects.
         image: uint8[h, w].
-        background: float32[h, w].
-        spread: float32[h, w], noise of each pixel, grey levels.
+        known: the background, float32[h, w]; the mask of where it is valid, uint8[h, w]; and the noise of
+            each pixel, float32[h, w], grey levels.
         limits: deviations of the noise that the threshold is, and its smallest value, grey levels.
 
     Returns:
         float64[n], the mean over those points of an object that exceed their threshold; 0 if none does.
     """
     columns, rows = np.round(points).astype(np.intp).transpose(2, 0, 1)
-    columns, rows = np.clip(columns, 0, image.shape[1] - 1), np.clip(rows, 0, image.shape[0] - 1)
+    columns = np.minimum(np.maximum(columns, 0), image.shape[1] - 1)
+    rows = np.minimum(np.maximum(rows, 0), image.shape[0] - 1)
+    background, valid, spread = known
     gain, lowest = limits
-    needed = np.clip(gain * DEVIATION_RATIO * spread[rows, columns], max(lowest, 1.0), HIGHEST_THRESHOLD)
+    needed = gain * DEVIATION_RATIO * spread[rows, columns]
+    needed = np.minimum(np.maximum(needed, max(lowest, 1.0)), HIGHEST_THRESHOLD)
     excess = np.abs(image[rows, columns] - background[rows, columns]) / needed
-    counted = excess > 1.0
+    counted = (excess > 1.0) & (valid[rows, columns] > 0)
     total = np.where(counted, excess, 0.0).sum(axis=1)
     return np.asarray(total / np.maximum(counted.sum(axis=1), 1), np.float64)
 
@@ -91,4 +93,4 @@ def confidence(contrast: FloatArray, ages: FloatArray, registration: float) -> F
     """
     clear = 1.0 - np.exp(-np.maximum(contrast - 0.5, 0.0) / CONTRAST_SCALE)
     lasting = FIRST_SHARE + (1.0 - FIRST_SHARE) * np.minimum(ages / LONG_ENOUGH_FRAMES, 1.0)
-    return np.asarray(np.clip(clear * lasting * registration, 0.0, 1.0))
+    return np.asarray(np.minimum(np.maximum(clear * lasting * registration, 0.0), 1.0))

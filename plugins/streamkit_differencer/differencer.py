@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, cast
 
@@ -153,12 +154,12 @@ class Differencer:
             self.miss()
             return None
         self._follow(self._model, place)
-        warped, seen, region = on_canvas(working, place.working_to_canvas, self._model.size)
+        warped, seen, region = on_canvas(working, place.working_to_canvas, self._model)
         mask, event = self._model.update(warped, seen, region, self._way(place.working_to_canvas))
-        if not cv2.countNonZero(mask):
+        if not self._model.where:
             self._persistence.update(NOTHING.boxes)
             return Result(NOTHING, np.zeros_like(working), place.change, event)
-        mask = in_frame(mask, region, place.working_to_canvas, size_of(working))
+        mask = in_frame(mask, self._model.where, region, place.working_to_canvas, size_of(working))
         return self._judged(working, mask, place, event, registration)
 
     def _new_model(self, size: tuple[int, int]) -> BackgroundModel:
@@ -258,14 +259,14 @@ def reduced(image: ByteImage, scale: int) -> ByteImage:
 
 
 def on_canvas(
-    working: ByteImage, place: Matrix, canvas_size: tuple[int, int]
+    working: ByteImage, place: Matrix, model: BackgroundModel
 ) -> tuple[ByteImage, ByteImage, Region]:
     """Resamples a frame onto the part of the canvas that it covers.
 
     Args:
         working: uint8[h, w], the frame at working resolution.
         place: float64[3, 3], working pixels to canvas.
-        canvas_size: width and height, px.
+        model: whose canvas it is; the frame is drawn in the room that it has for the next one.
 
     Returns:
         The frame on the canvas, the mask of what it covers, both uint8 of the region's shape, and the region.
@@ -273,29 +274,52 @@ def on_canvas(
     width, height = size_of(working)
     outline = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], np.float64)
     corners = map_points(place, outline)
-    left, top = np.clip(np.floor(corners.min(axis=0)).astype(int), 0, canvas_size)
-    right, bottom = np.clip(np.ceil(corners.max(axis=0)).astype(int) + 1, 0, canvas_size)
+    left, top, right, bottom = around(corners, model.size)
     region = np.s_[top:bottom, left:right]
     local = translation(-left, -top) @ place
-    size = int(right - left), int(bottom - top)
+    size = right - left, bottom - top
     shifted = corners - [left, top]
     if size == (width, height) and np.abs(shifted - outline).max() <= WHOLE_PIXEL_PX:
-        seen = np.full_like(working, 255)
-        return working, seen, region
+        return working, np.full_like(working, 255), region
     # What `seen` leaves out is wider than what mixes with the black around the frame.
-    warped = cv2.warpPerspective(working, local, size, flags=cv2.INTER_LINEAR)
+    warped, seen = model.room(region)
+    cv2.warpPerspective(working, local, size, dst=warped, flags=cv2.INTER_LINEAR)
     inner = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], np.float64) * BORDER_PX
-    seen = np.zeros((size[1], size[0]), np.uint8)
     cv2.fillConvexPoly(seen, np.round(map_points(local, outline + inner)).astype(np.int32), 255)
-    return cast("ByteImage", warped), seen, region
+    return warped, seen, region
 
 
-def in_frame(mask: ByteImage, region: Region, place: Matrix, size: tuple[int, int]) -> ByteImage:
+def around(points: Matrix, size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of the whole pixels around some points, within a picture of a size."""
+    (left, top), (right, bottom) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    width, height = size
+    return (
+        min(max(math.floor(left), 0), width),
+        min(max(math.floor(top), 0), height),
+        min(max(math.ceil(right) + 1, 0), width),
+        min(max(math.ceil(bottom) + 1, 0), height),
+    )
+
+
+def in_frame(
+    mask: ByteImage, where: list[Region], region: Region, place: Matrix, size: tuple[int, int]
+) -> ByteImage:
     """The canvas's foreground in the frame's own grid, by nearest neighbour: uint8 of the frame's shape."""
     local = translation(-region[1].start, -region[0].start) @ place
     if mask.shape == (size[1], size[0]):
         outline = np.array([[0, 0], size, [0, size[1]], [size[0], 0]], np.float64)
         if np.abs(map_points(local, outline) - outline).max() <= WHOLE_PIXEL_PX:
             return mask
-    flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-    return cast("ByteImage", cv2.warpPerspective(mask, local, size, flags=flags))
+    result = np.zeros((size[1], size[0]), np.uint8)
+    to_frame = np.asarray(np.linalg.inv(local), np.float64)
+    # Only where there is something: nearest neighbours of the rest are empty.
+    for rows, columns in where:
+        x, y = (columns.start - 1, columns.stop), (rows.start - 1, rows.stop)
+        box = np.array([[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]], np.float64)
+        left, top, right, bottom = around(map_points(to_frame, box), size)
+        if right > left and bottom > top:
+            piece = result[top:bottom, left:right]
+            shifted = local @ translation(left, top)
+            flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+            cv2.warpPerspective(mask, shifted, piece.shape[::-1], dst=piece, flags=flags)
+    return result

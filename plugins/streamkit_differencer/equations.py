@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.resampling import padded, parts
+from streamkit_differencer.resampling import apart, parts
 from streamkit_differencer.scratch import Scratch
 
 if TYPE_CHECKING:
@@ -30,12 +30,14 @@ if TYPE_CHECKING:
 
     ByteImage = NDArray[np.uint8]
     FloatImage = NDArray[np.float32]
+    Region = tuple[slice, slice]
 
 # Grey levels that a pixel beside foreground must differ by at least, and how far from it that is looked at.
 LEAST_WEAK = 5.0
 GROWTH_STEPS = 2
-# Rows that growth looks at together.
-GROWTH_BAND = 96
+# Largest lambda that a byte holds.
+LONGEST_WAIT = 255
+_SQUARE = np.ones((3, 3), np.uint8)
 _NEIGHBOURHOOD = np.ones((5, 5), np.uint8)
 
 
@@ -171,8 +173,9 @@ def grown(
     threshold: float | ByteImage,
     share: float,
     *,
+    known: ByteImage | None = None,
     scratch: Scratch | None = None,
-) -> ByteImage:
+) -> tuple[ByteImage, list[Region]]:
     """The foreground and what is next to it and differs from the background by a share of the threshold.
 
     Args:
@@ -181,38 +184,37 @@ def grown(
         background: uint8[h, w], B(t - 1), rounded.
         threshold: T_F of all or of each pixel, grey levels.
         share: of the threshold, 0 to 1.
+        known: uint8[h, w], mask of what may be foreground; None for everything.
         scratch: planes to work in.
 
     Returns:
-        uint8[h, w]: the foreground without lone pixels, grown by up to `GROWTH_STEPS` times two pixels.
+        uint8[h, w]: the foreground without lone pixels, grown by up to `GROWTH_STEPS` times two pixels; and
+        rectangles that hold all of it and do not overlap.
 
     Source: thresholding with hysteresis, Canny, "A Computational Approach to Edge Detection", PAMI 1986.
     """
     scratch = scratch or Scratch()
-    lonely, result = scratch.plane("lonely", mask.shape), scratch.plane("grown", mask.shape)
-    cv2.medianBlur(mask, 3, dst=lonely)
-    result[:] = lonely
+    result = scratch.plane("grown", mask.shape)
+    cv2.medianBlur(mask, 3, dst=result)
     # Growth of a union is the union of the growths, so empty parts of the picture need no look.
-    for part in parts(lonely, GROWTH_BAND):
-        outer, inner = padded(part, GROWTH_STEPS * (len(_NEIGHBOURHOOD) // 2), mask.shape)
-        here = result[outer]
-        piece, weak = scratch.plane("piece", here.shape), scratch.plane("weak", here.shape)
-        piece[:] = 0
-        piece[inner] = lonely[part]
-        near = scratch.plane("near", here.shape)
-        cv2.absdiff(current[outer], background[outer], dst=weak)
+    where = apart(parts(result), GROWTH_STEPS * (len(_NEIGHBOURHOOD) // 2), mask.shape)
+    for part in where:
+        piece = result[part]
+        weak, near = scratch.plane("weak", piece.shape), scratch.plane("near", piece.shape)
+        cv2.absdiff(current[part], background[part], dst=weak)
         if isinstance(threshold, np.ndarray):
-            cv2.convertScaleAbs(threshold[outer], dst=near, alpha=share)
+            cv2.convertScaleAbs(threshold[part], dst=near, alpha=share)
             np.maximum(near, np.uint8(LEAST_WEAK), out=near)
             cv2.compare(weak, near, cv2.CMP_GT, dst=weak)
         else:
             cv2.threshold(weak, max(share * threshold, LEAST_WEAK), 255, cv2.THRESH_BINARY, dst=weak)
+        cv2.bitwise_or(weak, piece, dst=weak)
+        if known is not None:
+            cv2.bitwise_and(weak, known[part], dst=weak)
         for _ in range(GROWTH_STEPS):
             cv2.dilate(piece, _NEIGHBOURHOOD, dst=near)
-            cv2.bitwise_and(near, weak, dst=near)
-            cv2.bitwise_or(piece, near, dst=piece)
-        cv2.bitwise_or(here, piece, dst=here)
-    return result
+            cv2.bitwise_and(near, weak, dst=piece)
+    return result, where
 
 
 def local_bounds(
@@ -223,7 +225,7 @@ def local_bounds(
     Bounds of another name are in other planes of `scratch`.
     """
     scratch = scratch or Scratch()
-    square = np.ones((2 * radius + 1,) * 2, np.uint8)
+    square = _SQUARE if radius == 1 else np.ones((2 * radius + 1,) * 2, np.uint8)
     lowest, highest = (
         scratch.plane(f"lowest of {name}", image.shape),
         scratch.plane(f"highest of {name}", image.shape),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -17,11 +17,22 @@ FOREGROUND_QUIET = 128
 SHADOW = 50
 
 
-def marked(mask: ByteImage, still: ByteImage, shadow: ByteImage | None) -> ByteImage:
-    """The foreground with what it is, in an array of its own; uses up `still`."""
-    cv2.bitwise_and(mask, still, dst=still)
-    cv2.threshold(still, 0, 255 - FOREGROUND_QUIET, cv2.THRESH_BINARY, dst=still)
-    marks = cast("ByteImage", cv2.subtract(mask, still))
+def marked(
+    mask: ByteImage, quiet: ByteImage, shadow: ByteImage | None, parts: list[tuple[slice, slice]]
+) -> ByteImage:
+    """The foreground with what it is, in an array of its own.
+
+    Args:
+        mask: uint8[h, w], foreground.
+        quiet: uint8[h, w], mask of the pixels that did not change lately.
+        shadow: uint8[h, w], mask of shadow; None where it is not told.
+        parts: rectangles that hold all of the foreground.
+    """
+    marks = np.zeros_like(mask)
+    for part in parts:
+        still = cv2.bitwise_and(mask[part], quiet[part])
+        cv2.threshold(still, 0, 255 - FOREGROUND_QUIET, cv2.THRESH_BINARY, dst=still)
+        cv2.subtract(mask[part], still, dst=marks[part])
     if shadow is not None:
         cv2.copyTo(np.full_like(mask, SHADOW), shadow & mask, marks)
     return marks

@@ -15,7 +15,7 @@ import numpy as np
 
 from streamkit_differencer.confidence import contrast_at
 from streamkit_differencer.equations import (
-    dynamic_matrix,
+    LONGEST_WAIT,
     foreground,
     grown,
     local_bounds,
@@ -25,14 +25,14 @@ from streamkit_differencer.equations import (
 )
 from streamkit_differencer.filters.flicker import update_flicker
 from streamkit_differencer.filters.ghost import ghost_mask
-from streamkit_differencer.filters.parallax import Bounds, sliding_mask
+from streamkit_differencer.filters.parallax import Bounds, known_around, reach, sliding_mask
 from streamkit_differencer.filters.pieces import Pieces
 from streamkit_differencer.filters.shadow import shadow_mask
 from streamkit_differencer.illumination import exposure_step, is_another_scene
 from streamkit_differencer.marks import marked
 from streamkit_differencer.model_settings import Event, ModelSettings
-from streamkit_differencer.noise import first_spread, thresholds, update_spread
-from streamkit_differencer.resampling import LastFrames, Remembered, scrolled, warped
+from streamkit_differencer.noise import NoiseMap, first_spread
+from streamkit_differencer.resampling import LastFrames, Remembered, parts, scrolled, warped
 from streamkit_differencer.scratch import Scratch
 
 if TYPE_CHECKING:
@@ -44,11 +44,9 @@ if TYPE_CHECKING:
     Points = NDArray[np.float64]
     Region = tuple[slice, slice]
 
-# Mean deviation of a pixel where nothing is known of it, what the local range adds to that of its first
-# frames, and the weight of a frame in learning it: under a camera that flies ground is in view for seconds.
-FIRST_SPREAD = 5.0
-EDGE_SPREAD = 0.08
+# Weight of a frame in learning a pixel's noise: under a camera that flies ground is in view for seconds.
 SPREAD_COEFFICIENT = 0.05
+NOISE_INTERVAL = 4
 WITHOUT_BACKGROUND = 22.0
 # Of a frame that may be of another scene, so much changed.
 LEAST_CUT_SHARE = 0.25
@@ -66,28 +64,28 @@ class BackgroundModel:
     Attributes:
         size: width and height of the canvas, px.
         settings: what to do.
-        background: float32[h, w], B; where it is not valid it follows the frames.
-        spread: float32[h, w], mean absolute deviation of the background, grey levels.
+        background: float32[h, w], B; it means nothing where it is not valid.
+        noise: of each pixel of the background.
         valid: uint8[h, w], mask of the pixels whose background is known.
-        dynamic: uint8[h, w], D, frames still to wait until a pixel is quiet.
         standing: uint8[h, w], frames that a pixel was foreground and quiet.
         restless: uint8[h, w], how often a pixel turned lately, see `filters.flicker`.
+        where: rectangles of the last frame's region that hold all of its foreground.
     """
 
     size: tuple[int, int]
     settings: ModelSettings
     background: FloatImage = field(init=False)
-    spread: FloatImage = field(init=False)
+    noise: NoiseMap = field(init=False)
     valid: ByteImage = field(init=False)
-    dynamic: ByteImage = field(init=False)
     standing: ByteImage = field(init=False)
     restless: ByteImage = field(init=False)
+    where: list[Region] = field(default_factory=list)
+    _waiting: ByteImage = field(init=False)
+    _ones: ByteImage = field(init=False)
     _foreground_before: ByteImage = field(init=False)
     _frames: int = 0
     _history: LastFrames = field(init=False)
     _scratch: Scratch = field(default_factory=Scratch)
-    _needed: ByteImage = field(init=False)
-    _needed_for: tuple[float, float] | None = None
     _first_spread: float | None = None
     _ranges: ByteImage = field(init=False)
     _earlier_bounds: Bounds = field(init=False)
@@ -98,34 +96,53 @@ class BackgroundModel:
     def reset(self) -> None:
         """Forgets everything."""
         shape = self.size[1], self.size[0]
+        self.where, self._ones = [], np.ones(shape, np.uint8)
         for name, fill in self._fills().items():
             setattr(self, name, np.full(shape, fill, np.uint8))
         self.background, self._first_spread = np.zeros(shape, np.float32), None
-        self.spread, self._needed_for = np.full(shape, FIRST_SPREAD, np.float32), None
+        self.noise = NoiseMap(shape)
         self._history = LastFrames(shape, self.settings.interval * (2 if self.settings.three_frame else 1))
 
     def _fills(self) -> dict[str, int]:
         """The byte images of the canvas, and what each is where nothing is known."""
         empty = ("valid", "standing", "restless", "_foreground_before")
-        return {"dynamic": self.settings.quiet_frames} | dict.fromkeys(empty, 0)
+        return {"_waiting": LONGEST_WAIT} | dict.fromkeys(empty, 0)
+
+    def _used(self) -> dict[str, int]:
+        """Those of them that have something in them."""
+        unused = set() if self.settings.flicker else {"restless", "_foreground_before"}
+        if not cv2.countNonZero(self.standing):
+            unused.add("standing")
+        return {name: fill for name, fill in self._fills().items() if name not in unused}
+
+    @property
+    def dynamic(self) -> ByteImage:
+        """D, uint8[h, w]: frames still to wait until a pixel is quiet; where no frame is, as it was there."""
+        # Kept as what is left of the longest wait, so that a pixel that changed needs no branch.
+        waited = np.uint8(LONGEST_WAIT - self.settings.quiet_frames)
+        return np.maximum(self._waiting, waited) - waited
 
     def scroll(self, dx: int, dy: int) -> None:
         """Moves everything by whole pixels: what was at (x, y) is then at (x + dx, y + dy)."""
-        for name, fill in self._fills().items():
+        for name, fill in self._used().items():
             setattr(self, name, scrolled(getattr(self, name), dx, dy, fill))
         self.background = scrolled(self.background, dx, dy, 0)
-        self.spread, self._needed_for = scrolled(self.spread, dx, dy, FIRST_SPREAD), None
+        self.noise.scroll(dx, dy)
         self._history.scroll(dx, dy)
 
     def warp(self, change: Matrix) -> None:
         """Resamples everything onto another canvas: float64[3, 3] maps this canvas to that one."""
-        for name, fill in self._fills().items():
+        for name, fill in self._used().items():
             setattr(self, name, warped(getattr(self, name), change, fill))
         self.background = warped(self.background, change, 0, cv2.INTER_CUBIC)
-        self.spread, self._needed_for = warped(self.spread, change, FIRST_SPREAD), None
+        self.noise.warp(change)
         # Cubic resampling of the background mixes pixels across the border of what is known.
         self.valid = cast("ByteImage", cv2.erode(self.valid, np.ones((3, 3), np.uint8)))
         self._history.warp(change)
+
+    def room(self, region: Region) -> tuple[ByteImage, ByteImage]:
+        """Where the next frame and its mask may be drawn for `update`, uint8 of the region's shape each."""
+        return self._history.room(region)
 
     def update(
         self, image: ByteImage, seen: ByteImage, region: Region, way: Points | None = None
@@ -149,41 +166,44 @@ class BackgroundModel:
             self._history.append(image, seen, region)
             return np.zeros_like(image), Event.RESET
         self._frames += 1
-        dynamic, still = self.dynamic[region], self._plane("still", image)
-        waiting = dynamic_matrix(dynamic, changed, self.settings.quiet_frames, scratch=self._scratch)
-        cv2.copyTo(waiting, seen, dynamic)
-        cv2.threshold(dynamic, 0, 255, cv2.THRESH_BINARY_INV, dst=still)
+        quiet = self._quiet(changed, region)
         rounded, needed = self._plane("rounded", image), self._thresholds(region)
         cv2.convertScaleAbs(self.background[region], dst=rounded)
         mask = self._mask(image, seen, rounded, needed, region, way)
         shadow = shadow_mask(image, self.background[region], mask) if self.settings.shadow else None
-        quiet = self._plane("quiet", image)
-        cv2.bitwise_and(still, seen, dst=quiet)
         ground = self._plane("ground", image)
         cv2.subtract(quiet, mask, dst=ground)
-        # Every other frame with twice the weight: noise does not change from one to the next.
-        noise = needed if isinstance(needed, np.ndarray) and self._frames % 2 == 0 else None
-        if noise is not None:
-            known, spread = self._plane("known", image), self.spread[region]
+        # Not every frame, but with more weight: noise does not change from one to the next.
+        if self.settings.noise_gain and self._frames % NOISE_INTERVAL == 0:
+            known, weight = self._plane("known", image), NOISE_INTERVAL * SPREAD_COEFFICIENT
             cv2.bitwise_and(ground, self.valid[region], dst=known)
-            update_spread(spread, rounded, image, known, noise, 2 * SPREAD_COEFFICIENT, self._scratch)
-        self._absorb(image, seen, mask, quiet, region)
+            self.noise.learn(region, rounded, image, known, weight, self._scratch)
+        self._absorb(image, mask, quiet, region)
         update_background(self.background[region], image, ground, self.settings.coefficient)
-        self._accept(image, seen, quiet, region)
-        if noise is not None:
-            self._set_thresholds(self.spread[region], noise)
+        self._accept(image, quiet, region)
         if self.settings.three_frame:
             cv2.bitwise_or(mask, self._three_frame(image, seen, region), dst=mask)
+            self.where = parts(mask)
         self._history.append(image, seen, region)
         if self.settings.flicker:
             before = self._foreground_before[region]
             flickers = update_flicker(self.restless[region], before, mask)
             before[:] = mask
             cv2.subtract(mask, flickers, dst=mask)
-        return marked(mask, still, shadow), event
+        return marked(mask, quiet, shadow, self.where), event
 
     def _plane(self, name: str, image: ByteImage) -> ByteImage:
         return self._scratch.plane(name, image.shape)
+
+    def _quiet(self, changed: ByteImage, region: Region) -> ByteImage:
+        """Equation 1, and the mask of where D = 0; what the frame does not cover has changed."""
+        waiting, quiet = self._waiting[region], self._plane("quiet", changed)
+        # With lambda at its largest S is what a changed pixel has to wait.
+        cv2.subtract(waiting, self._ones[region], dst=waiting)
+        cv2.max(waiting, changed, dst=waiting)
+        waited = LONGEST_WAIT - self.settings.quiet_frames
+        cv2.threshold(waiting, waited, 255, cv2.THRESH_BINARY_INV, dst=quiet)
+        return quiet
 
     def _changed(self, image: ByteImage, seen: ByteImage, region: Region) -> tuple[ByteImage, bool]:
         """Equation 2, and whether so much changed that nothing of the model holds."""
@@ -235,9 +255,12 @@ class BackgroundModel:
         found = self._foreground(image, rounded if noisy else self.background[region], needed, bounds)
         cv2.bitwise_and(found, known, dst=mask)
         if settings.tolerance > 0 and settings.weak < 1.0:
-            whole = grown(mask, image, rounded, needed, settings.weak, scratch=self._scratch)
-            cv2.bitwise_and(whole, known, dst=mask)
-        self._leave_out(image, rounded, mask, needed, region, way, Bounds(*bounds, self.valid[region]))
+            mask, self.where = grown(
+                mask, image, rounded, needed, settings.weak, known=known, scratch=self._scratch
+            )
+        else:
+            self.where = parts(mask)
+        self._leave_out(image, rounded, mask, needed, region, way, bounds)
         return mask
 
     def _leave_out(
@@ -248,73 +271,59 @@ class BackgroundModel:
         needed: float | ByteImage,
         region: Region,
         way: Points | None,
-        ground: Bounds,
+        bounds: tuple[ByteImage, ByteImage],
     ) -> None:
         """Takes ghosts and what only slides away from the foreground."""
         # Ghosts stay where they are, so not every frame has to be searched.
         seeks_ghosts = self.settings.ghost and self._frames % GHOST_INTERVAL == 0
         way = way if self._history else None
-        if min(mask.shape) < SMALLEST_SIDE or not (seeks_ghosts or way is not None):
+        if min(mask.shape) < SMALLEST_SIDE or not self.where or not (seeks_ghosts or way is not None):
             return
-        pieces = Pieces.of(mask)
-        ghosts = ghost_mask(image, rounded, pieces, ground.known) if seeks_ghosts else None
+        pieces, known = Pieces.of(mask, self.where), self.valid[region]
+        ghosts = ghost_mask(image, rounded, pieces, known) if seeks_ghosts else None
         slides: ByteImage | None = None
         if way is not None:
-            ground = ground.within(self._plane("known ground", image))
-            earlier = self._earlier_bounds.within(self._plane("known earlier", image))
-            slides = sliding_mask(image, ground, earlier, pieces, needed, way)
+            reliable = known_around(known, self._plane("reliable", image), pieces.parts, reach(way))
+            ground = Bounds(*bounds, reliable)
+            slides = sliding_mask(image, ground, self._earlier_bounds, pieces, needed, way)
         if ghosts is not None:
             update_background(self.background[region], image, ghosts, 1.0)
             cv2.subtract(mask, ghosts, dst=mask)
         if slides is not None:
             cv2.subtract(mask, slides, dst=mask)
             # Edges are learnt as soon as they stand still, or the background would fall behind.
-            cv2.bitwise_and(slides, self._plane("still", image), dst=slides)
+            cv2.bitwise_and(slides, self._plane("quiet", image), dst=slides)
             update_background(self.background[region], image, slides, 1.0)
 
-    def _absorb(
-        self, image: ByteImage, seen: ByteImage, mask: ByteImage, quiet: ByteImage, region: Region
-    ) -> None:
+    def _absorb(self, image: ByteImage, mask: ByteImage, quiet: ByteImage, region: Region) -> None:
         """Foreground that stands still long enough becomes background."""
-        standing, still = self.standing[region], self._plane("standing", image)
-        step = self._plane("step", image)
+        standing, background = self.standing[region], self.background[region]
         if cv2.countNonZero(standing):
-            # What is seen and not foreground stands no longer.
-            cv2.subtract(seen, mask, dst=step)
-            cv2.subtract(standing, step, dst=standing)
-        cv2.bitwise_and(quiet, mask, dst=still)
-        if not cv2.countNonZero(still):
-            return
-        cv2.threshold(still, 0, 1, cv2.THRESH_BINARY, dst=step)
-        cv2.add(standing, step, dst=standing)
-        cv2.threshold(standing, self.settings.absorb_frames - 1, 255, cv2.THRESH_BINARY, dst=step)
-        cv2.bitwise_and(step, still, dst=step)
-        if cv2.countNonZero(step):
-            update_background(self.background[region], image, step, 1.0)
+            # What is not foreground stands no longer.
+            cv2.bitwise_and(standing, mask, dst=standing)
+        for part in self.where:
+            still = cv2.bitwise_and(quiet[part], mask[part])
+            if not cv2.countNonZero(still):
+                continue
+            counts = standing[part]
+            cv2.add(counts, cv2.threshold(still, 0, 1, cv2.THRESH_BINARY)[1], dst=counts)
+            long = cv2.threshold(counts, self.settings.absorb_frames - 1, 255, cv2.THRESH_BINARY)[1]
+            if cv2.countNonZero(cv2.bitwise_and(long, still, dst=long)):
+                update_background(background[part], image[part], cast("ByteImage", long), 1.0)
 
-    def _accept(self, image: ByteImage, seen: ByteImage, quiet: ByteImage, region: Region) -> None:
-        """The background of pixels that have none yet follows the frames, until they are quiet.
-
-        Those that are get the noise that edges may have.
-        """
-        valid = self.valid[region]
-        unknown = self._plane("unknown", image)
-        cv2.subtract(seen, valid, dst=unknown)
-        if not cv2.countNonZero(unknown):
-            return
-        update_background(self.background[region], image, unknown, 1.0)
-        new = self._plane("new", image)
-        cv2.bitwise_and(unknown, quiet, dst=new)
+    def _accept(self, image: ByteImage, quiet: ByteImage, region: Region) -> None:
+        """Pixels that are quiet and have no background get this frame for one, and the noise of edges."""
+        valid, new = self.valid[region], self._plane("new", image)
+        cv2.subtract(quiet, valid, dst=new)
         if not cv2.countNonZero(new):
             return
         cv2.bitwise_or(valid, new, dst=valid)
+        rows, columns = np.divmod(np.flatnonzero(new != 0), new.shape[1])
+        self.background[region][rows, columns] = image[rows, columns]
         if self.settings.noise_gain:
             if self._first_spread is None or self._frames % FIRST_SPREAD_FRAMES == 0:
                 self._first_spread = first_spread(self._earlier.image[region], image)
-            rough = cv2.addWeighted(
-                self._ranges, EDGE_SPREAD, self._ranges, 0.0, self._first_spread, dtype=cv2.CV_32F
-            )
-            cv2.copyTo(rough, new, self.spread[region])
+            self.noise.begin(region, rows, columns, self._ranges[rows, columns], self._first_spread)
 
     def contrast(self, points: Points) -> Points:
         """How far the last frame differs from the background, in multiples of the threshold.
@@ -328,22 +337,16 @@ class BackgroundModel:
         if not self._history:
             return np.zeros(len(points))
         limits = self.settings.noise_gain, self.settings.foreground_threshold
-        return contrast_at(points, self._history[-1].image, self.background, self.spread, limits)
+        known = self.background, self.valid, self.noise.spread
+        return contrast_at(points, self._history[-1].image, known, limits)
 
     def _thresholds(self, region: Region) -> float | ByteImage:
-        """T_F of all pixels, or of each: those of the canvas are kept up with `spread`."""
+        """T_F of all pixels, or of each."""
         settings = self.settings
         if settings.noise_gain == 0.0:
             return settings.foreground_threshold
-        wanted = settings.noise_gain, settings.foreground_threshold
-        if self._needed_for != wanted:
-            self._needed_for = wanted
-            self._needed = np.empty(self.spread.shape, np.uint8)
-            self._set_thresholds(self.spread, self._needed)
-        return self._needed[region]
-
-    def _set_thresholds(self, spread: FloatImage, needed: ByteImage) -> None:
-        thresholds(spread, self.settings.noise_gain, self.settings.foreground_threshold, out=needed)
+        self.noise.set_limits(settings.noise_gain, settings.foreground_threshold)
+        return self.noise.needed[region]
 
     def _foreground(
         self,

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 CELL_SIZE = 4
 VOTE_THRESHOLD = 100
+# Empty cells around what is looked at, so that closing and merging meet no border of their own.
+MARGIN_CELLS = 2
+_SQUARE = np.ones((3, 3), np.uint8)
 # Clustering is quadratic: more fragments than this are noise, and the largest are kept.
 MOST_FRAGMENTS = 1500
 CHANGED = 255
@@ -94,16 +97,20 @@ def find_objects(foreground: ByteImage, scale: int, settings: ObjectSettings) ->
         scale: frame pixels per pixel of `foreground`: 1, 2 or 4.
         settings: what counts as an object.
     """
-    foreground = cast("ByteImage", cv2.threshold(foreground, LOWEST_MARK, 0, cv2.THRESH_TOZERO)[1])
-    cells = cells_of(foreground, scale)
-    left, top, width, height = cv2.boundingRect(cells)
+    left, top, width, height = cv2.boundingRect(foreground)
     if not width:
         return NOTHING
-    area = np.s_[top : top + height, left : left + width]
-    labels, count = clustered(np.ascontiguousarray(cells[area]), settings)
     step = CELL_SIZE // scale
-    inside = foreground[top * step : (top + height) * step, left * step : (left + width) * step]
-    return selected(measure(inside, labels, scale, count, (left * CELL_SIZE, top * CELL_SIZE)), settings)
+    first = [max(0, start // step - MARGIN_CELLS) for start in (top, left)]
+    last = [-(-stop // step) + MARGIN_CELLS for stop in (top + height, left + width)]
+    inside = foreground[first[0] * step : last[0] * step, first[1] * step : last[1] * step]
+    inside = cast("ByteImage", cv2.threshold(inside, LOWEST_MARK, 0, cv2.THRESH_TOZERO)[1])
+    labels, count = clustered(cells_of(inside, scale), settings)
+    if not count:
+        return NOTHING
+    return selected(
+        measure(inside, labels, scale, count, (first[1] * CELL_SIZE, first[0] * CELL_SIZE)), settings
+    )
 
 
 def clustered(cells: ByteImage, settings: ObjectSettings) -> tuple[IntImage, int]:
@@ -115,8 +122,7 @@ def clustered(cells: ByteImage, settings: ObjectSettings) -> tuple[IntImage, int
         cluster = merge_by_scatter(centres, areas, settings.merge_gap)
         count = int(cluster.max()) + 1
         labels = np.concatenate([[0], cluster + 1]).astype(np.int32)[fragment]
-    columns, rows = cv2.findNonZero(cells).reshape(-1, 2).T
-    sizes = np.bincount(labels[rows, columns], minlength=count + 1)
+    sizes = np.bincount(labels[cells != 0], minlength=count + 1)
     large = np.flatnonzero(sizes[1:] >= settings.min_area) + 1
     number = np.zeros(count + 1, np.int32)
     number[large] = np.arange(1, large.size + 1)
@@ -169,7 +175,7 @@ def cells_of(foreground: ByteImage, scale: int) -> ByteImage:
         halved = cv2.resize(cells, size, interpolation=cv2.INTER_AREA)
         cells = cv2.threshold(halved, VOTE_THRESHOLD, 255, cv2.THRESH_BINARY)[1]
         scale *= 2
-    closed = cv2.morphologyEx(cells, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    closed = cv2.morphologyEx(cells, cv2.MORPH_CLOSE, _SQUARE)
     return cast("ByteImage", closed)
 
 
@@ -201,7 +207,7 @@ def measure(
         count: number of objects, the largest label.
         origin: x y of the first pixel of `foreground` in the frame, px.
     """
-    columns, rows = cv2.findNonZero(foreground).reshape(-1, 2).T
+    rows, columns = np.divmod(np.flatnonzero(foreground != 0), foreground.shape[1])
     step = CELL_SIZE // scale
     owner = labels[rows // step, columns // step] - 1
     inside = owner >= 0

@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     ByteImage = NDArray[np.uint8]
     Matrix = NDArray[np.float64]
     Region = tuple[slice, slice]
 
+# Rows that are looked at together where only parts of a picture have something in them.
+BAND = 96
 Image = TypeVar("Image", "NDArray[np.uint8]", "NDArray[np.float32]")
 
 
@@ -32,15 +32,39 @@ def scrolled(image: Image, dx: int, dy: int, fill: float) -> Image:
     return result
 
 
-def parts(mask: ByteImage, band: int) -> Iterator[Region]:
+def parts(mask: ByteImage, band: int = BAND) -> list[Region]:
     """The parts of a mask that have something in them: a rectangle for each `band` of so many rows.
 
     Movers are few: a rectangle around all of them would often be the whole frame.
     """
+    found = []
     for first in range(0, len(mask), band):
         left, top, width, rows = cv2.boundingRect(mask[first : first + band])
         if width:
-            yield np.s_[first + top : first + top + rows, left : left + width]
+            found.append(np.s_[first + top : first + top + rows, left : left + width])
+    return found
+
+
+def apart(regions: list[Region], margin: int, shape: tuple[int, ...]) -> list[Region]:
+    """Rectangles with a margin where the picture has one; those that then overlap become one."""
+    result: list[Region] = []
+    for region in regions:
+        (rows, columns), _ = padded(region, margin, shape)
+        while True:
+            hits = [other for other in result if overlap(other[0], rows) and overlap(other[1], columns)]
+            if not hits:
+                break
+            for down, across in hits:
+                rows = slice(min(rows.start, down.start), max(rows.stop, down.stop))
+                columns = slice(min(columns.start, across.start), max(columns.stop, across.stop))
+            result = [other for other in result if other not in hits]
+        result.append((rows, columns))
+    return result
+
+
+def overlap(first: slice, second: slice) -> bool:
+    """Whether two ranges have something in common."""
+    return bool(first.start < second.stop and second.start < first.stop)
 
 
 def padded(part: Region, margin: int, shape: tuple[int, ...]) -> tuple[Region, Region]:
@@ -78,6 +102,8 @@ class LastFrames:
     shape: tuple[int, int]
     length: int
     _frames: deque[Remembered] = field(default_factory=deque)
+    _spare: Remembered | None = None
+    _room: ByteImage | None = None
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -85,15 +111,26 @@ class LastFrames:
     def __getitem__(self, index: int) -> Remembered:
         return self._frames[index]
 
+    def room(self, region: Region) -> tuple[ByteImage, ByteImage]:
+        """Where the next frame and what it covers may be drawn, so that `append` need not copy them.
+
+        Both are uint8 of the region's shape; the image has anything in it, the mask is empty.
+        """
+        if self._spare is None:
+            self._spare = Remembered(np.zeros(self.shape, np.uint8), np.zeros(self.shape, np.uint8))
+        self._spare.seen.fill(0)
+        self._room = self._spare.image[region]
+        return self._room, self._spare.seen[region]
+
     def append(self, image: ByteImage, seen: ByteImage, region: Region) -> None:
         """Takes in a frame, in the arrays of the oldest where there are enough."""
-        if len(self._frames) < self.length:
-            oldest = Remembered(np.zeros(self.shape, np.uint8), np.zeros(self.shape, np.uint8))
-        else:
-            oldest = self._frames.popleft()
-        oldest.seen[:] = 0
-        oldest.image[region], oldest.seen[region] = image, seen
-        self._frames.append(oldest)
+        if image is not self._room:
+            room, covered = self.room(region)
+            room[:], covered[:] = image, seen
+        assert self._spare is not None
+        self._frames.append(self._spare)
+        self._spare = self._frames.popleft() if len(self._frames) > self.length else None
+        self._room = None
 
     def scroll(self, dx: int, dy: int) -> None:
         """Moves the frames by whole pixels."""
@@ -102,9 +139,14 @@ class LastFrames:
 
     def warp(self, change: Matrix) -> None:
         """Resamples the frames onto another canvas."""
-        for frame in self._frames:
-            frame.image = warped(frame.image, change, 0, cv2.INTER_LINEAR)
-            frame.seen = warped(frame.seen, change, 0)
+        if not self._frames:
+            return
+        # Several pictures in one go cost less than one by one.
+        images = cast("ByteImage", cv2.merge([frame.image for frame in self._frames]))
+        masks = cast("ByteImage", cv2.merge([frame.seen for frame in self._frames]))
+        images, masks = warped(images, change, 0, cv2.INTER_LINEAR), warped(masks, change, 0)
+        for frame, image, seen in zip(self._frames, cv2.split(images), cv2.split(masks), strict=True):
+            frame.image, frame.seen = cast("ByteImage", image), cast("ByteImage", seen)
 
     def follow(self, gain: float, offset: float) -> None:
         """Makes the frames brighter or darker: `gain` times the value plus `offset`."""

@@ -7,15 +7,18 @@ from typing import TYPE_CHECKING, cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.filters.pieces import Pieces, points_of
+from streamkit_differencer.filters.pieces import Pieces, thinned
+from streamkit_differencer.resampling import padded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     ByteImage = NDArray[np.uint8]
+    BoolArray = NDArray[np.bool_]
     IntArray = NDArray[np.intp]
 
 _SQUARE = np.ones((3, 3), np.uint8)
+_AROUND = np.indices((3, 3)).reshape(2, 9, 1) - 1
 _BORDER = np.ones((5, 5), np.uint8)
 # So much of the outline must be so much stronger in the background than in the frame. A thing that is just
 # leaving its ghost shows its own outline in front.
@@ -41,14 +44,11 @@ def ghost_mask(
     Source: the idea of Cucchiara, Grana, Piccardi and Prati, "Detecting Moving Objects, Ghosts, and Shadows
         in Video Streams", PAMI 2003, with edges for their optical flow.
     """
-    foreground = pieces.mask
-    outline = cv2.bitwise_and(edges(foreground), foreground)
-    rows, columns = points_of(cast("ByteImage", outline))
+    rows, columns, decided = outline_of(pieces, known)
     if not rows.size:
         return None
     owner, count = pieces.owners(rows, columns), pieces.count
     here, there = (range_at(image, rows, columns) for image in (current, background))
-    decided = cv2.erode(known, _BORDER)[rows, columns] > 0
     length = np.bincount(owner, minlength=count)
     sure = np.bincount(owner[decided], minlength=count)
     votes = np.bincount(owner[decided & (there > RATIO * here + LEAST_EDGE)], minlength=count)
@@ -57,11 +57,29 @@ def ghost_mask(
     return pieces.only(is_ghost) if is_ghost.any() else None
 
 
+def outline_of(pieces: Pieces, known: ByteImage) -> tuple[IntArray, IntArray, BoolArray]:
+    """Rows and columns of the pixels at the edges of the pieces; whether all around each is known."""
+    found = []
+    for part in pieces.parts:
+        outer, inner = padded(part, len(_BORDER) // 2, pieces.mask.shape)
+        mask = pieces.mask[outer]
+        outline = cv2.bitwise_and(edges(mask), mask)[inner]
+        rows, columns = np.nonzero(outline != 0)
+        decided = cv2.erode(known[outer], _BORDER)[inner][rows, columns] > 0
+        found.append((rows + part[0].start, columns + part[1].start, decided))
+    if not found:
+        return np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0, bool)
+    rows, columns, decided = (np.concatenate(values) for values in zip(*found, strict=True))
+    few = thinned(len(rows))
+    return rows[few], columns[few], decided[few]
+
+
 def range_at(image: ByteImage, rows: IntArray, columns: IntArray) -> NDArray[np.int16]:
     """The range of values around some pixels, int16[n]."""
-    offsets = np.indices((3, 3)).reshape(2, 9, 1) - 1
     height, width = image.shape
-    values = image[np.clip(rows + offsets[0], 0, height - 1), np.clip(columns + offsets[1], 0, width - 1)]
+    down = np.minimum(np.maximum(rows + _AROUND[0], 0), height - 1)
+    across = np.minimum(np.maximum(columns + _AROUND[1], 0), width - 1)
+    values = image[down, across]
     return np.asarray(values.max(axis=0).astype(np.int16) - values.min(axis=0), np.int16)
 
 

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from streamkit_differencer.filters.pieces import Pieces
+from streamkit_differencer.resampling import padded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     ByteImage = NDArray[np.uint8]
     FloatArray = NDArray[np.float64]
     IntArray = NDArray[np.intp]
+    Region = tuple[slice, slice]
 
 # A camera that moved less than this between the two frames shows no parallax, px.
 SMALLEST_STEP_PX = 2.0
@@ -47,6 +49,12 @@ def slide(camera_step: FloatArray, height_share: float) -> FloatArray | None:
     return np.asarray(camera_step * height_share)
 
 
+def reach(way: FloatArray) -> int:
+    """How far from a pixel it is looked at, px."""
+    farthest = np.abs(way).max() * max(LAG, 1.0 + EARLY_PX / float(np.linalg.norm(way)))
+    return int(farthest) + 1
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Bounds:
     """What a picture may have at each pixel where it is placed a pixel wrong.
@@ -54,17 +62,28 @@ class Bounds:
     Attributes:
         lowest: uint8[h, w], smallest value within 1 px.
         highest: uint8[h, w], largest value.
-        known: uint8[h, w], mask of where the picture is known.
+        known: uint8[h, w], mask of where both hold.
     """
 
     lowest: ByteImage
     highest: ByteImage
     known: ByteImage
 
-    def within(self, plane: ByteImage) -> Bounds:
-        """Without the pixels whose bounds take in what is not known; `plane` becomes their mask."""
-        cv2.erode(self.known, _SQUARE, dst=plane)
-        return Bounds(self.lowest, self.highest, plane)
+
+def known_around(known: ByteImage, plane: ByteImage, parts: list[Region], margin: int) -> ByteImage:
+    """Where the bounds of a picture hold: it is known there and next to it.
+
+    Args:
+        known: uint8[h, w], mask.
+        plane: uint8[h, w], becomes the mask.
+        parts: where it is asked for; elsewhere `plane` keeps what it has.
+        margin: how far around the parts it is asked for, px.
+    """
+    for part in parts:
+        asked, _ = padded(part, margin, plane.shape)
+        outer, inner = padded(asked, 1, plane.shape)
+        plane[asked] = cv2.erode(known[outer], _SQUARE)[inner]
+    return plane
 
 
 def sliding_mask(
@@ -109,14 +128,13 @@ def sliding_mask(
 
 def along(bounds: Bounds, rows: IntArray, columns: IntArray, way: FloatArray) -> tuple[ByteImage, ByteImage]:
     """Smallest and largest value of a picture along a way from each pixel, uint8[n] each."""
-    steps = np.round(np.linspace(0.0, 1.0, round(float(np.abs(way).max())) + 1)[:, None] * way).astype(
-        np.intp
-    )
+    count = round(float(np.abs(way).max()))
+    steps = np.rint(np.arange(count + 1)[:, None] / max(count, 1) * way).astype(np.intp)
     height, width = bounds.known.shape
-    down = np.clip(rows + steps[:, 1:], 0, height - 1)
-    across = np.clip(columns + steps[:, :1], 0, width - 1)
+    down = np.minimum(np.maximum(rows + steps[:, 1:], 0), height - 1)
+    across = np.minimum(np.maximum(columns + steps[:, :1], 0), width - 1)
     # What is not known explains nothing: a mover that comes into view was there, too.
-    known = bounds.known[down, across]
-    lowest = np.maximum(bounds.lowest[down, across], ~known).min(axis=0)
-    highest = np.minimum(bounds.highest[down, across], known).max(axis=0)
+    usable = bounds.known[down, across]
+    lowest = np.maximum(bounds.lowest[down, across], ~usable).min(axis=0)
+    highest = np.minimum(bounds.highest[down, across], usable).max(axis=0)
     return lowest, highest

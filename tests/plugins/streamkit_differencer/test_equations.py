@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from streamkit_differencer.equations import (
-    GROWTH_BAND,
     FrameDifference,
     dynamic_matrix,
     foreground,
@@ -13,6 +12,7 @@ from streamkit_differencer.equations import (
     logical_matrix,
     update_background,
 )
+from streamkit_differencer.resampling import BAND
 from streamkit_differencer.scratch import Scratch
 
 
@@ -151,18 +151,22 @@ def test_weak_differences_count_beside_strong_ones():
     current[10:16, 10:16], current[10:16, 16:20] = 200, 107
     current[30:36, 40:46] = 107
     strong = foreground(current, background, 12.0)
-    mask = grown(strong, current, background, 12.0, 0.5)
+    mask, _ = grown(strong, current, background, 12.0, 0.5)
     assert mask[11:15, 11:19].all()
     assert not mask[25:].any()
-    each = grown(strong, current, background, np.full(background.shape, 12, np.uint8), 0.5)
+    each, _ = grown(strong, current, background, np.full(background.shape, 12, np.uint8), 0.5)
     np.testing.assert_array_equal(mask, each)
+    known = np.full(background.shape, 255, np.uint8)
+    known[:, 18:] = 0
+    within, _ = grown(strong, current, background, 12.0, 0.5, known=known)
+    np.testing.assert_array_equal(within, mask & known)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_growth_by_parts_is_growth_of_the_whole(seed):
     """Bands of the picture that are looked at one by one give what all of it at once would."""
     random = np.random.default_rng(seed)
-    shape = 2 * GROWTH_BAND + 31, 90
+    shape = 2 * BAND + 31, 90
     background = np.full(shape, 100, np.uint8)
     current = background + cv2.blur(random.integers(0, 60, shape).astype(np.uint8), (3, 3))
     mask = cv2.dilate(np.where(random.random(shape) < 0.004, 255, 0).astype(np.uint8), np.ones((4, 4)))
@@ -170,7 +174,13 @@ def test_growth_by_parts_is_growth_of_the_whole(seed):
     expected = cv2.medianBlur(mask, 3)
     for _ in range(2):
         expected |= cv2.dilate(expected, np.ones((5, 5), np.uint8)) & weak
-    np.testing.assert_array_equal(grown(mask, current, background, 12.0, 0.5), expected)
+    found, where = grown(mask, current, background, 12.0, 0.5)
+    np.testing.assert_array_equal(found, expected)
+    covered = np.zeros(shape, int)
+    for part in where:
+        covered[part] += 1
+    assert covered.max() == 1
+    assert covered[found > 0].all()
 
 
 def test_planes_that_are_used_again_change_nothing():
@@ -184,7 +194,7 @@ def test_planes_that_are_used_again_change_nothing():
                 logical_matrix(first, second, 18.0, gradient_gain=0.3, **arguments).copy(),
                 dynamic_matrix(dynamic, first, 12, **arguments).copy(),
                 foreground(first, second, each, tolerance=1, gradient_gain=0.2, **arguments).copy(),
-                grown(first, first, second, each, 0.5, **arguments).copy(),
+                grown(first, first, second, each, 0.5, **arguments)[0].copy(),
             ]
             if arguments:
                 reused = results

@@ -87,7 +87,7 @@ def test_background_under_a_thing_is_kept():
 def test_what_the_frame_does_not_cover_is_held():
     """Outside `seen` and outside the region nothing changes, and nothing there is foreground."""
     model = learnt()
-    before = [np.copy(array) for array in (model.background, model.valid, model.dynamic, model.standing)]
+    before = [np.copy(array) for array in (model.background, model.valid, model.noise.spread, model.standing)]
     seen = np.zeros((30, 40), np.uint8)
     seen[:, 20:] = 255
     image = ground()[10:40, 5:45]
@@ -96,7 +96,7 @@ def test_what_the_frame_does_not_cover_is_held():
     assert mask[12:18, 22:].all()
     assert not mask[:, :20].any()
     for array, old in zip(
-        (model.background, model.valid, model.dynamic, model.standing), before, strict=True
+        (model.background, model.valid, model.noise.spread, model.standing), before, strict=True
     ):
         outside = np.ones(SHAPE, bool)
         outside[10:40, 25:45] = False

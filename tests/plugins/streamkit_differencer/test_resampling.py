@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from streamkit_differencer.anchor import translation
-from streamkit_differencer.resampling import LastFrames, padded, parts, scrolled, warped
+from streamkit_differencer.resampling import LastFrames, apart, padded, parts, scrolled, warped
 
 SHAPE = (120, 160)
 
@@ -43,8 +43,8 @@ def test_parts_cover_what_is_set_and_little_else():
     """One rectangle for each band that has something in it."""
     mask = np.zeros(SHAPE, np.uint8)
     mask[10, 20], mask[35, 5:9], mask[44, 150] = 255, 255, 255
-    assert list(parts(mask, 30)) == [np.s_[10:11, 20:21], np.s_[35:45, 5:151]]
-    assert not list(parts(np.zeros(SHAPE, np.uint8), 30))
+    assert parts(mask, 30) == [np.s_[10:11, 20:21], np.s_[35:45, 5:151]]
+    assert not parts(np.zeros(SHAPE, np.uint8), 30)
 
 
 def test_margins_end_at_the_picture():
@@ -52,3 +52,31 @@ def test_margins_end_at_the_picture():
     outer, inner = padded(np.s_[2:10, 150:160], 4, SHAPE)
     assert outer == np.s_[0:14, 146:160]
     assert inner == np.s_[2:10, 4:14]
+
+
+def test_parts_that_touch_become_one():
+    """With their margins no two have a pixel in common, and all that was in one is in one of them."""
+    regions = [np.s_[0:10, 5:9], np.s_[14:20, 60:70], np.s_[22:30, 8:64], np.s_[90:95, 100:110]]
+    joined = apart(regions, 3, SHAPE)
+    assert joined == [np.s_[0:33, 2:73], np.s_[87:98, 97:113]]
+    covered = np.zeros(SHAPE, int)
+    for region in joined:
+        covered[region] += 1
+    assert covered.max() == 1
+    for region in regions:
+        assert covered[region].all()
+
+
+def test_a_frame_drawn_in_its_room_need_not_be_copied():
+    """What was drawn there is the newest frame; a frame from elsewhere is copied over what was drawn."""
+    frames, region = LastFrames((4, 6), 2), np.s_[1:3, 2:5]
+    for number in range(1, 6):
+        image, seen = frames.room(region)
+        assert not seen.any()
+        image[:], seen[:] = number, 255
+        frames.append(image, seen, region)
+    assert [int(frame.image[1, 2]) for frame in (frames[0], frames[1])] == [4, 5]
+    frames.room(region)[0][:] = 77
+    frames.append(np.full((4, 6), 6, np.uint8), np.full((4, 6), 255, np.uint8), np.s_[:4, :6])
+    assert [int(frame.image[1, 2]) for frame in (frames[0], frames[1])] == [5, 6]
+    assert frames[1].seen.all()

@@ -5,7 +5,16 @@ import numpy as np
 import pytest
 
 from streamkit_differencer.equations import foreground, local_bounds
-from streamkit_differencer.filters.parallax import Bounds, slide, sliding_mask
+from streamkit_differencer.filters.parallax import (
+    EARLY_PX,
+    LAG,
+    Bounds,
+    along,
+    known_around,
+    reach,
+    slide,
+    sliding_mask,
+)
 from streamkit_differencer.filters.pieces import Pieces
 
 SHAPE = (120, 160)
@@ -26,9 +35,9 @@ def judged(now, before, learnt, known=EVERYWHERE):
     """The share of the foreground that slides, of pictures now, of tau before and in the background."""
     mask = foreground(now, learnt, 12.0, tolerance=1) & known
     assert mask.any()
-    bounds = [
-        Bounds(*local_bounds(picture, 1), known).within(np.empty_like(known)) for picture in (learnt, before)
-    ]
+    whole = [np.s_[0:120, 0:160]]
+    reliable = known_around(known, np.empty_like(known), whole, 0)
+    bounds = [Bounds(*local_bounds(picture, 1), reliable) for picture in (learnt, before)]
     found = sliding_mask(now, *bounds, Pieces.of(mask), 12.0, WAY)
     if found is None:
         return 0.0
@@ -80,3 +89,22 @@ def test_a_camera_that_stands_sees_no_parallax():
     assert slide(np.array([1.0, 0.5]), 0.3) is None
     assert slide(CAMERA_STEP, 0.0) is None
     np.testing.assert_allclose(WAY, [2.0, 0.0])
+
+
+@pytest.mark.parametrize("way", [(2.0, 0.0), (-7.3, 4.1), (0.4, -0.3)])
+def test_the_reach_takes_in_all_that_is_looked_at(way):
+    """What is known near the foreground within the reach gives what is known everywhere would give."""
+    random = np.random.default_rng(5)
+    known = np.where(random.random(SHAPE) < 0.02, 0, 255).astype(np.uint8)
+    mask = np.zeros(SHAPE, np.uint8)
+    mask[50:60, 70:90] = 255
+    way = np.array(way)
+    near = known_around(known, np.full(SHAPE, 77, np.uint8), [np.s_[50:60, 70:90]], reach(way))
+    everywhere = known_around(known, np.empty_like(known), [np.s_[0:120, 0:160]], 0)
+    rows, columns = np.nonzero(mask)
+    for line in (way * LAG, way * (1.0 + EARLY_PX / np.linalg.norm(way))):
+        found, expected = (
+            along(Bounds(*local_bounds(view(60), 1), usable), rows, columns, line)
+            for usable in (near, everywhere)
+        )
+        np.testing.assert_array_equal(found, expected)
