@@ -6,10 +6,14 @@ function as typer takes it, or a `typer.Typer` with subcommands. It is imported 
 
 from __future__ import annotations
 
+import ast
 import importlib
 import importlib.metadata
-from collections.abc import Callable
+import importlib.util
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import typer
@@ -93,6 +97,42 @@ def add_command(app: typer.Typer, entry: CommandEntry) -> None:
         app.add_typer(command, name=entry.name)
     else:
         app.command(entry.name, cls=command.__dict__.get("command_class"))(command)
+
+
+def list_command(app: typer.Typer, entry: CommandEntry, call: Callable[[Sequence[str]], object]) -> None:
+    """Puts a command into an application as its source describes it; importing all would take seconds.
+
+    Args:
+        app: the application.
+        entry: the command.
+        call: runs the whole command line, the command's name first, should it be called.
+    """
+    said = described(entry)
+    if said is None:
+        add_command(app, entry)
+        return
+
+    def run(context: typer.Context) -> None:
+        call([entry.name, *context.args])
+
+    free = {"allow_extra_args": True, "ignore_unknown_options": True}
+    app.command(entry.name, help=said, context_settings=free, add_help_option=False)(run)
+
+
+def described(entry: CommandEntry) -> str | None:
+    """The docstring of a command's function, read without importing it; None where that cannot be."""
+    module_name, _, name = entry.target.partition(":")
+    if module_name in sys.modules:
+        return None
+    try:
+        spec = importlib.util.find_spec(module_name)
+        if spec is None or spec.origin is None:
+            return None
+        tree = ast.parse(Path(spec.origin).read_bytes())
+    except Exception:  # a package may do anything when found; loading it tells what
+        return None
+    functions = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name]
+    return ast.get_docstring(functions[0]) if functions else None
 
 
 def parsed_by(command_class: type[TyperCommand]) -> Callable[[Function], Function]:

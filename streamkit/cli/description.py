@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -27,13 +27,44 @@ SettingsOption = Annotated[
 ]
 
 
+class Settings(Mapping[str, str]):
+    """What `--set` gave, and what the description has asked for.
+
+    Attributes:
+        asked: names the description has, each after it was looked up.
+    """
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        self._given = dict(given)
+        self.asked: dict[str, None] = {}
+
+    def __getitem__(self, name: str) -> str:
+        self.asked[name] = None
+        return self._given[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._given)
+
+    def __len__(self) -> int:
+        return len(self._given)
+
+    def notes(self) -> list[str]:
+        """A line for each name that was given for nothing: mistyped, most likely."""
+        known = f"it has {', '.join(self.asked)}" if self.asked else "it has no variables"
+        return [
+            f"--set {name} is not used: the description has no ${{{name}}}; {known}"
+            for name in self._given
+            if name not in self.asked
+        ]
+
+
 @dataclass(frozen=True, slots=True)
 class Description:
     """A text, what to call it in errors, and its variables."""
 
     text: str
     name: str
-    variables: Mapping[str, str]
+    variables: Settings
 
 
 def join_arguments(arguments: Sequence[str]) -> str:
@@ -70,13 +101,13 @@ def read_description(
     if file is None:
         if not arguments:
             fail_usage("give a DESCRIPTION, or a file with -f FILE")
-        return Description(join_arguments(arguments), "description", variables)
+        return Description(join_arguments(arguments), "description", Settings(variables))
     if arguments:
         fail_usage("give a DESCRIPTION or a file with -f, not both")
     try:
         if file.stat().st_size > SIZE_LIMIT:
             fail_usage(f"{file}: a description has at most {SIZE_LIMIT} bytes")
-        return Description(file.read_text(encoding="utf-8"), str(file), variables)
+        return Description(file.read_text(encoding="utf-8"), str(file), Settings(variables))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is no UTF-8 text"
         fail_usage(f"cannot read the description {file}: {reason}")

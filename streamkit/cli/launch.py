@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import os
+import signal
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -14,6 +17,7 @@ from typer.core import TyperCommand
 
 from streamkit.cli.commands import parsed_by
 from streamkit.cli.description import (
+    Description,
     DescriptionArgument,
     FileOption,
     SettingsOption,
@@ -73,18 +77,18 @@ def launch(
 ) -> None:
     """Runs a pipeline until EOS, error or Ctrl-C.
 
-    Exit code 0 at EOS or a clean stop, 1 when the pipeline fails, 2 for a bad description or usage.
+    Exit code 0 at EOS or a clean stop, 1 when the pipeline fails, 2 for a bad description or usage. An
+    interrupt is a clean stop whenever it comes.
     """
-    from streamkit.cli.run import Run
-    from streamkit.graph.pipeline import Pipeline
-
     limit_blas_threads()
     source = read_description(description, file, settings or [])
-    try:
-        pipeline = Pipeline.parse(source.text, source.variables)
-    except DescriptionError as error:
-        fail_description(error, source, as_json=json_errors)
+    with stopped_before_it_plays(quiet=quiet):
+        from streamkit.cli.run import Run
+
+        pipeline = build(source, as_json=json_errors)
     display = choose_display(pipeline, stats, quiet=quiet)
+    for note in () if quiet else source.variables.notes():
+        display.tell(f"note: {note}")
     run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet)
     code = run.run()
     assert run.statistics is not None
@@ -106,6 +110,30 @@ def limit_blas_threads() -> None:
     which costs a tenth of a tracking pipeline. It only has an effect before NumPy is imported.
     """
     os.environ.setdefault(BLAS_THREADS, "1")
+
+
+@contextlib.contextmanager
+def stopped_before_it_plays(*, quiet: bool) -> Iterator[None]:
+    """Ctrl-C and SIGTERM while the pipeline is built end the command at once; building loads every plugin."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    except KeyboardInterrupt:
+        if not quiet:
+            typer.echo("interrupt: stopped before it played", err=True)
+        raise typer.Exit(0) from None
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def build(source: Description, *, as_json: bool) -> Pipeline:
+    """The pipeline of a description; leaves with exit code 2 where there can be none."""
+    from streamkit.graph.pipeline import Pipeline
+
+    try:
+        return Pipeline.parse(source.text, source.variables)
+    except DescriptionError as error:
+        fail_description(error, source, as_json=as_json)
 
 
 def choose_display(pipeline: Pipeline, stats: StatisticsFormat | None, *, quiet: bool) -> Display:

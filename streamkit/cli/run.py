@@ -60,8 +60,8 @@ class Run:
                     self.pipeline.stop()
                 except StateError as error:
                     code = self._fail(str(error))
-        self._tell_rest()
-        self.display.end()
+            self._tell_rest()
+            self.display.end()
         return code
 
     def _watch(self) -> int:

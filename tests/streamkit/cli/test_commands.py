@@ -1,9 +1,11 @@
 """Commands: the engine's own and those of plugins, each imported when it is asked for."""
 
 import importlib.metadata
+import subprocess
 import sys
 import types
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 import typer
@@ -109,3 +111,72 @@ def test_the_engine_keeps_its_own_names(offer: Offer) -> None:
     """A plugin cannot put another command in the place of `launch`."""
     offer(launch=greet)
     assert "hello" not in streamkit("launch", "drone").output
+
+
+@pytest.fixture
+def unimported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The name of a module with a command, which fails when it is imported."""
+    name = "a_command_that_cannot_be_imported"
+    text = 'raise RuntimeError("imported")\n\ndef run():\n    """Runs far.\n\n    More."""\n'
+    (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    return name
+
+
+def test_a_listing_imports_no_command(offer: Offer, unimported: str) -> None:
+    """What a command does is read from its source; what it costs to import is paid when it is called."""
+    offer(far=f"{unimported}:run", greet=greet)
+    for arguments in (("--help",), ("--version",), ("nosuch",)):
+        done = streamkit(*arguments)
+        assert "cannot be loaded" not in done.output
+    assert "Runs far." in streamkit("--help").stdout
+    assert "cannot be loaded: RuntimeError: imported" in streamkit("far").stderr
+
+
+def test_a_command_that_was_only_listed_runs_all_the_same() -> None:
+    """A command behind `--` is called with its own arguments, and its own help, though all were listed."""
+    code = (
+        "import sys\n"
+        "from streamkit.cli.main import main\n"
+        "sys.argv = ['streamkit', '--', *sys.argv[1:]]\n"
+        "main()\n"
+    )
+    for arguments, found in (
+        (["inspect", "tee"], "Hands every frame to each of its branches"),
+        (["caps", "--help"], "Computes with caps"),
+        (["launch", "--stats=json", "fakesrc num-buffers=2 ! fakesink"], '"frames_in":2'),
+    ):
+        command = [sys.executable, "-c", code, *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        assert (done.returncode, found in done.stdout) == (0, True), done.stderr
+
+
+@pytest.mark.parametrize(("first", "exit_code"), [("launch", 0), ("inspect", 130), ("--help", 130)])
+def test_an_interrupt_before_there_is_a_command_says_nothing(first: str, exit_code: int) -> None:
+    """Ctrl-C while the command line itself is being imported ends it without a traceback."""
+    code = (
+        "import sys\n"
+        "class Interrupts:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'typer':\n"
+        "            raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupts())\n"
+        "from streamkit.cli.main import main\n"
+        "sys.argv = ['streamkit', sys.argv[1]]\n"
+        "main()\n"
+    )
+    command = [sys.executable, "-c", code, first]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (exit_code, "", "")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["inspect"]])
+def test_a_full_disk_behind_the_output_is_told(arguments: list[str]) -> None:
+    """Output that cannot be written is one line and code 1."""
+    command = [str(Path(sys.executable).with_name("streamkit")), *arguments]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+        )
+    assert done.returncode == 1
+    assert done.stderr == "error: the output cannot be written: No space left on device\n"

@@ -191,3 +191,10 @@ def test_a_bad_description_is_code_2() -> None:
     assert json.loads(done.stderr)["error"]["code"] == "syntax"
     done = graph("fakesrc !")
     assert (done.exit_code, done.stderr.splitlines()[-1]) == (2, "            ^")
+
+
+def test_a_setting_for_no_variable_is_told() -> None:
+    """Beside the drawing, on stderr."""
+    done = graph("--format", "json", "--set", "cuont=7", "fakesrc num-buffers=${count:-2} ! fakesink")
+    assert json.loads(done.stdout)["elements"][0]["properties"] == {"num-buffers": 2}
+    assert done.stderr == "note: --set cuont is not used: the description has no ${cuont}; it has count\n"

@@ -295,6 +295,43 @@ def test_an_interrupt_is_a_clean_stop(arguments: list[str], number: int, has_eos
     assert "error" not in rest
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_before_it_plays_is_a_clean_stop_too(
+    launch: Callable[..., Result], register: Register, number: int
+) -> None:
+    """Ctrl-C while the pipeline is still being built ends it at once, with the code it has later on."""
+
+    class Interrupted(Sink):
+        """Takes long to make."""
+
+        sink = "ANY"
+
+        def __init__(self, name: str = "", **properties: Any) -> None:
+            signal.raise_signal(number)
+            super().__init__(name, **properties)
+
+    register(interrupted=Interrupted)
+    done = launch("fakesrc ! interrupted")
+    assert (done.exit_code, done.stdout) == (0, "")
+    assert done.stderr == "interrupt: stopped before it played\n"
+    assert launch("-q", "fakesrc ! interrupted").stderr == ""
+
+
+def test_a_setting_for_no_variable_is_told(launch: Callable[..., Result]) -> None:
+    """A mistyped name would leave the default in its place unseen; the names there are stand beside it."""
+    text = "fakesrc num-buffers=${count:-2} ! fakesink name=${name:-end}"
+    done = launch("--set", "cuont=7", "--set", "name=b", text)
+    assert done.exit_code == 0
+    assert done.stderr == (
+        "note: --set cuont is not used: the description has no ${cuont}; it has count, name\n"
+    )
+    done = launch("--set", "count=1", "fakesrc num-buffers=1 ! fakesink")
+    assert (
+        done.stderr == "note: --set count is not used: the description has no ${count}; it has no variables\n"
+    )
+    assert launch("-q", "--set", "cuont=7", text).stderr == ""
+
+
 def test_the_installed_command_ends_with_the_right_codes() -> None:
     """0, 1 and 2 as the shell sees them; nothing but the error is printed."""
     for text, code in (
