@@ -13,6 +13,7 @@ from streamkit_decoder.location import local_path, remedy_of
 from streamkit_decoder.videowriter import VideoWriter
 
 ASSUMED_RATE = Fraction(25)
+NO_CONTAINER = "Could not determine output format"
 CLOSE_LIMIT_S = 2.0
 FLUSH_LIMIT_S = 1.0
 
@@ -129,6 +130,6 @@ class VideoFileSink(Sink):
             self._writing.release()
 
     def _failure(self, error: Exception) -> ResourceError:
-        return ResourceError(
-            f"{self.location}: the video could not be written: {reason_of(error)}{remedy_of(error)}"
-        )
+        reason = reason_of(error)
+        remedy = "; let the name end in .mp4 or .mkv" if NO_CONTAINER in reason else remedy_of(error)
+        return ResourceError(f"{self.location}: the video could not be written: {reason}{remedy}")

@@ -6,10 +6,8 @@ function as typer takes it, or a `typer.Typer` with subcommands. It is imported 
 
 from __future__ import annotations
 
-import ast
 import importlib
 import importlib.metadata
-import importlib.util
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -121,11 +119,14 @@ def list_command(app: typer.Typer, entry: CommandEntry, call: Callable[[Sequence
 
 def described(entry: CommandEntry) -> str | None:
     """The docstring of a command's function, read without importing it; None where that cannot be."""
+    import ast
+    from importlib.util import find_spec
+
     module_name, _, name = entry.target.partition(":")
     if module_name in sys.modules:
         return None
     try:
-        spec = importlib.util.find_spec(module_name)
+        spec = find_spec(module_name)
         if spec is None or spec.origin is None:
             return None
         tree = ast.parse(Path(spec.origin).read_bytes())

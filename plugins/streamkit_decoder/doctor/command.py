@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import sys
 from typing import Annotated
 
 import typer
 
 from streamkit_decoder.doctor.examine import examine
+
+CLEAR = "\r\x1b[K"
 
 
 def doctor(
@@ -22,7 +25,19 @@ def doctor(
     """Checks a stream or file and gives a pipeline to begin with; exit 1 where it cannot be used."""
     if transport not in ("tcp", "udp"):
         raise typer.BadParameter(f"transport is tcp or udp, got {transport!r}")
-    report = examine(uri, seconds, timeout_s, transport)
+    watched = sys.stderr.isatty()
+
+    def tell(line: str) -> None:
+        if watched:
+            sys.stderr.write(f"{CLEAR}{line} ...")
+            sys.stderr.flush()
+
+    try:
+        report = examine(uri, seconds, timeout_s, transport, tell)
+    finally:
+        if watched:
+            sys.stderr.write(CLEAR)
+            sys.stderr.flush()
     typer.echo(json.dumps(report.as_json(), indent=2) if as_json else report.as_text())
     if not report.is_usable:
         raise typer.Exit(1)

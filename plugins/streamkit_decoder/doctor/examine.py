@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from urllib.parse import urlsplit, urlunsplit
 
@@ -20,7 +21,17 @@ from streamkit_decoder.telemetry.files import NoTelemetry, read_telemetry
 TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"
 
 
-def examine(location: str, seconds: float, timeout_s: float, transport: str) -> Report:
+def say_nothing(_: str) -> None:
+    """For who looks at nothing but the report."""
+
+
+def examine(
+    location: str,
+    seconds: float,
+    timeout_s: float,
+    transport: str,
+    tell: Callable[[str], None] = say_nothing,
+) -> Report:
     """Makes all checks.
 
     Args:
@@ -28,20 +39,25 @@ def examine(location: str, seconds: float, timeout_s: float, transport: str) -> 
         seconds: how long to watch a live stream.
         timeout_s: limit for connecting and for silence.
         transport: tcp or udp.
+        tell: is given a line before each step that takes seconds.
     """
     if urlsplit(location).scheme in DEFAULT_PORTS:
-        return _examine_live(location, seconds, timeout_s, transport)
+        return _examine_live(location, seconds, timeout_s, transport, tell)
     return _examine_file(location, timeout_s)
 
 
 # A live stream.
 
 
-def _examine_live(location: str, seconds: float, timeout_s: float, transport: str) -> Report:
+def _examine_live(
+    location: str, seconds: float, timeout_s: float, transport: str, tell: Callable[[str], None]
+) -> Report:
     where = redact(location)
+    tell(f"connecting to {where}, {timeout_s:g} s at most")
     checks = _reach(location, timeout_s)
     if checks[-1].verdict is Verdict.BAD:
         return Report(where, tuple(checks), "")
+    tell(f"watching {where} for {seconds:g} s")
     properties = {"location": location, "reconnect": "never", "timeout_s": timeout_s, "transport": transport}
     seen = watch("rtspsrc", properties, 2 * timeout_s + 1, seconds)
     if not seen.packets:

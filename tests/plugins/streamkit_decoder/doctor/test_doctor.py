@@ -41,7 +41,10 @@ def test_a_live_stream(fake: ModuleType) -> None:
     """A good server gets good verdicts, figures near the truth, and a line that builds, without secrets."""
     with fake.FakeServer(fake.access_units(), user="me:hunter2") as server:
         location = server.url.replace("//", "//me:hunter2@")
-        report = examine(location, seconds=2.0, timeout_s=3.0, transport="tcp")
+        told: list[str] = []
+        report = examine(location, seconds=2.0, timeout_s=3.0, transport="tcp", tell=told.append)
+    where = server.url.replace("//", "//***@")
+    assert told == [f"connecting to {where}, 3 s at most", f"watching {where} for 2 s"]
     assert set(verdicts(report).values()) <= {"good", "note"}
     assert {
         "reach",
