@@ -27,7 +27,7 @@ from streamkit_stitcher.plane.placement import Anchored
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.corners import even_corners
 from streamkit_stitcher.registration.descriptors import Description, describe
-from streamkit_stitcher.registration.motion_models import FitLimits
+from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
 from streamkit_stitcher.registration.patches import pyramid
 
 _KEY_GRID: Final = (25, 16)
@@ -40,6 +40,8 @@ _RECOGNISED: Final = 3
 _SCALE_RANGE: Final = (0.8, 1.25)
 _MAX_UNMATCHED: Final = 3
 _MAX_DOUBTED: Final = 12
+# A picture out of focus makes a poor key picture: the next one may be sharp.
+_BLURRED_MARGIN: Final = 0.15
 _FOLLOW_LEVEL: Final = 1
 _FOLLOW_POINTS: Final = 48
 
@@ -103,6 +105,8 @@ class KeyframeAnchor:
             return None
         match = self._sure(self._follow(active, images, expected, self._settings.max_points))
         if match is not None:
+            if self.keyframes.rule.model is not MotionModel.HOMOGRAPHY is match.fit.model:
+                self.keyframes.learn(match)
             return match
         return self._sure(self._match(active, images, expected, _FOLLOW_LEVEL, coarse=_FOLLOW_POINTS))
 
@@ -165,11 +169,15 @@ class KeyframeAnchor:
             if match is None and trusted:
                 match = self._sure(self._match(active, images, carried, LEVELS - 1))
         sure = seen is None or self._sure(match) is not None
+        sure = sure and (match is None or match.clear)
         place = _placed(active, match) if match is not None else Anchored(carried, measured=False)
         place = replace(place, sure=sure)
         self._unmatched = 0 if match is not None else self._unmatched + 1
         self._is_carried_surely = match is not None or (trusted and seen is None and self._is_carried_surely)
-        leaving = self._is_leaving(active, place.to_reference)
+        least = self._settings.keyframe_overlap
+        if match is not None and not match.clear:
+            least -= _BLURRED_MARGIN
+        leaving = self._is_leaving(active, place.to_reference, least)
         if match is not None and not due and not leaving:
             return place
         back = None if due or seen is not None else self._look_back(active, images, place)
@@ -203,11 +211,11 @@ class KeyframeAnchor:
             carried = normalised(active.to_reference @ aligned.fit.matrix)
         return found, carried
 
-    def _is_leaving(self, keyframe: Keyframe, to_reference: FloatArray) -> bool:
+    def _is_leaving(self, keyframe: Keyframe, to_reference: FloatArray, least: float) -> bool:
         to_key = normalised(inverse(keyframe.to_reference) @ to_reference)
         scale = scale_change(to_key, keyframe.shape)
         share = overlap(to_key, keyframe.shape)
-        return share < self._settings.keyframe_overlap or not _SCALE_RANGE[0] < scale < _SCALE_RANGE[1]
+        return share < least or not _SCALE_RANGE[0] < scale < _SCALE_RANGE[1]
 
     def _look_back(self, active: Keyframe, images: Sequence[GreyArray], place: Anchored) -> Anchored | None:
         """Lets an earlier key picture take over where the camera has come back to it."""
@@ -257,7 +265,7 @@ class KeyframeAnchor:
             # Its fit knows how well each of its patches is placed.
             place = _placed(*matches[0])
         elif matches:
-            pooled = pooled_placement(matches, shape, self._limits, self.keyframes.model)
+            pooled = pooled_placement(matches, shape, self._limits, self.keyframes.rule)
         if pooled is not None:
             place = Anchored(
                 pooled.matrix, True, matches=len(pooled.inliers), inliers=pooled.count, rmse=pooled.rmse
@@ -282,7 +290,7 @@ class KeyframeAnchor:
             normalised(inverse(keyframe.to_reference) @ to_reference),
             self._limits,
             most,
-            self.keyframes.model,
+            self.keyframes.rule,
         )
 
     def _match(
@@ -301,7 +309,7 @@ class KeyframeAnchor:
             self._limits,
             top_level=top_level,
             max_points=most or self._settings.max_points,
-            model=self.keyframes.model,
+            rule=self.keyframes.rule,
             coarse_points=coarse,
         )
 

@@ -12,7 +12,7 @@ from streamkit_stitcher.plane.graph import KeyframeGraph, Tie
 from streamkit_stitcher.plane.keyframes import LEVELS, Keyframe, KeyframeMatch, KeyframeStore
 from streamkit_stitcher.plane.settings import ModelChoice, PlaneSettings
 from streamkit_stitcher.registration.descriptors import Description
-from streamkit_stitcher.registration.model_selection import ModelSelection
+from streamkit_stitcher.registration.model_selection import ModelSelection, MotionRule
 from streamkit_stitcher.registration.motion_models import MotionModel
 from streamkit_stitcher.registration.patches import pyramid
 
@@ -69,6 +69,11 @@ class KeyframeMap:
         return MotionModel(self._settings.model.value)
 
     @property
+    def rule(self) -> MotionRule:
+        """What a picture's motion may be; `auto` lets single pictures differ from the rest."""
+        return MotionRule(self.model, firm=self._settings.model is not ModelChoice.AUTO)
+
+    @property
     def is_adjusting(self) -> bool:
         """Whether an adjustment was begun whose result was not adopted."""
         return self._adjuster.is_busy
@@ -93,7 +98,8 @@ class KeyframeMap:
 
     def learn(self, match: KeyframeMatch) -> None:
         """Takes the match of two key pictures as evidence of what the motion may be."""
-        self._selection.add(match.frame_points, match.key_points)
+        firm = match.on_plane()
+        self._selection.add(firm.frame_points, firm.key_points)
 
     def add(
         self,

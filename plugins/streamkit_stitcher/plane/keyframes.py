@@ -21,12 +21,12 @@ from streamkit_stitcher.homographies import (
     translation,
 )
 from streamkit_stitcher.registration.gauss_newton import corner_deviation
+from streamkit_stitcher.registration.model_selection import ANY_MOTION, MotionRule
 from streamkit_stitcher.registration.motion_models import (
     FitLimits,
     MotionFit,
     MotionModel,
     fit_homography,
-    restricted,
 )
 from streamkit_stitcher.registration.patches import (
     Alignment,
@@ -50,6 +50,7 @@ _WIDE_OVERLAP: Final = 0.8
 # What no patch is better than, px: the lens, the shutter, the ground are not quite a plane's.
 _FLOOR: Final = 0.04
 _MANY: Final = 60
+_TRIM: Final = 9.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +86,9 @@ class KeyframeMatch:
         key_points: float64[n, 2], the same ground in the key picture, px.
         patches: int64[n], the key picture's patches they are.
         deviation: how far off the fit may put the worst corner of the picture, one standard deviation, px.
-        variances: float64[n], how badly each patch is placed, in any unit; None where nobody knows.
+        variances: float64[n], how badly each patch is placed, in any unit, infinite for those off the plane;
+            None where nobody knows.
+        clear: whether most patches agree or look much like those of the key picture.
     """
 
     fit: MotionFit
@@ -94,18 +97,29 @@ class KeyframeMatch:
     patches: npt.NDArray[np.int64]
     deviation: float = 0.0
     variances: FloatArray | None = None
+    clear: bool = True
+
+    def on_plane(self) -> "KeyframeMatch":
+        """The same without the patches off the plane."""
+        return self if self.variances is None else self._part(np.flatnonzero(np.isfinite(self.variances)))
 
     def firmest(self) -> "KeyframeMatch":
-        """The same with the better placed half of the patches, if there are many."""
-        if self.variances is None or len(self.patches) <= _MANY:
+        """The same with the better placed half of the patches on the plane, if there are many."""
+        firm = self.on_plane()
+        if firm.variances is None or len(firm.patches) <= _MANY:
+            return firm
+        best = np.argsort(firm.variances, kind="stable")[: max(_MANY, len(firm.patches) // 2)]
+        return firm._part(np.sort(best))
+
+    def _part(self, kept: npt.NDArray[np.int64]) -> "KeyframeMatch":
+        if len(kept) == len(self.patches):
             return self
-        kept = np.sort(np.argsort(self.variances, kind="stable")[: max(_MANY, len(self.patches) // 2)])
         return replace(
             self,
             frame_points=self.frame_points[kept],
             key_points=self.key_points[kept],
             patches=self.patches[kept],
-            variances=self.variances[kept],
+            variances=None if self.variances is None else self.variances[kept],
         )
 
 
@@ -233,7 +247,7 @@ class KeyframeMatcher:
         *,
         top_level: int,
         max_points: int,
-        model: MotionModel = MotionModel.HOMOGRAPHY,
+        rule: MotionRule = ANY_MOTION,
         coarse_points: int = _COARSE_POINTS,
     ) -> KeyframeMatch | None:
         """Places a picture on a key picture to sub-pixel accuracy.
@@ -245,7 +259,7 @@ class KeyframeMatcher:
             limits: what the homography must reach; its threshold counts in full-size px.
             top_level: the coarsest level to start from, 0 for full size only.
             max_points: patches to use, spread evenly over the key picture; fewer at the coarse levels.
-            model: what the motion may be.
+            rule: what the motion may be.
             coarse_points: patches to use at half size.
 
         Returns:
@@ -262,7 +276,7 @@ class KeyframeMatcher:
             tolerance = _COARSE_TOLERANCE if level else _FINE_TOLERANCE
             found = align(patches, images[level], expected, tolerance)
             if level == 0:
-                return _accepted(found, chosen, keyframe.shape, limits, model, inverse(key_to_frame))
+                return _accepted(found, chosen, keyframe.shape, limits, rule, inverse(key_to_frame))
             start = _shifted(expected, found.key_points, found.frame_points)
             coarse = fit_homography(found.key_points, found.frame_points, _COARSE_THRESHOLD, start=start)
             if (
@@ -292,7 +306,7 @@ def pooled_placement(
     matches: Sequence[tuple[Keyframe, KeyframeMatch]],
     shape: tuple[int, int],
     limits: FitLimits,
-    model: MotionModel = MotionModel.HOMOGRAPHY,
+    rule: MotionRule = ANY_MOTION,
 ) -> MotionFit | None:
     """Places a picture on the reference plane by its matches with several key pictures at once.
 
@@ -300,7 +314,7 @@ def pooled_placement(
         matches: key pictures with the picture's match on each.
         shape: (height, width) of the picture, px.
         limits: what the homography must reach; its threshold counts in px of the picture.
-        model: what the motion may be.
+        rule: what the motion may be.
 
     Returns:
         The homography from the picture's pixels to the reference plane, fitted so that the error counts in
@@ -311,7 +325,7 @@ def pooled_placement(
     fit = fit_homography(plane, frame, limits.threshold)
     if fit is None or fit.count < limits.min_inliers or fit.ratio < limits.min_ratio:
         return None
-    fit = restricted(fit, model, plane, frame)
+    fit = rule.applied(fit, plane, frame)
     return replace(fit, matrix=inverse(fit.matrix)) if scale_change(inverse(fit.matrix), shape) > 0 else None
 
 
@@ -343,7 +357,7 @@ def _accepted(
     chosen: npt.NDArray[np.int64],
     shape: tuple[int, int],
     limits: FitLimits,
-    model: MotionModel,
+    rule: MotionRule,
     start: FloatArray,
 ) -> KeyframeMatch | None:
     """The match that the patches agree on, or None.
@@ -356,12 +370,15 @@ def _accepted(
     fit = fit_homography(frame_points, key_points, limits.threshold, start=start, weights=weights)
     if fit is None or fit.count < max(limits.min_inliers, limits.min_ratio * found.sought):
         return None
-    fit = restricted(fit, model, frame_points, key_points)
+    fit = rule.applied(fit, frame_points, key_points)
     if not is_plausible(fit.matrix, shape, ANY_STEP):
         return None
     patches = chosen[found.patches[fit.inliers]]
     seen = frame_points[fit.inliers]
     freedom = 8 if fit.model is MotionModel.HOMOGRAPHY else 6
     deviation = corner_deviation(fit.matrix, seen, fit.rmse, shape, freedom)
-    variances = found.variances[fit.inliers]
+    apart = project(fit.matrix, seen) - key_points[fit.inliers]
+    squares = np.einsum("ni,ni->n", apart, apart) * weights[fit.inliers]
+    off_plane = squares > _TRIM * np.median(squares)
+    variances = np.where(off_plane, np.inf, found.variances[fit.inliers])
     return KeyframeMatch(fit, seen, key_points[fit.inliers], patches, deviation, variances)

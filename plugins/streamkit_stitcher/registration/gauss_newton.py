@@ -76,9 +76,9 @@ def corner_deviation(
         return math.inf
     mapped = project(matrix, source)
     scaling = Scaling.of(mapped)
-    monomials = _monomials((mapped - scaling.middle) / scaling.size)
+    powers = monomials((mapped - scaling.middle) / scaling.size)
     try:
-        covariance = np.linalg.inv(_normal(monomials @ monomials.T)[:freedom, :freedom])
+        covariance = np.linalg.inv(_normal(powers @ powers.T)[:freedom, :freedom])
     except np.linalg.LinAlgError:
         return math.inf
     x, y = ((project(matrix, corners(shape)) - scaling.middle) / scaling.size).T
@@ -93,11 +93,11 @@ def corner_deviation(
 
 def _step(points: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray | None:
     """The homography near the identity that moves the points by `residuals` best, to first order."""
-    monomials = _monomials(points)
-    counted = monomials * weights
+    powers = monomials(points)
+    counted = powers * weights
     sides = counted @ residuals
     wanted = np.concatenate([sides[3:, 0], sides[3:, 1], -sides[:2, 0] - sides[1:3, 1]])
-    normal = _normal(counted @ monomials.T)
+    normal = _normal(counted @ powers.T)
     solved, step = cv2.solve(normal, wanted[:, np.newaxis], flags=cv2.DECOMP_CHOLESKY)
     if not solved:
         return None
@@ -106,14 +106,14 @@ def _step(points: FloatArray, residuals: FloatArray, weights: FloatArray) -> Flo
     return matrix
 
 
-def _monomials(points: FloatArray) -> FloatArray:
+def monomials(points: FloatArray) -> FloatArray:
     """float64[6, n] of float64[n, 2]: x x, x y, y y, x, y, 1."""
-    monomials = np.empty((6, len(points)))
-    monomials[3:5] = points.T
-    monomials[5] = 1
-    np.multiply(monomials[3], monomials[3:5], out=monomials[:2])
-    np.multiply(monomials[4], monomials[4], out=monomials[2])
-    return monomials
+    powers = np.empty((6, len(points)))
+    powers[3:5] = points.T
+    powers[5] = 1
+    np.multiply(powers[3], powers[3:5], out=powers[:2])
+    np.multiply(powers[4], powers[4], out=powers[2])
+    return powers
 
 
 def _normal(moments: FloatArray) -> FloatArray:

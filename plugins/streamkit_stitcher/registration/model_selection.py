@@ -1,12 +1,13 @@
 """Which motion model explains matched points without explaining their noise."""
 
 from collections import deque
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from streamkit_stitcher.homographies import FloatArray, project
-from streamkit_stitcher.registration.motion_models import MotionModel, least_squares
+from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel, least_squares, restricted
 
 _MODELS: Final = (MotionModel.HOMOGRAPHY, MotionModel.AFFINE, MotionModel.SIMILARITY)
 _PARAMETERS: Final = {MotionModel.HOMOGRAPHY: 8, MotionModel.AFFINE: 6, MotionModel.SIMILARITY: 4}
@@ -30,6 +31,44 @@ def gric(residuals: FloatArray, variance: float, parameters: int) -> float:
     squares = np.einsum("ni,ni->n", residuals, residuals) / variance
     capped = np.minimum(squares, 2 * _OUTLIER * 2)
     return float(capped.sum() + 2 * count * np.log(4) + parameters * np.log(4 * count))
+
+
+@dataclass(frozen=True)
+class MotionRule:
+    """What a motion may be.
+
+    Attributes:
+        model: the motion that is expected.
+        firm: whether it may be nothing else; otherwise a homography stands where the pairs speak for it.
+    """
+
+    model: MotionModel = MotionModel.HOMOGRAPHY
+    firm: bool = True
+
+    def applied(self, fit: MotionFit, source: FloatArray, target: FloatArray) -> MotionFit:
+        """A homography's fit turned into one that is allowed.
+
+        Key pictures may happen to be tilted alike, and the pictures between them not.
+
+        Args:
+            fit: the fitted homography.
+            source: float64[n, 2], as it was fitted to.
+            target: float64[n, 2].
+        """
+        simple = restricted(fit, self.model, source, target)
+        if simple is fit or self.firm:
+            return simple
+        first, second = source[fit.inliers], target[fit.inliers]
+        residuals = [second - project(own.matrix, first) for own in (fit, simple)]
+        variance = _variance(residuals[0])
+        whole, plain = (
+            gric(own, variance, _PARAMETERS[model])
+            for own, model in zip(residuals, (fit.model, simple.model), strict=True)
+        )
+        return fit if whole < plain else simple
+
+
+ANY_MOTION: Final = MotionRule()
 
 
 class ModelSelection:
@@ -62,9 +101,7 @@ class ModelSelection:
             if matrix is None:
                 return
             residuals.append(target - project(matrix, source))
-        lengths = np.hypot(*residuals[0].T)
-        # The median length of a 2-D normal error is 1.1774 deviations.
-        variance = max(_SMALLEST_VARIANCE, float((np.median(lengths) / 1.1774) ** 2))
+        variance = _variance(residuals[0])
         self._scores.append(
             np.array(
                 [
@@ -73,3 +110,10 @@ class ModelSelection:
                 ]
             )
         )
+
+
+def _variance(residuals: FloatArray) -> float:
+    """Of one coordinate of residuals float64[n, 2] that are normal but for some, px squared."""
+    # The median length of a 2-D normal error is 1.1774 deviations.
+    typical = float(np.median(np.hypot(*residuals.T)))
+    return max(_SMALLEST_VARIANCE, (typical / 1.1774) ** 2)

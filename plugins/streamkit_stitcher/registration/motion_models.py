@@ -234,24 +234,37 @@ def _refined(
     steps: int,
     weights: FloatArray | None = None,
 ) -> FloatArray:
-    """Gauss-Newton steps on the pairs near `matrix`, on all if `threshold` is infinite."""
+    """Gauss-Newton steps on the pairs near `matrix`, on all if `threshold` is infinite.
+
+    Before the last step no pair counts more than the median: a few of much weight, such as the corners of
+    roofs, would draw the motion to them before they could be told from the rest.
+    """
     scaling = Scaling.of(target)
-    even = np.ones(len(target)) if weights is None else weights
+    full = np.ones(len(target)) if weights is None else weights
+    even = full if weights is None else np.minimum(weights, np.median(weights))
     counted = even
-    for _ in range(steps):
+    for step in range(steps):
         mapped = project(matrix, source)
         residuals = target - mapped
         if not math.isinf(threshold):
-            squares = np.einsum("ni,ni->n", residuals, residuals)
-            close = squares[squares < threshold**2]
-            typical = float(np.partition(close, len(close) // 2)[len(close) // 2]) if len(close) else 0.0
-            kept = squares < max(_TRIM**2 * typical, (_LEAST_TRIM * threshold) ** 2)
-            counted = even * kept
+            own = full if step == steps - 1 else even
+            counted = own * _kept(np.einsum("ni,ni->n", residuals, residuals), own, threshold)
         better = stepped(matrix, scaling, mapped, residuals, counted)
         if better is None:
             break
         matrix = better
     return matrix
+
+
+def _kept(squares: FloatArray, weights: FloatArray, threshold: float) -> MaskArray:
+    """Which pairs lie no farther off than most, by their squared distances and what they count."""
+    close = squares < threshold**2
+    if not close.any():
+        return np.asarray(squares < (_LEAST_TRIM * threshold) ** 2)
+    counted = squares * weights
+    near = counted[close]
+    typical = float(np.partition(near, len(near) // 2)[len(near) // 2])
+    return np.asarray((counted < _TRIM**2 * typical) | (squares < (_LEAST_TRIM * threshold) ** 2))
 
 
 def _linear_options(threshold: float) -> dict[str, Any]:

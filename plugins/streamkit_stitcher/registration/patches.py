@@ -208,6 +208,11 @@ def align(
     return Alignment(key_points, frame_points, chosen[good], np.maximum(variances, 0.0), sought)
 
 
+def in_view(level: PatchLevel, key_to_frame: FloatArray, shape: Sequence[int]) -> MaskArray:
+    """Which patches are usable and lie inside an image of a shape under a motion, bool[n]."""
+    return level.usable & _inside(project(key_to_frame, level.centres), shape)
+
+
 def measure(
     level: PatchLevel, image: GreyArray, key_to_frame: FloatArray
 ) -> tuple[FloatArray, FloatArray, MaskArray]:
@@ -283,9 +288,14 @@ def _affine_parts(matrix: FloatArray, points: FloatArray) -> _SingleArray:
 
 def _visible(parts: _SingleArray, shape: Sequence[int]) -> MaskArray:
     """Which patches lie inside an image of a shape, by their affine parts."""
+    return _inside(parts[:, :, 2], shape)
+
+
+def _inside(centres: FloatArray | _SingleArray, shape: Sequence[int]) -> MaskArray:
+    """Which patches lie inside an image of a shape, by their centres there."""
     margin = RADIUS + 3
     middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2], dtype=np.float32)
-    apart = np.abs(parts[:, :, 2] - middle) < middle + (0.5 - margin)
+    apart = np.abs(centres - middle) < middle + (0.5 - margin)
     return np.asarray(apart[:, 0] & apart[:, 1], dtype=np.bool_)
 
 

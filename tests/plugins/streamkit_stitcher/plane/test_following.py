@@ -1,5 +1,6 @@
 """Following a key picture from frame to frame."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -7,6 +8,7 @@ from streamkit_stitcher.homographies import IDENTITY, project, translation
 from streamkit_stitcher.plane.following import LEVEL_PATCHES, KeyframeFollower, following_level
 from streamkit_stitcher.plane.keyframes import LEVELS, KeyframeStore
 from streamkit_stitcher.registration.corners import even_corners
+from streamkit_stitcher.registration.model_selection import MotionRule
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
 from streamkit_stitcher.registration.patches import pyramid
 
@@ -61,7 +63,7 @@ def test_a_guess_far_off_is_left_to_others(flight):
 
 def test_the_model_restricts_the_motion(flight):
     """A similarity has no perspective and equal diagonal elements."""
-    matrix = follow(flight, 1, (0.0, 0.0), model=MotionModel.SIMILARITY).fit.matrix
+    matrix = follow(flight, 1, (0.0, 0.0), rule=MotionRule(MotionModel.SIMILARITY)).fit.matrix
     assert matrix[2, :2] == pytest.approx([0.0, 0.0], abs=1e-12)
     assert matrix[0, 0] == pytest.approx(matrix[1, 1])
 
@@ -80,3 +82,35 @@ def test_a_key_picture_without_corners_is_not_followed(flight):
 def test_pictures_are_followed_at_half_size_or_less(shape, level):
     """Small ones at full size, most at half size, large ones at 960 px or less."""
     assert following_level(shape) == level
+
+
+def test_roofs_seen_off_the_plane_are_left_out(ground, make_flight):
+    """Tall roofs that drift over the ground are told from it by the third picture, and asked no more."""
+    flight = make_flight(ground, 100, cars=0, noise=3.0)
+    follower = KeyframeFollower()
+    stored_key, asked = stored(with_roofs(flight, 0), 1), []
+    for index in range(1, 5):
+        images = pyramid((with_roofs(flight, index),), LEVELS)
+        match = follower.follow(stored_key, images, flight.to_first(index), LIMITS, 220)
+        assert flight.error(match.fit.matrix, index) < 0.4
+        asked.append(sum(on_roof(point) for point in match.key_points))
+    assert asked[0] > 15
+    assert asked[-1] < asked[0] / 3
+
+
+def with_roofs(flight, index):
+    """A picture of a flight with nine bright roofs that slide over the ground by a pixel a picture."""
+    picture = flight.picture(index)
+    for x in (200, 600, 1000):
+        for y in (120, 320, 520):
+            outline = np.array([[x, y], [x + 110, y], [x + 110, y + 80], [x, y + 80]]) + np.array(
+                [index, 0.0]
+            )
+            seen = project(np.linalg.inv(flight.to_first(index)), outline)
+            cv2.fillPoly(picture, [np.rint(seen * 16).astype(np.int32)], 240, cv2.LINE_AA, 4)
+    return picture
+
+
+def on_roof(point):
+    """Whether a point of the key picture lies on one of its roofs."""
+    return (point[0] - 200 + 8) % 400 < 126 and (point[1] - 120 + 8) % 200 < 96

@@ -6,12 +6,8 @@ import pytest
 
 from streamkit_stitcher.homographies import corners, project, translation
 from streamkit_stitcher.registration.corners import even_corners
-from streamkit_stitcher.registration.joint_alignment import (
-    align_coarsely,
-    align_jointly,
-    joint_level,
-    spread_order,
-)
+from streamkit_stitcher.registration.joint_alignment import align_coarsely, align_jointly
+from streamkit_stitcher.registration.joint_level import joint_level, spread_order
 from streamkit_stitcher.registration.patches import cut_patches
 
 SHAPE = (360, 640)
@@ -38,14 +34,6 @@ def worst(found, true):
     return float(np.hypot(*(project(found, outline) - project(true, outline)).T).max())
 
 
-def test_leading_parts_are_spread():
-    """Each number comes once, and of the first eighth no two are close together."""
-    order = spread_order(100)
-    assert sorted(order) == list(range(100))
-    assert np.diff(np.sort(order[:12])).min() >= 4
-    assert spread_order(1).tolist() == [0]
-
-
 def test_a_far_guess_is_improved(ground):
     """From 3 px off, and turned and tilted, the motion comes out right to a quarter of a pixel."""
     level = key_level(seen_through(ground, np.eye(3), 1))
@@ -61,7 +49,7 @@ def test_all_patches_together_place_a_picture_to_a_twentieth_of_a_pixel(ground):
     errors, told = [], []
     for seed in range(2, 8):
         start = translation(np.array([0.3, -0.2])) @ TURN
-        found = align_jointly(level, seen_through(ground, TURN, seed), start, 200, 1.0)
+        found = align_jointly(level, seen_through(ground, TURN, seed), start, 1.0)
         errors.append(worst(found.key_to_frame, TURN))
         told.append(found.deviation)
         assert len(found.numbers) <= found.compared <= found.sought
@@ -75,11 +63,28 @@ def test_what_moves_by_itself_is_left_out(ground):
     level = key_level(seen_through(ground, np.eye(3), 1))
     frame = seen_through(ground, np.eye(3), 2)
     frame[:180, 2:320] = frame[:180, :318].copy()
-    found = align_jointly(level, frame, translation(np.array([0.2, 0.2])), 240, 1.0)
+    found = align_jointly(level, frame, translation(np.array([0.2, 0.2])), 1.0)
     assert worst(found.key_to_frame, np.eye(3)) < 0.1
     sliding = (level.patches.centres < (300, 160)).all(axis=1)
     agreeing = (found.key_points < (300, 160)).all(axis=1)
     assert agreeing.sum() < 0.2 * sliding.sum()
+
+
+def test_roofs_do_not_bend_the_plane(ground):
+    """Four bright roofs, of more contrast than all the ground, slide by 0.6 px: they tell nothing."""
+    faint = cv2.addWeighted(ground, 0.4, ground, 0.0, 40.0)
+    pictures = []
+    for number, shift in enumerate((0.0, 0.6)):
+        picture = seen_through(faint, np.eye(3), number)
+        for x, y in ((40, 40), (150, 60), (60, 200), (320, 40)):
+            outline = np.array([[x, y], [x + 60, y], [x + 60, y + 45], [x, y + 45]]) + np.array([shift, 0.0])
+            cv2.fillPoly(picture, [np.rint(outline * 16).astype(np.int32)], 235, cv2.LINE_AA, 4)
+        pictures.append(picture)
+    found = align_jointly(key_level(pictures[0]), pictures[1], np.eye(3), 1.0)
+    assert worst(found.key_to_frame, np.eye(3)) < 0.12
+    assert len(found.off_plane) > 10
+    assert not set(found.off_plane) & set(found.on_plane)
+    assert np.isinf(found.variances[np.isin(found.numbers, found.off_plane)]).all()
 
 
 @pytest.mark.parametrize("brightness", [0, 255])
@@ -87,7 +92,7 @@ def test_nothing_is_found_in_a_flat_picture(ground, brightness):
     """None, and no warning."""
     level = key_level(seen_through(ground, np.eye(3), 1))
     flat = np.full(SHAPE, brightness, np.uint8)
-    assert align_jointly(level, flat, np.eye(3), 200, 1.0) is None
+    assert align_jointly(level, flat, np.eye(3), 1.0) is None
     assert align_coarsely(level, flat, np.eye(3), 60, passes=4, settled=0.5) is None
 
 
@@ -95,4 +100,4 @@ def test_a_picture_out_of_view_is_not_found(ground):
     """A guess that puts every patch beside the frame gives None."""
     level = key_level(seen_through(ground, np.eye(3), 1))
     beside = translation(np.array([5000.0, 0.0]))
-    assert align_jointly(level, seen_through(ground, np.eye(3), 2), beside, 200, 1.0) is None
+    assert align_jointly(level, seen_through(ground, np.eye(3), 2), beside, 1.0) is None

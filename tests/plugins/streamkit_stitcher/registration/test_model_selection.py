@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from streamkit_stitcher.homographies import project
-from streamkit_stitcher.registration.model_selection import ModelSelection, gric
-from streamkit_stitcher.registration.motion_models import MotionModel, least_squares
+from streamkit_stitcher.registration.model_selection import ModelSelection, MotionRule, gric
+from streamkit_stitcher.registration.motion_models import MotionModel, fit_homography, least_squares
 
 SIMILARITY = np.array([[1.02, -0.05, 30.0], [0.05, 1.02, -12.0], [0, 0, 1]])
 AFFINE = np.array([[1.02, -0.03, 30.0], [0.05, 0.99, -12.0], [0, 0, 1]])
@@ -51,6 +51,17 @@ def test_a_camera_that_begins_to_tilt_is_noticed():
     for seed in range(4):
         selection.add(*pairs(HOMOGRAPHY, seed))
     assert selection.model is MotionModel.HOMOGRAPHY
+
+
+@pytest.mark.parametrize(
+    ("matrix", "model"), [(AFFINE, MotionModel.AFFINE), (HOMOGRAPHY, MotionModel.HOMOGRAPHY)]
+)
+def test_a_picture_that_tilts_is_not_forced_into_a_simpler_motion(matrix, model):
+    """Where key pictures said affine, a picture stays affine unless its own matches speak against it."""
+    source, target = pairs(matrix, 3)
+    fit = fit_homography(source, target, 2.0)
+    assert MotionRule(MotionModel.AFFINE, firm=False).applied(fit, source, target).model is model
+    assert MotionRule(MotionModel.AFFINE).applied(fit, source, target).model is MotionModel.AFFINE
 
 
 @pytest.mark.parametrize("model", [MotionModel.HOMOGRAPHY, MotionModel.AFFINE, MotionModel.SIMILARITY])
