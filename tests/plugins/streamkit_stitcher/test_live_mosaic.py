@@ -26,6 +26,15 @@ def mosaic_message(pipeline):
     return None
 
 
+def play(location, out="", branch=""):
+    """A pipeline that plays: a flight to `out`, whose mosaic goes to `branch` as it grows."""
+    pipeline = Pipeline.parse(
+        f"{SOURCE} ! stitch name=s location={location} preview-interval=0 ! appsink name=out {out} {branch}"
+    )
+    pipeline.play()
+    return pipeline
+
+
 def worker_threads():
     """The threads that paint."""
     return [thread for thread in threading.enumerate() if thread.name.endswith(" mosaic")]
@@ -33,12 +42,8 @@ def worker_threads():
 
 def test_whoever_does_not_look_holds_up_nobody(tmp_path):
     """All frames pass while nobody takes a picture of the mosaic; then the last one shows all of it."""
-    text = (
-        f"{SOURCE} ! stitch name=s location={tmp_path}/m.png preview-interval=0 ! appsink name=out "
-        f"s.mosaic ! {SMALL} ! appsink name=slow max-buffers=1"
-    )
-    with Pipeline.parse(text) as pipeline:
-        pipeline.play()
+    branch = f"s.mosaic ! {SMALL} ! appsink name=slow max-buffers=1"
+    with play(tmp_path / "m.png", branch=branch) as pipeline:
         passed = list(pipeline["out"])
         assert len(passed) == 20
         whole = cv2.imread(str(tmp_path / "m.png"))
@@ -101,12 +106,7 @@ def test_a_fault_of_the_worker_is_the_pipelines(tmp_path, monkeypatch):
 
 def test_who_comes_later_sees_the_mosaic_and_may_go(tmp_path):
     """A branch that is linked to the pad while frames pass gets pictures; without it the rest goes on."""
-    text = (
-        f"{SOURCE} ! stitch name=s location={tmp_path}/m.png preview-interval=0 "
-        "! appsink name=out max-buffers=2"
-    )
-    with Pipeline.parse(text) as pipeline:
-        pipeline.play()
+    with play(tmp_path / "m.png", "max-buffers=2") as pipeline:
         frames = iter(pipeline["out"])
         next(frames)
         branch = pipeline.add_branch("s", f"queue ! {SMALL} ! appsink name=shown")
@@ -120,12 +120,8 @@ def test_who_comes_later_sees_the_mosaic_and_may_go(tmp_path):
 
 def test_after_a_flush_the_mosaic_goes_on(tmp_path):
     """A flush drops what waits to be shown and loses no ground."""
-    text = (
-        f"{SOURCE} ! stitch name=s location={tmp_path}/m.png preview-interval=0 ! appsink name=out "
-        f"max-buffers=4 s.mosaic ! queue ! {SMALL} ! appsink name=shown"
-    )
-    with Pipeline.parse(text) as pipeline:
-        pipeline.play()
+    branch = f"s.mosaic ! queue ! {SMALL} ! appsink name=shown"
+    with play(tmp_path / "m.png", "max-buffers=4", branch) as pipeline:
         frames = iter(pipeline["out"])
         before = [next(frames) for _ in range(5)]
         pipeline.flush()
