@@ -171,8 +171,9 @@ def _search_alike(
     proposal = _proposal(jobs, likelihood)
     clouds, generators = [job.cloud for job in jobs], [job.generator for job in jobs]
     estimates = layered_step(clouds, generators, proposal, score, jobs[0].layers)
-    # cut out anew: where a shrunk picture's pixels begin shows in a patch, and a template starts in its own
-    comparison.cut_anew(margin=0.0)
+    if factor > 1:
+        # where a shrunk picture's pixels begin shows in a patch, and a template starts in its own
+        comparison.cut_anew(margin=0.0)
     final = comparison.distances(estimates.windows[:, None])
     patches, similarities = comparison.first_patches, np.exp(-final[:, 0])
     return [
@@ -245,7 +246,7 @@ class _Comparison:
         pixels = self._patch[0] * self._patch[1]
         result = np.empty((targets, count))
         self.first_patches = np.empty((targets, pixels), np.float32)
-        wider = _widened(windows.reshape(-1, 5), self._context).reshape(windows.shape)
+        wider = _widened(windows, self._context)
         for index, start in enumerate(range(0, targets, self._together)):
             chunk = slice(start, min(start + self._together, targets))
             flat = wider[chunk].reshape(-1, 5)
@@ -264,8 +265,10 @@ class _Comparison:
 
 
 def _widened(windows: FloatArray, context: float) -> FloatArray:
+    if context == 1.0:
+        return windows
     wider = windows.copy()
-    wider[:, LENGTH : WIDTH + 1] *= context
+    wider[..., LENGTH : WIDTH + 1] *= context
     return wider
 
 

@@ -25,15 +25,13 @@ def mahalanobis_squared(
     Returns:
         float64[t, d].
     """
-    total = covariances[:, None] + centroid_std[:, :, None, None] ** 2 * np.eye(2)
-    offsets = centroids[None] - positions[:, None]
-    determinant = np.maximum(total[..., 0, 0] * total[..., 1, 1] - total[..., 0, 1] ** 2, 1e-12)
-    quadratic = (
-        total[..., 1, 1] * offsets[..., 0] ** 2
-        - 2 * total[..., 0, 1] * offsets[..., 0] * offsets[..., 1]
-        + total[..., 0, 0] * offsets[..., 1] ** 2
-    )
-    return np.asarray(quadratic / determinant)
+    variance = centroid_std**2
+    xx, yy = covariances[:, :1, 0] + variance, covariances[:, 1:, 1] + variance
+    xy = covariances[:, :1, 1]
+    across = centroids[:, 0] - positions[:, :1]
+    down = centroids[:, 1] - positions[:, 1:]
+    determinant = np.maximum(xx * yy - xy**2, 1e-12)
+    return np.asarray((yy * across**2 - 2 * xy * across * down + xx * down**2) / determinant)
 
 
 def assign(costs: FloatArray, allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 LARGEST_PRODUCT = 2**18
 SHORTEST_SUM = 32
+FEWEST_ROWS = 8
 
 Float32Array = NDArray[np.float32]
 
@@ -31,14 +32,14 @@ def product(left: Float32Array, right: Float32Array, out: Float32Array | None = 
     depth = LARGEST_PRODUCT // max(count * columns, 1)
     if depth >= inner:
         return np.matmul(left, right, out=out)
-    if depth >= SHORTEST_SUM:
+    block = max(1, LARGEST_PRODUCT // max(inner * columns, 1))
+    if depth >= SHORTEST_SUM and block < FEWEST_ROWS:
         # long sums over few columns: cutting the sum reads the right side once, cutting rows once per block
         np.matmul(left[..., :depth], right[..., :depth, :], out=out)
         for start in range(depth, inner, depth):
             part = slice(start, start + depth)
             out += left[..., part] @ right[..., part, :]
         return out
-    block = max(1, LARGEST_PRODUCT // max(inner * columns, 1))
     for start in range(0, count, block):
         rows = slice(start, start + block)
         np.matmul(left[..., rows, :], right, out=out[..., rows, :])

@@ -171,31 +171,33 @@ def gradient_channels(patches: Float32Array) -> Float32Array:
     column = patches.reshape(count * SAMPLES, SAMPLES)
     across = np.asarray(cv2.Sobel(column, cv2.CV_32F, 1, 0, ksize=1), np.float32)
     down = np.asarray(cv2.Sobel(column, cv2.CV_32F, 0, 1, ksize=1), np.float32)
-    rising, falling = across + down, down - across
-    mean_across, mean_down = _cells(across), _cells(down)
     channels = np.empty((CHANNELS, count * GRID, GRID), np.float32)
-    means = (mean_across, mean_across + mean_down, mean_down, mean_down - mean_across)
-    for index, (along, mean) in enumerate(zip((across, rising, down, falling), means, strict=True)):
-        scale = np.float32(1.0 if index % 2 == 0 else np.sqrt(0.5))
-        channels[index] = _cells(np.maximum(along, 0)) * scale
-        # the opposite direction needs no pass of its own: its rectified mean is this one less the plain mean
-        channels[index + DIRECTIONS // 2] = channels[index] - mean * scale
+    means = np.empty((DIRECTIONS // 2, count * GRID, GRID), np.float32)
+    _cells(across, means[0])
+    _cells(down, means[2])
+    np.add(means[0], means[2], out=means[1])
+    np.subtract(means[2], means[0], out=means[3])
+    for index, along in enumerate((across, across + down, down, down - across)):
+        _cells(cv2.threshold(along, 0, 0, cv2.THRESH_TOZERO)[1], channels[index])
+    half = channels[: DIRECTIONS // 2]
+    # the opposite directions need no pass of their own: a rectified mean is this one less the plain mean
+    np.subtract(half, means, out=channels[DIRECTIONS // 2 : DIRECTIONS])
     gradients = channels[:DIRECTIONS]
+    gradients[1::2] *= np.float32(np.sqrt(0.5))
     energy = cv2.blur(np.sqrt(np.einsum("cij,cij->ij", gradients, gradients)), (3, 3))
     gradients /= energy + CONTRAST_FLOOR
-    channels[DIRECTIONS] = _cells(column)
+    _cells(column, channels[DIRECTIONS])
     result = np.ascontiguousarray(channels.reshape(CHANNELS, count, GRID, GRID).transpose(1, 0, 2, 3))
     result -= result.mean(axis=(2, 3), keepdims=True)
-    deviation = np.maximum(result[:, DIRECTIONS].std(axis=(1, 2), keepdims=True), CONTRAST_FLOOR)
-    result[:, DIRECTIONS] *= GREY_SHARE / deviation
+    grey = result[:, DIRECTIONS].reshape(count, -1)
+    grey *= GREY_SHARE / np.maximum(np.sqrt(np.vecdot(grey, grey) / grey.shape[1]), CONTRAST_FLOOR)[:, None]
     result *= _hann()
     return result
 
 
-def _cells(picture: Float32Array) -> Float32Array:
+def _cells(picture: cv2.typing.MatLike, out: Float32Array) -> None:
     """Means over cells: float32[n * samples, samples] to float32[n * grid, grid]."""
-    size = (GRID, picture.shape[0] // CELL)
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
+    cv2.resize(picture, (GRID, picture.shape[0] // CELL), dst=out, interpolation=cv2.INTER_AREA)
 
 
 def _sharpness(response: Float32Array, row: int, column: int) -> float:

@@ -77,8 +77,8 @@ class DetectedShape:
             heading_std: its standard deviation, rad; infinite where it is not known.
             trust: 0 to 1, how well the detection's size is that of the target.
         """
-        side = math.sqrt(float(window[2] * window[3]))
         if not self.settled:
+            side = math.sqrt(float(window[2] * window[3]))
             detected = self.window(*sighting.middle, heading)
             off = math.hypot(*(detected[:2] - window[:2]))
             wrong = off > YOUNG_OFF * side or _resized(window, detected) > YOUNG_RESIZED
@@ -86,19 +86,21 @@ class DetectedShape:
         if self._contradicted(window, sighting):
             self.box = sighting.box
             return self._begin_again(self.window(*sighting.middle, heading))
-        x, y = float(window[0]), float(window[1])
+        x, y, length, width, angle = window.tolist()
+        side = math.sqrt(length * width)
         rate = trust * OFFSET_RATE
         across = self._offset[0] + rate * (sighting.centroid[0] - x - self._offset[0])
         down = self._offset[1] + rate * (sighting.centroid[1] - y - self._offset[1])
         self._offset = (across, down)
-        expected = self.window(x + across, y + down, heading)
-        turned = abs(without_sign(float(expected[4] - window[4])))
+        known_length, known_width, known_angle = window_turn(*self.box, heading)
         wrong = (
             math.hypot(across, down) > max(0.8, 0.06 * side)
-            or turned > max(0.25, 2.5 * heading_std)
-            or _resized(window, expected) > RESIZED
+            or abs(without_sign(known_angle - angle)) > max(0.25, 2.5 * heading_std)
+            or max(abs(math.log(known_length / length)), abs(math.log(known_width / width))) > RESIZED
         )
-        return self._begin_again(expected) if wrong else None
+        if not wrong:
+            return None
+        return self._begin_again(np.array([x + across, y + down, known_length, known_width, known_angle]))
 
     def out_of_sight(self, trust: float) -> bool:
         """Counts a frame in which the target was detected but not recognised; True when it is enough."""
@@ -129,7 +131,8 @@ def _resized(window: FloatArray, other: FloatArray) -> float:
 
 def _overlap(window: FloatArray, sighting: Sighting) -> float:
     """Intersection over union of a window's upright box and a detection's."""
-    x, y, length, width, angle = (float(number) for number in window)
+    numbers: list[float] = window.tolist()
+    x, y, length, width, angle = numbers
     cosine, sine = abs(math.cos(angle)), abs(math.sin(angle))
     across, down = length * cosine + width * sine, length * sine + width * cosine
     shared_x = (across + sighting.box[0]) / 2 - abs(x - sighting.middle[0])

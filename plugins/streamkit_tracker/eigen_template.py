@@ -56,7 +56,7 @@ class EigenTemplate:
         self.anchor = normalise(patch[None])[0]
         self.textured = bool(np.mean(self.anchor**2) > TEXTURE_FLOOR)
         self.mean = self.anchor.copy()
-        self.basis = np.zeros((patch.size, 0), np.float32)
+        self.basis = np.zeros((0, patch.size), np.float32)
         self.singular_values = np.zeros(0, np.float32)
         self._count = 1.0
         self._waiting: list[Float32Array] = []
@@ -67,39 +67,41 @@ class EigenTemplate:
         self._waiting.append(patch)
         if len(self._waiting) >= self._settings.batch:
             learnt = normalise(np.stack(self._waiting))
-            samples = np.stack([*learnt, self.anchor], axis=1)
             self._waiting.clear()
-            self._merge(samples)
+            self._merge(np.concatenate([learnt, self.anchor[None]]))
             self._stack()
 
     def _merge(self, samples: Float32Array) -> None:
-        """Sequential Karhunen-Loeve step with the columns of `samples`."""
-        new = samples.shape[1]
+        """Sequential Karhunen-Loeve step with the rows of `samples`, float32[n, p]."""
+        new, known = len(samples), len(self.basis)
         past = self._count * self._settings.forgetting
-        sample_mean = samples.mean(axis=1)
-        bridge = np.sqrt(past * new / (past + new)) * (sample_mean - self.mean)
-        old = self.basis * (np.sqrt(self._settings.forgetting) * self.singular_values)
-        columns = np.column_stack([old, samples - sample_mean[:, None], bridge])
+        sample_mean = samples.mean(axis=0)
+        rows = np.empty((known + new + 1, samples.shape[1]), np.float32)
+        scales = np.sqrt(np.float32(self._settings.forgetting)) * self.singular_values
+        np.multiply(self.basis, scales[:, None], out=rows[:known])
+        np.subtract(samples, sample_mean, out=rows[known:-1])
+        np.subtract(sample_mean, self.mean, out=rows[-1])
+        rows[-1] *= np.float32(np.sqrt(past * new / (past + new)))
         # the Gram matrix is tiny beside the patch: its eigenvectors give the basis at a fraction of an SVD
-        values, vectors = np.linalg.eigh(product(np.ascontiguousarray(columns.T), columns).astype(np.float64))
+        values, vectors = np.linalg.eigh(product(rows, rows.T).astype(np.float64))
         order = np.argsort(values)[::-1][: self._settings.components]
         order = order[values[order] > 1e-6 * max(float(values[-1]), 1e-12)]
         singular = np.sqrt(values[order])
-        self.basis = np.asarray(product(columns, vectors[:, order].astype(np.float32)) / singular, np.float32)
+        self.basis = product((vectors[:, order] / singular).T.astype(np.float32), rows)
         self.singular_values = np.asarray(singular, np.float32)
         self.mean = np.asarray((past * self.mean + new * sample_mean) / (past + new), np.float32)
         self._count = past + new
 
     def _stack(self) -> None:
-        """Prepares float32[p, components + 2]: the basis as far as it is forgiven, the mean and ones."""
+        """Prepares float32[components + 2, p]: the basis as far as it is forgiven, the mean and ones."""
         pixels = self.mean.size
-        self.columns = np.zeros((pixels, self._settings.components + 2), np.float32)
+        self.rows = np.zeros((self._settings.components + 2, pixels), np.float32)
         variances = self.singular_values**2 / self._count
         forgiven = np.sqrt(variances / (variances + NOISE_SHARE * pixels))
-        self.columns[:, : self.basis.shape[1]] = self.basis * forgiven
-        self.columns[:, -2] = self.mean
-        self.columns[:, -1] = 1.0
-        self.constants = _constants(self.columns)
+        np.multiply(self.basis, forgiven[:, None], out=self.rows[: len(self.basis)])
+        self.rows[-2] = self.mean
+        self.rows[-1] = 1.0
+        self.constants = np.stack([self.rows[:-1].sum(axis=1), self.rows[:-1] @ self.mean])
 
 
 class EigenStack:
@@ -110,7 +112,7 @@ class EigenStack:
     """
 
     def __init__(self, templates: Sequence[EigenTemplate]) -> None:
-        self._columns = np.stack([template.columns for template in templates])
+        self._columns = np.stack([template.rows for template in templates]).transpose(0, 2, 1)
         self._constants = np.stack([template.constants for template in templates])
 
     def distances(self, patches: Float32Array, chosen: slice = EVERY) -> Float32Array:
@@ -130,13 +132,13 @@ class EigenStack:
         products = product(patches, self._columns[chosen])
         sums, mean_products = constants[:, :1], constants[:, 1:]
         average = products[:, :, -1:] / pixels
-        power = np.einsum("tnp,tnp->tn", patches, patches)[:, :, None]
+        power = np.vecdot(patches, patches)[:, :, None]
         variance = np.maximum(power / pixels - average**2, 0.0)
         deviation = np.maximum(np.sqrt(variance), DEVIATION_FLOOR)
         scaled = (products[:, :, :-1] - average * sums) / deviation
         outside = pixels * (variance / deviation**2)[:, :, 0] - 2 * scaled[:, :, -1] + mean_products[:, :, -1]
         scaled -= mean_products
-        inside = np.einsum("tnk,tnk->tn", scaled[:, :, :-1], scaled[:, :, :-1])
+        inside = np.vecdot(scaled[:, :, :-1], scaled[:, :, :-1])
         return np.asarray(np.maximum(outside - inside, 0.0) / pixels, np.float32)
 
 
@@ -145,13 +147,8 @@ def eigen_distances(templates: Sequence[EigenTemplate], patches: Float32Array) -
     return EigenStack(templates).distances(patches)
 
 
-def _constants(columns: Float32Array) -> Float32Array:
-    """float32[2, k - 1]: sums of the columns but the last, and their products with the mean."""
-    return np.stack([columns[:, :-1].sum(axis=0), columns[:, -2] @ columns[:, :-1]])
-
-
 def normalise(patches: Float32Array) -> Float32Array:
     """float32[n, p] grey levels with mean 0 and deviation 1, or less where the patch is flat."""
     centred = patches - patches.mean(axis=1, keepdims=True)
-    deviation = np.maximum(centred.std(axis=1, keepdims=True), DEVIATION_FLOOR)
+    deviation = np.maximum(np.sqrt(np.vecdot(centred, centred) / patches.shape[1]), DEVIATION_FLOOR)[:, None]
     return np.asarray(centred / deviation, np.float32)

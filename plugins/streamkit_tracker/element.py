@@ -98,7 +98,7 @@ class ParticleTrack(Transform):
         0.09, min=0.001, max=10.0, doc="Standard deviation of the residual in the likelihood."
     )
     patch: int = Property(
-        32, min=8, max=128, unit="samples", doc="Largest side of the compared patches; 24 in a crowd."
+        32, min=8, max=128, unit="samples", doc="Largest side of the compared patches; 16 in a crowd."
     )
     eigenvectors: int = Property(16, min=0, max=128, doc="Largest size of a template's eigen basis.")
     batch: int = Property(5, min=1, max=100, unit="frames", doc="Patches learnt at once.")

@@ -10,7 +10,7 @@ import numpy as np
 from streamkit_tracker.feature_template import Space
 from streamkit_tracker.frame_crops import Float32Array
 from streamkit_tracker.provenance import TargetProvenance
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.window_geometry import IDENTITY, FloatArray
 
 
 class Placement(enum.StrEnum):
@@ -109,7 +109,7 @@ class Sighting:
     @property
     def measurement(self) -> Measurement:
         """Its centroid as a measurement."""
-        return Measurement(self.centroid, self.std**2 * np.eye(2))
+        return Measurement(self.centroid, self.std**2 * IDENTITY)
 
 
 @dataclass(frozen=True, eq=False)

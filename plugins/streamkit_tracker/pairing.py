@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit_tracker.association import assign, mahalanobis_squared
+from streamkit_tracker.calling_thread import product
 from streamkit_tracker.detected_shape import centroid_std
 from streamkit_tracker.feature_template import unit_rows
 from streamkit_tracker.observation import Observation, Sighting
@@ -90,9 +91,10 @@ def _costs(
     positions = np.stack([target.mean[:2] for target in group])
     covariances = np.stack([target.covariance[:2, :2] for target in group])
     sizes = np.array([target.shape.box for target in group])
-    mismatch = np.abs((boxes[:, 2:] - boxes[:, :2])[None] - sizes[:, None]).max(axis=2)
+    missed = np.abs((boxes[:, 2:] - boxes[:, :2])[None] - sizes[:, None])
+    mismatch = np.maximum(missed[..., 0], missed[..., 1])
     base = np.array([centroid_std(target.side) for target in group])[:, None]
-    gates = mahalanobis_squared(positions, covariances, centroids, np.repeat(base, len(free), axis=1))
+    gates = mahalanobis_squared(positions, covariances, centroids, base)
     offsets = centroids[None] - positions[:, None]
     steps = np.array([max_speed * observation.step_s * (1 + t.frames_undetected) for t in group])[:, None]
     outside = (gates > GATE) | (np.hypot(offsets[..., 0], offsets[..., 1]) > steps + 4 * base)
@@ -108,7 +110,8 @@ def _upon(positions: FloatArray, sizes: FloatArray, boxes: FloatArray) -> FloatA
     """Overlap of every target's box with every detection's, intersection over union: float64[t, d]."""
     low = np.maximum((positions - sizes / 2)[:, None], boxes[None, :, :2])
     high = np.minimum((positions + sizes / 2)[:, None], boxes[None, :, 2:])
-    common = np.prod(np.maximum(high - low, 0.0), axis=2)
+    shared = np.maximum(high - low, 0.0)
+    common = shared[..., 0] * shared[..., 1]
     areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
     return np.asarray(common / (np.prod(sizes, axis=1)[:, None] + areas - common))
 
@@ -119,10 +122,12 @@ def _feature_costs(group: list[Target], free: IndexArray, observation: Observati
     if observation.features is None:
         return costs
     vectors = unit_rows(np.nan_to_num(observation.features[free]))
-    for row, target in enumerate(group):
-        if target.feature is not None and target.feature_version == observation.features_version:
-            known = unit_rows(target.feature[None].astype(np.float32))[0]
-            costs[row] = FEATURE_WEIGHT * (1.0 - vectors @ known)
+    version = observation.features_version
+    known = [(row, t.feature) for row, t in enumerate(group) if t.feature_version == version]
+    rows = [row for row, feature in known if feature is not None]
+    if rows:
+        features = unit_rows(np.stack([f for _, f in known if f is not None]).astype(np.float32))
+        costs[rows] = FEATURE_WEIGHT * (1.0 - product(features, vectors.T))
     return costs
 
 
@@ -142,7 +147,8 @@ def _held(group: list[Target], boxes: FloatArray) -> tuple[IndexArray, IndexArra
     inside = np.all((boxes[:, None, :2] <= centres) & (centres <= boxes[:, None, 2:]), axis=2)
     low = np.maximum(centres - sizes / 2, boxes[:, None, :2])
     high = np.minimum(centres + sizes / 2, boxes[:, None, 2:])
-    common = np.prod(np.maximum(high - low, 0.0), axis=2)
+    shared = np.maximum(high - low, 0.0)
+    common = shared[..., 0] * shared[..., 1]
     areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)[:, None]
     touched = inside | (common > TOUCHING * np.minimum(areas, np.prod(sizes, axis=1)))
     return _counted(inside), _counted(touched)
@@ -153,10 +159,10 @@ def _counted(marks: NDArray[Any]) -> IndexArray:
 
 
 def _sighting(observation: Observation, index: int, std: float, *, crowded: bool) -> Sighting:
-    x, y = observation.centroids[index]
-    x0, y0, x1, y1 = observation.boxes[index]
+    x, y = observation.centroids[index].tolist()
+    x0, y0, x1, y1 = observation.boxes[index].tolist()
     feature = None if observation.features is None else observation.features[index]
     version = observation.features_version
-    size = (max(float(x1 - x0), 1.0), max(float(y1 - y0), 1.0))
-    middle = (float(x0 + x1) / 2, float(y0 + y1) / 2)
-    return Sighting((float(x), float(y)), size, middle, std, crowded, feature, version, index)
+    size = (max(x1 - x0, 1.0), max(y1 - y0, 1.0))
+    middle = ((x0 + x1) / 2, (y0 + y1) / 2)
+    return Sighting((x, y), size, middle, std, crowded, feature, version, index)

@@ -47,7 +47,7 @@ class TrackerSettings:
     )
     eigen: EigenSettings = field(default_factory=EigenSettings)
     patch: int = 32
-    crowd_patch: int = 24
+    crowd_patch: int = 16
     std_position: float = 0.125
     sigma: float = 0.09
     context: float = 1.15

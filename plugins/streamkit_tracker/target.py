@@ -21,7 +21,7 @@ from streamkit_tracker.observation import Measurement, Sighting, TargetReport, T
 from streamkit_tracker.provenance import TargetProvenance
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.trail import Trail
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.window_geometry import IDENTITY, FloatArray
 from streamkit_tracker.window_sampling import WindowSampler
 
 ACCELERATION_SIDES = 2.0  # px/s^2 for each px of a target's side
@@ -62,7 +62,7 @@ class Target:
         self.id = number
         self.state = TargetState.TENTATIVE
         self.manual = manual
-        self.window = np.array(window, np.float64)
+        self.window: FloatArray = np.array(window, np.float64)
         self.shape = DetectedShape((float(window[2]), float(window[3])))
         self.drawn_angle = float(window[4])
         self.mean = np.array([window[0], window[1], 0.0, 0.0])
@@ -230,7 +230,7 @@ class Target:
             self.appearance.template.update(found.patch)
         noise = (0.2 + 0.015 * self.side) ** 2
         return Measurement(
-            (float(found.window[0]), float(found.window[1])), found.covariance + noise * np.eye(2)
+            (float(found.window[0]), float(found.window[1])), found.covariance + noise * IDENTITY
         )
 
     def finish(
@@ -302,7 +302,7 @@ class Target:
             self.state,
             self.window.copy(),
             velocity,
-            motion + self._anchor_variance * np.eye(2),
+            motion + self._anchor_variance * IDENTITY,
             min(max(score, 0.0), 1.0),
             self.age_s,
             self.provenance,

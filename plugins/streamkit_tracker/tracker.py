@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,7 +151,8 @@ class MultiTargetTracker:
         clouds = [target.appearance.cloud for target in self._targets if target.appearance is not None]
         points += [cloud.positions for cloud in clouds]
         mapped, _ = map_points(homography, np.concatenate(points))
-        parts = np.split(mapped, np.cumsum([len(part) for part in points])[:-1])
+        ends = list(accumulate(map(len, points)))
+        parts = [mapped[end - len(part) : end] for end, part in zip(ends, points, strict=True)]
         for index, target in enumerate(self._targets):
             target.drawn_angle += float(windows[index, ANGLE] - target.window[ANGLE])
             target.window = windows[index]

@@ -15,6 +15,8 @@ FloatArray = NDArray[np.float64]
 
 X, Y, LENGTH, WIDTH, ANGLE = range(5)
 MINIMUM_SIDE = 2.0
+IDENTITY: FloatArray = np.eye(2)
+IDENTITY.setflags(write=False)
 
 
 def half_turn(angle: FloatArray | float) -> FloatArray:

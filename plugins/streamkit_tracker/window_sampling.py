@@ -9,7 +9,7 @@ import numpy as np
 
 from streamkit_tracker.calling_thread import product
 from streamkit_tracker.frame_crops import ByteArray, Crops, Float32Array, FrameCrops
-from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
 LARGEST_BATCH = 16384  # cv2.remap refuses maps with more than 32767 rows
 
@@ -120,21 +120,25 @@ def shrink_factor(window: FloatArray, patch: tuple[int, int], image_shape: tuple
 
 def _map_rows(windows: FloatArray, crops: Crops) -> Float32Array:
     """float32[2, n, 3]: times the unit grid they give the map's x and y in the crops' picture."""
-    angle, length, width = windows[:, ANGLE], windows[:, LENGTH], windows[:, WIDTH]
+    x, y, length, width, angle = windows.T
     cosine, sine, factor = np.cos(angle), np.sin(angle), crops.factor
-    rows = np.empty((2, len(windows), 3), np.float32)
-    np.multiply(length, cosine, out=rows[0, :, 0], casting="same_kind")
-    np.multiply(width, -sine, out=rows[0, :, 1], casting="same_kind")
-    np.multiply(length, sine, out=rows[1, :, 0], casting="same_kind")
-    np.multiply(width, cosine, out=rows[1, :, 1], casting="same_kind")
-    centres = windows[:, :2].reshape(len(crops.corners), -1, 2) - crops.corners[:, None]
-    rows[:, :, 2] = centres.reshape(-1, 2).T
+    rows = np.empty((2, 3, len(windows)))
+    np.multiply(length, cosine, out=rows[0, 0])
+    np.multiply(width, -sine, out=rows[0, 1])
+    np.multiply(length, sine, out=rows[1, 0])
+    np.multiply(width, cosine, out=rows[1, 1])
+    if len(crops.rows) == 1:
+        left, top = crops.corners[0].tolist()
+        np.subtract(x, left, out=rows[0, 2])
+        np.subtract(y, top, out=rows[1, 2])
+    else:
+        each = len(windows) // len(crops.rows)
+        np.subtract(x, np.repeat(crops.corners[:, 0], each), out=rows[0, 2])
+        np.subtract(y, np.repeat(crops.corners[:, 1] - factor * crops.rows, each), out=rows[1, 2])
     if factor > 1:
         rows /= factor
-        rows[:, :, 2] += 0.5 / factor - 0.5
-    if len(crops.rows) > 1:
-        rows[1, :, 2] += np.repeat(crops.rows, len(windows) // len(crops.rows))
-    return rows
+        rows[:, 2] += 0.5 / factor - 0.5
+    return rows.transpose(0, 2, 1).astype(np.float32)
 
 
 def _stay_inside(maps: Float32Array, crops: Crops) -> None:

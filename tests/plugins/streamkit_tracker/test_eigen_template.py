@@ -32,7 +32,7 @@ def test_folded_normalisation_equals_the_plain_formula():
         template.update(patch)
     others = patches(5, seed=3)
     centred = normalise(others) - template.mean
-    basis = template.columns[:, :4]
+    basis = template.rows[:4].T
     plain = ((centred**2).sum(axis=1) - ((centred @ basis) ** 2).sum(axis=1)) / others.shape[1]
     np.testing.assert_allclose(eigen_distances([template], others[None])[0], plain, rtol=1e-3)
 
@@ -62,7 +62,7 @@ def test_the_basis_is_that_of_batch_pca():
         [normal[:1], *[np.vstack([normal[i : i + 10], normal[:1]]) for i in range(0, 60, 10)]]
     )
     _, _, exact = np.linalg.svd(with_anchor - with_anchor.mean(axis=0), full_matrices=False)
-    overlap = np.linalg.svd(exact[:3] @ template.basis[:, :3], compute_uv=False)
+    overlap = np.linalg.svd(exact[:3] @ template.basis[:3].T, compute_uv=False)
     assert np.degrees(np.arccos(np.clip(overlap, 0, 1))).max() < 5.0
 
 

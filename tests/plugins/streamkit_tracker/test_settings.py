@@ -16,6 +16,6 @@ def test_a_patch_has_no_more_samples_than_the_target_has_pixels():
     """Large targets get the full patch, those in a crowd the smaller one, tiny ones 16 samples."""
     settings = TrackerSettings()
     assert settings.patch_for(200.0, 0) == 32
-    assert settings.patch_for(200.0, 10) == 24
+    assert settings.patch_for(200.0, 10) == 16
     assert settings.patch_for(12.0, 0) == 16
     assert TrackerSettings(patch=16).patch_for(200.0, 10) == 16
