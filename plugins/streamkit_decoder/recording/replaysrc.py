@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, cast
 
-from streamkit import Caps, Capture, Frame, Property, ResourceError, Source
+from streamkit import Caps, Capture, Frame, Property, ResourceError
 from streamkit_decoder.codecs import CODED_CAPS, coded_caps, stream_parameters, stream_rate
 from streamkit_decoder.container import open_container, video_stream
+from streamkit_decoder.endable import EndableSource
 from streamkit_decoder.location import local_path, redact
 from streamkit_decoder.packets import packet_frame, read_packets
 from streamkit_decoder.recording.arrivals import Arrival, BadArrivals, arrivals_path, read_arrivals
@@ -15,7 +16,7 @@ from streamkit_decoder.recording.arrivals import Arrival, BadArrivals, arrivals_
 ORIGINS = ("rtcp", "misb", "file", "arrival")
 
 
-class ReplaySrc(Source):
+class ReplaySrc(EndableSource):
     """Plays what `packetsink arrivals=true` recorded with its numbers, epochs, times and pauses.
 
     Example:
@@ -61,7 +62,7 @@ class ReplaySrc(Source):
                 for packet, arrival in zip(read_packets(container, stream), arrivals, strict=False):
                     first = arrival.arrival_ns if first is None else first
                     due = self._due(began, arrival.arrival_ns - first)
-                    if not self.clock.wait_until(due, self.stopping):
+                    if not self.clock.wait_until(due, self.over):
                         return
                     yield self._frame(packet_frame(packet, self._caps), arrival, due)
             except BadArrivals as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import threading
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -17,11 +16,11 @@ from streamkit import (
     Presence,
     Property,
     ResourceError,
-    Source,
     StreamError,
 )
 from streamkit_decoder.codecs import CODED_CAPS
 from streamkit_decoder.container import AccessRefused, TimedOut, UnsupportedTransport
+from streamkit_decoder.endable import EndableSource
 from streamkit_decoder.rtsp.connection import Connection, ConnectionSettings
 from streamkit_decoder.rtsp.endpoint import Reconnect, RtspEndpoint
 from streamkit_decoder.rtsp.packetreader import HungUp, PacketReader, Silence
@@ -47,7 +46,7 @@ class SourceTransport(enum.StrEnum):
     AUTO = "auto"
 
 
-class RtspSrc(RtspEndpoint, Source):
+class RtspSrc(RtspEndpoint, EndableSource):
     """Receives the video of an RTSP server as coded packets; connects again when the server goes away.
 
     Each connection is an epoch of its own; times ascend over all of them. Live never lags: for a consumer
@@ -82,13 +81,11 @@ class RtspSrc(RtspEndpoint, Source):
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self._connection: Connection | None = None
-        self._over = threading.Event()
         super().__init__(name, **properties)
 
     def start(self) -> None:
         """Checks the location; the connection is made by the source's thread."""
         self._connection = None
-        self._over.clear()
         self._abandoned: list[PacketReader] = []
         self._received = 0
         self._next_seq = 0
@@ -113,7 +110,7 @@ class RtspSrc(RtspEndpoint, Source):
         Raises:
             ResourceError: a connection failed and is not, or no longer, to be tried again.
         """
-        while not self._over.is_set():
+        while not self.over.is_set():
             before = self._received
             self._tell("connecting", attempt=self._backoff.tries, transport=self._carrier.value)
             try:
@@ -123,7 +120,7 @@ class RtspSrc(RtspEndpoint, Source):
                 failure = error
             finally:
                 self._leave(LEAVE_LIMIT_S)
-            if self._over.is_set():
+            if self.over.is_set():
                 return
             if failure is not None and self._received == before:
                 if self._turns_to_tcp(failure):
@@ -131,16 +128,6 @@ class RtspSrc(RtspEndpoint, Source):
                 failure = self._with_remedy(failure)
             if not self._tries_again(failure):
                 return
-
-    def finish(self) -> None:
-        """Ends the stream now, also where it waits for a server: none may ever come."""
-        self._over.set()
-        super().finish()
-
-    def halt(self) -> None:
-        """Leaves every wait: the pipeline is stopping."""
-        self._over.set()
-        super().halt()
 
     def interrupt(self) -> None:
         """Wakes the source's thread."""
@@ -168,7 +155,7 @@ class RtspSrc(RtspEndpoint, Source):
             self._settings(), self._next_seq, self._timeline, self.clock
         )
         is_first = True
-        for kind, frame in connection.frames(self._over.is_set, self.count_drop):
+        for kind, frame in connection.frames(self.over.is_set, self.count_drop):
             if is_first:
                 self._epoch += 1
                 self._backoff.reset()
@@ -181,7 +168,7 @@ class RtspSrc(RtspEndpoint, Source):
                 yield own
             elif kind.value in self.pads:
                 yield kind.value, own
-        if is_first and not self._over.is_set():
+        if is_first and not self.over.is_set():
             raise StreamError(f"{self._where}: the server ended before the first packet")
 
     def _add_pads(self, found: frozenset[StreamKind]) -> None:
@@ -273,5 +260,5 @@ class RtspSrc(RtspEndpoint, Source):
         delay_s = self._backoff.next_delay_s()
         self._tell("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=reason)
         self.post_warning(f"{reason}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
-        self._over.wait(delay_s)
+        self.over.wait(delay_s)
         return True

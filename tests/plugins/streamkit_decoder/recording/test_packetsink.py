@@ -215,6 +215,27 @@ def test_a_recording_plays_again_as_it_came(small_video: Path, tmp_path: Path) -
     assert [bytes(f.data) for f in again] == [data for _, data in packets(path)]
 
 
+def test_a_replay_may_be_ended_in_a_pause(small_video: Path, tmp_path: Path) -> None:
+    """`finish` ends a recording that is replayed at once, though its next packet came an hour later."""
+    path = tmp_path / "flight.ts"
+    with Pipeline.parse(f"filesrc location={small_video} ! appsink name=out") as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    with Harness("packetsink", location=str(path), arrivals=True) as harness:
+        for n, frame in enumerate(frames):
+            harness.push(frame.replace(arrival_ns=10**9 + n * 3600 * 10**9))
+        harness.drain()
+    with Pipeline.parse(f"replaysrc location={path} ! appsink name=out") as pipeline:
+        pipeline.play()
+        again = iter(pipeline["out"])
+        next(again)
+        pipeline.finish()
+        assert list(again) == []
+        ended = pipeline.wait(10)
+    assert ended is not None
+    assert ended.kind is MessageKind.EOS
+
+
 def test_replay_needs_arrivals(small_video: Path) -> None:
     """A file without arrivals is refused with a remedy."""
     with pytest.raises(
