@@ -25,6 +25,7 @@ from streamkit_differencer.filters.parallax import slide
 from streamkit_differencer.model import BackgroundModel
 from streamkit_differencer.model_settings import Event, ModelSettings
 from streamkit_differencer.objects import NOTHING, Objects, ObjectSettings, find_objects, surest
+from streamkit_differencer.refinement import refined
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -127,8 +128,8 @@ class Differencer:
                 self.miss()
                 return None
         if motion is None:
-            return self._fixed(working, registration)
-        return self._moving(working, motion, registration)
+            return self._fixed(image, working, registration)
+        return self._moving(image, working, motion, registration)
 
     def _measured(self, working: ByteImage) -> Motion | None:
         place = self._camera.place(working)
@@ -138,14 +139,16 @@ class Differencer:
         # Planes counted downwards are never taken for those of a registration.
         return Motion(grid @ place @ np.linalg.inv(grid), reference=-1 - self._camera.plane)
 
-    def _fixed(self, working: ByteImage, registration: float) -> Result:
+    def _fixed(self, image: ByteImage, working: ByteImage, registration: float) -> Result:
         if self._anchor is not None or self._model is None:
             self._anchor, self._model = None, self._new_model(size_of(working))
-        everything = np.s_[: working.shape[0], : working.shape[1]]
+        everything = np.s_[0 : working.shape[0], 0 : working.shape[1]]
         mask, event = self._model.update(working, np.full_like(working, 255), everything)
-        return self._judged(working, mask, Place(Change.NONE, np.eye(3), np.eye(3)), event, registration)
+        return self._judged(image, mask, Place(Change.NONE, np.eye(3), np.eye(3)), event, registration)
 
-    def _moving(self, working: ByteImage, motion: Motion, registration: float) -> Result | None:
+    def _moving(
+        self, image: ByteImage, working: ByteImage, motion: Motion, registration: float
+    ) -> Result | None:
         if self._anchor is None or self._model is None:
             self._anchor = Anchor(size_of(working), self._grid)
             self._model = self._new_model(self._anchor.canvas_size)
@@ -160,7 +163,7 @@ class Differencer:
             self._persistence.update(NOTHING.boxes)
             return Result(NOTHING, np.zeros_like(working), place.change, event)
         mask = in_frame(mask, self._model.where, region, place.working_to_canvas, size_of(working))
-        return self._judged(working, mask, place, event, registration)
+        return self._judged(image, mask, place, event, registration)
 
     def _new_model(self, size: tuple[int, int]) -> BackgroundModel:
         self._persistence, self._places = Persistence(), []
@@ -175,7 +178,7 @@ class Differencer:
         return replace(settings, tolerance=0 if self._grid == 1 else 1)
 
     def _judged(
-        self, working: ByteImage, mask: ByteImage, place: Place, event: Event, registration: float
+        self, image: ByteImage, mask: ByteImage, place: Place, event: Event, registration: float
     ) -> Result:
         """The objects of a frame, without those that are parallax, each with how sure it is."""
         settings = self.object_settings
@@ -193,6 +196,9 @@ class Differencer:
         contrast = self._model.contrast(mapped_grids(to_canvas, objects.boxes))
         objects = replace(objects, confidences=confidence(contrast, ages, registration))
         objects = surest(objects, settings.max_objects)
+        ground, (rows, columns) = self._model.ground
+        to_ground = translation(-columns.start, -rows.start) @ to_canvas
+        objects = refined(objects, image, ground, to_ground, mask, self._grid)
         return Result(objects, mask, place.change, event)
 
     def _way(self, working_to_canvas: Matrix) -> Matrix | None:

@@ -70,6 +70,7 @@ class BackgroundModel:
         standing: uint8[h, w], frames that a pixel was foreground and quiet.
         restless: uint8[h, w], how often a pixel turned lately, see `filters.flicker`.
         where: rectangles of the last frame's region that hold all of its foreground.
+        ground: uint8[h, w], what the last frame was compared with, and which region of the canvas it is.
     """
 
     size: tuple[int, int]
@@ -80,6 +81,7 @@ class BackgroundModel:
     standing: ByteImage = field(init=False)
     restless: ByteImage = field(init=False)
     where: list[Region] = field(default_factory=list)
+    ground: tuple[ByteImage, Region] = field(init=False)
     _waiting: ByteImage = field(init=False)
     _ones: ByteImage = field(init=False)
     _foreground_before: ByteImage = field(init=False)
@@ -97,6 +99,7 @@ class BackgroundModel:
         """Forgets everything."""
         shape = self.size[1], self.size[0]
         self.where, self._ones = [], np.ones(shape, np.uint8)
+        self.ground = np.zeros(shape, np.uint8), np.s_[0 : shape[0], 0 : shape[1]]
         for name, fill in self._fills().items():
             setattr(self, name, np.full(shape, fill, np.uint8))
         self.background, self._first_spread = np.zeros(shape, np.float32), None
@@ -169,6 +172,7 @@ class BackgroundModel:
         quiet = self._quiet(changed, region)
         rounded, needed = self._plane("rounded", image), self._thresholds(region)
         cv2.convertScaleAbs(self.background[region], dst=rounded)
+        self.ground = rounded, region
         mask = self._mask(image, seen, rounded, needed, region, way)
         shadow = shadow_mask(image, self.background[region], mask) if self.settings.shadow else None
         ground = self._plane("ground", image)
