@@ -61,7 +61,8 @@ def launch(
         bool, typer.Option("-e", "--eos-on-shutdown", help="Ctrl-C sends EOS and waits for it.")
     ] = False,
     verbose: Annotated[
-        bool, typer.Option("-v", "--verbose", help="Print caps, states and every message.")
+        bool,
+        typer.Option("-v", "--verbose", help="Print caps, states, every message, and where code failed."),
     ] = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but errors.")] = False,
     stats: Annotated[

@@ -6,6 +6,7 @@ import contextlib
 import os
 import signal
 import time
+import traceback
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -52,6 +53,7 @@ class Run:
                 self.pipeline.play()
                 code = self._watch()
             except StreamkitError as error:
+                self._tell_cause(error)
                 code = self._fail(str(error))
             finally:
                 self._tell_caps()
@@ -76,6 +78,7 @@ class Run:
             self.display.show()
             if message is not None:
                 if message.kind is MessageKind.ERROR:
+                    self._tell_cause(message.error)
                     return self._fail(message.text)
                 if message.kind is MessageKind.EOS:
                     return 0
@@ -138,6 +141,12 @@ class Run:
             )
             line = f"{message.kind}: {message.source or 'pipeline'}: {message.text} {fields}"
             self.display.tell(line.rstrip())
+
+    def _tell_cause(self, error: BaseException | None) -> None:
+        """With -v: where in its code an element failed that did not foresee it, for its author."""
+        cause = error.__cause__ if error is not None else None
+        if self.verbose and cause is not None and not isinstance(cause, StreamkitError):
+            self.display.tell("".join(traceback.format_exception(cause, chain=False)).rstrip())
 
     def _fail(self, text: str) -> int:
         self.display.tell(f"error: {text}")

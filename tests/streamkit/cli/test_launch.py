@@ -268,6 +268,24 @@ def test_what_fails_at_the_start_is_code_1(launch: Callable[..., Result], regist
     assert (done.exit_code, done.stderr) == (1, "error: fails0: OSError: no device\n")
 
 
+@pytest.mark.parametrize("method", ["start", "render"])
+def test_verbose_shows_an_author_where_the_element_failed(
+    launch: Callable[..., Result], register: Register, method: str
+) -> None:
+    """With -v the line that raised stands above the error, which stays one line without it."""
+
+    def fail(self: Sink, *_: Frame) -> None:
+        raise LookupError("never foreseen")
+
+    register(fails=type("Fails", (Sink,), {"sink": "ANY", method: fail, "__doc__": "Fails."}))
+    told = launch("-v", "fakesrc num-buffers=1 ! fails").stderr
+    assert 'raise LookupError("never foreseen")' in told
+    assert f'{Path(__file__).name}", line {fail.__code__.co_firstlineno + 1}, in fail' in told
+    plain = launch("fakesrc num-buffers=1 ! fails").stderr
+    assert plain.startswith("error: fails0: LookupError: never foreseen")
+    assert plain.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "number", "has_eos"),
     [
