@@ -52,6 +52,7 @@ class VideoWriter:
         preset: str,
     ) -> None:
         self.pixel_format, self.width, self.height = pixel_format, width, height
+        self._shape = shape_of(pixel_format, width, height)
         self._frame_ticks = max(1, round(1 / framerate / TIME_BASE))
         self._reformatter = VideoReformatter()
         self._offset: int | None = None
@@ -80,12 +81,18 @@ class VideoWriter:
                 began again), follows the last at the frame rate.
 
         Raises:
+            ValueError: the array is of another shape or type; FFmpeg would stretch it unseen.
             FFmpegError: encoding or writing failed, this time or before: a container that could not be
                 written is left alone, FFmpeg crashes at the next packet where its head was not.
         """
         assert self._container is not None
         if self._failure is not None:
             raise self._failure
+        if pixels.shape != self._shape or pixels.dtype != np.uint8:
+            raise ValueError(
+                f"{self.pixel_format} of {self.width} x {self.height} must be uint8{list(self._shape)}, "
+                f"got {pixels.dtype}{list(pixels.shape)}; give the frame caps of what it holds"
+            )
         picture = picture_of(pixels, self.pixel_format)
         if picture.format.name != "yuv420p":
             picture = self._reformatter.reformat(picture, format="yuv420p")
@@ -140,6 +147,13 @@ class VideoWriter:
 def even(size: int) -> int:
     """The size itself, or one more where it is odd."""
     return size + size % 2
+
+
+def shape_of(pixel_format: str, width: int, height: int) -> tuple[int, ...]:
+    """The shape of an array of one picture in that format; width and height in px."""
+    if pixel_format in PACKED:
+        return height, width, 3
+    return (height, width) if pixel_format == "GRAY8" else (height * 3 // 2, width)
 
 
 def pad_to_even(pixels: Pixels) -> Pixels:

@@ -1,10 +1,12 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from streamkit import ElementFailure, Frame, Pipeline, raw_video_caps
 from streamkit.testing import Harness
@@ -90,6 +92,24 @@ def test_a_name_without_container_is_told(tmp_path: Path) -> None:
         ),
     ):
         harness.push(grey_frame())
+
+
+@pytest.mark.parametrize(
+    ("pixels", "got"),
+    [(np.zeros((10, 64), np.uint8), r"uint8\[10, 64\]"), (np.zeros((48, 64)), r"float64\[48, 64\]")],
+)
+def test_pixels_that_are_not_what_the_caps_say_are_refused(
+    tmp_path: Path, pixels: NDArray[Any], got: str
+) -> None:
+    """An element upstream that hands on another shape or type than it promised makes no false video."""
+    frame = grey_frame().replace(data=pixels)
+    with (
+        Harness("videofilesink", location=str(tmp_path / "out.mp4")) as harness,
+        pytest.raises(
+            ElementFailure, match=rf"GRAY8 of 64 x 48 must be uint8\[48, 64\], got {got};"
+        ),
+    ):
+        harness.push(frame)
 
 
 LAUNCH = "import sys; from streamkit.cli.main import main; sys.argv[1:] = ['launch', sys.argv[1]]; main()"
