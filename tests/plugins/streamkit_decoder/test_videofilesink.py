@@ -105,9 +105,7 @@ def test_pixels_that_are_not_what_the_caps_say_are_refused(
     frame = grey_frame().replace(data=pixels)
     with (
         Harness("videofilesink", location=str(tmp_path / "out.mp4")) as harness,
-        pytest.raises(
-            ElementFailure, match=rf"GRAY8 of 64 x 48 must be uint8\[48, 64\], got {got};"
-        ),
+        pytest.raises(ElementFailure, match=rf"GRAY8 of 64 x 48 must be uint8\[48, 64\], got {got};"),
     ):
         harness.push(frame)
 
