@@ -14,9 +14,9 @@ from streamkit_stitcher.homographies import (
 )
 from streamkit_stitcher.plane.following import KeyframeFollower, following_level
 from streamkit_stitcher.plane.graph import Tie
+from streamkit_stitcher.plane.key_picture import LEVELS
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import (
-    LEVELS,
     Keyframe,
     KeyframeMatch,
     KeyframeMatcher,
@@ -25,12 +25,10 @@ from streamkit_stitcher.plane.keyframes import (
 from streamkit_stitcher.plane.loop_closure import Recogniser, better, tie_of
 from streamkit_stitcher.plane.placement import Anchored
 from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.registration.corners import even_corners
 from streamkit_stitcher.registration.descriptors import Description, describe
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
 from streamkit_stitcher.registration.patches import pyramid
 
-_KEY_GRID: Final = (25, 16)
 _POOLED_POINTS: Final = 250
 _POOLED: Final = 4
 _POOLED_OVERLAP: Final = 0.25
@@ -82,11 +80,8 @@ class KeyframeAnchor:
             to_reference: float64[3, 3], its pixels to the reference plane.
             ties: to earlier key pictures, with any observer.
         """
-        factor = 2**self._level
-        corners = even_corners(images[self._level], *_KEY_GRID)
-        points = corners * factor + (factor - 1) / 2
-        levels = max(LEVELS, self._level + 1)
-        keyframe = self.keyframes.add(pyramid(images, levels), points, to_reference, self._level, ties)
+        keyframe = self.keyframes.add(images, to_reference, self._level, ties)
+        self._follower.expect(keyframe, self.keyframes.beside)
         if self._described is not None:
             self._recogniser.remember(keyframe, self._described)
         self._unmatched = 0
@@ -251,9 +246,12 @@ class KeyframeAnchor:
         shape = (images[0].shape[0], images[0].shape[1])
         matches: list[tuple[Keyframe, KeyframeMatch]] = []
         for _, keyframe in self.keyframes.overlapping(place.to_reference, shape, _POOLED_OVERLAP)[:_POOLED]:
-            match = self._follow(keyframe, images, place.to_reference, _POOLED_POINTS) or self._match(
-                keyframe, images, place.to_reference, self._search_level, _POOLED_POINTS
-            )
+            if known is not None and known[0].index == keyframe.index and known[1].variances is not None:
+                match: KeyframeMatch | None = known[1]
+            else:
+                match = self._follow(keyframe, images, place.to_reference, _POOLED_POINTS) or self._match(
+                    keyframe, images, place.to_reference, self._search_level, _POOLED_POINTS
+                )
             if match is not None:
                 matches.append((keyframe, match.firmest()))
                 self.keyframes.learn(match)

@@ -1,6 +1,6 @@
 """Following a key picture from frame to frame, near the place where it is expected."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,8 @@ from streamkit_stitcher.homographies import (
     inverse,
     is_plausible,
 )
-from streamkit_stitcher.plane.keyframes import ANY_STEP, LEVELS, Keyframe, KeyframeMatch, at_level
+from streamkit_stitcher.plane.key_picture import LEVELS, Beside, at_level
+from streamkit_stitcher.plane.keyframes import ANY_STEP, Keyframe, KeyframeMatch
 from streamkit_stitcher.registration.joint_alignment import JointAlignment, align_coarsely, align_jointly
 from streamkit_stitcher.registration.joint_level import JointLevel, joint_level, spread_order
 from streamkit_stitcher.registration.model_selection import ANY_MOTION, MotionRule
@@ -59,7 +60,7 @@ class KeyframeFollower:
     """
 
     def __init__(self) -> None:
-        self._prepared: dict[tuple[int, int], JointLevel] = {}
+        self._prepared: dict[tuple[int, int], Callable[[], JointLevel]] = {}
         self._doubts: dict[int, FloatArray] = {}
         self._latest: tuple[int, int, JointLevel | None] = (-1, 0, None)
 
@@ -141,20 +142,35 @@ class KeyframeFollower:
             del self._doubts[next(iter(self._doubts))]
         return doubts
 
+    def expect(self, keyframe: Keyframe, beside: Beside) -> None:
+        """Has what pictures are followed by worked out beside the stream, for a new key picture."""
+        level = following_level(keyframe.shape)
+        for number in (level + 1, level):
+            self._keep((keyframe.index, number), beside.begin(_prepared, keyframe, number))
+
     def _level(self, keyframe: Keyframe, level: int) -> JointLevel:
         """The patches of a level; only the first at the coarsest."""
         key = (keyframe.index, level)
         prepared = self._prepared.pop(key, None)
         if prepared is None:
-            numbers = spread_order(len(keyframe.points))
-            if level > following_level(keyframe.shape):
-                numbers = numbers[:_COARSE_POINTS]
-            centres = at_level(keyframe.points[numbers], level)
-            prepared = joint_level(keyframe.patches[level][numbers], centres, numbers)
+            ready = _prepared(keyframe, level)
+            self._keep(key, lambda: ready)
+            return ready
+        self._keep(key, prepared)
+        return prepared()
+
+    def _keep(self, key: tuple[int, int], prepared: Callable[[], JointLevel]) -> None:
         self._prepared[key] = prepared
         if len(self._prepared) > _PREPARED:
             del self._prepared[next(iter(self._prepared))]
-        return prepared
+
+
+def _prepared(keyframe: Keyframe, level: int) -> JointLevel:
+    numbers = spread_order(len(keyframe.points))
+    if level > following_level(keyframe.shape):
+        numbers = numbers[:_COARSE_POINTS]
+    centres = at_level(keyframe.points[numbers], level)
+    return joint_level(keyframe.patches[level][numbers], centres, numbers)
 
 
 def _learn(doubts: FloatArray, found: JointAlignment) -> None:

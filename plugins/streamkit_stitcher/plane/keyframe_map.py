@@ -9,7 +9,8 @@ from streamkit_stitcher.bundle_adjustment.problem import CameraModel
 from streamkit_stitcher.homographies import IDENTITY, FloatArray, GreyArray, inverse, normalised
 from streamkit_stitcher.plane.adjuster import Adjuster, AdjustmentJob, adjusted_places
 from streamkit_stitcher.plane.graph import KeyframeGraph, Tie
-from streamkit_stitcher.plane.keyframes import LEVELS, Keyframe, KeyframeMatch, KeyframeStore
+from streamkit_stitcher.plane.key_picture import LEVELS, Beside, key_picture
+from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, KeyframeStore
 from streamkit_stitcher.plane.settings import ModelChoice, PlaneSettings
 from streamkit_stitcher.registration.descriptors import Description
 from streamkit_stitcher.registration.model_selection import ModelSelection, MotionRule
@@ -28,6 +29,9 @@ class KeyframeMap:
 
     Args:
         settings: the tracker's settings.
+
+    Attributes:
+        beside: works out what the next picture needs of a key picture.
     """
 
     def __init__(self, settings: PlaneSettings) -> None:
@@ -35,6 +39,7 @@ class KeyframeMap:
         self._store = KeyframeStore(settings.max_keyframes)
         self._graph = KeyframeGraph(settings.max_adjusted)
         self._adjuster = Adjuster()
+        self.beside = Beside()
         self._selection = ModelSelection()
         self._reference = 0
         self._closed_loops = False
@@ -104,7 +109,6 @@ class KeyframeMap:
     def add(
         self,
         images: Sequence[GreyArray],
-        points: FloatArray,
         to_reference: FloatArray,
         level: int,
         ties: Sequence[Tie],
@@ -112,13 +116,16 @@ class KeyframeMap:
         """Makes a picture a key picture, and the active one.
 
         Args:
-            images: the picture and its halvings, as many as `LEVELS`.
-            points: float64[n, 2], corners in full-size px.
+            images: the picture and its halvings down to working size.
             to_reference: float64[3, 3], its pixels to the reference plane.
             level: which of the images is at working size.
             ties: to earlier key pictures, with any observer.
         """
-        self._active = self._store.add(images, points, to_reference, level)
+        shape = (images[0].shape[0], images[0].shape[1])
+        # Copies: the picture may be a view of a frame that somebody else reuses.
+        own = tuple(image.copy() for image in images[: level + 1])
+        content = self.beside.begin(key_picture, own, level)
+        self._active = self._store.add(content, to_reference, shape, level)
         index = self._active.index
         self._graph.add(index, to_reference, [replace(tie, observer=index) for tie in ties])
         self._graph.forget(_MOST_PLACES, {*(keyframe.index for keyframe in self.stored), self._reference})
@@ -182,8 +189,9 @@ class KeyframeMap:
         return rmse
 
     def close(self) -> None:
-        """Ends the worker."""
+        """Ends the workers."""
         self._adjuster.close()
+        self.beside.close()
 
     def _adjustment(self, iterations: int) -> AdjustmentSettings:
         return AdjustmentSettings(

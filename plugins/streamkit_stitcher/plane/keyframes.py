@@ -1,6 +1,6 @@
 """Key pictures kept as small patches, and the placing of later pictures against them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -20,6 +20,7 @@ from streamkit_stitcher.homographies import (
     scale_change,
     translation,
 )
+from streamkit_stitcher.plane.key_picture import KeyPicture, at_level
 from streamkit_stitcher.registration.gauss_newton import corner_deviation
 from streamkit_stitcher.registration.model_selection import ANY_MOTION, MotionRule
 from streamkit_stitcher.registration.motion_models import (
@@ -32,12 +33,10 @@ from streamkit_stitcher.registration.patches import (
     Alignment,
     PatchLevel,
     align,
-    cut_patches,
     prepare,
     reduced_motion,
 )
 
-LEVELS: Final = 4
 _PREPARED: Final = 12
 _COARSE_POINTS: Final = 96
 _COARSE_INLIERS: Final = 12
@@ -55,25 +54,36 @@ _TRIM: Final = 9.0
 
 @dataclass(frozen=True, eq=False)
 class Keyframe:
-    """A key picture, kept as patches around its corners rather than as pixels.
+    """A key picture, and where it lies.
 
     Attributes:
         index: number of the key picture, never reused.
         to_reference: float64[3, 3], full-size pixels to the reference plane.
         shape: (height, width) of the picture, px.
-        points: float64[n, 2], patch centres, full-size px.
-        patches: one uint8[n, 17, 17] per pyramid level, finest first.
-        small: uint8[h, w], the picture at working size, to recognise it by.
         factor: the reduction of `small`.
+        content: what is kept of its pixels; waits until that is worked out.
     """
 
     index: int
     to_reference: FloatArray
     shape: tuple[int, int]
-    points: FloatArray
-    patches: tuple[GreyArray, ...]
-    small: GreyArray
     factor: int
+    content: Callable[[], KeyPicture]
+
+    @property
+    def points(self) -> FloatArray:
+        """float64[n, 2], patch centres, full-size px."""
+        return self.content().points
+
+    @property
+    def patches(self) -> tuple[GreyArray, ...]:
+        """One uint8[n, 17, 17] per pyramid level, finest first."""
+        return self.content().patches
+
+    @property
+    def small(self) -> GreyArray:
+        """uint8[h, w], the picture at working size, to recognise it by."""
+        return self.content().small
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,27 +154,20 @@ class KeyframeStore:
         return tuple(self._keyframes)
 
     def add(
-        self, images: Sequence[GreyArray], points: FloatArray, to_reference: FloatArray, level: int
+        self, content: Callable[[], KeyPicture], to_reference: FloatArray, shape: tuple[int, int], level: int
     ) -> Keyframe:
         """Stores a key picture.
 
         Args:
-            images: the picture and its halvings, as many as `LEVELS`.
-            points: float64[n, 2], corners in full-size px.
+            content: gives what is kept of its pixels.
             to_reference: float64[3, 3], its full-size pixels to the reference plane.
-            level: which of the images is at working size.
+            shape: (height, width) of the picture, px.
+            level: how often it was halved to working size.
 
         Returns:
             The stored key picture.
         """
-        rounded = np.rint(points)
-        patches = tuple(
-            cut_patches(image, at_level(rounded, level)) for level, image in enumerate(images[:LEVELS])
-        )
-        shape = (images[0].shape[0], images[0].shape[1])
-        keyframe = Keyframe(
-            self._next_index, to_reference, shape, rounded, patches, images[level].copy(), 2**level
-        )
+        keyframe = Keyframe(self._next_index, to_reference, shape, 2**level, content)
         self._next_index += 1
         self._keyframes.append(keyframe)
         if len(self._keyframes) > self._capacity:
@@ -335,15 +338,6 @@ def _shifted(expected: FloatArray, source: FloatArray, target: FloatArray) -> Fl
         return expected
     apart = target - project(expected, source)
     return translation(np.partition(apart, len(apart) // 2, axis=0)[len(apart) // 2]) @ expected
-
-
-def at_level(points: FloatArray, level: int) -> FloatArray:
-    """The pixel of a pyramid level nearest to each of some full-size points, float64[n, 2].
-
-    Whole pixels: patches cut between them would be smoother than the pictures they are compared with.
-    """
-    factor = 2**level
-    return np.asarray(np.rint((points - (factor - 1) / 2) / factor), dtype=np.float64)
 
 
 def _spread(count: int, most: int) -> npt.NDArray[np.int64]:

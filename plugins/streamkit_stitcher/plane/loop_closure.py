@@ -15,7 +15,8 @@ from streamkit_stitcher.homographies import (
     overlap,
 )
 from streamkit_stitcher.plane.graph import Tie
-from streamkit_stitcher.plane.keyframes import LEVELS, Keyframe, KeyframeMatch, KeyframeMatcher
+from streamkit_stitcher.plane.key_picture import LEVELS
+from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, KeyframeMatcher
 from streamkit_stitcher.registration.descriptors import Description, describe, recognise
 from streamkit_stitcher.registration.gauss_newton import corner_deviation
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit

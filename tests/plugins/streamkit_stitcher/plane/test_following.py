@@ -6,8 +6,8 @@ import pytest
 
 from streamkit_stitcher.homographies import IDENTITY, project, translation
 from streamkit_stitcher.plane.following import LEVEL_PATCHES, KeyframeFollower, following_level
-from streamkit_stitcher.plane.keyframes import LEVELS, KeyframeStore
-from streamkit_stitcher.registration.corners import even_corners
+from streamkit_stitcher.plane.key_picture import LEVELS, Beside, key_picture
+from streamkit_stitcher.plane.keyframes import KeyframeStore
 from streamkit_stitcher.registration.model_selection import MotionRule
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
 from streamkit_stitcher.registration.patches import pyramid
@@ -17,10 +17,8 @@ LIMITS = FitLimits(threshold=2.0, max_step=1.0)
 
 def stored(picture, level):
     """A picture as a key picture, with corners of its `level`."""
-    images = pyramid((picture,), LEVELS)
-    factor = 2**level
-    points = even_corners(images[level], 25, 16) * factor + (factor - 1) / 2
-    return KeyframeStore().add(images, points, IDENTITY, level)
+    content = key_picture(pyramid((picture,), level + 1), level)
+    return KeyframeStore().add(lambda: content, IDENTITY, picture.shape, level)
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +71,20 @@ def test_a_key_picture_without_corners_is_not_followed(flight):
     key = stored(np.full((720, 1280), 90, np.uint8), 1)
     images = pyramid((flight.picture(0),), LEVELS)
     assert KeyframeFollower().follow(key, images, IDENTITY, LIMITS, 220) is None
+
+
+def test_what_was_worked_out_beside_gives_the_same_match(flight):
+    """A key picture that was expected is followed to the bit as one that was not."""
+    key, beside, matches = stored(flight.picture(0), 1), Beside(), []
+    for expected in (True, False):
+        follower = KeyframeFollower()
+        if expected:
+            follower.expect(key, beside)
+        images = pyramid((flight.picture(3),), LEVELS)
+        matches.append(follower.follow(key, images, flight.to_first(3), LIMITS, 220))
+    beside.close()
+    assert np.array_equal(matches[0].fit.matrix, matches[1].fit.matrix)
+    assert np.array_equal(matches[0].patches, matches[1].patches)
 
 
 @pytest.mark.parametrize(

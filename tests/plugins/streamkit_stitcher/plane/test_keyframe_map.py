@@ -7,7 +7,6 @@ from streamkit_stitcher.homographies import IDENTITY, normalised, translation
 from streamkit_stitcher.plane.graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.registration.patches import pyramid
 
 STEP = 100.0
 
@@ -25,10 +24,10 @@ def keyframes(ground):
     points = np.stack([columns.ravel(), rows.ravel()], axis=1).astype(float)
     for index, error in enumerate((0.0, 0.0, 0.0, 3.0)):
         left = round(index * STEP)
-        images = pyramid((ground[400:760, left : left + 640],), 4)
+        images = (ground[400:760, left : left + 640],)
         patches = np.arange(len(points))
         ties = [Tie(index - 1, 0, patches, points, points - (STEP, 0.0))] if index else []
-        keyframes.add(images, points, shift(left + error), 0, ties)
+        keyframes.add(images, shift(left + error), 0, ties)
     yield keyframes
     keyframes.close()
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from streamkit_stitcher.homographies import IDENTITY, inverse, translation
-from streamkit_stitcher.plane.keyframes import LEVELS, KeyframeMatcher, KeyframeStore, pooled_placement
+from streamkit_stitcher.plane.key_picture import LEVELS, patches_around
+from streamkit_stitcher.plane.keyframes import KeyframeMatcher, KeyframeStore, pooled_placement
 from streamkit_stitcher.registration.corners import CornerDetector
 from streamkit_stitcher.registration.motion_models import FitLimits
 from streamkit_stitcher.registration.patches import pyramid
@@ -14,8 +15,8 @@ LIMITS = FitLimits(max_step=1.0)
 
 def stored(store, picture, to_reference=IDENTITY):
     """A picture added to a store, with its corners."""
-    points = CornerDetector().detect(picture, 300)
-    return store.add(pyramid((picture,), LEVELS), points, to_reference, 0)
+    content = patches_around(CornerDetector().detect(picture, 300), pyramid((picture,), LEVELS), 0)
+    return store.add(lambda: content, to_reference, picture.shape, 0)
 
 
 @pytest.mark.parametrize(("offset", "top_level"), [(1.5, 0), (12.0, 3)])

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from streamkit_stitcher.plane.key_picture import Beside
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 from streamkit_stitcher.plane.tracker import PlaneTracker, Status
 
@@ -45,6 +46,25 @@ def test_drift_over_a_flight_stays_below_a_pixel(ground, make_flight, tracker):
     assert np.median(steps) < 0.15
     assert 2 < sum(placement.keyframe for placement in placements) < 40
     assert {placement.status for placement in placements} <= {Status.OK, Status.STILL}
+
+
+def test_the_places_are_the_same_however_the_workers_run(ground, make_flight, monkeypatch):
+    """What is worked out beside the stream changes nothing but the time: the same to the bit without it."""
+    flight = make_flight(ground, 400, SMALL, cars=6, laps=4.0)
+    beside = PlaneTracker(PlaneSettings())
+    measured = [beside.place(flight.picture(index)).to_reference for index in range(30)]
+    beside.close()
+
+    def at_once(self, work, *arguments):
+        result = work(*arguments)
+        return lambda: result
+
+    monkeypatch.setattr(Beside, "begin", at_once)
+    alone = PlaneTracker(PlaneSettings())
+    placements = [alone.place(flight.picture(index)) for index in range(30)]
+    alone.close()
+    assert sum(placement.keyframe for placement in placements) > 2
+    assert np.array_equal(measured, [placement.to_reference for placement in placements])
 
 
 def test_drift_over_a_photograph_stays_below_a_pixel(aerial_ground, make_flight, tracker):
