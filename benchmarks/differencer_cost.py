@@ -1,14 +1,18 @@
 """What finding movers costs: `stitch` and `framediff` per frame, beside MOG2 on the same grey frames.
 
 Flights over an aerial picture with 6 cars in view. Wall and processor time in ms per frame, the median over
-the frames of a run and then over five runs; as many threads as OpenCV takes by itself. Then the memory of a
+the frames of a run and then over five runs; as many threads as OpenCV takes by itself. "One after the other"
+is `stitch ! framediff`: how long a frame takes. "With a queue between" is `stitch ! queue ! framediff`, each
+in a thread of its own: how often a frame comes out, the mean over the frames of a run. Then the memory of a
 long flight: what the process holds after 300 frames and after 3000.
 
     STREAMKIT_DATA=... python benchmarks/differencer_cost.py [--memory]
 """
 
+import queue
 import resource
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +28,8 @@ SHAPES = ((720, 1280), (1080, 1920))
 FRAMES, WARM_UP, RUNS, SEED = 60, 20, 5, 301
 FLIGHT_FRAMES = (300, 3000)
 STEP_PX = 4
+QUEUED = 4
+PATIENCE_S = 60.0
 
 
 def times(step: Callable[[PictureArray, int], object], frames: list[PictureArray]) -> np.ndarray:
@@ -59,6 +65,27 @@ class Chain:
         self.register(picture, number)
         self.find(picture, number)
 
+    def piped(self, frames: list[PictureArray]) -> np.ndarray:
+        """Mean wall and processor time per frame, ms, with a queue and a thread between the two."""
+        between: queue.Queue[Frame | None] = queue.Queue(QUEUED)
+
+        def consume() -> None:
+            while (frame := between.get(timeout=PATIENCE_S)) is not None:
+                self.framediff.push(frame)
+
+        worker = threading.Thread(target=consume)
+        worker.start()
+        for number, picture in enumerate(frames):
+            if number == WARM_UP:
+                wall, processor = time.perf_counter(), time.process_time()
+            self.register(picture, number)
+            for frame in self.placed:
+                between.put(frame, timeout=PATIENCE_S)
+        between.put(None, timeout=PATIENCE_S)
+        worker.join()
+        spent = time.perf_counter() - wall, time.process_time() - processor
+        return 1e3 * np.array(spent) / (len(frames) - WARM_UP)
+
     def close(self) -> None:
         """Stops both."""
         self.stitch.close()
@@ -72,8 +99,8 @@ def cost(shape: tuple[int, int]) -> None:
     frames = [flight.picture(index) for index in range(FRAMES)]
     rows: dict[str, list[np.ndarray]] = {}
     for _ in range(RUNS):
-        chain, halves = Chain(shape), Chain(shape)
-        rows.setdefault("stitch + framediff", []).append(times(chain.both, frames))
+        chain, halves, threads = Chain(shape), Chain(shape), Chain(shape)
+        rows.setdefault("stitch + framediff, one after the other", []).append(times(chain.both, frames))
         spent = []
         for number, picture in enumerate(frames):
             halves.register(picture, number)
@@ -81,8 +108,9 @@ def cost(shape: tuple[int, int]) -> None:
             halves.find(picture, number)
             spent.append([time.perf_counter() - wall, time.process_time() - processor])
         rows.setdefault("of that, framediff", []).append(1e3 * np.median(spent[WARM_UP:], axis=0))
-        chain.close()
-        halves.close()
+        rows.setdefault("stitch + framediff, with a queue between", []).append(threads.piped(frames))
+        for either in (chain, halves, threads):
+            either.close()
         subtractor = cv2.createBackgroundSubtractorMOG2(detectShadows=False)
         rows.setdefault("MOG2", []).append(times(lambda picture, _: subtractor.apply(picture), frames))  # noqa: B023
     for name, values in rows.items():
