@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
 Float32Array = NDArray[np.float32]
 ByteArray = NDArray[np.uint8]
@@ -72,43 +71,56 @@ class FrameCrops:
             factor: by how much the frame is averaged down.
             margin: room for windows that come later, relative to the diagonal of the largest.
         """
+        if groups == 1:
+            return self._one(windows, factor, margin)
         height, width = self.image.shape
         grouped = windows.reshape(groups, -1, windows.shape[1])
-        lows, highs = grouped[:, :, :2].min(axis=1).tolist(), grouped.max(axis=1).tolist()
-        places, cut, rows, tall, area = [], [], [], 0, 0
-        for (x0, y0), (x1, y1, length, across, _) in zip(lows, highs, strict=True):
-            reach = (0.5 + margin) * math.hypot(length, across)
-            left, right = _span(x0 - reach, x1 + reach, width, factor)
-            top, bottom = _span(y0 - reach, y1 + reach, height, factor)
-            size = max((right - left) // factor, 1), max((bottom - top) // factor, 1)
-            places.append((left, top, right, bottom, tall, *size))
-            cut.append(min(x0, y0) - reach < 0 or x1 + reach > width - 1 or y1 + reach > height - 1)
-            rows.append(tall)
-            tall += size[1]
-            area += (right - left) * (bottom - top)
-        outside = np.array(cut)
-        if area * WHOLE_FRAME_SHARE > height * width or (groups > 1 and tall > TALLEST):
-            return self._whole(outside, factor)
-        parts = np.array(places)
-        if groups == 1:
-            left, top, right, bottom = places[0][:4]
-            picture = shrunk(self.image[top:bottom, left:right], factor)
-        else:
-            picture = self._under_each_other(places, tall, int(parts[:, 5].max()), factor)
-        return Crops(picture, parts[:, :2], parts[:, 4], parts[:, 5:], outside, factor)
+        frame = np.array([width, height])
+        highest = grouped.max(axis=1)
+        reach = ((0.5 + margin) * np.hypot(highest[:, LENGTH], highest[:, WIDTH]))[:, None]
+        low, high = grouped[:, :, :2].min(axis=1) - reach, highest[:, :2] + reach
+        starts = np.clip(low - 2, 0, np.maximum(frame - factor, 0)).astype(np.int64)
+        ends = np.maximum(high + 3 + factor, starts + factor)
+        ends = np.minimum(ends, np.maximum(frame, factor)).astype(np.int64)
+        spans = ends - starts
+        sizes = np.maximum(spans // factor, 1)
+        rows = np.cumsum(sizes[:, 1])
+        tall = int(rows[-1])
+        rows -= sizes[:, 1]
+        cut = (low < 0).any(axis=1) | (high > frame - 1).any(axis=1)
+        area = int(spans[:, 0] @ spans[:, 1])
+        if area * WHOLE_FRAME_SHARE > height * width or tall > TALLEST:
+            return self._whole(cut, factor)
+        picture = self._under_each_other(starts, ends, rows, sizes, factor)
+        return Crops(picture, starts, rows, sizes, cut, factor)
+
+    def _one(self, windows: FloatArray, factor: int, margin: float) -> Crops:
+        """The part around one group; plain numbers, which are quicker than arrays of one."""
+        height, width = self.image.shape
+        x0, y0 = windows[:, :2].min(axis=0).tolist()
+        x1, y1, length, across, _ = windows.max(axis=0).tolist()
+        reach = (0.5 + margin) * math.hypot(length, across)
+        left, right = _span(x0 - reach, x1 + reach, width, factor)
+        top, bottom = _span(y0 - reach, y1 + reach, height, factor)
+        over = min(x0, y0) - reach < 0 or x1 + reach > width - 1 or y1 + reach > height - 1
+        if (right - left) * (bottom - top) * WHOLE_FRAME_SHARE > height * width:
+            return self._whole(np.array([over]), factor)
+        picture = shrunk(self.image[top:bottom, left:right], factor)
+        size = np.array([picture.shape[::-1]])
+        return Crops(picture, np.array([[left, top]]), np.zeros(1, np.int64), size, np.array([over]), factor)
 
     def _under_each_other(
-        self, places: Sequence[tuple[int, ...]], tall: int, wide: int, factor: int
+        self, starts: IntArray, ends: IntArray, rows: IntArray, sizes: IntArray, factor: int
     ) -> Float32Array:
-        """float32[tall, wide]: every part from its own row on."""
-        picture = np.zeros((tall, wide), np.float32)
+        """float32[h, w]: every part from its own row on."""
+        shape = int(sizes[:, 1].sum()), int(sizes[:, 0].max())
+        # bytes are copied first and made floats all together, which is much quicker than one by one
+        picture = np.zeros(shape, np.uint8 if factor == 1 else np.float32)
+        places = np.hstack([starts, ends, rows[:, None], sizes]).tolist()
         for left, top, right, bottom, row, across, down in places:
-            part, target = self.image[top:bottom, left:right], picture[row : row + down, :across]
-            if factor == 1:
-                np.subtract(part, MIDDLE_GREY, out=target)
-            else:
-                target[:] = shrunk(part, factor)
-        return picture
+            part = self.image[top:bottom, left:right]
+            picture[row : row + down, :across] = part if factor == 1 else shrunk(part, factor)
+        return np.subtract(picture, MIDDLE_GREY) if factor == 1 else np.asarray(picture, np.float32)
 
     def _whole(self, cut: NDArray[np.bool_], factor: int) -> Crops:
         if factor not in self._levels:

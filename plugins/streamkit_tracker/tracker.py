@@ -266,6 +266,8 @@ class MultiTargetTracker:
 
     def _give_birth(self, observation: Observation, pairing: Pairing) -> None:
         """Starts a tentative target on every detection that is nobody's and covers no followed target."""
+        if not pairing.free:
+            return
         followed = [target for target in self._targets if target.followed and not target.dormant]
         taken = np.stack([target.window for target in followed]) if followed else np.zeros((0, 5))
         covered = np.any(inside_windows(observation.centroids, taken, BIRTH_SCALE), axis=1).tolist()
@@ -292,12 +294,16 @@ class MultiTargetTracker:
             return
         windows = np.stack([target.window for target in followed])
         within = inside_windows(windows[:, :2], windows, MERGE_SCALE)
+        upon = within | within.T | self._fragments(followed, observation.boxes)
+        if np.count_nonzero(upon) == len(followed):
+            # each lies upon itself and nothing else
+            self._close = {}
+            return
         velocities = np.stack([target.mean[2:] for target in followed])
         apart = np.linalg.norm(velocities[:, None] - velocities[None], axis=2)
         doubt = np.array([target.side + target.speed_std for target in followed])
         alike = apart < np.maximum(doubt[:, None], doubt[None])
-        together = (within | within.T | self._fragments(followed, observation.boxes)) & alike
-        near = np.argwhere(np.triu(together, k=1))
+        near = np.argwhere(np.triu(upon & alike, k=1))
         close: dict[tuple[int, int], int] = {}
         for older, younger in near:
             both = (followed[older].id, followed[younger].id)
@@ -309,6 +315,9 @@ class MultiTargetTracker:
     @staticmethod
     def _fragments(followed: list[Target], boxes: FloatArray) -> BoolArray:
         """Pairs in one detection of which the younger was hardly ever detected alone: bool[n, n]."""
+        young = np.array([not target.shape.settled and not target.manual for target in followed])
+        if not young.any():
+            return np.zeros((len(followed), len(followed)), np.bool_)
         boxes = boxes[np.isfinite(boxes).all(axis=1)]
         areas = np.array([math.prod(target.shape.box) for target in followed])
         centres = np.stack([target.window[:2] for target in followed])[:, None]
@@ -318,7 +327,6 @@ class MultiTargetTracker:
         # a detection several times larger than the older target may well show two
         single = np.asarray(holds & (sizes[None] < FRAGMENT_AREA * areas[:, None]), np.bool_)
         together = np.any(single[:, None] & holds[None], axis=2)
-        young = np.array([not target.shape.settled and not target.manual for target in followed])
         return np.asarray(together & young[None])
 
     @staticmethod

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,10 +30,9 @@ def invertible(homography: FloatArray) -> FloatArray | None:
     matrix = np.asarray(homography, np.float64)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         return None
-    area_ratio = abs(np.linalg.det(matrix))
+    area_ratio, inverse = abs(cv2.determinant(matrix)), cv2.invert(matrix)[1]
     if area_ratio < 1e-9 or abs(matrix[2, 2]) < 1e-9:
         return None
-    inverse = np.linalg.inv(matrix)
     return None if abs(inverse[2, 2]) < 1e-9 else np.asarray(inverse / inverse[2, 2])
 
 
