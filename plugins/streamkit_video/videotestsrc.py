@@ -79,7 +79,7 @@ class VideoTestSrc(Source):
         first = round(start_ns * pace / 1_000_000_000)
         for count in itertools.count():
             pts, end = (start_ns + int(number * 1_000_000_000 / pace) for number in (count, count + 1))
-            if self.is_live and not self.clock.wait_until(began_ns + pts, self.stopping):
+            if self.is_live and not self.clock.wait_until(began_ns + pts, self.over):
                 return
             picture = still or self._picture(caps, first + count)
             yield picture.replace(pts=pts + self.timestamp_offset, duration=end - pts)

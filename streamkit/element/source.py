@@ -38,12 +38,14 @@ class Source(Element):
 
     Attributes:
         is_live: whether frames come at their own pace and are lost when nobody takes them.
+        over: set once the stream is to end, or the pipeline stops: for what waits between two frames.
         src_pad: the pad that plain frames leave through.
     """
 
     is_live: bool = False
 
     def __init__(self, name: str = "", **properties: Any) -> None:
+        self.over = threading.Event()
         self._held = threading.Event()
         self._held.set()
         self._finishing = False
@@ -90,10 +92,16 @@ class Source(Element):
         self._check = held or self._finishing
 
     def finish(self) -> None:
-        """Makes the source end its stream with EOS after the frame it is at."""
+        """Makes the source end its stream with EOS after the frame it is at; a wait for the next one ends."""
         self._finishing = self._check = True
+        self.over.set()
         self._held.set()
+        self.waking.set()
         self.interrupt()
+
+    def wait_while_paused(self) -> bool:
+        """Waits until the pipeline plays; False when ending, stopping or flushed away."""
+        return not self.over.is_set() and super().wait_while_paused()
 
     def renegotiate(self) -> None:
         """Makes the source agree on caps with downstream anew before its next frame."""
@@ -103,6 +111,7 @@ class Source(Element):
         """Makes the source leave its loop at the next frame: the pipeline is stopping."""
         super().halt()
         self._check = True
+        self.over.set()
         self._held.set()
         self._flush_over.set()
 
@@ -117,6 +126,7 @@ class Source(Element):
     def prepare_run(self) -> None:
         """Forgets an earlier run's end."""
         self._finishing = self._check = self._renegotiates = False
+        self.over.clear()
         self._held.set()
         self._flush_over.set()
         self._epochs, self._numbers = {}, {}

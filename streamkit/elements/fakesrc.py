@@ -111,7 +111,7 @@ class FakeSrc(Source):
         make_data = self._data_maker()
         sent = 0
         for number in numbers:
-            if self.is_live and self.stopping.wait(1 / 30):
+            if self.is_live and self.over.wait(1 / 30):
                 return
             content = make_data()
             pts, duration = self._times(sent, len(content))

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from streamkit.flow.frame import Frame
 
+CHANNELS = {"BGR": 3, "RGB": 3, "BGRA": 4, "RGBA": 4}
 LUMA_FORMATS = ("GRAY8", "I420", "NV12")
 LUMA_CAPS = "video/x-raw, format={ GRAY8, I420, NV12 }"
 
@@ -47,4 +48,31 @@ def luma(frame: Frame) -> NDArray[np.uint8]:
     raise TypeError(
         f"luma needs a frame of format {', '.join(LUMA_FORMATS)}, got {pixel_format!r}: "
         "put videoconvert before this element, or ask for one of these formats on its sink pad"
+    )
+
+
+def misfit(frame: Frame) -> str | None:
+    """How the array of a raw video frame differs from what its caps say; None where it does not.
+
+    Formats that are not known here, and data that is no array, are taken as they are.
+    """
+    caps, data = frame.caps, frame.data
+    shape = getattr(data, "shape", None)
+    if shape is None or caps.name != "video/x-raw":
+        return None
+    pixel_format, width, height = (caps.get(name) for name in ("format", "width", "height"))
+    if not isinstance(width, int) or not isinstance(height, int):
+        return None
+    wanted: tuple[int, ...]
+    if pixel_format in LUMA_FORMATS:
+        wanted = (height if pixel_format == "GRAY8" else height * 3 // 2, width)
+    elif isinstance(pixel_format, str) and pixel_format in CHANNELS:
+        wanted = (height, width, CHANNELS[pixel_format])
+    else:
+        return None
+    if shape == wanted and data.dtype == "uint8":
+        return None
+    return (
+        f"{pixel_format} of {width} x {height} px is uint8{list(wanted)}, got {data.dtype}{list(shape)}: "
+        "give the frame the caps of what it holds"
     )

@@ -19,6 +19,7 @@ from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated
 from streamkit.flow.frame import Frame
 from streamkit.flow.signals import FlowStop
+from streamkit.flow.video import misfit
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
@@ -206,6 +207,8 @@ class Chain:
         clock = time.perf_counter_ns
         arrived_ns = box[0].arrival_ns
         frame = box.pop()
+        if self._takes_gaps:
+            _demand_fitting(self.src.element, frame)
         stage: Callable[[Frame], Any] = self._consume
         before = clock()
         weight = self._schedule(before)
@@ -218,6 +221,7 @@ class Chain:
                 if frame.__class__ is not Frame:
                     self._odd(stage, frame, weight)
                     return
+                _demand_fitting(self.transforms[self._positions[stage]], frame)
             stage = self._consume
             stage(frame)
             self._note(stage, (clock() - before) * weight, arrived_ns)
@@ -252,15 +256,17 @@ class Chain:
         position = self._positions[stage]
         self.swallowed[position] += 1
         if result is not None:
-            push = self.transforms[position].src_pad.push
+            push, kind = self.transforms[position].src_pad.push, type(result).__name__
             if weight:
                 result = _TimedResults(result, self.busy_ns, position, weight)
             for frame in result:
                 if not isinstance(frame, Frame):
                     raise TypeError(
-                        f"transform returns a Frame, several, or None, got {type(result).__name__} "
+                        f"transform returns a Frame, several, or None, got {kind} "
                         f"of {type(frame).__name__}: put data into a frame with frame.replace(data=...)"
                     )
+                if weight:
+                    _demand_fitting(self.transforms[position], frame)
                 push(frame)
 
     def _failed(self, stage: Callable[[Frame], Any], frame: Any, cause: Exception) -> ElementFailure:
@@ -293,6 +299,13 @@ def composed_when_used(src: Pad, chains: list[Chain]) -> Callable[[Frame], None]
         src.push(box.pop())
 
     return push
+
+
+def _demand_fitting(element: Element, frame: Frame) -> None:
+    """Frames that are timed are looked at: an element that hands on other pixels than it says is told of."""
+    fault = misfit(frame)
+    if fault is not None:
+        raise element.failure(ValueError(fault), frame)
 
 
 def _ran_empty(cause: Exception) -> bool:

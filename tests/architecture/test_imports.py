@@ -29,7 +29,6 @@ ALLOWED = {
 GLUE = {
     "streamkit_decoder.codecs",
     "streamkit_decoder.container",
-    "streamkit_decoder.endable",
     "streamkit_decoder.rtsp.connection",
     "streamkit_decoder.rtsp.endpoint",
     "streamkit_decoder.rtsp.packetreader",

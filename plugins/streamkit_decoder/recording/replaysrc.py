@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, cast
 
-from streamkit import Caps, Capture, Frame, Property, ResourceError
+from streamkit import Caps, Capture, Frame, Property, ResourceError, Source
 from streamkit_decoder.codecs import CODED_CAPS, coded_caps, stream_parameters, stream_rate
 from streamkit_decoder.container import open_container, video_stream
-from streamkit_decoder.endable import EndableSource
 from streamkit_decoder.location import local_path, redact
 from streamkit_decoder.packets import packet_frame, read_packets
 from streamkit_decoder.recording.arrivals import Arrival, BadArrivals, arrivals_path, read_arrivals
@@ -16,7 +15,7 @@ from streamkit_decoder.recording.arrivals import Arrival, BadArrivals, arrivals_
 ORIGINS = ("rtcp", "misb", "file", "arrival")
 
 
-class ReplaySrc(EndableSource):
+class ReplaySrc(Source):
     """Plays what `packetsink arrivals=true` recorded with its numbers, epochs, times and pauses.
 
     Example:

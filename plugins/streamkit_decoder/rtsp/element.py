@@ -16,11 +16,11 @@ from streamkit import (
     Presence,
     Property,
     ResourceError,
+    Source,
     StreamError,
 )
 from streamkit_decoder.codecs import CODED_CAPS
 from streamkit_decoder.container import AccessRefused, TimedOut, UnsupportedTransport
-from streamkit_decoder.endable import EndableSource
 from streamkit_decoder.rtsp.connection import Connection, ConnectionSettings
 from streamkit_decoder.rtsp.endpoint import Reconnect, RtspEndpoint
 from streamkit_decoder.rtsp.packetreader import HungUp, PacketReader, Silence
@@ -46,7 +46,7 @@ class SourceTransport(enum.StrEnum):
     AUTO = "auto"
 
 
-class RtspSrc(RtspEndpoint, EndableSource):
+class RtspSrc(RtspEndpoint, Source):
     """Receives the video of an RTSP server as coded packets; connects again when the server goes away.
 
     Each connection is an epoch of its own; times ascend over all of them. Live never lags: for a consumer

@@ -79,7 +79,7 @@ class DroneTestSrc(Source):
         began_ns, count = self.clock_ns(), 0
         while self.num_buffers < 0 or count < self.num_buffers:
             pts, end = (int(number * 1_000_000_000 / pace) for number in (count, count + 1))
-            if self.is_live and not self.clock.wait_until(began_ns + pts, self.stopping):
+            if self.is_live and not self.clock.wait_until(began_ns + pts, self.over):
                 return
             if self.src_caps is not caps:  # another format was agreed on: another flight begins
                 caps, planar = self.src_caps, self.src_caps["format"] == "I420"

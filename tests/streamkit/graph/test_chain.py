@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit import Caps, ElementFailure, Frame, Pipeline, Transform
+from streamkit import Caps, ElementFailure, Frame, Pipeline, Property, Transform
 from streamkit.element.registry import make_element
 from streamkit.flow.events import Event
 from streamkit.graph.chain import SAMPLE_EVERY, Chain
@@ -115,6 +115,27 @@ def test_every_frame_arrives_once_and_in_order(trunk: list[str], tails: list[lis
         for number in range(len(tails)):
             assert [frame.seq for frame in pipeline[f"out{number}"]] == list(range(count)), text
         assert pipeline.wait(10) is not None
+
+
+class Crops(Transform):
+    """Hands on fewer rows than its caps say, in one of two ways."""
+
+    sink = src = "video/x-raw, format=GRAY8"
+    several: bool = Property(False, doc="Whether in a list.")
+
+    def transform(self, frame: Frame) -> Frame | list[Frame]:
+        cropped = frame.replace(data=frame.data[:2])
+        return [cropped] if self.several else cropped
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_pixels_that_are_not_what_the_caps_say_are_an_error(register: Register, several: bool) -> None:
+    """The element that made them is named, not the next one that stumbles."""
+    register(crops=Crops)
+    text = f"videotestsrc num-buffers=3 ! video/x-raw,width=8,height=4 ! crops several={several} ! fakesink"
+    fault = r"^crops0: .*GRAY8 of 8 x 4 px is uint8\[4, 8\], got uint8\[2, 8\]: give the frame the caps"
+    with pytest.raises(ElementFailure, match=fault):
+        Pipeline.parse(text).run(timeout_s=30)
 
 
 class Emptied:

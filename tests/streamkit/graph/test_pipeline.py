@@ -387,6 +387,26 @@ def test_a_block_that_fails_stops_the_pipeline() -> None:
     assert str(pipeline.state) == "null"
 
 
+@pytest.mark.parametrize(
+    "source",
+    [
+        "videotestsrc is-live=true ! video/x-raw,width=64,height=48,framerate=1/3600",
+        "dronetestsrc is-live=true ! video/x-raw,width=320,height=240,framerate=1/3600",
+        "fakesrc sizetype=fixed sizemax=10 datarate=1 format=time do-timestamp=true sync=true",
+    ],
+)
+def test_a_source_ends_on_finish_though_its_next_frame_is_far_off(source: str) -> None:
+    """Nobody waits for a frame that is due in an hour, and what came before it is delivered."""
+    with Pipeline.parse(f"{source} ! queue ! appsink name=out") as pipeline:
+        pipeline.play()
+        assert pipeline["out"].pull() is not None
+        pipeline.finish()
+        assert pipeline["out"].pull() is None
+        ended = pipeline.wait(10)
+    assert ended is not None
+    assert ended.kind is MessageKind.EOS
+
+
 def test_live_sources_end_on_finish(register: Register) -> None:
     """`finish` wakes a source that waits, through `interrupt`; EOS then travels behind the last frames."""
 
