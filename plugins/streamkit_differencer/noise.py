@@ -91,7 +91,9 @@ class NoiseMap:
         rough = EDGE_SPREAD * ranges + np.float32(first)
         self.spread[region][rows, columns] = rough
         if self._limits is not None:
-            self.needed[region][rows, columns] = thresholds(rough[:, None], *self._limits)[:, 0]
+            gain, lowest = self._limits
+            needed = np.minimum(rough * np.float32(gain * DEVIATION_RATIO), max(lowest, HIGHEST_THRESHOLD))
+            self.needed[region][rows, columns] = np.rint(np.maximum(needed, min(lowest, 255.0)))
 
     def scroll(self, dx: int, dy: int) -> None:
         """Moves all by whole pixels."""
