@@ -41,6 +41,8 @@ _STILL_SHIFT: Final = 0.2
 _VELOCITY_GAIN: Final = 0.5
 _ADOPT_AFTER: Final = 10
 _RECOGNISE_EVERY: Final = 2
+_RECOGNISE_OFTEN: Final = 4
+_RECOGNISE_RARELY: Final = 16
 _PLANE_SCALE: Final = (0.2, 5.0)
 
 
@@ -204,7 +206,7 @@ class PlaneTracker:
             due=due and trusted,
             leaped=gap == 1,
         )
-        if not anchored.measured and recognised is None and self._unmeasured % _RECOGNISE_EVERY == 0:
+        if not anchored.measured and recognised is None and self._is_looked_for(known):
             recognised = anchor.recognise(image.grey)
             if recognised is not None:
                 anchored = anchor.place(
@@ -217,6 +219,17 @@ class PlaneTracker:
                 return self._begin_again(images)
             return self._coast()
         return self._settle(images, anchored, motion)
+
+    def _is_looked_for(self, known: bool) -> bool:
+        """Whether it is worth the time to look for an unmeasured picture by what it shows.
+
+        Where the motion since the last picture is known but key pictures are not seen, as where the ground is
+        no plane, this is tried ever more rarely.
+        """
+        count = self._unmeasured
+        if known and not self._coasting and count > _RECOGNISE_OFTEN:
+            return count & (count - 1) == 0 or count % _RECOGNISE_RARELY == 0
+        return count % _RECOGNISE_EVERY == 0
 
     def _leap(self, earlier: WorkingImage, image: WorkingImage) -> PairwiseMotion | None:
         """The motion since the last picture if the camera leapt, or None."""
