@@ -98,12 +98,11 @@ class BackgroundModel:
     def reset(self) -> None:
         """Forgets everything."""
         shape = self.size[1], self.size[0]
-        self.where, self._ones = [], np.ones(shape, np.uint8)
+        self.where, self._ones, self._first_spread = [], np.ones(shape, np.uint8), None
         self.ground = np.zeros(shape, np.uint8), np.s_[0 : shape[0], 0 : shape[1]]
         for name, fill in self._fills().items():
             setattr(self, name, np.full(shape, fill, np.uint8))
-        self.background, self._first_spread = np.zeros(shape, np.float32), None
-        self.noise = NoiseMap(shape)
+        self.background, self.noise = np.zeros(shape, np.float32), NoiseMap(shape)
         self._history = LastFrames(shape, self.settings.interval * (2 if self.settings.three_frame else 1))
 
     def _fills(self) -> dict[str, int]:
@@ -251,8 +250,7 @@ class BackgroundModel:
         way: Points | None,
     ) -> ByteImage:
         """Equation 4, grown to the whole of things, without ghosts: in a plane of its own."""
-        settings, mask = self.settings, self._plane("mask", image)
-        known = self._plane("known", image)
+        settings, mask, known = self.settings, self._plane("mask", image), self._plane("known", image)
         cv2.bitwise_and(seen, self.valid[region], dst=known)
         bounds = local_bounds(rounded, max(settings.tolerance, 1), self._scratch, "background")
         noisy = isinstance(needed, np.ndarray)
@@ -288,8 +286,7 @@ class BackgroundModel:
         slides: ByteImage | None = None
         if way is not None:
             reliable = known_around(known, self._plane("reliable", image), pieces.parts, reach(way))
-            ground = Bounds(*bounds, reliable)
-            slides = sliding_mask(image, ground, self._earlier_bounds, pieces, needed, way)
+            slides = sliding_mask(image, Bounds(*bounds, reliable), self._earlier_bounds, pieces, needed, way)
         if ghosts is not None:
             update_background(self.background[region], image, ghosts, 1.0)
             cv2.subtract(mask, ghosts, dst=mask)
