@@ -116,10 +116,15 @@ class TablePrinter(Printer):
             self._ages_ms.append(age_ms)
 
     def look(self) -> None:
-        """Draws what is new."""
-        if self._live is not None and self._record and time.monotonic() - self._drawn_s > REDRAW_EVERY_S:
+        """Draws what is new; before the first record, what is waited for."""
+        if self._live is not None and time.monotonic() - self._drawn_s > REDRAW_EVERY_S:
             self._drawn_s = time.monotonic()
-            self._live.update(self._table(self._record), refresh=True)
+            drawn = self._waiting() if self._record is None else self._table(self._record)
+            self._live.update(drawn, refresh=True)
+
+    def _waiting(self) -> str:
+        there = self._subscriber.counts.publishers
+        return "waiting for a record: " + ("a publisher is there" if there else "no publisher is there yet")
 
     def _table(self, record: TrackRecord) -> Table:
         age_ms = self._ages_ms[-1] if self.age and self._ages_ms else None

@@ -1,6 +1,8 @@
 """streamkit subscribe: records as lines or a table, the right exit code, and an end within three seconds."""
 
 import json
+import os
+import pty
 import signal
 import subprocess
 import sys
@@ -112,6 +114,20 @@ def test_an_interrupt_ends_it_within_three_seconds(
     _, err = process.communicate(timeout=20)
     assert time.monotonic() - began_s < 3.0
     assert (process.returncode, err) == (0, "")
+
+
+def test_a_terminal_is_told_what_is_waited_for(subscribe: Starter) -> None:
+    """Before the first record the table's place says that nobody publishes yet."""
+    ours, theirs = pty.openpty()
+    try:
+        process = subscribe("--timeout", "1", stdout=theirs)
+        os.close(theirs)
+        shown = b""
+        while b"waiting for a record: no publisher is there yet" not in shown:
+            shown += os.read(ours, 4096)
+        assert process.wait(20) == 1
+    finally:
+        os.close(ours)
 
 
 def test_silence_is_an_error_when_asked(subscribe: Starter) -> None:
