@@ -12,6 +12,8 @@ from streamkit_stitcher.mosaic.tiles import PictureArray
 from streamkit_stitcher.registration.patches import halved
 
 _SCALE_RANGE: Final = (0.25, 4.0)
+# How much farther away the far side of a picture may be than its near side: it is drawn out by the square.
+_MOST_TILT: Final = 2.0
 _SEAM_DEPTH: Final = 12
 
 
@@ -117,8 +119,15 @@ class Mosaic:
 
 
 def is_placeable(to_reference: FloatArray, shape: tuple[int, int]) -> bool:
-    """Whether a picture of `shape` at a place is worth painting: finite, and neither huge nor tiny."""
+    """Whether a picture of `shape` at a place is worth painting: neither huge, nor tiny, nor drawn out.
+
+    Errors of perspective add up along a strip. One picture of a plane that has bent could cover as much of the
+    canvas as all others together.
+    """
     if not np.isfinite(to_reference).all():
+        return False
+    depths = to_reference[2, :2] @ corners(shape).T + to_reference[2, 2]
+    if not 0 < depths.max() < _MOST_TILT * depths.min():
         return False
     return _SCALE_RANGE[0] < scale_change(to_reference, shape) < _SCALE_RANGE[1]
 

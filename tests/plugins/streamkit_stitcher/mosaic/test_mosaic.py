@@ -131,3 +131,18 @@ def test_what_drives_shows_once_on_a_straight_flight():
     shared = mosaic.picture()[:, 140:640].astype(int)
     mixed = (shared > 110) & (shared < 190)
     assert 0.01 < mixed.mean() < 0.15
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_picture_of_a_bent_plane_is_not_painted(ground, make_flight, sign):
+    """One whose far side is drawn out over ground that it shows as a streak leaves the mosaic as it was."""
+    flight = make_flight(ground, 2, SMALL, cars=0, noise=0.0)
+    mosaic = Mosaic(64_000_000)
+    assert mosaic.add(flight.picture(0), np.eye(3))
+    box = mosaic.canvas.box
+    tilted = np.eye(3)
+    tilted[2, 0] = sign * (0.6 if sign < 0 else 1.5) / SMALL[1]
+    assert not mosaic.add(flight.picture(1), tilted)
+    assert (mosaic.pictures, mosaic.canvas.box) == (1, box)
+    tilted[2, 0] = 0.3 / SMALL[1]
+    assert mosaic.add(flight.picture(1), tilted)
