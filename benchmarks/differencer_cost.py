@@ -48,6 +48,10 @@ class Chain:
     def __init__(self, shape: tuple[int, int]) -> None:
         self._caps = raw_video_caps("GRAY8", shape[1], shape[0])
         self.stitch, self.framediff = Harness("stitch"), Harness("framediff", working_scale=2)
+        # Nobody looks at the mosaic: nothing is painted.
+        self.stitch.element.stop()
+        self.stitch.element.release_pad(self.stitch.element.pads["mosaic"])
+        self.stitch.element.start()
         self.placed: list[Frame] = []
 
     def register(self, picture: PictureArray, number: int) -> None:
