@@ -121,8 +121,8 @@ class Mosaic:
 def is_placeable(to_reference: FloatArray, shape: tuple[int, int]) -> bool:
     """Whether a picture of `shape` at a place is worth painting: neither huge, nor tiny, nor drawn out.
 
-    Errors of perspective add up along a strip. One picture of a plane that has bent could cover as much of the
-    canvas as all others together.
+    Errors of perspective add up along a strip. One picture of a plane that has bent could cover as much of
+    the canvas as all others together.
     """
     if not np.isfinite(to_reference).all():
         return False
