@@ -9,101 +9,19 @@ with turn, size and light, the camera's motion taken out.
 
 import argparse
 import itertools
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
-from numpy.random import Generator
-from tracking_sequences import KINDS, FloatArray, Step, rendered
-
-from streamkit_tracker.eigen_template import EigenTemplate, eigen_distances
-from streamkit_tracker.layered_filter import Cloud, LayerSettings, Proposal, Score, layered_step
-from streamkit_tracker.window_geometry import half_turn
-from streamkit_tracker.window_sampling import WindowSampler, shrink_factor
-
-PATCH = (32, 32)
-SETTINGS = LayerSettings()
-EVALUATIONS = SETTINGS.particles + SETTINGS.keep * (SETTINGS.size_particles + SETTINGS.angle_particles)
-SIGMA = 0.09
-NARROW, WIDE = 2.5, 6.0  # px
+from layered_and_flat import EVALUATIONS, GreyStep, follow
+from tracking_sequences import KINDS, Step, rendered
 
 
-@dataclass
-class Layered:
-    """Position, then size, then angle."""
-
-    cloud: Cloud
-
-    def carry(self, camera: FloatArray) -> None:
-        """Moves the particles with the camera, float64[2]."""
-        self.cloud.positions = self.cloud.positions + camera
-
-    def step(self, window: FloatArray, motion: FloatArray, score: Score, generator: Generator) -> FloatArray:
-        """The window, float64[5], after one frame."""
-        proposal = Proposal(
-            window[None],
-            motion[None, :2],
-            np.array([NARROW]),
-            np.array([WIDE]),
-            np.full((1, 2), np.nan),
-            np.zeros(1),
-        )
-        result = layered_step([self.cloud], [generator], proposal, score, SETTINGS)
-        self.cloud = result.clouds[0]
-        return np.asarray(result.windows[0])
-
-
-@dataclass
-class Flat:
-    """All five numbers at once: noise, score, weighted mean, resample."""
-
-    particles: FloatArray
-
-    def carry(self, camera: FloatArray) -> None:
-        """Moves the particles with the camera, float64[2]."""
-        self.particles[:, :2] += camera
-
-    def step(self, _window: FloatArray, motion: FloatArray, score: Score, generator: Generator) -> FloatArray:
-        """The window, float64[5], after one frame."""
-        moved = self.particles[generator.integers(0, len(self.particles), EVALUATIONS)]
-        noise = generator.standard_normal((EVALUATIONS, 5))
-        spread = np.where(np.arange(EVALUATIONS) % 4 == 0, WIDE, NARROW)[:, None]
-        moved[:, :2] += motion[:2] + noise[:, :2] * spread
-        moved[:, 2:4] *= np.exp(noise[:, 2:4] * SETTINGS.std_size)
-        moved[:, 4] += noise[:, 4] * SETTINGS.std_angle
-        scores = score(moved[None])[0]
-        weights = np.exp(scores - scores.max())
-        weights /= weights.sum()
-        self.particles = moved[generator.choice(EVALUATIONS, EVALUATIONS, p=weights)]
-        return np.asarray(weights @ moved)
-
-
-def follow(steps: list[Step], *, layered: bool, seed: int) -> tuple[float, float]:
-    """Median errors of centre, px, and angle, degrees."""
-    sampler, generator = WindowSampler(), np.random.default_rng(seed)
-    sampler.look_at(cv2.cvtColor(steps[0].picture, cv2.COLOR_BGR2GRAY))
-    assert steps[0].window is not None
-    window, motion = steps[0].window.copy(), np.zeros(5)
-    factor = shrink_factor(window, PATCH, sampler.shape)
-    template = EigenTemplate(sampler.sample(window[None], PATCH, factor)[0].copy())
-    method: Layered | Flat = Layered(Cloud.at(window)) if layered else Flat(window[None].copy())
-
-    def score(windows: FloatArray) -> FloatArray:
-        patches = sampler.sample(windows.reshape(-1, 5), PATCH, factor)[None]
-        return np.asarray(-0.5 / SIGMA**2 * eigen_distances([template], patches), np.float64)
-
-    errors, turns = [], []
-    for step in steps[1:]:
+def as_grey(steps: Iterator[Step]) -> Iterator[GreyStep]:
+    """The steps of a rendered sequence as `follow` takes them."""
+    for step in steps:
         assert step.window is not None
-        sampler.look_at(cv2.cvtColor(step.picture, cv2.COLOR_BGR2GRAY))
-        method.carry(-step.to_previous[:2, 2])
-        before = window.copy()
-        before[:2] -= step.to_previous[:2, 2]
-        window = method.step(before, motion, score, generator)
-        motion = 0.5 * motion + 0.5 * (window - before)
-        errors.append(np.hypot(*(window[:2] - step.window[:2])))
-        turns.append(abs(float(half_turn(window[4] - step.window[4]))))
-    return float(np.median(errors)), float(np.degrees(np.median(turns)))
+        yield cv2.cvtColor(step.picture, cv2.COLOR_BGR2GRAY), step.window, -step.to_previous[:2, 2]
 
 
 def main() -> None:
@@ -119,7 +37,7 @@ def main() -> None:
     print("|---|---|---|")
     rows = []
     for seed in range(options.first, options.first + options.sequences):
-        steps = list(itertools.islice(rendered(KINDS[0], seed), options.frames))
+        steps = list(as_grey(itertools.islice(rendered(KINDS[0], seed), options.frames)))
         layered = follow(steps, layered=True, seed=seed)
         flat = follow(steps, layered=False, seed=seed)
         rows.append((layered, flat))

@@ -1,0 +1,104 @@
+"""Layered sampling and a flat filter with the same number of evaluations, template and motion model."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from streamkit_tracker.eigen_template import EigenTemplate, eigen_distances
+from streamkit_tracker.layered_filter import Cloud, LayerSettings, Proposal, Score, layered_step
+from streamkit_tracker.window_geometry import FloatArray, half_turn
+from streamkit_tracker.window_sampling import WindowSampler, shrink_factor
+
+PATCH = (32, 32)
+SETTINGS = LayerSettings()
+EVALUATIONS = SETTINGS.particles + SETTINGS.keep * (SETTINGS.size_particles + SETTINGS.angle_particles)
+SIGMA = 0.09
+NARROW, WIDE = 2.5, 6.0  # px
+GreyStep = tuple[NDArray[np.uint8], FloatArray, FloatArray]
+
+
+@dataclass
+class Layered:
+    """Position, then size, then angle."""
+
+    cloud: Cloud
+
+    def carry(self, camera: FloatArray) -> None:
+        """Moves the particles with the camera, float64[2]."""
+        self.cloud.positions = self.cloud.positions + camera
+
+    def step(self, window: FloatArray, motion: FloatArray, score: Score, generator: Generator) -> FloatArray:
+        """The window, float64[5], after one frame."""
+        proposal = Proposal(
+            window[None],
+            motion[None, :2],
+            np.array([NARROW]),
+            np.array([WIDE]),
+            np.full((1, 2), np.nan),
+            np.zeros(1),
+        )
+        result = layered_step([self.cloud], [generator], proposal, score, SETTINGS)
+        self.cloud = result.clouds[0]
+        return np.asarray(result.windows[0])
+
+
+@dataclass
+class Flat:
+    """All five numbers at once: noise, score, weighted mean, resample."""
+
+    particles: FloatArray
+
+    def carry(self, camera: FloatArray) -> None:
+        """Moves the particles with the camera, float64[2]."""
+        self.particles[:, :2] += camera
+
+    def step(self, _window: FloatArray, motion: FloatArray, score: Score, generator: Generator) -> FloatArray:
+        """The window, float64[5], after one frame."""
+        moved = self.particles[generator.integers(0, len(self.particles), EVALUATIONS)]
+        noise = generator.standard_normal((EVALUATIONS, 5))
+        spread = np.where(np.arange(EVALUATIONS) % 4 == 0, WIDE, NARROW)[:, None]
+        moved[:, :2] += motion[:2] + noise[:, :2] * spread
+        moved[:, 2:4] *= np.exp(noise[:, 2:4] * SETTINGS.std_size)
+        moved[:, 4] += noise[:, 4] * SETTINGS.std_angle
+        scores = score(moved[None])[0]
+        weights = np.exp(scores - scores.max())
+        weights /= weights.sum()
+        self.particles = moved[generator.choice(EVALUATIONS, EVALUATIONS, p=weights)]
+        return np.asarray(weights @ moved)
+
+
+def follow(steps: Iterable[GreyStep], *, layered: bool, seed: int) -> tuple[float, float]:
+    """Median errors of centre, px, and angle, degrees, with the first patch as template.
+
+    Args:
+        steps: the frame, uint8[h, w]; the true window, float64[5]; and how far the camera moved the picture,
+            float64[2] px.
+        layered: whether to sample in layers.
+        seed: of the particles.
+    """
+    sampler, generator = WindowSampler(), np.random.default_rng(seed)
+    (picture, truth, _), *rest = steps
+    sampler.look_at(picture)
+    window, motion = truth.copy(), np.zeros(5)
+    factor = shrink_factor(window, PATCH, sampler.shape)
+    template = EigenTemplate(sampler.sample(window[None], PATCH, factor)[0].copy())
+    method: Layered | Flat = Layered(Cloud.at(window)) if layered else Flat(window[None].copy())
+
+    def score(windows: FloatArray) -> FloatArray:
+        patches = sampler.sample(windows.reshape(-1, 5), PATCH, factor)[None]
+        return np.asarray(-0.5 / SIGMA**2 * eigen_distances([template], patches), np.float64)
+
+    errors, turns = [], []
+    for picture, truth, camera in rest:
+        sampler.look_at(picture)
+        method.carry(camera)
+        before = window.copy()
+        before[:2] += camera
+        window = method.step(before, motion, score, generator)
+        motion = 0.5 * motion + 0.5 * (window - before)
+        errors.append(np.hypot(*(window[:2] - truth[:2])))
+        turns.append(abs(float(half_turn(window[4] - truth[4]))))
+    return float(np.median(errors)), float(np.degrees(np.median(turns)))
