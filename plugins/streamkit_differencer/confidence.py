@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from streamkit_differencer.noise import DEVIATION_RATIO, HIGHEST_THRESHOLD
+from streamkit_differencer.resampling import held
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -71,8 +72,7 @@ def contrast_at(
         float64[n], the mean over those points of an object that exceed their threshold; 0 if none does.
     """
     columns, rows = np.round(points).astype(np.intp).transpose(2, 0, 1)
-    columns = np.minimum(np.maximum(columns, 0), image.shape[1] - 1)
-    rows = np.minimum(np.maximum(rows, 0), image.shape[0] - 1)
+    columns, rows = held(columns, image.shape[1]), held(rows, image.shape[0])
     background, valid, spread = known
     gain, lowest = limits
     needed = gain * DEVIATION_RATIO * spread[rows, columns]

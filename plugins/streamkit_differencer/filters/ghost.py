@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from streamkit_differencer.filters.pieces import Pieces, thinned
-from streamkit_differencer.resampling import padded
+from streamkit_differencer.resampling import held, padded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -77,9 +77,7 @@ def outline_of(pieces: Pieces, known: ByteImage) -> tuple[IntArray, IntArray, Bo
 def range_at(image: ByteImage, rows: IntArray, columns: IntArray) -> NDArray[np.int16]:
     """The range of values around some pixels, int16[n]."""
     height, width = image.shape
-    down = np.minimum(np.maximum(rows + _AROUND[0], 0), height - 1)
-    across = np.minimum(np.maximum(columns + _AROUND[1], 0), width - 1)
-    values = image[down, across]
+    values = image[held(rows + _AROUND[0], height), held(columns + _AROUND[1], width)]
     return np.asarray(values.max(axis=0).astype(np.int16) - values.min(axis=0), np.int16)
 
 

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from streamkit_differencer.filters.pieces import Pieces
-from streamkit_differencer.resampling import padded
+from streamkit_differencer.resampling import held, padded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -131,8 +131,7 @@ def along(bounds: Bounds, rows: IntArray, columns: IntArray, way: FloatArray) ->
     count = round(float(np.abs(way).max()))
     steps = np.rint(np.arange(count + 1)[:, None] / max(count, 1) * way).astype(np.intp)
     height, width = bounds.known.shape
-    down = np.minimum(np.maximum(rows + steps[:, 1:], 0), height - 1)
-    across = np.minimum(np.maximum(columns + steps[:, :1], 0), width - 1)
+    down, across = held(rows + steps[:, 1:], height), held(columns + steps[:, :1], width)
     # What is not known explains nothing: a mover that comes into view was there, too.
     usable = bounds.known[down, across]
     lowest = np.maximum(bounds.lowest[down, across], ~usable).min(axis=0)
