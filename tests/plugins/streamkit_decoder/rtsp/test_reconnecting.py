@@ -40,6 +40,13 @@ def next_state(pipeline: Pipeline, wanted: str, limit_s: float = 10) -> Message:
     raise AssertionError(f"{wanted} has not come within {limit_s} s")
 
 
+def ended_by_finish(pipeline: Pipeline) -> bool:
+    """Whether `finish` ends a pipeline with EOS."""
+    pipeline.finish()
+    ended = pipeline.wait(10)
+    return ended is not None and ended.kind is MessageKind.EOS
+
+
 def no_reader_is_left() -> bool:
     """Whether every thread that reads has ended."""
     return not [thread.name for thread in threading.enumerate() if thread.name.startswith(READER)]
@@ -359,10 +366,7 @@ def test_a_stream_may_be_ended_while_its_server_is_away(start_server: StartServe
         next_state(pipeline, "connected")
         server.close()
         next_state(pipeline, "retrying")
-        pipeline.finish()
-        ended = pipeline.wait(10)
-    assert ended is not None
-    assert ended.kind is MessageKind.EOS
+        assert ended_by_finish(pipeline)
     assert path.stat().st_size
     assert no_reader_is_left()
 
@@ -373,7 +377,4 @@ def test_a_stream_may_be_ended_before_it_has_begun(serve: Callable[[int], int]) 
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
         next_state(pipeline, "connecting")
-        pipeline.finish()
-        ended = pipeline.wait(10)
-    assert ended is not None
-    assert ended.kind is MessageKind.EOS
+        assert ended_by_finish(pipeline)
