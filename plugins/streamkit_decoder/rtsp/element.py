@@ -85,7 +85,6 @@ class RtspSrc(RtspEndpoint, Source):
 
     def start(self) -> None:
         """Checks the location; the connection is made by the source's thread."""
-        self._connection = None
         self._abandoned: list[PacketReader] = []
         self._received = 0
         self._next_seq = 0
