@@ -11,13 +11,14 @@ from streamkit_tracker.observation import Sighting
 from streamkit_tracker.window_geometry import FloatArray
 
 YOUNG_S = 1.0  # first detections often show a part only: until then size and place follow at once
+RATED_S = 0.04  # the step that the rates are for: targets move, turn and come out of hiding by the clock
 BOX_RATE, SHRINK_RATE = 0.15, 0.5
 OFFSET_RATE = 0.12
 YOUNG_OFF, YOUNG_RESIZED = 0.1, 0.1  # relative to the side, and as a log ratio
 RESIZED = 0.18  # log ratio of a side beyond which the window starts again
 LEAST_FIT, HARDLY_FIT = 0.6, 0.35  # overlap of window and detection below which one of them is wrong
 SAME_SIZE = 1.5
-PATIENCE, ODD_SIZE_PATIENCE = 2, 8
+PATIENCE, ODD_SIZE_PATIENCE_S = 2, 0.32
 MISFITS_BEFORE_RESTART = 3
 TRUSTED = 0.3
 
@@ -43,6 +44,7 @@ class DetectedShape:
         self._offset = (0.0, 0.0)
         self._unlike = 0
         self._unfit = 0
+        self._step_s = RATED_S
 
     @property
     def settled(self) -> bool:
@@ -51,6 +53,7 @@ class DetectedShape:
 
     def remember(self, sighting: Sighting, step_s: float) -> None:
         """Lets the box follow a detection that shows nothing else."""
+        self._step_s = step_s
         if sighting.crowded:
             return
         self.box = (self._side(self.box[0], sighting.box[0]), self._side(self.box[1], sighting.box[1]))
@@ -59,7 +62,11 @@ class DetectedShape:
     def _side(self, known: float, seen: float) -> float:
         """One side of the box; while the target is young it is as long as was ever seen, or nearly."""
         young = 1.0 if seen > known else SHRINK_RATE
-        return float(known * (seen / known) ** (BOX_RATE if self.settled else young))
+        return float(known * (seen / known) ** (self._share(BOX_RATE) if self.settled else young))
+
+    def _share(self, rate: float) -> float:
+        """What a rate for steps of `RATED_S` comes to in the present step."""
+        return float(1.0 - (1.0 - rate) ** (self._step_s / RATED_S))
 
     def window(self, x: float, y: float, heading: float) -> FloatArray:
         """float64[5]: the box's shape turned into a direction, about a centre."""
@@ -88,7 +95,7 @@ class DetectedShape:
             return self._begin_again(self.window(*sighting.middle, heading))
         x, y, length, width, angle = window.tolist()
         side = math.sqrt(length * width)
-        rate = trust * OFFSET_RATE
+        rate = trust * self._share(OFFSET_RATE)
         across = self._offset[0] + rate * (sighting.centroid[0] - x - self._offset[0])
         down = self._offset[1] + rate * (sighting.centroid[1] - y - self._offset[1])
         self._offset = (across, down)
@@ -117,7 +124,8 @@ class DetectedShape:
         fit = _overlap(window, sighting)
         self._unfit = 0 if fit >= LEAST_FIT else self._unfit + 1
         usual = 1 / SAME_SIZE < ratio < SAME_SIZE
-        return self._unfit >= (PATIENCE if usual else ODD_SIZE_PATIENCE) or (usual and fit < HARDLY_FIT)
+        patience = PATIENCE if usual else max(PATIENCE, round(ODD_SIZE_PATIENCE_S / self._step_s))
+        return self._unfit >= patience or (usual and fit < HARDLY_FIT)
 
     def _begin_again(self, window: FloatArray) -> FloatArray:
         self._unlike, self._unfit, self._offset = 0, 0, (0.0, 0.0)

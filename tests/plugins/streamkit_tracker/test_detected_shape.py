@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from streamkit_tracker.detected_shape import DetectedShape
 from streamkit_tracker.observation import Sighting
@@ -69,3 +70,25 @@ def test_a_detection_of_an_odd_size_has_to_last():
     assert answers[:7] == [None] * 7
     assert answers[7] is not None
     assert answers[7][3] > 35
+
+
+@pytest.mark.parametrize("per_second", [5, 10, 50])
+def test_the_box_follows_by_the_clock(per_second: int):
+    """Half a second after a target was seen larger its box is as large, whatever the rate of frames."""
+    usual, other = settled(), settled()
+    for _ in range(12):
+        usual.remember(sighting(0, 0, 45, 21), STEP_S)
+    for _ in range(round(0.48 * per_second)):
+        other.remember(sighting(0, 0, 45, 21), 0.48 / round(0.48 * per_second))
+    np.testing.assert_allclose(other.box, usual.box, rtol=1e-9)
+
+
+def test_an_odd_size_lasts_by_the_clock():
+    """With ten frames a second three odd detections are as long as eight with 25."""
+    shape = DetectedShape((30.0, 14.0))
+    for _ in range(12):
+        shape.remember(sighting(0, 0), 0.1)
+    window = shape.window(100, 100, 0.0)
+    answers = [shape.better(window, sighting(100, 100, 44, 40), 0.0, math.inf, 0.0) for _ in range(3)]
+    assert answers[:2] == [None] * 2
+    assert answers[2] is not None
