@@ -7,6 +7,7 @@ from typing import Final
 from streamkit_stitcher.homographies import (
     FloatArray,
     GreyArray,
+    corner_shift,
     inverse,
     normalised,
     overlap,
@@ -35,6 +36,7 @@ _POOLED_OVERLAP: Final = 0.25
 _LOOK_BACK_MARGIN: Final = 0.1
 _LOOK_BACK_TRIES: Final = 2
 _RECOGNISED: Final = 3
+_PLANE_STEP: Final = 1.0
 _SCALE_RANGE: Final = (0.8, 1.25)
 _MAX_UNMATCHED: Final = 3
 _MAX_DOUBTED: Final = 12
@@ -265,6 +267,11 @@ class KeyframeAnchor:
         elif matches:
             pooled = pooled_placement(matches, shape, self._limits, self.keyframes.rule)
         if pooled is not None:
+            step = normalised(inverse(place.to_reference) @ pooled.matrix)
+            if place.measured and corner_shift(step, shape) > _PLANE_STEP:
+                # Not the picture moved: its key pictures contradict each other.
+                moved = normalised(pooled.matrix @ inverse(place.to_reference))
+                change = moved if change is None else normalised(moved @ change)
             place = Anchored(
                 pooled.matrix, True, matches=len(pooled.inliers), inliers=pooled.count, rmse=pooled.rmse
             )

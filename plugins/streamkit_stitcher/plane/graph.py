@@ -90,6 +90,20 @@ class KeyframeGraph:
         """The key pictures that `index` is tied to as the later one."""
         return {tie.host for tie in self._ties.get(index, ())}
 
+    def steps_from(self, index: int) -> dict[int, int]:
+        """Along how many ties each key picture is reached from `index`, itself in none."""
+        tied: dict[int, set[int]] = {}
+        for ties in self._ties.values():
+            for tie in ties:
+                tied.setdefault(tie.host, set()).add(tie.observer)
+                tied.setdefault(tie.observer, set()).add(tie.host)
+        steps, edge = {index: 0}, {index}
+        while edge:
+            count = steps[next(iter(edge))] + 1
+            edge = {near for far in edge for near in tied.get(far, ()) if near not in steps}
+            steps.update(dict.fromkeys(edge, count))
+        return steps
+
     def move(self, places: Mapping[int, FloatArray]) -> None:
         """Takes over adjusted places."""
         self._places.update((index, place) for index, place in places.items() if index in self._places)

@@ -8,6 +8,7 @@ from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings
 from streamkit_stitcher.bundle_adjustment.problem import CameraModel
 from streamkit_stitcher.homographies import IDENTITY, FloatArray, GreyArray, inverse, normalised
 from streamkit_stitcher.plane.adjuster import Adjuster, AdjustmentJob, adjusted_places
+from streamkit_stitcher.plane.closures import ClosureEvidence
 from streamkit_stitcher.plane.graph import KeyframeGraph, Tie
 from streamkit_stitcher.plane.key_picture import LEVELS, Beside, key_picture
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, KeyframeStore
@@ -39,6 +40,7 @@ class KeyframeMap:
         self._store = KeyframeStore(settings.max_keyframes)
         self._graph = KeyframeGraph(settings.max_adjusted)
         self._adjuster = Adjuster()
+        self._closures = ClosureEvidence()
         self.beside = Beside()
         self._selection = ModelSelection()
         self._reference = 0
@@ -164,9 +166,10 @@ class KeyframeMap:
             How the plane moved under the current key picture, float64[3, 3] old to new, or None.
         """
         result = self._adjuster.take()
-        for tie in result.ties:
+        ties = self._believed(result.ties)
+        for tie in ties:
             self._graph.tie(tie)
-        self._closed_loops = self._closed_loops or bool(result.ties)
+        self._closed_loops = self._closed_loops or bool(ties)
         return self._move(result.places)
 
     def rebase(self, reference: int) -> FloatArray:
@@ -206,6 +209,13 @@ class KeyframeMap:
             for _, other in self._store.overlapping(keyframe.to_reference, keyframe.shape, _LOOP_OVERLAP)
             if other.index < keyframe.index - 2 and other.index not in tied
         )[:_LOOP_CANDIDATES]
+
+    def _believed(self, ties: Sequence[Tie]) -> tuple[Tie, ...]:
+        """Which of the ties that the worker found across strips can be trusted."""
+        if not ties or self._active is None:
+            return ()
+        steps = self._graph.steps_from(ties[0].observer)
+        return self._closures.believed(ties, self._graph.places, steps, self._active.shape)
 
     def _move(self, places: Mapping[int, FloatArray]) -> FloatArray | None:
         if not places:

@@ -97,3 +97,11 @@ def test_the_oldest_places_are_forgotten_but_for_those_that_are_needed():
     assert 10 not in graph.places
     assert len(graph) == 50
     graph.rebase(shift(1))
+
+
+def test_key_pictures_are_counted_along_their_ties(graph):
+    """The shortest way counts, in either direction; what has no tie is not reached."""
+    graph.add(4, shift(400), [])
+    assert graph.steps_from(3) == {3: 0, 2: 1, 1: 1, 0: 2}
+    assert graph.steps_from(0) == {0: 0, 1: 1, 2: 1, 3: 2}
+    assert graph.steps_from(4) == {4: 0}

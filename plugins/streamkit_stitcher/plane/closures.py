@@ -1,0 +1,86 @@
+"""Which ties across flight strips are believed: ground repeats itself, and one false tie bends the plane."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from streamkit_stitcher.homographies import FloatArray, project, scale_change
+from streamkit_stitcher.plane.graph import Tie
+
+# How far two key pictures may lie from their true places to each other, as a part of the width: errors of
+# direction add up twice along the ties between them. Beyond the last, somebody else has to say so, too.
+_ALLOWED: Final = 0.005
+_GROWTH: Final = 1.5
+_MOST_ALLOWED: Final = 0.1
+# Between key pictures this few ties apart nothing adds up, whoever says so.
+_FEW_STEPS: Final = 4
+_AGREEING: Final = 0.05
+_NEIGHBOURS: Final = 4
+_WAITING: Final = 8
+
+
+class ClosureEvidence:
+    """Judges ties to key pictures that were only thought to show the same ground.
+
+    A tie is believed where it puts its key pictures about where they lie already, as near as the ties between
+    them let expect. One that asks for more waits until another of about the same time asks for the same.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: list[Tie] = []
+
+    def believed(
+        self,
+        ties: Sequence[Tie],
+        places: Mapping[int, FloatArray],
+        steps: Mapping[int, int],
+        shape: tuple[int, int],
+    ) -> tuple[Tie, ...]:
+        """The ties that can be trusted by now, earlier ones among them.
+
+        Args:
+            ties: of one newest key picture.
+            places: float64[3, 3] of the key pictures, their pixels to the plane.
+            steps: by key picture, along how many ties it is reached from the newest; others are far.
+            shape: (height, width) of the newest, px.
+        """
+        found: list[Tie] = []
+        for tie in ties:
+            if tie.host not in places or tie.observer not in places:
+                continue
+            asked, apart = _asked(tie, places), steps.get(tie.host)
+            px = shape[1] * scale_change(places[tie.observer], shape)
+            if np.hypot(*asked) <= px * _allowed(apart):
+                found.append(tie)
+            elif apart is None or apart > _FEW_STEPS:
+                agreeing = [
+                    other
+                    for other in self._near(tie, places)
+                    if np.hypot(*(_asked(other, places) - asked)) <= px * _AGREEING
+                ]
+                self._waiting = [other for other in self._waiting if other not in agreeing]
+                found.extend([*agreeing, tie] if agreeing else ())
+                self._waiting.extend(() if agreeing else (tie,))
+        self._waiting = self._waiting[-_WAITING:]
+        return tuple(found)
+
+    def _near(self, tie: Tie, places: Mapping[int, FloatArray]) -> list[Tie]:
+        """Waiting ties of about the same key pictures whose places are still known."""
+        return [
+            other
+            for other in self._waiting
+            if tie.observer - other.observer <= _NEIGHBOURS
+            and other.observer in places
+            and other.host in places
+        ]
+
+
+def _allowed(steps: int | None) -> float:
+    return _MOST_ALLOWED if steps is None else min(_MOST_ALLOWED, _ALLOWED * steps**_GROWTH)
+
+
+def _asked(tie: Tie, places: Mapping[int, FloatArray]) -> FloatArray:
+    """How a tie wants its observer moved against its host, float64[2], px of the plane."""
+    apart = project(places[tie.host], tie.host_points) - project(places[tie.observer], tie.points)
+    return np.asarray(np.median(apart, axis=0))
