@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from streamkit.errors import ResourceError as ResourceError
     from streamkit.errors import StreamError as StreamError
     from streamkit.errors import StreamkitError as StreamkitError
+    from streamkit.errors import write_remedy as write_remedy
     from streamkit.flow.caps import ANY as ANY
     from streamkit.flow.caps import Caps as Caps
     from streamkit.flow.caps import Structure as Structure
@@ -79,7 +80,7 @@ _HOMES = {
     "streamkit.element.transform": ("Transform",),
     "streamkit.errors": (
         "DescriptionError", "ElementFailure", "NotNegotiated", "PropertyError", "ResourceError",
-        "StreamError", "StreamkitError",
+        "StreamError", "StreamkitError", "write_remedy",
     ),
     "streamkit.flow.caps": ("ANY", "Caps", "Structure"),
     "streamkit.flow.caps_values": ("FractionRange", "IntRange", "ValueList"),

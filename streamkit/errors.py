@@ -17,6 +17,7 @@ Each message says where, the rule, what it got, and the remedy.
 
 from __future__ import annotations
 
+import errno
 import re
 from dataclasses import dataclass
 
@@ -27,6 +28,21 @@ CREDENTIALS = re.compile(r"(?<=://)[^\s/?#\"']*(?=@)")
 def mask_credentials(text: str, mask: str = "***") -> str:
     """The text with user and password of every address in it replaced by `mask`."""
     return CREDENTIALS.sub(mask, text) if "://" in text else text
+
+
+def write_remedy(error: Exception) -> str:
+    """What helps where a file could not be written, to stand behind the reason; "" where that is unknown.
+
+    Args:
+        error: of the operating system, or of a library that passes its number on as `errno`.
+    """
+    number = getattr(error, "errno", None)
+    if number in (errno.ENOSPC, errno.EDQUOT):
+        return "; free some space"
+    if number == errno.EPIPE:
+        return "; what read it has ended"
+    refused = isinstance(error, OSError) and number != errno.EINVAL
+    return "; check that the directory is there and takes files" if refused else ""
 
 
 class StreamkitError(Exception):

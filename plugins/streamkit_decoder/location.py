@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import re
 from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
@@ -12,7 +11,6 @@ USERINFO = re.compile(r"(?<=://)[^/?#\s]*@")
 SECRET_FIELD = re.compile(
     r"(?i)(?<=[?&;])((?:pass(?:word|wd)?|pwd|token|secret|key|api_?key|auth|user_?pw)=)[^&;#\s'\"]*"
 )
-FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 def is_network(location: str) -> bool:
@@ -25,15 +23,6 @@ def local_path(location: str) -> Path:
     if location.startswith("file://"):
         return Path(unquote(urlsplit(location).path))
     return Path(location)
-
-
-def remedy_of(error: Exception) -> str:
-    """What helps where a file could not be written, to stand behind the reason; "" where that is unknown."""
-    number = getattr(error, "errno", None)
-    if number in FULL:
-        return "; free some space"
-    refused = isinstance(error, OSError) and number != errno.EINVAL
-    return "; check that the directory is there and takes files" if refused else ""
 
 
 def redact(text: str) -> str:

@@ -6,10 +6,10 @@ import enum
 import threading
 from fractions import Fraction
 
-from streamkit import Caps, Frame, Property, ResourceError, Sink, StreamError
+from streamkit import Caps, Frame, Property, ResourceError, Sink, StreamError, write_remedy
 from streamkit_decoder.codecs import caps_rate
 from streamkit_decoder.container import MEDIA_ERRORS, reason_of
-from streamkit_decoder.location import local_path, remedy_of
+from streamkit_decoder.location import local_path
 from streamkit_decoder.videowriter import VideoWriter
 
 ASSUMED_RATE = Fraction(25)
@@ -131,5 +131,5 @@ class VideoFileSink(Sink):
 
     def _failure(self, error: Exception) -> ResourceError:
         reason = reason_of(error)
-        remedy = "; let the name end in .mp4 or .mkv" if NO_CONTAINER in reason else remedy_of(error)
+        remedy = "; let the name end in .mp4 or .mkv" if NO_CONTAINER in reason else write_remedy(error)
         return ResourceError(f"{self.location}: the video could not be written: {reason}{remedy}")

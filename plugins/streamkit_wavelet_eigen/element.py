@@ -18,6 +18,7 @@ from streamkit import (
     ResourceError,
     Transform,
     luma,
+    write_remedy,
 )
 from streamkit_wavelet_eigen.appearance import Appearance, Settings
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
@@ -235,5 +236,7 @@ class WaveletEigen(Transform):
         try:
             save_model(Model(space, appearance.gallery), Path(self.save))
         except OSError as error:
-            raise ResourceError(f"save: {self.save} cannot be written: {error}") from error
+            raise ResourceError(
+                f"save: {self.save} cannot be written: {error}{write_remedy(error)}"
+            ) from error
         self._saved_version = state

@@ -7,7 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit import Detections, Features, FeatureSpace, Frame, Property, ResourceError, Sink, StreamError
+from streamkit import (
+    Detections,
+    Features,
+    FeatureSpace,
+    Frame,
+    Property,
+    ResourceError,
+    Sink,
+    StreamError,
+    write_remedy,
+)
 from streamkit_wavelet_eigen.feature_file import (
     LABEL_CHARACTERS,
     FeatureRows,
@@ -95,8 +105,7 @@ class FeatureSink(Sink):
 
     def _unwritten(self, error: OSError) -> ResourceError:
         return ResourceError(
-            f"location={self.location}: cannot be written: {error.strerror or error}; "
-            "name another file or free some space"
+            f"location={self.location}: cannot be written: {error.strerror or error}{write_remedy(error)}"
         )
 
 

@@ -4,7 +4,7 @@ import contextlib
 from pathlib import Path
 from typing import IO, Any
 
-from streamkit import Frame, Property, ResourceError, Sink, encode_record
+from streamkit import Frame, Property, ResourceError, Sink, encode_record, write_remedy
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA, record_of
 from streamkit_zenoh.wire.schemas import schema_files
 
@@ -102,5 +102,5 @@ class McapSink(Sink):
             with contextlib.suppress(OSError):
                 file.close()
         return ResourceError(
-            f"location={self.location}: a record was not written: {error.strerror}; free some space"
+            f"location={self.location}: a record was not written: {error.strerror}{write_remedy(error)}"
         )

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
+from streamkit import write_remedy
+
 if TYPE_CHECKING:
     from streamkit_zenoh.subscribe_output import Printer
     from streamkit_zenoh.subscriber import TrackSubscriber, Update
@@ -81,7 +83,7 @@ def subscribe(
         # Whoever read has had enough. Python would complain when it flushes stdout on its way out.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
-        code, message = 1, f"a record was not printed: {error.strerror}; free some space"
+        code, message = 1, f"a record was not printed: {error.strerror}{write_remedy(error)}"
     finally:
         subscriber.close()
     if message:

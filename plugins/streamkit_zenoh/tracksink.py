@@ -4,7 +4,7 @@ import contextlib
 from io import BufferedWriter
 from pathlib import Path
 
-from streamkit import Frame, Property, ResourceError, Sink, encode_record
+from streamkit import Frame, Property, ResourceError, Sink, encode_record, write_remedy
 from streamkit_zenoh.export.files import KINDS, SUFFIXES, FileKind, RecordFile, needs_places
 from streamkit_zenoh.wire.records import payload_of, plain_record, record_of
 
@@ -108,5 +108,5 @@ class TrackSink(Sink):
             with contextlib.suppress(OSError):
                 file.close()
         return ResourceError(
-            f"location={self.location}: a record was not written: {error.strerror}; free some space"
+            f"location={self.location}: a record was not written: {error.strerror}{write_remedy(error)}"
         )

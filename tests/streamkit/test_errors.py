@@ -1,8 +1,11 @@
 """What failures say."""
 
+import errno
+import os
+
 import pytest
 
-from streamkit import ElementFailure, Pipeline, ResourceError, Source
+from streamkit import ElementFailure, Pipeline, ResourceError, Source, write_remedy
 
 
 @pytest.mark.parametrize("text", ["it is broken", "bad0: it is broken"])
@@ -19,3 +22,18 @@ def test_an_element_is_named_once(register, text: str) -> None:
     with pytest.raises(ElementFailure) as failure:
         Pipeline.parse("bad ! fakesink").run(timeout_s=10)
     assert str(failure.value) == "bad0: it is broken"
+
+
+@pytest.mark.parametrize(
+    ("number", "remedy"),
+    [
+        (errno.ENOSPC, "; free some space"),
+        (errno.EDQUOT, "; free some space"),
+        (errno.EPIPE, "; what read it has ended"),
+        (errno.EACCES, "; check that the directory is there and takes files"),
+        (errno.EINVAL, ""),
+    ],
+)
+def test_what_helps_goes_by_why_it_was_not_written(number: int, remedy: str) -> None:
+    """Only a full disk is helped by space."""
+    assert write_remedy(OSError(number, os.strerror(number))) == remedy

@@ -5,8 +5,8 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import Any, BinaryIO
 
-from streamkit import Caps, Frame, Property, ResourceError, Sink
-from streamkit_decoder.location import local_path, remedy_of
+from streamkit import Caps, Frame, Property, ResourceError, Sink, write_remedy
+from streamkit_decoder.location import local_path
 
 LINE_TYPES = ("text/", "application/json", "application/x-tracks", "application/x-json")
 
@@ -75,7 +75,9 @@ class FileSink(Sink):
         if file is not None:
             with suppress(OSError):  # told already
                 file.close()
-        return ResourceError(f"{self.location}: writing failed: {error.strerror or error}{remedy_of(error)}")
+        return ResourceError(
+            f"{self.location}: writing failed: {error.strerror or error}{write_remedy(error)}"
+        )
 
 
 def as_bytes(data: Any) -> bytes | memoryview:

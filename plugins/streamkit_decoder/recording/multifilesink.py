@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from pathlib import Path
 
-from streamkit import Frame, Property, ResourceError, Sink
+from streamkit import Frame, Property, ResourceError, Sink, write_remedy
 from streamkit_decoder.files.filesink import as_bytes
-from streamkit_decoder.location import local_path, remedy_of
+from streamkit_decoder.location import local_path
 from streamkit_decoder.recording.pictureencoder import jpeg_bytes
 from streamkit_decoder.recording.segments import SegmentNames
 
@@ -54,7 +54,7 @@ class MultiFileSink(Sink):
                 self._written.popleft().unlink(missing_ok=True)
         except OSError as error:
             raise ResourceError(
-                f"{path}: writing failed: {error.strerror or error}{remedy_of(error)}"
+                f"{path}: writing failed: {error.strerror or error}{write_remedy(error)}"
             ) from None
         if not self.max_files:
             self._written.clear()

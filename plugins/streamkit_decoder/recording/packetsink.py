@@ -20,10 +20,11 @@ from streamkit import (
     ResourceError,
     Sink,
     StreamError,
+    write_remedy,
 )
 from streamkit_decoder.codecs import CODED_CAPS, CodecParameters, caps_parameters
 from streamkit_decoder.container import MEDIA_ERRORS, reason_of
-from streamkit_decoder.location import local_path, remedy_of
+from streamkit_decoder.location import local_path
 from streamkit_decoder.packets import nanoseconds
 from streamkit_decoder.recording.annexb import BadPacket
 from streamkit_decoder.recording.arrivals import Arrival, ArrivalsWriter
@@ -207,7 +208,7 @@ class PacketSink(Sink):
 
     def _failure(self, error: Exception) -> ResourceError:
         return ResourceError(
-            f"{self.location}: the recording could not be written: {reason_of(error)}{remedy_of(error)}"
+            f"{self.location}: the recording could not be written: {reason_of(error)}{write_remedy(error)}"
         )
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from streamkit import Frame, Property, ResourceError, Sink
+from streamkit import Frame, Property, ResourceError, Sink, write_remedy
 from streamkit_differencer.pictures import only_things
 
 
@@ -53,4 +53,6 @@ class ChangeMaskSink(Sink):
         try:
             path.write_bytes(np.asarray(encoded).tobytes())
         except OSError as error:
-            raise ResourceError(f"{path}: cannot be written: {error.strerror}; free some space") from error
+            raise ResourceError(
+                f"{path}: cannot be written: {error.strerror}{write_remedy(error)}"
+            ) from error

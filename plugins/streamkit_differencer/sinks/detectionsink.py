@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from streamkit import Detections, Frame, Property, ResourceError, Sink
+from streamkit import Detections, Frame, Property, ResourceError, Sink, write_remedy
 from streamkit_differencer.sinks.detection_files import (
     FILES,
     SUFFIXES,
@@ -90,5 +90,5 @@ class DetectionSink(Sink):
             self._file.write(piece)
         except OSError as error:
             raise ResourceError(
-                f"location={self.location}: cannot be written: {error.strerror}; free some space"
+                f"location={self.location}: cannot be written: {error.strerror}{write_remedy(error)}"
             ) from error

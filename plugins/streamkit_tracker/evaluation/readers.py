@@ -120,7 +120,7 @@ def _mot_rows(path: Path, first_pixel: float) -> Rows:
 
 def _json_rows(path: Path) -> Rows:
     rows: Rows = {}
-    with path.open(encoding="utf-8") as lines:
+    with path.open(encoding="utf-8", errors="replace") as lines:
         for number, line in enumerate(lines, 1):
             try:
                 record = json.loads(line)
@@ -142,7 +142,7 @@ def _sides(corners: list[float]) -> list[float]:
 
 def _numbers(path: Path, least: int) -> Iterable[tuple[str, list[float]]]:
     """Where a line is and its numbers, parted by commas, tabs or spaces."""
-    with path.open(encoding="utf-8") as lines:
+    with path.open(encoding="utf-8", errors="replace") as lines:
         for number, line in enumerate(lines, 1):
             words = line.replace(",", " ").split()
             if not words:

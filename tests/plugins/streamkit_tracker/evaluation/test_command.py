@@ -75,3 +75,12 @@ def test_what_is_no_track_file_is_told_with_its_line(tmp_path: Path, name: str, 
     result = run(tracks, truth)
     assert result.exit_code == 1
     assert error in result.stderr
+
+
+def test_a_video_is_told_as_the_wrong_file(tmp_path: Path):
+    """What is no text names the file all the same."""
+    video, boxes = tmp_path / "flight.mp4", tmp_path / "boxes.txt"
+    video.write_bytes(bytes(range(256)))
+    boxes.write_text("1,2,0,0,10,10\n")
+    assert "flight.mp4:1: not a record of tracks" in run(video, boxes).stderr
+    assert "flight.mp4:1: needs 4 numbers or more" in run(boxes, video).stderr
