@@ -26,7 +26,7 @@ def cleaned(mask: ByteImage, median: int, fill_holes: bool) -> ByteImage:
         fill_holes: whether what is enclosed by foreground becomes foreground.
 
     Returns:
-        uint8[h, w].
+        uint8[h, w], an array of its own.
     """
     if median >= SMALLEST_MEDIAN - 1:
         width, cleaner = min(median | 1, LARGEST_MEDIAN), np.zeros_like(mask)
@@ -34,6 +34,8 @@ def cleaned(mask: ByteImage, median: int, fill_holes: bool) -> ByteImage:
             outer, inner = padded(part, width, mask.shape)
             cleaner[part] = cv2.medianBlur(np.ascontiguousarray(mask[outer]), width)[inner]
         mask = cleaner
+    else:
+        mask = mask.copy()
     if fill_holes:
         outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         whole = np.zeros_like(mask)

@@ -24,15 +24,17 @@ from streamkit_differencer.confidence import Persistence, confidence
 from streamkit_differencer.filters.parallax import slide
 from streamkit_differencer.model import BackgroundModel
 from streamkit_differencer.model_settings import Event, ModelSettings
-from streamkit_differencer.objects import NOTHING, Objects, ObjectSettings, find_objects, surest
+from streamkit_differencer.objects import Objects, ObjectSettings, find_objects, surest
 from streamkit_differencer.refinement import refined
+from streamkit_differencer.resampling import bounds_of
+from streamkit_differencer.sampling import drawn, fetch
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     ByteImage = NDArray[np.uint8]
     Matrix = NDArray[np.float64]
-    Region = tuple[slice, slice]
+    Slices = tuple[slice, slice]
 
 # The outermost pixels of a warped frame mix with the border.
 BORDER_PX = 2
@@ -92,6 +94,8 @@ class Differencer:
     _camera: CameraMotion = field(default_factory=CameraMotion)
     _persistence: Persistence = field(default_factory=Persistence)
     _places: list[Matrix] = field(default_factory=list)
+    _pairs: NDArray[np.uint16] = field(default_factory=lambda: np.empty((0, 0), np.uint16))
+    _mask: ByteImage = field(default_factory=lambda: np.empty((0, 0), np.uint8))
 
     def reset(self) -> None:
         """Forgets the scene: the next frame begins a new model."""
@@ -157,13 +161,14 @@ class Differencer:
             self.miss()
             return None
         self._follow(self._model, place)
-        warped, seen, region = on_canvas(working, place.working_to_canvas, self._model)
-        mask, event = self._model.update(warped, seen, region, self._way(place.working_to_canvas))
-        if not self._model.where:
-            self._persistence.update(NOTHING.boxes)
-            return Result(NOTHING, np.zeros_like(working), place.change, event)
-        mask = in_frame(mask, self._model.where, region, place.working_to_canvas, size_of(working))
-        return self._judged(image, mask, place, event, registration)
+        if self._pairs.shape != working.shape:
+            self._pairs, self._mask = np.empty(working.shape, np.uint16), np.empty(working.shape, np.uint8)
+        to_canvas = place.working_to_canvas
+        warped, seen, region = on_canvas(working, to_canvas, self._model, self._pairs)
+        _, event = self._model.update(warped, seen, region, self._way(to_canvas))
+        bounds = bounds_of(region, self._model.size)
+        fetch(self._model.marks, bounds, to_canvas, inverse(to_canvas), self._mask)
+        return self._judged(image, self._mask, place, event, registration)
 
     def _new_model(self, size: tuple[int, int]) -> BackgroundModel:
         self._persistence, self._places = Persistence(), []
@@ -249,6 +254,11 @@ def mapped_grids(matrix: Matrix, boxes: Matrix) -> Matrix:
     return map_points(matrix, points.reshape(-1, 2)).reshape(points.shape)
 
 
+def inverse(homography: Matrix) -> Matrix:
+    """float64[3, 3]."""
+    return np.asarray(np.linalg.inv(homography), np.float64)
+
+
 def size_of(image: ByteImage) -> tuple[int, int]:
     """Width and height."""
     return image.shape[1], image.shape[0]
@@ -265,14 +275,15 @@ def reduced(image: ByteImage, scale: int) -> ByteImage:
 
 
 def on_canvas(
-    working: ByteImage, place: Matrix, model: BackgroundModel
-) -> tuple[ByteImage, ByteImage, Region]:
+    working: ByteImage, place: Matrix, model: BackgroundModel, pairs: NDArray[np.uint16]
+) -> tuple[ByteImage, ByteImage, Slices]:
     """Resamples a frame onto the part of the canvas that it covers.
 
     Args:
         working: uint8[h, w], the frame at working resolution.
         place: float64[3, 3], working pixels to canvas.
         model: whose canvas it is; the frame is drawn in the room that it has for the next one.
+        pairs: uint16[h, w], room to work in.
 
     Returns:
         The frame on the canvas, the mask of what it covers, both uint8 of the region's shape, and the region.
@@ -282,17 +293,15 @@ def on_canvas(
     corners = map_points(place, outline)
     left, top, right, bottom = around(corners, model.size)
     region = np.s_[top:bottom, left:right]
-    local = translation(-left, -top) @ place
-    size = right - left, bottom - top
     shifted = corners - [left, top]
-    if size == (width, height) and np.abs(shifted - outline).max() <= WHOLE_PIXEL_PX:
+    if (right - left, bottom - top) == (width, height) and np.abs(shifted - outline).max() <= WHOLE_PIXEL_PX:
         return working, np.full_like(working, 255), region
-    # What `seen` leaves out is wider than what mixes with the black around the frame.
-    warped, seen = model.room(region)
-    cv2.warpPerspective(working, local, size, dst=warped, flags=cv2.INTER_LINEAR)
+    frame = model.room()
+    drawn(np.ascontiguousarray(working), pairs, inverse(place), frame.image, (top, bottom, left, right))
+    # What `seen` leaves out is wider than what the frame's border reaches.
     inner = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], np.float64) * BORDER_PX
-    cv2.fillConvexPoly(seen, np.round(map_points(local, outline + inner)).astype(np.int32), 255)
-    return warped, seen, region
+    cv2.fillConvexPoly(frame.seen, np.round(map_points(place, outline + inner)).astype(np.int32), 255)
+    return frame.image[region], frame.seen[region], region
 
 
 def around(points: Matrix, size: tuple[int, int]) -> tuple[int, int, int, int]:
@@ -305,27 +314,3 @@ def around(points: Matrix, size: tuple[int, int]) -> tuple[int, int, int, int]:
         min(max(math.ceil(right) + 1, 0), width),
         min(max(math.ceil(bottom) + 1, 0), height),
     )
-
-
-def in_frame(
-    mask: ByteImage, where: list[Region], region: Region, place: Matrix, size: tuple[int, int]
-) -> ByteImage:
-    """The canvas's foreground in the frame's own grid, by nearest neighbour: uint8 of the frame's shape."""
-    local = translation(-region[1].start, -region[0].start) @ place
-    if mask.shape == (size[1], size[0]):
-        outline = np.array([[0, 0], size, [0, size[1]], [size[0], 0]], np.float64)
-        if np.abs(map_points(local, outline) - outline).max() <= WHOLE_PIXEL_PX:
-            return mask
-    result = np.zeros((size[1], size[0]), np.uint8)
-    to_frame = np.asarray(np.linalg.inv(local), np.float64)
-    # Only where there is something: nearest neighbours of the rest are empty.
-    for rows, columns in where:
-        x, y = (columns.start - 1, columns.stop), (rows.start - 1, rows.stop)
-        box = np.array([[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]], np.float64)
-        left, top, right, bottom = around(map_points(to_frame, box), size)
-        if right > left and bottom > top:
-            piece = result[top:bottom, left:right]
-            shifted = local @ translation(left, top)
-            flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-            cv2.warpPerspective(mask, shifted, piece.shape[::-1], dst=piece, flags=flags)
-    return result

@@ -29,6 +29,7 @@ from streamkit import (
 )
 from streamkit_differencer.anchor import Change, Motion
 from streamkit_differencer.clusters import Criterion
+from streamkit_differencer.compiled import prepare
 from streamkit_differencer.differencer import Differencer, Result
 from streamkit_differencer.model_settings import Event, ModelSettings
 from streamkit_differencer.objects import NOTHING, Objects, ObjectSettings
@@ -195,7 +196,7 @@ class FrameDiff(Transform):
     )
 
     def start(self) -> None:
-        """Begins without a model.
+        """Begins without a model, with all loops over pixels compiled.
 
         Raises:
             PropertyError: working-scale is none of 0, 1, 2 and 4.
@@ -210,6 +211,7 @@ class FrameDiff(Transform):
             self._region = RegionOfInterest(self.roi) if self.roi else None
         except ValueError as error:
             raise ResourceError(f"{self.name}: roi: {error}") from error
+        prepare()
         own = self.motion in (MotionSource.AUTO, MotionSource.OWN)
         self._differencer = Differencer(self.working_scale, own_motion=own)
         self._last_seq: int | None = None

@@ -4,35 +4,41 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
+
+from streamkit_differencer.compiled import BYTES, REGION, compiled, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    ByteImage = NDArray[np.uint8]
+    from streamkit_differencer.compiled import Region
 
-# Foreground that is quiet, and shadow; other foreground has 255.
+    ByteImage = NDArray[np.uint8]
+    ByteLine = NDArray[np.uint8]
+
+# Foreground that changed lately, foreground that is quiet, and shadow.
+FOREGROUND_CHANGED = 255
 FOREGROUND_QUIET = 128
 SHADOW = 50
 
 
-def marked(
-    mask: ByteImage, quiet: ByteImage, shadow: ByteImage | None, parts: list[tuple[slice, slice]]
-) -> ByteImage:
-    """The foreground with what it is, in an array of its own.
+@kernel(BYTES, BYTES, BYTES, REGION)
+def mark(mask: ByteImage, quiet: ByteImage, marks: ByteImage, region: Region) -> None:
+    """Marks the foreground with what it is.
 
     Args:
         mask: uint8[h, w], foreground.
         quiet: uint8[h, w], mask of the pixels that did not change lately.
-        shadow: uint8[h, w], mask of shadow; None where it is not told.
-        parts: rectangles that hold all of the foreground.
+        marks: uint8[h, w], becomes 0 for ground, else `FOREGROUND_CHANGED` or `FOREGROUND_QUIET`.
+        region: of all three.
     """
-    marks = np.zeros_like(mask)
-    for part in parts:
-        still = cv2.bitwise_and(mask[part], quiet[part])
-        cv2.threshold(still, 0, 255 - FOREGROUND_QUIET, cv2.THRESH_BINARY, dst=still)
-        cv2.subtract(mask[part], still, dst=marks[part])
-    if shadow is not None:
-        cv2.copyTo(np.full_like(mask, SHADOW), shadow & mask, marks)
-    return marks
+    top, bottom, left, right = region
+    for row in range(top, bottom):
+        _mark(mask[row, left:right], quiet[row, left:right], marks[row, left:right])
+
+
+@compiled
+def _mark(mask: ByteLine, quiet: ByteLine, marks: ByteLine) -> None:
+    for index in range(marks.size):
+        kind = np.uint8(FOREGROUND_QUIET) if quiet[index] > 0 else np.uint8(FOREGROUND_CHANGED)
+        marks[index] = kind & mask[index]

@@ -9,20 +9,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
+from streamkit_differencer.learning import begin_noise, learn_noise, set_thresholds
 from streamkit_differencer.resampling import scrolled, warped
-from streamkit_differencer.scratch import Scratch
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from streamkit_differencer.compiled import Region
+
     ByteImage = NDArray[np.uint8]
     FloatImage = NDArray[np.float32]
-    IntArray = NDArray[np.intp]
     Matrix = NDArray[np.float64]
-    Region = tuple[slice, slice]
 
 SAMPLE_STEP = 8
 MOST_DEVIATIONS = 3.0
@@ -43,57 +42,37 @@ class NoiseMap:
     Attributes:
         shape: rows and columns of the canvas.
         spread: float32[h, w], mean absolute deviation of the background, grey levels.
-        needed: uint8[h, w], T_F of each pixel.
+        needed: uint8[h, w], T_F of each pixel: so many deviations, within bounds.
     """
 
     shape: tuple[int, int]
     spread: FloatImage = field(init=False)
     needed: ByteImage = field(init=False)
-    _limits: tuple[float, float] | None = None
+    _limits: tuple[float, int, int] | None = None
 
     def __post_init__(self) -> None:
         self.spread = np.full(self.shape, FIRST_SPREAD, np.float32)
         self.needed = np.full(self.shape, HIGHEST_THRESHOLD, np.uint8)
 
     def set_limits(self, gain: float, lowest: float) -> None:
-        """Deviations that the threshold is, and its smallest value, grey levels."""
-        if self._limits != (gain, lowest):
-            self._limits = gain, lowest
-            thresholds(self.spread, gain, lowest, out=self.needed)
+        """Standard deviations that the threshold is, 0 for one threshold, and its smallest value."""
+        least = int(min(lowest, 255.0))
+        limits = gain * DEVIATION_RATIO, least, max(least, int(HIGHEST_THRESHOLD))
+        if self._limits != limits:
+            self._limits = limits
+            set_thresholds(self.spread, self.needed, (0, self.shape[0], 0, self.shape[1]), *limits)
 
     def learn(
-        self,
-        region: Region,
-        background: ByteImage,
-        current: ByteImage,
-        mask: ByteImage,
-        coefficient: float,
-        scratch: Scratch,
+        self, image: ByteImage, background: ByteImage, lessons: ByteImage, region: Region, coefficient: float
     ) -> None:
-        """Takes in a frame, see `update_spread`; the pictures are of the region's shape."""
-        spread, needed = self.spread[region], self.needed[region]
-        update_spread(spread, background, current, mask, needed, coefficient, scratch)
-        if self._limits is not None:
-            thresholds(spread, *self._limits, out=needed)
+        """Takes in a frame, see `learning.learn_noise`; `set_limits` came before."""
+        assert self._limits is not None
+        learn_noise(image, background, lessons, self.spread, self.needed, region, coefficient, *self._limits)
 
-    def begin(
-        self, region: Region, rows: IntArray, columns: IntArray, ranges: ByteImage, first: float
-    ) -> None:
-        """Gives pixels of the region that have just got a background the noise that edges may have.
-
-        Args:
-            region: rows and columns of the canvas.
-            rows: intp[n], within the region.
-            columns: intp[n].
-            ranges: uint8[n], local range around each.
-            first: deviation of a pixel whose background is a single frame, see `first_spread`.
-        """
-        rough = EDGE_SPREAD * ranges + np.float32(first)
-        self.spread[region][rows, columns] = rough
-        if self._limits is not None:
-            gain, lowest = self._limits
-            needed = np.minimum(rough * np.float32(gain * DEVIATION_RATIO), max(lowest, HIGHEST_THRESHOLD))
-            self.needed[region][rows, columns] = np.rint(np.maximum(needed, min(lowest, 255.0)))
+    def begin(self, earlier: ByteImage, lessons: ByteImage, region: Region, first: float) -> None:
+        """Gives new pixels the noise that edges may have, see `learning.begin_noise`."""
+        assert self._limits is not None
+        begin_noise(earlier, lessons, self.spread, self.needed, region, first, EDGE_SPREAD, *self._limits)
 
     def scroll(self, dx: int, dy: int) -> None:
         """Moves all by whole pixels."""
@@ -104,31 +83,6 @@ class NoiseMap:
         """Resamples all onto another canvas."""
         self.spread = warped(self.spread, change, FIRST_SPREAD)
         self.needed = warped(self.needed, change, HIGHEST_THRESHOLD)
-
-
-def thresholds(
-    spread: FloatImage,
-    gain: float,
-    lowest: float,
-    highest: float = HIGHEST_THRESHOLD,
-    *,
-    out: ByteImage | None = None,
-) -> ByteImage:
-    """T_F of each pixel, uint8[h, w]: `gain` standard deviations, within bounds.
-
-    Args:
-        spread: float32[h, w], mean absolute deviation of the background, grey levels.
-        gain: standard deviations that are not foreground yet.
-        lowest: smallest threshold, grey levels.
-        highest: largest threshold, grey levels; no less than the smallest.
-        out: uint8[h, w], where the result goes; None for an array of its own.
-    """
-    needed = np.empty(spread.shape, np.uint8) if out is None else out
-    cv2.convertScaleAbs(spread, dst=needed, alpha=gain * DEVIATION_RATIO)
-    lowest = min(lowest, 255.0)
-    cv2.threshold(needed, max(lowest, highest), 0, cv2.THRESH_TRUNC, dst=needed)
-    cv2.max(needed, np.full(needed.shape, lowest, np.uint8), dst=needed)
-    return needed
 
 
 def first_spread(earlier: ByteImage, current: ByteImage) -> float:
@@ -146,29 +100,3 @@ def first_spread(earlier: ByteImage, current: ByteImage) -> float:
         return LEAST_FIRST
     usual = difference[difference <= MOST_DEVIATIONS * np.median(difference) + 1.0]
     return max(float(usual.mean()), LEAST_FIRST)
-
-
-def update_spread(
-    spread: FloatImage,
-    background: ByteImage,
-    current: ByteImage,
-    mask: ByteImage,
-    most: ByteImage,
-    coefficient: float,
-    scratch: Scratch | None = None,
-) -> None:
-    """Learns the mean absolute deviation of the pixels in `mask`, in place, as a running mean.
-
-    Args:
-        spread: float32[h, w], grey levels.
-        background: uint8[h, w], B(t - 1), rounded.
-        current: uint8[h, w], f(t).
-        mask: uint8[h, w], quiet pixels that show the background.
-        most: uint8[h, w], what a difference counts as at most: a mover that was missed teaches little.
-        coefficient: weight of this frame, 0 to 1.
-        scratch: planes to work in.
-    """
-    deviation = (scratch or Scratch()).plane("deviation", current.shape)
-    cv2.absdiff(background, current, dst=deviation)
-    cv2.min(deviation, most, dst=deviation)
-    cv2.accumulateWeighted(deviation, spread, coefficient, mask=mask)

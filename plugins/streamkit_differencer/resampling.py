@@ -8,14 +8,20 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 import cv2
 import numpy as np
+from numba import types
+
+from streamkit_differencer.compiled import BYTES, REGION, compiled, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from streamkit_differencer.compiled import Region
+
     ByteImage = NDArray[np.uint8]
+    ByteLine = NDArray[np.uint8]
     IntArray = NDArray[np.intp]
     Matrix = NDArray[np.float64]
-    Region = tuple[slice, slice]
+    Slices = tuple[slice, slice]
 
 # Rows that are looked at together where only parts of a picture have something in them.
 BAND = 96
@@ -33,39 +39,55 @@ def scrolled(image: Image, dx: int, dy: int, fill: float) -> Image:
     return result
 
 
-def parts(mask: ByteImage, band: int = BAND) -> list[Region]:
+def parts(mask: ByteImage, band: int = BAND) -> list[Slices]:
     """The parts of a mask that have something in them: a rectangle for each `band` of so many rows.
 
     Movers are few: a rectangle around all of them would often be the whole frame.
     """
-    found = []
-    for first in range(0, len(mask), band):
-        left, top, width, rows = cv2.boundingRect(mask[first : first + band])
-        if width:
-            found.append(np.s_[first + top : first + top + rows, left : left + width])
-    return found
+    boxes = occupied(mask, (0, mask.shape[0], 0, mask.shape[1]), band).tolist()
+    return [np.s_[top:bottom, left:right] for top, bottom, left, right in boxes]
 
 
-def apart(regions: list[Region], margin: int, shape: tuple[int, ...]) -> list[Region]:
-    """Rectangles with a margin where the picture has one; those that then overlap become one."""
-    result: list[Region] = []
-    for region in regions:
-        (rows, columns), _ = padded(region, margin, shape)
-        while True:
-            hits = [other for other in result if overlap(other[0], rows) and overlap(other[1], columns)]
-            if not hits:
-                break
-            for down, across in hits:
-                rows = slice(min(rows.start, down.start), max(rows.stop, down.stop))
-                columns = slice(min(columns.start, across.start), max(columns.stop, across.stop))
-            result = [other for other in result if other not in hits]
-        result.append((rows, columns))
-    return result
+@kernel(BYTES, REGION, types.int64)
+def occupied(mask: ByteImage, region: Region, band: int) -> NDArray[np.int64]:
+    """Rectangles around what a mask has in each band of so many lines that has something.
+
+    Args:
+        mask: uint8[h, w].
+        region: of the mask, what is looked at.
+        band: lines.
+
+    Returns:
+        int64[n, 4], regions.
+    """
+    top, bottom, left, right = region
+    found = np.empty((max(bottom - top, 0) // band + 1, 4), np.int64)
+    total = 0
+    for begin in range(top, bottom, band):
+        first, last, low, high = bottom, top, right, left
+        for row in range(begin, min(begin + band, bottom)):
+            line = mask[row, left:right]
+            if not _has_something(line):
+                continue
+            first, last = min(first, row), row + 1
+            start, stop = 0, line.size
+            while line[start] == 0:
+                start += 1
+            while line[stop - 1] == 0:
+                stop -= 1
+            low, high = min(low, left + start), max(high, left + stop)
+        if first < last:
+            found[total, 0], found[total, 1], found[total, 2], found[total, 3] = first, last, low, high
+            total += 1
+    return found[:total]
 
 
-def overlap(first: slice, second: slice) -> bool:
-    """Whether two ranges have something in common."""
-    return bool(first.start < second.stop and second.start < first.stop)
+@compiled
+def _has_something(line: ByteLine) -> bool:
+    united = np.uint8(0)
+    for index in range(line.size):
+        united |= line[index]
+    return bool(united > 0)
 
 
 def held(indices: IntArray, length: int) -> IntArray:
@@ -73,7 +95,13 @@ def held(indices: IntArray, length: int) -> IntArray:
     return np.minimum(np.maximum(indices, 0), length - 1)
 
 
-def padded(part: Region, margin: int, shape: tuple[int, ...]) -> tuple[Region, Region]:
+def bounds_of(part: Slices, size: tuple[int, int]) -> Region:
+    """Rows and columns of a picture of a width and height as kernels take them."""
+    (top, bottom, _), (left, right, _) = part[0].indices(size[1]), part[1].indices(size[0])
+    return top, bottom, left, right
+
+
+def padded(part: Slices, margin: int, shape: tuple[int, ...]) -> tuple[Slices, Slices]:
     """The part with a margin where the picture has one, and the part within that."""
     rows, columns = part
     top, left = max(0, rows.start - margin), max(0, columns.start - margin)
@@ -109,7 +137,6 @@ class LastFrames:
     length: int
     _frames: deque[Remembered] = field(default_factory=deque)
     _spare: Remembered | None = None
-    _room: ByteImage | None = None
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -117,26 +144,31 @@ class LastFrames:
     def __getitem__(self, index: int) -> Remembered:
         return self._frames[index]
 
-    def room(self, region: Region) -> tuple[ByteImage, ByteImage]:
-        """Where the next frame and what it covers may be drawn, so that `append` need not copy them.
-
-        Both are uint8 of the region's shape; the image has anything in it, the mask is empty.
-        """
+    def room(self) -> Remembered:
+        """Where the next frame may be drawn, so that `place` need not copy it: the mask is empty."""
         if self._spare is None:
             self._spare = Remembered(np.zeros(self.shape, np.uint8), np.zeros(self.shape, np.uint8))
         self._spare.seen.fill(0)
-        self._room = self._spare.image[region]
-        return self._room, self._spare.seen[region]
+        return self._spare
 
-    def append(self, image: ByteImage, seen: ByteImage, region: Region) -> None:
-        """Takes in a frame, in the arrays of the oldest where there are enough."""
-        if image is not self._room:
-            room, covered = self.room(region)
-            room[:], covered[:] = image, seen
-        assert self._spare is not None
-        self._frames.append(self._spare)
+    def place(self, image: ByteImage, seen: ByteImage, region: Slices) -> Remembered:
+        """A frame on the canvas, in the arrays of the oldest where there are enough; `append` comes next.
+
+        Args:
+            image: uint8[h, w], the frame within the region; what is a view of `room` is there already.
+            seen: uint8[h, w], mask of what it covers.
+            region: of the canvas.
+        """
+        frame = self._spare
+        if frame is None or image.base is not frame.image:
+            frame = self.room()
+            frame.image[region], frame.seen[region] = image, seen
+        return frame
+
+    def append(self, frame: Remembered) -> None:
+        """Takes in a frame that was placed."""
+        self._frames.append(frame)
         self._spare = self._frames.popleft() if len(self._frames) > self.length else None
-        self._room = None
 
     def scroll(self, dx: int, dy: int) -> None:
         """Moves the frames by whole pixels."""

@@ -2,85 +2,116 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
+from numba import types
 
-from streamkit_differencer.filters.pieces import Pieces, thinned
-from streamkit_differencer.resampling import held, padded
+from streamkit_differencer.compiled import BLOCKS, BYTES, REGION, compiled, kernel
+from streamkit_differencer.filters.pieces import MOST_POINTS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    ByteImage = NDArray[np.uint8]
-    BoolArray = NDArray[np.bool_]
-    IntArray = NDArray[np.intp]
+    from streamkit_differencer.compiled import Region
 
-_SQUARE = np.ones((3, 3), np.uint8)
-_AROUND = np.indices((3, 3)).reshape(2, 9, 1) - 1
-_BORDER = np.ones((5, 5), np.uint8)
+    ByteImage = NDArray[np.uint8]
+    Flags = NDArray[np.bool_]
+    Blocks = NDArray[np.int32]
+
 # So much of the outline must be so much stronger in the background than in the frame. A thing that is just
 # leaving its ghost shows its own outline in front.
 RATIO = 1.5
 LEAST_EDGE = 8.0
 AGREEMENT = 0.75
+# Outlines nearer than this to what is not known tell nothing, px.
+BORDER_PX = 2
 
 
-def ghost_mask(
-    current: ByteImage, background: ByteImage, pieces: Pieces, known: ByteImage
-) -> ByteImage | None:
+@kernel(BYTES, BYTES, BYTES, BYTES, BLOCKS, types.int64, REGION)
+def find_ghosts(
+    image: ByteImage,
+    background: ByteImage,
+    valid: ByteImage,
+    mask: ByteImage,
+    blocks: Blocks,
+    count: int,
+    region: Region,
+) -> Flags:
     """The pieces of foreground whose outline shows in the background and not in the frame.
 
     Args:
-        current: uint8[h, w], f(t).
+        image: uint8[h, w], f(t) on the canvas; so are all pictures.
         background: uint8[h, w], B(t - 1), rounded.
-        pieces: of the foreground.
-        known: uint8[h, w], mask of where the background is valid; outlines near the rest tell nothing.
+        valid: uint8[h, w], mask of where that is known.
+        mask: uint8[h, w], foreground.
+        blocks: int32[n, 3], its pieces, see `pieces_of`.
+        count: of the pieces.
+        region: of the pictures, what is looked at.
 
     Returns:
-        uint8[h, w], mask; a part of the foreground. None where there are no ghosts.
+        bool[count].
 
     Source: the idea of Cucchiara, Grana, Piccardi and Prati, "Detecting Moving Objects, Ghosts, and Shadows
         in Video Streams", PAMI 2003, with edges for their optical flow.
     """
-    rows, columns, decided = outline_of(pieces, known)
-    if not rows.size:
-        return None
-    owner, count = pieces.owners(rows, columns), pieces.count
-    here, there = (range_at(image, rows, columns) for image in (current, background))
-    length = np.bincount(owner, minlength=count)
-    sure = np.bincount(owner[decided], minlength=count)
-    votes = np.bincount(owner[decided & (there > RATIO * here + LEAST_EDGE)], minlength=count)
-    is_ghost = (votes >= AGREEMENT * np.maximum(sure, 1)) & (2 * sure >= length)
-    is_ghost[0] = False
-    return pieces.only(is_ghost) if is_ghost.any() else None
+    length, sure, votes = np.zeros(count, np.int64), np.zeros(count, np.int64), np.zeros(count, np.int64)
+    outline = _outline(mask, blocks, region)
+    # Of a long outline a share is asked.
+    for index in range(0, len(outline), max(1, -(-len(outline) // MOST_POINTS))):
+        row, column, piece = outline[index, 0], outline[index, 1], outline[index, 2]
+        length[piece] += 1
+        if _is_known(valid, row, column, region):
+            sure[piece] += 1
+            here, there = _range(image, row, column, region), _range(background, row, column, region)
+            votes[piece] += int(there > RATIO * here + LEAST_EDGE)
+    ghosts = np.zeros(count, np.bool_)
+    for piece in range(count):
+        agrees = votes[piece] >= AGREEMENT * max(sure[piece], 1)
+        ghosts[piece] = agrees and 2 * sure[piece] >= length[piece]
+    return ghosts
 
 
-def outline_of(pieces: Pieces, known: ByteImage) -> tuple[IntArray, IntArray, BoolArray]:
-    """Rows and columns of the pixels at the edges of the pieces; whether all around each is known."""
-    found = []
-    for part in pieces.parts:
-        outer, inner = padded(part, len(_BORDER) // 2, pieces.mask.shape)
-        mask = pieces.mask[outer]
-        outline = cv2.bitwise_and(edges(mask), mask)[inner]
-        rows, columns = np.nonzero(outline != 0)
-        decided = cv2.erode(known[outer], _BORDER)[inner][rows, columns] > 0
-        found.append((rows + part[0].start, columns + part[1].start, decided))
-    if not found:
-        return np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0, bool)
-    rows, columns, decided = (np.concatenate(values) for values in zip(*found, strict=True))
-    few = thinned(len(rows))
-    return rows[few], columns[few], decided[few]
+@compiled
+def _outline(mask: ByteImage, blocks: Blocks, region: Region) -> Blocks:
+    """Pixels at the edge of the foreground, int32[n, 3]: row, column and piece."""
+    found = np.empty((4 * len(blocks), 3), np.int32)
+    total = 0
+    for index in range(len(blocks)):
+        for place in range(4):
+            row, column = blocks[index, 0] + place // 2, blocks[index, 1] + place % 2
+            if mask[row, column] > 0 and _is_edge(mask, row, column, region):
+                found[total, 0], found[total, 1], found[total, 2] = row, column, blocks[index, 2]
+                total += 1
+    return found[:total]
 
 
-def range_at(image: ByteImage, rows: IntArray, columns: IntArray) -> NDArray[np.int16]:
-    """The range of values around some pixels, int16[n]."""
-    height, width = image.shape
-    values = image[held(rows + _AROUND[0], height), held(columns + _AROUND[1], width)]
-    return np.asarray(values.max(axis=0).astype(np.int16) - values.min(axis=0), np.int16)
+@compiled
+def _is_edge(mask: ByteImage, row: int, column: int, region: Region) -> bool:
+    top, bottom, left, right = region
+    for y in range(max(row - 1, top), min(row + 2, bottom)):
+        for x in range(max(column - 1, left), min(column + 2, right)):
+            if mask[y, x] == 0:
+                return True
+    return False
 
 
-def edges(image: ByteImage) -> ByteImage:
-    """The range of values around each pixel, uint8[h, w]."""
-    return cast("ByteImage", cv2.morphologyEx(image, cv2.MORPH_GRADIENT, _SQUARE))
+@compiled
+def _is_known(valid: ByteImage, row: int, column: int, region: Region) -> bool:
+    top, bottom, left, right = region
+    for y in range(max(row - BORDER_PX, top), min(row + BORDER_PX + 1, bottom)):
+        for x in range(max(column - BORDER_PX, left), min(column + BORDER_PX + 1, right)):
+            if valid[y, x] == 0:
+                return False
+    return True
+
+
+@compiled
+def _range(image: ByteImage, row: int, column: int, region: Region) -> int:
+    """The range of values within a pixel."""
+    top, bottom, left, right = region
+    low, high = 255, 0
+    for y in range(max(row - 1, top), min(row + 2, bottom)):
+        for x in range(max(column - 1, left), min(column + 2, right)):
+            low, high = min(low, int(image[y, x])), max(high, int(image[y, x]))
+    return high - low

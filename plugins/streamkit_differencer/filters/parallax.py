@@ -9,22 +9,23 @@ roofs slide: that is what the filter costs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
+from numba import types
 
-from streamkit_differencer.filters.pieces import Pieces
-from streamkit_differencer.resampling import held, padded
+from streamkit_differencer.compiled import BLOCKS, BYTES, REGION, compiled, kernel
+from streamkit_differencer.filters.pieces import MOST_POINTS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from streamkit_differencer.compiled import Region
+
     ByteImage = NDArray[np.uint8]
     FloatArray = NDArray[np.float64]
-    IntArray = NDArray[np.intp]
-    Region = tuple[slice, slice]
+    Flags = NDArray[np.bool_]
+    Blocks = NDArray[np.int32]
 
 # A camera that moved less than this between the two frames shows no parallax, px.
 SMALLEST_STEP_PX = 2.0
@@ -33,7 +34,6 @@ SMALLEST_STEP_PX = 2.0
 LAG, EARLY_PX = 5.0, 0.5
 # Of a piece of foreground, so much must be explained by what slides.
 EXPLAINED = 0.8
-_SQUARE = np.ones((3, 3), np.uint8)
 
 
 def slide(camera_step: FloatArray, height_share: float) -> FloatArray | None:
@@ -49,91 +49,122 @@ def slide(camera_step: FloatArray, height_share: float) -> FloatArray | None:
     return np.asarray(camera_step * height_share)
 
 
-def reach(way: FloatArray) -> int:
-    """How far from a pixel it is looked at, px."""
-    farthest = np.abs(way).max() * max(LAG, 1.0 + EARLY_PX / float(np.linalg.norm(way)))
-    return int(farthest) + 1
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Bounds:
-    """What a picture may have at each pixel where it is placed a pixel wrong.
-
-    Attributes:
-        lowest: uint8[h, w], smallest value within 1 px.
-        highest: uint8[h, w], largest value.
-        known: uint8[h, w], mask of where both hold.
-    """
-
-    lowest: ByteImage
-    highest: ByteImage
-    known: ByteImage
-
-
-def known_around(known: ByteImage, plane: ByteImage, parts: list[Region], margin: int) -> ByteImage:
-    """Where the bounds of a picture hold: it is known there and next to it.
-
-    Args:
-        known: uint8[h, w], mask.
-        plane: uint8[h, w], becomes the mask.
-        parts: where it is asked for; elsewhere `plane` keeps what it has.
-        margin: how far around the parts it is asked for, px.
-    """
-    for part in parts:
-        asked, _ = padded(part, margin, plane.shape)
-        outer, inner = padded(asked, 1, plane.shape)
-        plane[asked] = cv2.erode(known[outer], _SQUARE)[inner]
-    return plane
-
-
-def sliding_mask(
-    current: ByteImage,
-    ground: Bounds,
-    earlier: Bounds,
-    pieces: Pieces,
-    threshold: float | ByteImage,
-    way: FloatArray,
-) -> ByteImage | None:
+@kernel(
+    BYTES,
+    BYTES,
+    BYTES,
+    BYTES,
+    BYTES,
+    BYTES,
+    BYTES,
+    BLOCKS,
+    types.int64,
+    REGION,
+    types.int64,
+    types.float64,
+    types.float64,
+)
+def find_slides(
+    image: ByteImage,
+    background: ByteImage,
+    valid: ByteImage,
+    earlier: ByteImage,
+    earlier_seen: ByteImage,
+    needed: ByteImage,
+    mask: ByteImage,
+    blocks: Blocks,
+    count: int,
+    region: Region,
+    radius: int,
+    way_x: float,
+    way_y: float,
+) -> Flags:
     """The pieces of foreground that only slid: both the background and the frame of tau before explain them.
 
     What is explained by the background alone may be a vehicle that was learnt, by the frame alone a slow one.
 
     Args:
-        current: uint8[h, w], f(t).
-        ground: of the background.
-        earlier: of the frame of tau before.
-        pieces: of the foreground.
-        threshold: T_F of all or of each pixel, grey levels.
-        way: float64[2], px, from where things are to where they may have come from, see `slide`.
+        image: uint8[h, w], f(t) on the canvas; so are all pictures.
+        background: uint8[h, w], B(t - 1), rounded.
+        valid: uint8[h, w], mask of where that is known.
+        earlier: uint8[h, w], f(t - tau).
+        earlier_seen: uint8[h, w], mask of what that covers.
+        needed: uint8[h, w], T_F of each pixel, grey levels.
+        mask: uint8[h, w], foreground.
+        blocks: int32[n, 3], its pieces, see `pieces.pieces_of`.
+        count: of the pieces.
+        region: of the pictures, what is looked at.
+        radius: how far off the background may be placed, px.
+        way_x: from where things are to where they may have come from, px, see `slide`.
+        way_y: the same, downwards.
 
     Returns:
-        uint8[h, w], mask; a part of the foreground. None where nothing slides.
+        bool[count].
     """
-    rows, columns, owner = pieces.points()
-    if not rows.size:
-        return None
-    values = current[rows, columns]
-    needed = threshold[rows, columns] if isinstance(threshold, np.ndarray) else threshold
-    length = float(np.linalg.norm(way))
-    explained = np.ones(rows.size, bool)
-    for bounds, line in ((ground, way * LAG), (earlier, way * (1.0 + EARLY_PX / length))):
-        lowest, highest = along(bounds, rows, columns, line)
-        excess = np.maximum(values - np.minimum(values, highest), np.maximum(values, lowest) - values)
-        explained &= excess <= needed
-    pixels = np.bincount(owner, minlength=pieces.count)
-    slides = np.bincount(owner[explained], minlength=pieces.count) >= EXPLAINED * np.maximum(pixels, 1)
-    slides[0] = False
-    return pieces.only(slides) if slides.any() else None
+    pixels, explained = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    beyond = 1.0 + EARLY_PX / np.sqrt(way_x * way_x + way_y * way_y)
+    for index in range(0, len(blocks), max(1, -(-len(blocks) // MOST_POINTS))):
+        row, column, piece = blocks[index, 0], blocks[index, 1], blocks[index, 2]
+        # The other corner where this one is not in the mask; what has neither has a neighbour.
+        other = int(mask[row, column] == 0)
+        row, column = row + other, column + other
+        if mask[row, column] == 0:
+            continue
+        pixels[piece] += 1
+        value, most = int(image[row, column]), int(needed[row, column])
+        low, high = value - most, value + most
+        way = LAG * way_x, LAG * way_y
+        if _explains(background, valid, 1, radius, row, column, way, low, high, region):
+            way = beyond * way_x, beyond * way_y
+            is_seen = _explains(earlier, earlier_seen, 0, 1, row, column, way, low, high, region)
+            explained[piece] += int(is_seen)
+    slides = np.zeros(count, np.bool_)
+    for piece in range(count):
+        slides[piece] = explained[piece] >= EXPLAINED * max(pixels[piece], 1)
+    return slides
 
 
-def along(bounds: Bounds, rows: IntArray, columns: IntArray, way: FloatArray) -> tuple[ByteImage, ByteImage]:
-    """Smallest and largest value of a picture along a way from each pixel, uint8[n] each."""
-    count = round(float(np.abs(way).max()))
-    steps = np.rint(np.arange(count + 1)[:, None] / max(count, 1) * way).astype(np.intp)
-    height, width = bounds.known.shape
-    down, across = held(rows + steps[:, 1:], height), held(columns + steps[:, :1], width)
-    # What is not known explains nothing: a mover that comes into view was there, too.
-    usable = bounds.known[down, across]
-    lowest = np.maximum(bounds.lowest[down, across], ~usable).min(axis=0)
-    highest = np.minimum(bounds.highest[down, across], usable).max(axis=0)
-    return lowest, highest
+@compiled
+def _explains(
+    image: ByteImage,
+    known: ByteImage,
+    border: int,
+    radius: int,
+    row: int,
+    column: int,
+    way: tuple[float, float],
+    low: int,
+    high: int,
+    region: Region,
+) -> bool:
+    """Whether the values along a way, each within the radius, take in some from `low` to `high`.
+
+    What is not known, or nearer than `border` to that, explains nothing: a mover that comes into view was
+    there, too.
+    """
+    top, bottom, left, right = region
+    steps = int(np.rint(max(abs(way[0]), abs(way[1]))))
+    lowest, highest = 255, 0
+    for step in range(steps + 1):
+        part = step / max(steps, 1)
+        y = min(max(row + int(np.rint(part * way[1])), top), bottom - 1)
+        x = min(max(column + int(np.rint(part * way[0])), left), right - 1)
+        if not _is_known(known, y, x, border, region):
+            continue
+        for there in range(max(y - radius, top), min(y + radius + 1, bottom)):
+            for across in range(max(x - radius, left), min(x + radius + 1, right)):
+                value = int(image[there, across])
+                lowest, highest = min(lowest, value), max(highest, value)
+        if lowest <= high and highest >= low:
+            return True
+    return False
+
+
+@compiled
+def _is_known(known: ByteImage, row: int, column: int, border: int, region: Region) -> bool:
+    top, bottom, left, right = region
+    for y in range(max(row - border, top), min(row + border + 1, bottom)):
+        for x in range(max(column - border, left), min(column + border + 1, right)):
+            if known[y, x] == 0:
+                return False
+    return True

@@ -2,99 +2,142 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
-from streamkit_differencer.resampling import parts
+from streamkit_differencer.compiled import BLOCKS, BYTES, FLAGS, FLOATS, REGION, compiled, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from streamkit_differencer.compiled import Region
+
     ByteImage = NDArray[np.uint8]
-    IntArray = NDArray[np.intp]
-    BoolArray = NDArray[np.bool_]
-    LabelImage = NDArray[np.int32]
-    Region = tuple[slice, slice]
+    FloatImage = NDArray[np.float32]
+    ByteLine = NDArray[np.uint8]
+    Flags = NDArray[np.bool_]
+    Blocks = NDArray[np.int32]
+    Labels = NDArray[np.int32]
 
 # Of larger foreground a share of the pixels is asked.
 MOST_POINTS = 1000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Pieces:
+@kernel(BYTES, REGION)
+def pieces_of(mask: ByteImage, region: Region) -> tuple[Blocks, int]:
     """Connected pieces of a mask; those with a pixel or less between them may be one.
 
-    They are told apart at half resolution, which costs a quarter.
+    They are told apart by blocks of two by two pixels; an odd last line or column is left out.
 
-    Attributes:
+    Args:
         mask: uint8[h, w].
-        parts: rectangles that hold all of the mask.
-        half: uint8[h // 2, w // 2], mask of the squares of two by two that have something in them.
-        labels: int32[h // 2, w // 2], from 1; 0 is none.
-        count: of the labels, with 0.
+        region: of the mask, what is looked at.
+
+    Returns:
+        int32[n, 3], of each block that has something in it the line and the column of its first pixel, and
+        its piece, from 0; and how many pieces there are.
     """
-
-    mask: ByteImage
-    parts: list[Region]
-    half: ByteImage
-    labels: LabelImage
-    count: int
-
-    @classmethod
-    def of(cls, mask: ByteImage, where: list[Region] | None = None) -> Pieces:
-        """The pieces of a mask, uint8[h, w] with h and w at least 2; `where` are its parts if known."""
-        height, width = mask.shape[0] // 2, mask.shape[1] // 2
-        half = cv2.resize(mask[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
-        cv2.threshold(half, 0, 255, cv2.THRESH_BINARY, dst=half)
-        count, labels = cv2.connectedComponents(half, connectivity=8)
-        where = parts(mask) if where is None else where
-        return cls(mask, where, cast("ByteImage", half), cast("LabelImage", labels), count)
-
-    def owners(self, rows: IntArray, columns: IntArray) -> LabelImage:
-        """The piece that each pixel belongs to, int32[n]."""
-        height, width = self.labels.shape
-        return np.asarray(self.labels[np.minimum(rows // 2, height - 1), np.minimum(columns // 2, width - 1)])
-
-    def points(self) -> tuple[IntArray, IntArray, LabelImage]:
-        """A pixel in each square of two by two that has one: rows, columns and pieces, each int[n]."""
-        if self.count == 1:
-            return np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0, np.int32)
-        rows, columns = points_of(self.half)
-        rows, columns = 2 * rows, 2 * columns
-        # The other corner where this one is not in the mask; what has neither has a neighbour.
-        other = self.mask[rows, columns] == 0
-        rows, columns = rows + other, columns + other
-        inside = self.mask[rows, columns] > 0
-        rows, columns = rows[inside], columns[inside]
-        return rows, columns, self.labels[rows // 2, columns // 2]
-
-    def only(self, chosen: BoolArray) -> ByteImage:
-        """The mask of some pieces; bool[count] says which."""
-        result = np.zeros_like(self.mask)
-        value = np.where(chosen, np.uint8(255), np.uint8(0))
-        for rows, columns in self.parts:
-            half = np.s_[rows.start // 2 : -(-rows.stop // 2), columns.start // 2 : -(-columns.stop // 2)]
-            picked = value[self.labels[half]]
-            if not picked.size:
-                continue
-            size = 2 * picked.shape[1], 2 * picked.shape[0]
-            whole = np.s_[2 * half[0].start :, 2 * half[1].start :]
-            inner = result[whole][: size[1], : size[0]]
-            cv2.resize(picked, size, dst=inner, interpolation=cv2.INTER_NEAREST)
-            cv2.bitwise_and(inner, self.mask[whole][: size[1], : size[0]], dst=inner)
-        return result
+    top, bottom, left, right = region
+    count = (right - left) // 2
+    filled = np.zeros((max((bottom - top) // 2, 0), max(count, 0)), np.uint8)
+    total = 0
+    for line in range(len(filled)):
+        row = top + 2 * line
+        total += _blocks(mask[row, left:right], mask[row + 1, left:right], filled[line])
+    blocks = np.empty((total, 3), np.int32)
+    # Labels of the line before and of this one, with an empty one at each end.
+    before, labels = np.zeros(count + 2, np.int32), np.zeros(count + 2, np.int32)
+    parents = np.arange(total + 1).astype(np.int32)
+    found = used = 0
+    for line in range(len(filled)):
+        for column in range(count):
+            label = 0
+            if filled[line, column] > 0:
+                for other in (labels[column], before[column], before[column + 1], before[column + 2]):
+                    if other > 0:
+                        label = _joined(parents, label, other) if label > 0 else _root(parents, other)
+                if label == 0:
+                    used += 1
+                    label = used
+                blocks[found, 0], blocks[found, 1] = top + 2 * line, left + 2 * column
+                blocks[found, 2] = label
+                found += 1
+            labels[column + 1] = label
+        before, labels = labels, before
+    return blocks, _numbered(blocks, parents, used)
 
 
-def points_of(mask: ByteImage) -> tuple[IntArray, IntArray]:
-    """Rows and columns of the pixels of a mask, intp[n]; of many every so-manieth."""
-    points = np.flatnonzero(mask != 0)
-    rows, columns = np.divmod(points[thinned(len(points))], mask.shape[1])
-    return rows, columns
+@compiled
+def _blocks(first: ByteLine, second: ByteLine, filled: ByteLine) -> int:
+    """Which blocks of two lines have something in them, and how many do."""
+    total = np.int32(0)
+    for index in range(filled.size):
+        both = first[2 * index] | first[2 * index + 1] | second[2 * index] | second[2 * index + 1]
+        filled[index] = both
+        total += np.int32(both > 0)
+    return int(total)
 
 
-def thinned(count: int) -> slice:
-    """Which of `count` pixels are asked: of many every so-manieth."""
-    return np.s_[:: max(1, -(-count // MOST_POINTS))]
+@compiled
+def _root(parents: Labels, label: int) -> int:
+    while parents[label] != label:
+        parents[label] = parents[parents[label]]
+        label = parents[label]
+    return label
+
+
+@compiled
+def _joined(parents: Labels, first: int, second: int) -> int:
+    """Makes one piece of two, under the smaller label."""
+    one, other = _root(parents, first), _root(parents, second)
+    parents[max(one, other)] = min(one, other)
+    return min(one, other)
+
+
+@compiled
+def _numbered(blocks: Blocks, parents: Labels, used: int) -> int:
+    """Gives the pieces numbers without gaps; how many they are."""
+    numbers = np.full(used + 1, -1, np.int32)
+    count = 0
+    for index in range(len(blocks)):
+        root = _root(parents, blocks[index, 2])
+        if numbers[root] < 0:
+            numbers[root] = count
+            count += 1
+        blocks[index, 2] = numbers[root]
+    return count
+
+
+@kernel(BLOCKS, FLAGS, FLAGS, BYTES, BYTES, BYTES, FLOATS)
+def take_away(
+    blocks: Blocks,
+    ghosts: Flags,
+    slides: Flags,
+    mask: ByteImage,
+    quiet: ByteImage,
+    image: ByteImage,
+    background: FloatImage,
+) -> None:
+    """Takes pieces away from the foreground, and learns them as ground.
+
+    Args:
+        blocks: int32[n, 3], see `pieces_of`.
+        ghosts: bool[pieces], those that are learnt at once.
+        slides: bool[pieces], those that are learnt where they are quiet: edges are learnt as soon as they
+            stand still, or the background would fall behind.
+        mask: uint8[h, w], foreground.
+        quiet: uint8[h, w], mask of D = 0.
+        image: uint8[h, w], f(t).
+        background: float32[h, w], B.
+    """
+    for index in range(len(blocks)):
+        piece = blocks[index, 2]
+        if not (ghosts[piece] or slides[piece]):
+            continue
+        for row in range(blocks[index, 0], blocks[index, 0] + 2):
+            for column in range(blocks[index, 1], blocks[index, 1] + 2):
+                if mask[row, column] > 0:
+                    mask[row, column] = 0
+                    if ghosts[piece] or quiet[row, column] > 0:
+                        background[row, column] = image[row, column]

@@ -1,6 +1,5 @@
 """Equations 1 to 4."""
 
-import cv2
 import numpy as np
 import pytest
 
@@ -8,12 +7,9 @@ from streamkit_differencer.equations import (
     FrameDifference,
     dynamic_matrix,
     foreground,
-    grown,
     logical_matrix,
     update_background,
 )
-from streamkit_differencer.resampling import BAND
-from streamkit_differencer.scratch import Scratch
 
 
 class SlowReference:
@@ -119,84 +115,3 @@ def test_a_pixel_that_was_never_quiet_is_never_foreground():
         flicker = np.full((4, 4), 0 if time % 2 else 200, np.uint8)
         assert not difference.update(flicker).any()
     assert not difference.valid.any()
-
-
-@pytest.mark.parametrize("tolerance", [1, 2])
-def test_tolerance_bears_an_error_of_registration(tolerance):
-    """An edge that is off by the tolerance is not foreground; by one pixel more it is."""
-    background = np.zeros((20, 40), np.float32)
-    background[:, 20:] = 200.0
-    within, beyond = np.zeros((2, 20, 40), np.uint8)
-    within[:, 20 + tolerance :] = beyond[:, 21 + tolerance :] = 200
-    assert not foreground(within, background, 22.0, tolerance=tolerance).any()
-    assert foreground(beyond, background, 22.0, tolerance=tolerance).any()
-    assert foreground(within, background, 22.0).any()
-
-
-def test_gradient_gain_raises_the_threshold_at_edges_only():
-    """Near an edge of 100 levels a gain of 0.5 bears 50 levels more, elsewhere nothing more."""
-    earlier = np.zeros((10, 40), np.uint8)
-    earlier[:, 20:] = 100
-    current = earlier + np.uint8(40)
-    changed = logical_matrix(current, earlier, 18.0, gradient_gain=0.5) > 0
-    assert not changed[:, 19:21].any()
-    assert changed[:, :18].all()
-    assert changed[:, 22:].all()
-
-
-def test_weak_differences_count_beside_strong_ones():
-    """A grey part that touches a bright one is foreground with it; one that stands alone is not."""
-    background = np.full((40, 60), 100, np.uint8)
-    current = background.copy()
-    current[10:16, 10:16], current[10:16, 16:20] = 200, 107
-    current[30:36, 40:46] = 107
-    strong = foreground(current, background, 12.0)
-    mask, _ = grown(strong, current, background, 12.0, 0.5)
-    assert mask[11:15, 11:19].all()
-    assert not mask[25:].any()
-    each, _ = grown(strong, current, background, np.full(background.shape, 12, np.uint8), 0.5)
-    np.testing.assert_array_equal(mask, each)
-    known = np.full(background.shape, 255, np.uint8)
-    known[:, 18:] = 0
-    within, _ = grown(strong, current, background, 12.0, 0.5, known=known)
-    np.testing.assert_array_equal(within, mask & known)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_growth_by_parts_is_growth_of_the_whole(seed):
-    """Bands of the picture that are looked at one by one give what all of it at once would."""
-    random = np.random.default_rng(seed)
-    shape = 2 * BAND + 31, 90
-    background = np.full(shape, 100, np.uint8)
-    current = background + cv2.blur(random.integers(0, 60, shape).astype(np.uint8), (3, 3))
-    mask = cv2.dilate(np.where(random.random(shape) < 0.004, 255, 0).astype(np.uint8), np.ones((4, 4)))
-    weak = np.where(current - background > 6, 255, 0).astype(np.uint8)
-    expected = cv2.medianBlur(mask, 3)
-    for _ in range(2):
-        expected |= cv2.dilate(expected, np.ones((5, 5), np.uint8)) & weak
-    found, where = grown(mask, current, background, 12.0, 0.5)
-    np.testing.assert_array_equal(found, expected)
-    covered = np.zeros(shape, int)
-    for part in where:
-        covered[part] += 1
-    assert covered.max() == 1
-    assert covered[found > 0].all()
-
-
-def test_planes_that_are_used_again_change_nothing():
-    """With scratch planes of another picture the masks are those of fresh ones."""
-    random, scratch = np.random.default_rng(7), Scratch()
-    for shape in ((40, 60), (31, 70), (40, 60)):
-        first, second = random.integers(0, 256, (2, *shape), np.uint8)
-        dynamic, each = random.integers(0, 12, shape, np.uint8), random.integers(5, 90, shape, np.uint8)
-        for arguments in ({"scratch": scratch}, {}):
-            results = [
-                logical_matrix(first, second, 18.0, gradient_gain=0.3, **arguments).copy(),
-                dynamic_matrix(dynamic, first, 12, **arguments).copy(),
-                foreground(first, second, each, tolerance=1, gradient_gain=0.2, **arguments).copy(),
-                grown(first, first, second, each, 0.5, **arguments)[0].copy(),
-            ]
-            if arguments:
-                reused = results
-        for one, other in zip(reused, results, strict=True):
-            np.testing.assert_array_equal(one, other)

@@ -2,33 +2,43 @@
 
 import numpy as np
 
-from streamkit_differencer.noise import DEVIATION_RATIO, first_spread, thresholds, update_spread
+from streamkit_differencer.learning import NOTHING, SLOWLY
+from streamkit_differencer.noise import DEVIATION_RATIO, NoiseMap, first_spread
+
+
+def taught(noise, frames, background, lessons, coefficient):
+    """Shows frames to a map."""
+    height, width = background.shape
+    for frame in frames:
+        noise.learn(frame, background, lessons, (0, height, 0, width), coefficient)
 
 
 def test_the_deviation_of_noise_is_learnt():
     """After some hundred frames the mean deviation is that of the noise, pixel by pixel, within a tenth."""
     random = np.random.default_rng(0)
     deviation = np.repeat([[2.0, 5.0, 9.0]], 400, axis=0)
-    spread, background = np.full((400, 3), 6.0, np.float32), np.full((400, 3), 120, np.uint8)
-    everywhere = np.full((400, 3), 255, np.uint8)
-    for _ in range(300):
-        frame = np.clip(np.round(random.normal(120.0, deviation)), 0, 255).astype(np.uint8)
-        update_spread(spread, background, frame, everywhere, everywhere, 0.02)
-    np.testing.assert_allclose(DEVIATION_RATIO * spread.mean(axis=0), [2.0, 5.0, 9.0], rtol=0.1)
+    noise, background = NoiseMap((400, 3)), np.full((400, 3), 120, np.uint8)
+    noise.set_limits(9.0, 60.0)
+    frames = np.clip(np.round(random.normal(120.0, deviation, (300, 400, 3))), 0, 255).astype(np.uint8)
+    taught(noise, frames, background, np.full((400, 3), SLOWLY, np.uint8), 0.02)
+    np.testing.assert_allclose(DEVIATION_RATIO * noise.spread.mean(axis=0), [2.0, 5.0, 9.0], rtol=0.1)
 
 
-def test_pixels_outside_the_mask_learn_nothing():
+def test_pixels_that_do_not_learn_slowly_teach_nothing():
     """And a mover that was missed teaches at most what it is allowed to."""
-    spread, background = np.full((1, 2), 4.0, np.float32), np.zeros((1, 2), np.uint8)
-    most, mask = np.full((1, 2), 12, np.uint8), np.array([[255, 0]], np.uint8)
-    update_spread(spread, background, np.full((1, 2), 255, np.uint8), mask, most, 0.5)
-    np.testing.assert_allclose(spread, [[8.0, 4.0]])
+    noise, lessons = NoiseMap((1, 2)), np.array([[SLOWLY, NOTHING]], np.uint8)
+    noise.set_limits(0.0, 12.0)
+    noise.spread[:] = 4.0
+    taught(noise, [np.full((1, 2), 255, np.uint8)], np.zeros((1, 2), np.uint8), lessons, 0.5)
+    np.testing.assert_allclose(noise.spread, [[8.0, 4.0]])
 
 
 def test_thresholds_are_bounded():
     """So many deviations, between the smallest and the largest."""
-    spread = np.array([[1.0, 5.0, 50.0]], np.float32)
-    assert thresholds(spread / np.float32(DEVIATION_RATIO), 4.0, 10.0, 60.0).tolist() == [[10, 20, 60]]
+    noise = NoiseMap((1, 3))
+    noise.spread[:] = np.array([[1.0, 5.0, 50.0]]) / DEVIATION_RATIO
+    noise.set_limits(4.0, 10.0)
+    assert noise.needed.tolist() == [[10, 20, 60]]
 
 
 def test_two_frames_tell_the_noise_of_a_single_one():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from streamkit_differencer.anchor import translation
-from streamkit_differencer.resampling import LastFrames, apart, padded, parts, scrolled, warped
+from streamkit_differencer.resampling import LastFrames, padded, parts, scrolled, warped
 
 SHAPE = (120, 160)
 
@@ -30,7 +30,8 @@ def test_the_last_frames_are_kept_and_no_more():
     frames = LastFrames((4, 6), 3)
     region = np.s_[1:3, 2:5]
     for number in range(1, 8):
-        frames.append(np.full((2, 3), number, np.uint8), np.full((2, 3), 255, np.uint8), region)
+        picture, seen = np.full((2, 3), number, np.uint8), np.full((2, 3), 255, np.uint8)
+        frames.append(frames.place(picture, seen, region))
         assert len(frames) == min(number, 3)
     assert [int(frames[index].image[1, 2]) for index in range(3)] == [5, 6, 7]
     assert frames[-1].seen.sum() == 6 * 255
@@ -54,29 +55,19 @@ def test_margins_end_at_the_picture():
     assert inner == np.s_[2:10, 4:14]
 
 
-def test_parts_that_touch_become_one():
-    """With their margins no two have a pixel in common, and all that was in one is in one of them."""
-    regions = [np.s_[0:10, 5:9], np.s_[14:20, 60:70], np.s_[22:30, 8:64], np.s_[90:95, 100:110]]
-    joined = apart(regions, 3, SHAPE)
-    assert joined == [np.s_[0:33, 2:73], np.s_[87:98, 97:113]]
-    covered = np.zeros(SHAPE, int)
-    for region in joined:
-        covered[region] += 1
-    assert covered.max() == 1
-    for region in regions:
-        assert covered[region].all()
-
-
 def test_a_frame_drawn_in_its_room_need_not_be_copied():
     """What was drawn there is the newest frame; a frame from elsewhere is copied over what was drawn."""
     frames, region = LastFrames((4, 6), 2), np.s_[1:3, 2:5]
     for number in range(1, 6):
-        image, seen = frames.room(region)
-        assert not seen.any()
-        image[:], seen[:] = number, 255
-        frames.append(image, seen, region)
+        room = frames.room()
+        assert not room.seen.any()
+        room.image[region], room.seen[region] = number, 255
+        placed = frames.place(room.image[region], room.seen[region], region)
+        assert placed is room
+        frames.append(placed)
     assert [int(frame.image[1, 2]) for frame in (frames[0], frames[1])] == [4, 5]
-    frames.room(region)[0][:] = 77
-    frames.append(np.full((4, 6), 6, np.uint8), np.full((4, 6), 255, np.uint8), np.s_[:4, :6])
+    frames.room().image[:] = 77
+    elsewhere = np.full((4, 6), 6, np.uint8), np.full((4, 6), 255, np.uint8), np.s_[:4, :6]
+    frames.append(frames.place(*elsewhere))
     assert [int(frame.image[1, 2]) for frame in (frames[0], frames[1])] == [5, 6]
     assert frames[1].seen.all()

@@ -4,20 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.equations import foreground, local_bounds
-from streamkit_differencer.filters.parallax import (
-    EARLY_PX,
-    LAG,
-    Bounds,
-    along,
-    known_around,
-    reach,
-    slide,
-    sliding_mask,
-)
-from streamkit_differencer.filters.pieces import Pieces
+from streamkit_differencer.contrast import judge
+from streamkit_differencer.filters.parallax import find_slides, slide
+from streamkit_differencer.filters.pieces import pieces_of
+from streamkit_differencer.growth import strong
 
 SHAPE = (120, 160)
+REGION = (0, 120, 0, 160)
 CAMERA_STEP = np.array([8.0, 0.0])
 EVERYWHERE = np.full(SHAPE, 255, np.uint8)
 WAY = slide(CAMERA_STEP, 0.25)
@@ -31,18 +24,22 @@ def view(x, width=40, tone=220):
     return picture
 
 
+def slides_in(now, before, learnt, known=EVERYWHERE):
+    """The foreground, its pieces, and which of them slide."""
+    needed, levels, mask = np.full(SHAPE, 12, np.uint8), np.zeros(SHAPE, np.uint8), np.zeros(SHAPE, np.uint8)
+    rounded = np.zeros(SHAPE, np.uint8)
+    judge(now, EVERYWHERE, learnt.astype(np.float32), known, needed, rounded, levels, REGION, 1, 0.0, 1.0)
+    strong(levels, mask, REGION)
+    assert mask.any()
+    blocks, count = pieces_of(mask, REGION)
+    pictures = (now, learnt, known, before, EVERYWHERE, needed, mask)
+    return mask, blocks, find_slides(*pictures, blocks, count, REGION, 1, *WAY.tolist())
+
+
 def judged(now, before, learnt, known=EVERYWHERE):
     """The share of the foreground that slides, of pictures now, of tau before and in the background."""
-    mask = foreground(now, learnt, 12.0, tolerance=1) & known
-    assert mask.any()
-    whole = [np.s_[0:120, 0:160]]
-    reliable = known_around(known, np.empty_like(known), whole, 0)
-    bounds = [Bounds(*local_bounds(picture, 1), reliable) for picture in (learnt, before)]
-    found = sliding_mask(now, *bounds, Pieces.of(mask), 12.0, WAY)
-    if found is None:
-        return 0.0
-    assert not (found & ~mask).any()
-    return np.count_nonzero(found) / np.count_nonzero(mask)
+    _, blocks, slides = slides_in(now, before, learnt, known)
+    return slides[blocks[:, 2]].mean()
 
 
 def test_a_roof_that_slides_against_the_camera_is_left_out():
@@ -76,11 +73,10 @@ def test_each_piece_is_judged_by_itself():
     """A roof goes, a car that has just come stays."""
     now, before, learnt = view(60), view(62), view(66)
     now[90:100, 20:40] = 230
-    mask = foreground(now, learnt, 12.0, tolerance=1)
-    bounds = (Bounds(*local_bounds(picture, 1), EVERYWHERE) for picture in (learnt, before))
-    found = sliding_mask(now, *bounds, Pieces.of(mask), 12.0, WAY)
-    assert found[40:70].any()
-    assert not found[85:105].any()
+    _, blocks, slides = slides_in(now, before, learnt)
+    gone = blocks[slides[blocks[:, 2]], 0]
+    assert gone.size
+    assert gone.max() < 72
 
 
 def test_a_camera_that_stands_sees_no_parallax():
@@ -89,22 +85,3 @@ def test_a_camera_that_stands_sees_no_parallax():
     assert slide(np.array([1.0, 0.5]), 0.3) is None
     assert slide(CAMERA_STEP, 0.0) is None
     np.testing.assert_allclose(WAY, [2.0, 0.0])
-
-
-@pytest.mark.parametrize("way", [(2.0, 0.0), (-7.3, 4.1), (0.4, -0.3)])
-def test_the_reach_takes_in_all_that_is_looked_at(way):
-    """What is known near the foreground within the reach gives what is known everywhere would give."""
-    random = np.random.default_rng(5)
-    known = np.where(random.random(SHAPE) < 0.02, 0, 255).astype(np.uint8)
-    mask = np.zeros(SHAPE, np.uint8)
-    mask[50:60, 70:90] = 255
-    way = np.array(way)
-    near = known_around(known, np.full(SHAPE, 77, np.uint8), [np.s_[50:60, 70:90]], reach(way))
-    everywhere = known_around(known, np.empty_like(known), [np.s_[0:120, 0:160]], 0)
-    rows, columns = np.nonzero(mask)
-    for line in (way * LAG, way * (1.0 + EARLY_PX / np.linalg.norm(way))):
-        found, expected = (
-            along(Bounds(*local_bounds(view(60), 1), usable), rows, columns, line)
-            for usable in (near, everywhere)
-        )
-        np.testing.assert_array_equal(found, expected)

@@ -1,45 +1,49 @@
 """Connected pieces of a mask."""
 
+import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.filters.pieces import MOST_POINTS, Pieces, points_of
+from streamkit_differencer.filters.pieces import pieces_of, take_away
+
+SHAPE = (61, 83)
+REGION = (1, 60, 2, 81)
 
 
-def two_squares(shape=(61, 83)):
-    """A mask with two squares and a lone pixel in the last row and column."""
-    mask = np.zeros(shape, np.uint8)
-    mask[10:20, 10:30] = mask[40:50, 50:60] = mask[-1, -1] = 255
-    return mask
-
-
-def test_pieces_are_told_apart():
-    """Each pixel knows its piece, and a piece can be had alone; an odd last row has none."""
-    mask = two_squares()
-    pieces = Pieces.of(mask)
-    assert pieces.count == 3
-    first = int(pieces.owners(np.array([15]), np.array([15]))[0])
-    chosen = np.arange(pieces.count) == first
-    expected = mask.copy()
-    expected[30:] = 0
-    np.testing.assert_array_equal(pieces.only(chosen), expected)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_points_lie_in_the_mask_and_know_their_piece(seed):
-    """One pixel of a square of two by two speaks for it."""
+def random_mask(seed, share):
+    """Blobs and specks."""
     random = np.random.default_rng(seed)
-    mask = np.where(random.random((60, 80)) < 0.2, 255, 0).astype(np.uint8)
-    pieces = Pieces.of(mask)
-    rows, columns, owner = pieces.points()
-    assert mask[rows, columns].all()
-    np.testing.assert_array_equal(owner, pieces.owners(rows, columns))
-    assert set(owner.tolist()) <= set(range(1, pieces.count))
+    mask = np.where(random.random(SHAPE) < share, 255, 0).astype(np.uint8)
+    return cv2.dilate(mask, np.ones((2, 3), np.uint8))
 
 
-def test_no_more_points_than_are_asked():
-    """Of large foreground every so-manieth pixel is taken, of none none."""
-    assert len(points_of(np.full((400, 400), 255, np.uint8))[0]) <= MOST_POINTS
-    assert len(points_of(np.zeros((40, 40), np.uint8))[0]) == 0
-    assert len(Pieces.of(np.full((400, 400), 255, np.uint8)).points()[0]) <= MOST_POINTS
-    assert len(Pieces.of(np.zeros((40, 40), np.uint8)).points()[0]) == 0
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.05, 0.2, 1.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_pieces_are_connected_components_of_blocks(seed, share):
+    """Those of OpenCV, whatever their numbers; an odd last line or column is left out."""
+    mask = random_mask(seed, share)
+    blocks, count = pieces_of(mask, REGION)
+    inside = mask[1:59, 2:80].reshape(29, 2, 39, 2).max(axis=(1, 3))
+    expected_count, labels = cv2.connectedComponents(inside, connectivity=8)
+    assert count == expected_count - 1
+    assert len(blocks) == np.count_nonzero(inside)
+    pairs = {(labels[(row - 1) // 2, (column - 2) // 2], piece) for row, column, piece in blocks.tolist()}
+    assert len(pairs) == count
+    assert 0 not in {label for label, _ in pairs}
+
+
+def test_pieces_that_are_taken_away_are_learnt():
+    """Ghosts at once, what slides where it is quiet; other pieces stay foreground and teach nothing."""
+    mask, quiet = np.zeros(SHAPE, np.uint8), np.zeros(SHAPE, np.uint8)
+    mask[11:15, 12:16] = mask[31:35, 12:16] = mask[31:35, 52:56] = 255
+    quiet[:, 14:] = 255
+    image, background = np.full(SHAPE, 9, np.uint8), np.full(SHAPE, 1.0, np.float32)
+    blocks, count = pieces_of(mask, REGION)
+    assert count == 3
+    ghosts, slides = np.array([True, False, False]), np.array([False, True, False])
+    take_away(blocks, ghosts, slides, mask, quiet, image, background)
+    assert not mask[:, :40].any()
+    assert mask[31:35, 52:56].all()
+    assert (background[11:15, 12:16] == 9).all()
+    assert (background[31:35, 14:16] == 9).all()
+    assert np.count_nonzero(background == 9) == 16 + 8

@@ -1,0 +1,161 @@
+"""Equation 4 on the canvas in one pass: how clearly each pixel differs from the background."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import types
+
+from streamkit_differencer.compiled import BYTES, FLOATS, REGION, compiled, kernel
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from streamkit_differencer.compiled import Region
+
+    ByteImage = NDArray[np.uint8]
+    FloatImage = NDArray[np.float32]
+    ByteLine = NDArray[np.uint8]
+
+# What a pixel is: without a background, like it, different enough beside foreground, and foreground.
+UNKNOWN, GROUND, WEAK, STRONG = 0, 1, 2, 3
+# Grey levels that a pixel beside foreground must differ by at least.
+LEAST_WEAK = 5.0
+
+
+@kernel(BYTES, BYTES, FLOATS, BYTES, BYTES, BYTES, BYTES, REGION, types.int64, types.float64, types.float64)
+def judge(
+    image: ByteImage,
+    seen: ByteImage,
+    background: FloatImage,
+    valid: ByteImage,
+    needed: ByteImage,
+    rounded: ByteImage,
+    levels: ByteImage,
+    region: Region,
+    tolerance: int,
+    gradient_gain: float,
+    weak: float,
+) -> None:
+    """Compares a frame with the background before it, each pixel with the range within the tolerance.
+
+    Args:
+        image: uint8[h, w], f(t) on the canvas; so are all.
+        seen: uint8[h, w], mask of what the frame covers.
+        background: float32[h, w], B(t - 1).
+        valid: uint8[h, w], mask of where that is known.
+        needed: uint8[h, w], T_F of each pixel, grey levels; a difference must exceed it.
+        rounded: uint8[h, w], becomes B(t - 1) in whole grey levels: with a tolerance the comparison is
+            coarser anyway, and bytes are four times as fast.
+        levels: uint8[h, w], becomes what each pixel is: `UNKNOWN`, `GROUND`, `WEAK` or `STRONG`.
+        region: what the frame covers at most; nothing else is read or written.
+        tolerance: error of registration to bear, px.
+        gradient_gain: raises the threshold by this share of the background's range.
+        weak: share of the threshold that a pixel beside foreground must exceed.
+    """
+    top, bottom, left, right = region
+    count, reach = right - left, max(tolerance, 1)
+    lowest, highest = np.empty(count + 2 * reach, np.uint8), np.empty(count + 2 * reach, np.uint8)
+    low, high, borne = np.empty(count, np.uint8), np.empty(count, np.uint8), np.zeros(count, np.uint8)
+    for row in range(top, bottom):
+        _rounded(background[row, left:right], rounded[row, left:right])
+    for row in range(top, bottom):
+        here = rounded[row, left:right]
+        if tolerance > 0 or gradient_gain > 0.0:
+            _copied(here, lowest[reach : reach + count])
+            _copied(here, highest[reach : reach + count])
+            for other in range(max(row - reach, top), min(row + reach + 1, bottom)):
+                _widened(
+                    rounded[other, left:right], lowest[reach : reach + count], highest[reach : reach + count]
+                )
+            _bounds(lowest, highest, reach, low, high)
+        if gradient_gain > 0.0:
+            _shares(low, high, np.float32(gradient_gain), borne)
+        if tolerance == 0:
+            _copied(here, low)
+            _copied(here, high)
+        line, limits, level = image[row, left:right], needed[row, left:right], levels[row, left:right]
+        _judged(line, low, high, limits, borne, level)
+        _weak(line, here, limits, np.float32(weak), level)
+        _known(seen[row, left:right], valid[row, left:right], level)
+
+
+@compiled
+def _copied(line: ByteLine, target: ByteLine) -> None:
+    """An assignment to a slice would take ten times as long."""
+    for index in range(line.size):
+        target[index] = line[index]
+
+
+@compiled
+def _rounded(line: NDArray[np.float32], rounded: ByteLine) -> None:
+    for index in range(rounded.size):
+        rounded[index] = np.uint8(np.int32(np.rint(line[index])))
+
+
+@compiled
+def _widened(line: ByteLine, lowest: ByteLine, highest: ByteLine) -> None:
+    for index in range(line.size):
+        lowest[index] = min(lowest[index], line[index])
+        highest[index] = max(highest[index], line[index])
+
+
+@compiled
+def _bounds(lowest: ByteLine, highest: ByteLine, reach: int, low: ByteLine, high: ByteLine) -> None:
+    """Extremes of a line within `reach`; beyond its ends there is nothing."""
+    count = low.size
+    for index in range(reach):
+        lowest[index], highest[index] = lowest[reach], highest[reach]
+        last = reach + count - 1
+        lowest[last + 1 + index], highest[last + 1 + index] = lowest[last], highest[last]
+    _copied(lowest[:count], low)
+    _copied(highest[:count], high)
+    for step in range(1, 2 * reach + 1):
+        _widened_both(lowest[step : step + count], highest[step : step + count], low, high)
+
+
+@compiled
+def _widened_both(lowest: ByteLine, highest: ByteLine, low: ByteLine, high: ByteLine) -> None:
+    for index in range(low.size):
+        low[index] = min(low[index], lowest[index])
+        high[index] = max(high[index], highest[index])
+
+
+@compiled
+def _shares(low: ByteLine, high: ByteLine, gain: np.float32, borne: ByteLine) -> None:
+    for index in range(low.size):
+        share = np.rint(np.float32(np.uint8(high[index] - low[index])) * gain)
+        borne[index] = np.uint8(np.int32(min(share, np.float32(255.0))))
+
+
+@compiled
+def _judged(
+    line: ByteLine, low: ByteLine, high: ByteLine, needed: ByteLine, borne: ByteLine, level: ByteLine
+) -> None:
+    """Equation 4 for a line: 255 for foreground, else 0."""
+    for index in range(line.size):
+        value = line[index]
+        above = np.uint8(max(value, high[index]) - high[index])
+        below = np.uint8(low[index] - min(value, low[index]))
+        excess = max(above, below)
+        excess = np.uint8(max(excess, borne[index]) - borne[index])
+        level[index] = np.uint8(255) if excess > needed[index] else np.uint8(0)
+
+
+@compiled
+def _weak(line: ByteLine, ground: ByteLine, needed: ByteLine, share: np.float32, level: ByteLine) -> None:
+    """Levels of a line as if all of its background were known."""
+    least = np.float32(LEAST_WEAK)
+    for index in range(line.size):
+        value, other = line[index], ground[index]
+        difference = np.float32(np.uint8(max(value, other) - min(value, other)))
+        is_weak = difference > max(np.rint(np.float32(needed[index]) * share), least)
+        kind = np.uint8(WEAK) if is_weak else np.uint8(GROUND)
+        level[index] = np.uint8(STRONG) if level[index] > 0 else kind
+
+
+@compiled
+def _known(seen: ByteLine, valid: ByteLine, level: ByteLine) -> None:
+    for index in range(level.size):
+        level[index] = level[index] & seen[index] & valid[index]

@@ -1,0 +1,175 @@
+"""Frames drawn onto the canvas, and masks of the canvas fetched back, by a homography."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from streamkit_differencer.compiled import BYTES, INPUT, PAIRS, REGION, TABLE, compiled, kernel
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from streamkit_differencer.compiled import Region
+
+    ByteImage = NDArray[np.uint8]
+    PairImage = NDArray[np.uint16]
+    WholeNumbers = NDArray[np.uint32]
+    Coordinates = NDArray[np.float32]
+    Matrix = NDArray[np.float64]
+
+# Places are rounded to this part of a pixel; 32 bits hold a value times its square.
+STEPS = 2048
+# Lines of the canvas that are looked at together.
+BAND = 16
+
+
+@kernel(INPUT, PAIRS, TABLE, BYTES, REGION)
+def drawn(image: ByteImage, pairs: PairImage, to_image: Matrix, canvas: ByteImage, region: Region) -> None:
+    """Draws an image on a canvas by bilinear interpolation; beyond its border it goes on as on it.
+
+    Args:
+        image: uint8[h, w], at least 2 by 2.
+        pairs: uint16[h, w], room to work in.
+        to_image: float64[3, 3], pixels of the canvas to those of the image, without a horizon in the region.
+        canvas: uint8[rows, columns].
+        region: of the canvas, what is drawn.
+    """
+    height, width = image.shape
+    # Two neighbours are fetched at once.
+    values, both = image.reshape(-1), pairs.reshape(-1)
+    for index in range(values.size - 1):
+        both[index] = np.uint16(values[index]) | np.uint16(np.uint16(values[index + 1]) << np.uint16(8))
+    top, bottom, left, right = region
+    count = right - left
+    columns = np.arange(left, right).astype(np.float32)
+    places, across, down, squares = (
+        np.empty(count, np.uint32),
+        np.empty(count, np.uint32),
+        np.empty(count, np.uint32),
+        np.empty(count, np.uint32),
+    )
+    below = np.uintp(width)
+    for row in range(top, bottom):
+        _places(to_image, row, columns, (width, height), places, across, down)
+        for index in range(count):
+            place = np.uintp(places[index])
+            squares[index] = np.uint32(both[place]) | np.uint32(
+                np.uint32(both[np.uintp(place + below)]) << np.uint32(16)
+            )
+        _mixed(squares, across, down, canvas[row, left:right])
+
+
+@kernel(BYTES, REGION, TABLE, TABLE, BYTES)
+def fetch(canvas: ByteImage, region: Region, to_canvas: Matrix, to_image: Matrix, image: ByteImage) -> None:
+    """Fetches a mask from a canvas by nearest neighbours; what lies beyond the region is empty.
+
+    Args:
+        canvas: uint8[rows, columns].
+        region: of the canvas, what is fetched.
+        to_canvas: float64[3, 3], pixels of the image to those of the canvas.
+        to_image: float64[3, 3], its inverse.
+        image: uint8[h, w], becomes the mask.
+    """
+    top, bottom, left, right = region
+    height, width = image.shape
+    for row in range(height):
+        for column in range(width):
+            image[row, column] = 0
+    # Only where there is something: nearest neighbours of the rest are empty.
+    for band in range(top, bottom, BAND):
+        start, stop = _extent(canvas, (band, min(band + BAND, bottom), left, right))
+        if start >= stop:
+            continue
+        first, last, low, high = _outline(to_image, band - 1, min(band + BAND, bottom), start - 1, stop)
+        for row in range(max(first, 0), min(last, height)):
+            for column in range(max(low, 0), min(high, width)):
+                nearness = 1.0 / (to_canvas[2, 0] * column + to_canvas[2, 1] * row + to_canvas[2, 2])
+                across = to_canvas[0, 0] * column + to_canvas[0, 1] * row + to_canvas[0, 2]
+                down = to_canvas[1, 0] * column + to_canvas[1, 1] * row + to_canvas[1, 2]
+                x, y = int(np.rint(across * nearness)), int(np.rint(down * nearness))
+                if top <= y < bottom and left <= x < right:
+                    image[row, column] = canvas[y, x]
+
+
+@compiled
+def _extent(mask: ByteImage, region: Region) -> tuple[int, int]:
+    """First column that has something, and the one after the last."""
+    top, bottom, left, right = region
+    united = np.zeros(right - left, np.uint8)
+    for row in range(top, bottom):
+        line = mask[row, left:right]
+        for index in range(line.size):
+            united[index] |= line[index]
+    start, stop = 0, united.size
+    while start < stop and united[start] == 0:
+        start += 1
+    while stop > start and united[stop - 1] == 0:
+        stop -= 1
+    return left + start, left + stop
+
+
+@compiled
+def _outline(matrix: Matrix, top: int, bottom: int, left: int, right: int) -> Region:
+    """The region of whole pixels around four points under a homography."""
+    first, last, low, high = 1 << 30, -(1 << 30), 1 << 30, -(1 << 30)
+    for row in (top, bottom):
+        for column in (left, right):
+            depth = matrix[2, 0] * column + matrix[2, 1] * row + matrix[2, 2]
+            x = (matrix[0, 0] * column + matrix[0, 1] * row + matrix[0, 2]) / depth
+            y = (matrix[1, 0] * column + matrix[1, 1] * row + matrix[1, 2]) / depth
+            first, last = min(first, int(np.floor(y))), max(last, int(np.ceil(y)) + 1)
+            low, high = min(low, int(np.floor(x))), max(high, int(np.ceil(x)) + 1)
+    return first, last, low, high
+
+
+@compiled
+def _places(
+    to_image: Matrix,
+    row: int,
+    columns: Coordinates,
+    size: tuple[int, int],
+    places: WholeNumbers,
+    across: WholeNumbers,
+    down: WholeNumbers,
+) -> None:
+    """Of a row of the canvas: the pixels of the image, and how far beyond them, in `STEPS` per pixel."""
+    one, none, steps, stride = np.float32(1.0), np.float32(0.0), np.float32(STEPS), np.int32(size[0])
+    across_x, down_x, depth_x = (
+        np.float32(to_image[0, 0]),
+        np.float32(to_image[1, 0]),
+        np.float32(to_image[2, 0]),
+    )
+    across_0 = np.float32(to_image[0, 1] * row + to_image[0, 2])
+    down_0 = np.float32(to_image[1, 1] * row + to_image[1, 2])
+    depth_0 = np.float32(to_image[2, 1] * row + to_image[2, 2])
+    last_x, last_y = np.float32(size[0] - 1 - 1.0 / STEPS), np.float32(size[1] - 1 - 1.0 / STEPS)
+    for index in range(places.size):
+        column = columns[index]
+        nearness = one / (depth_x * column + depth_0)
+        x, y = (across_x * column + across_0) * nearness, (down_x * column + down_0) * nearness
+        # In this order what is no number becomes 0.
+        x, y = x if x > none else none, y if y > none else none
+        x, y = x if x < last_x else last_x, y if y < last_y else last_y
+        whole_x, whole_y = np.int32(x), np.int32(y)
+        across[index] = np.uint32((x - np.float32(whole_x)) * steps)
+        down[index] = np.uint32((y - np.float32(whole_y)) * steps)
+        places[index] = np.uint32(np.int32(np.int32(whole_y * stride) + whole_x))
+
+
+@compiled
+def _mixed(squares: WholeNumbers, across: WholeNumbers, down: WholeNumbers, line: ByteImage) -> None:
+    """Bilinear mixtures of four bytes each, rounded."""
+    byte, half, shift = np.uint32(255), np.uint32(STEPS * STEPS // 2), np.uint32(11)
+    for index in range(squares.size):
+        square, right, low = squares[index], across[index], down[index]
+        first, second = np.uint32(square & byte), np.uint32(np.uint32(square >> np.uint32(8)) & byte)
+        third, fourth = (
+            np.uint32(np.uint32(square >> np.uint32(16)) & byte),
+            np.uint32(square >> np.uint32(24)),
+        )
+        upper = np.uint32(np.uint32(first << shift) + np.uint32(np.uint32(second - first) * right))
+        lower = np.uint32(np.uint32(third << shift) + np.uint32(np.uint32(fourth - third) * right))
+        sum_ = np.uint32(np.uint32(upper << shift) + np.uint32(np.uint32(lower - upper) * low))
+        line[index] = np.uint8(np.uint32(sum_ + half) >> np.uint32(22))
