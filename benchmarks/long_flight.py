@@ -1,10 +1,13 @@
 """A long flight that never ends over new ground: time per frame and memory as the hours pass.
 
-    STREAMKIT_DATA=... python benchmarks/long_flight.py [FRAMES [WIDTH]]
+    STREAMKIT_DATA=... python benchmarks/long_flight.py [FRAMES [WIDTH [STEP]]]
 
-Frames of 640x360 (or of another width), strips there and back beside each other over an aerial picture that
-is mirrored without end, with the mosaic as it grows: it fills its memory, then its file, then is halved.
-2 hours at 25 frames a second are 180 000. Peer: the first tenth of the same flight.
+Frames of 640x360 (or of another WIDTH), strips there and back beside each other over an aerial picture that
+is mirrored without end, with the mosaic as it grows: it fills its memory, then its file, then is halved. From
+one frame to the next the ground goes by STEP px, 48 unless told: at a frame a second that is a drone at
+10 m/s with 180 m of ground in view, and 7200 frames are two hours. At 25 frames a second the same flight is
+180 000 frames with a STEP of 1.92. `step` is how far the worst corner of a frame lies from its true place
+beside the frame before. Peer: the first 500 frames of the same flight.
 """
 
 import os
@@ -19,12 +22,12 @@ from aerial_flights import Flight, FloatArray, PictureArray, camera, ground_pict
 
 from streamkit_stitcher.mosaic.album import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
-from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.plane.placement import drawn_out
+from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 from streamkit_stitcher.plane.tracker import PlaneTracker
 
-PARTS = 10
-STEP_PX = 12.0
-STRIP_FRAMES = 1800
+FRAMES_PER_ROW = 500
+STRIP_PX = 21_600
 BESIDE = 0.6
 
 
@@ -34,21 +37,22 @@ def resident_mb() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def pose(index: int, shape: tuple[int, int], ground: tuple[int, int]) -> FloatArray:
-    """float64[3, 3], pixels of frame `index` to the ground.
+def place(index: int, shape: tuple[int, int], step_px: float) -> FloatArray:
+    """float64[2], the point that frame `index` looks at, px of the ground without end."""
+    strip_frames, turn_frames = round(STRIP_PX / step_px), round(BESIDE * shape[0] / step_px)
+    strip, step = divmod(index, strip_frames + turn_frames)
+    along = min(step, strip_frames)
+    x = step_px * (along if strip % 2 == 0 else strip_frames - along)
+    y = step_px * (strip * turn_frames + max(0, step - strip_frames))
+    return np.array([x, y])
 
-    The ground repeats after twice its size, so the place is taken modulo that.
-    """
-    turn_frames = round(BESIDE * shape[0] / STEP_PX)
-    strip, step = divmod(index, STRIP_FRAMES + turn_frames)
-    along = min(step, STRIP_FRAMES)
-    x = STEP_PX * (along if strip % 2 == 0 else STRIP_FRAMES - along)
-    y = STEP_PX * (strip * turn_frames + max(0, step - STRIP_FRAMES))
-    place = np.array([x % (2 * ground[1]), y % (2 * ground[0])])
+
+def pose(index: int, shape: tuple[int, int], step_px: float, where: FloatArray) -> FloatArray:
+    """float64[3, 3], pixels of frame `index` to the ground, looking at `where`."""
     random = np.random.default_rng((301, index))
-    sway = 2 * np.pi * index / 400
+    sway = 2 * np.pi * index * step_px / 4800
     return camera(
-        place + random.normal(0, 0.7, 2),
+        where + random.normal(0, 0.7, 2),
         0.03 * np.sin(2 * sway) + random.normal(0, 0.001),
         1 + 0.02 * np.sin(3 * sway),
         1e-5 * np.array([np.sin(5 * sway), np.cos(4 * sway)]),
@@ -56,39 +60,57 @@ def pose(index: int, shape: tuple[int, int], ground: tuple[int, int]) -> FloatAr
     )
 
 
-def frame(ground: PictureArray, index: int, shape: tuple[int, int]) -> PictureArray:
-    """Frame `index` of the flight, uint8[h, w]."""
-    place = pose(index, shape, (ground.shape[0], ground.shape[1]))
-    return Flight(ground, place[np.newaxis], shape, np.zeros((0, 4)), index).picture(0)
+def frame(ground: PictureArray, index: int, shape: tuple[int, int], step_px: float) -> PictureArray:
+    """Frame `index` of the flight, uint8[h, w]: the ground repeats after twice its size."""
+    where = place(index, shape, step_px) % (2 * ground.shape[1], 2 * ground.shape[0])
+    there = pose(index, shape, step_px, where)
+    return Flight(ground, there[np.newaxis], shape, np.zeros((0, 4)), index).picture(0)
+
+
+def step_error(to_previous: FloatArray, index: int, shape: tuple[int, int], step_px: float) -> float:
+    """How far the worst corner of a frame lies from its true place in the frame before, px."""
+    both = [pose(number, shape, step_px, place(number, shape, step_px)) for number in (index - 1, index)]
+    flight = Flight(np.zeros((1, 1), dtype=np.uint8), np.array(both), shape, np.zeros((0, 4)), 0)
+    return flight.corner_error(to_previous, 1, 0)
 
 
 def main() -> None:
-    """Prints one row per tenth of the flight."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 180_000
+    """Prints one row per 500 frames."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 7200
     width = int(sys.argv[2]) if len(sys.argv) > 2 else 640
+    step_px = float(sys.argv[3]) if len(sys.argv) > 3 else 48.0
+    cv2.setNumThreads(1)
     shape = width * 9 // 16, width
     whole = cv2.cvtColor(ground_picture(), cv2.COLOR_BGR2GRAY)
     # Halved: the small view of a flight that is rendered fast would show hardly a corner otherwise.
     ground = np.asarray(cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    tracker = PlaneTracker(PlaneSettings())
+    tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.FIRST))
     recorder = MosaicRecorder(RecorderSettings(None, 16_000_000, final=False))
     print(
-        "| frames | ms per frame, median | ms per frame, mean | memory MB | placed | mosaic Mpx | its scale |"
+        "| frames | ms per frame, median | mean | all threads | memory MB | placed | step px, median "
+        "| worst | plane | drawn out by | refused | mosaic Mpx | its scale |"
     )
-    print("|---|---|---|---|---|---|---|")
-    for part in range(PARTS):
-        times, placed = [], 0
-        for index in range(part * count // PARTS, (part + 1) * count // PARTS):
-            picture = frame(ground, index, shape)
-            began = time.thread_time()
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|---|")
+    for first in range(0, count, FRAMES_PER_ROW):
+        times, steps, placed, tilt, processor = [], [0.0], 0, 1.0, 0.0
+        for index in range(first, min(count, first + FRAMES_PER_ROW)):
+            picture = frame(ground, index, shape, step_px)
+            began, spent = time.thread_time(), time.process_time()
             placement = tracker.place(picture)
             recorder.add(placement, shape, lambda taken=picture: taken)
             times.append(time.thread_time() - began)
+            processor += time.process_time() - spent
             placed += placement.anchored
+            tilt = max(tilt, drawn_out(placement.to_reference, shape))
+            if index:
+                steps.append(step_error(placement.to_previous, index, shape, step_px))
         left, top, right, bottom = recorder.mosaic.canvas.box
         print(
-            f"| {(part + 1) * count // PARTS} | {statistics.median(times) * 1e3:.1f} "
-            f"| {statistics.fmean(times) * 1e3:.1f} | {resident_mb():.0f} | {placed / len(times):.1%} "
+            f"| {first + len(times)} | {statistics.median(times) * 1e3:.1f} "
+            f"| {statistics.fmean(times) * 1e3:.1f} | {processor / len(times) * 1e3:.1f} "
+            f"| {resident_mb():.0f} | {placed / len(times):.1%} "
+            f"| {statistics.median(steps):.2f} | {max(steps):.1f} "
+            f"| {placement.reference} | {tilt:.2f} | {recorder.refused} "
             f"| {(right - left) * (bottom - top) / 1e6:.1f} | {recorder.mosaic.scale} |",
             flush=True,
         )

@@ -112,6 +112,10 @@ class Canvas:
         self._low, self._high = need_low, need_high
         return True
 
+    def from_picture(self, to_plane: FloatArray) -> FloatArray:
+        """A picture's place on the present plane, float64[3, 3], as one on a canvas at scale 1."""
+        return np.asarray(self._from_current @ to_plane, dtype=np.float64)
+
     def at_scale_one(self, points: FloatArray) -> FloatArray:
         """Points of the present plane, float64[n, 2], in px of a canvas at scale 1."""
         mapped = cv2.perspectiveTransform(points.reshape(1, -1, 2), self._from_current)

@@ -54,7 +54,7 @@ class Coverage:
             self._outlines = Mosaic(self._max_px)
         outline, place = self._reduced(shape), self._on_grid(shape, to_plane)
         canvas = self._outlines.canvas
-        if not is_placeable(place, outline):
+        if not (is_placeable(place, outline) and is_placeable(canvas.from_picture(place), outline)):
             return False
         if not canvas.make_room(canvas.at_scale_one(project(place, corners(outline))), 1):
             return False

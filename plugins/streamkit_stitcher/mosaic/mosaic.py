@@ -9,6 +9,7 @@ import numpy as np
 from streamkit_stitcher.homographies import FloatArray, corners, normalised, project, scale_change
 from streamkit_stitcher.mosaic.canvas import Canvas
 from streamkit_stitcher.mosaic.tiles import PictureArray
+from streamkit_stitcher.plane.placement import drawn_out
 from streamkit_stitcher.registration.patches import halved
 
 _SCALE_RANGE: Final = (0.25, 4.0)
@@ -88,7 +89,7 @@ class Mosaic:
             OSError: the temporary file takes no more.
         """
         shape = (picture.shape[0], picture.shape[1])
-        if not is_placeable(to_reference, shape):
+        if not is_placeable(self.canvas.from_picture(to_reference), shape):
             return False
         footprint = self.canvas.at_scale_one(project(to_reference, corners(shape)))
         if not self.canvas.make_room(footprint, 1 if picture.ndim == 2 else 3):
@@ -126,8 +127,7 @@ def is_placeable(to_reference: FloatArray, shape: tuple[int, int]) -> bool:
     """
     if not np.isfinite(to_reference).all():
         return False
-    depths = to_reference[2, :2] @ corners(shape).T + to_reference[2, 2]
-    if not 0 < depths.max() < _MOST_TILT * depths.min():
+    if not drawn_out(to_reference, shape) < _MOST_TILT:
         return False
     return _SCALE_RANGE[0] < scale_change(to_reference, shape) < _SCALE_RANGE[1]
 

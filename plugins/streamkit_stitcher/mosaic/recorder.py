@@ -63,8 +63,8 @@ class MosaicRecorder:
         return self.album.mosaic
 
     def is_other_plane(self, placement: Placement) -> bool:
-        """Whether a picture lies on a plane that nothing relates to the mosaic's."""
-        return placement.reference != self._reference and placement.change is None
+        """Whether a picture lies on a plane that cannot be drawn on with the mosaic's."""
+        return placement.opens or (placement.reference != self._reference and placement.change is None)
 
     def add(
         self,
@@ -91,9 +91,9 @@ class MosaicRecorder:
         """
         if self.is_other_plane(placement):
             self._begin(placement.reference)
-        if placement.change is not None:
-            self._ground.move_plane(placement.change)
-            self._do(partial(self.album.follow, placement.change, placement.reference))
+        elif placement.exchange is not None:
+            self._ground.move_plane(placement.exchange)
+            self._do(partial(self.album.follow, placement.exchange, placement.reference))
         self._reference = placement.reference
         if not placement.anchored or not (placement.keyframe or self._is_new_ground(shape, placement)):
             return False

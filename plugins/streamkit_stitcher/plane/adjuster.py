@@ -1,6 +1,6 @@
 """Adjusting the key pictures beside the stream: loops are closed, places made to agree."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import dataclass
@@ -31,6 +31,7 @@ class AdjustmentJob:
         keyframe: the new key picture.
         images: its picture and halvings, not changed by anybody.
         candidates: key pictures that may show the same ground, without a tie to it.
+        near: key pictures whose place to the new one is known to a few px.
         description: what the new key picture is recognised by, if that was worked out before.
     """
 
@@ -40,6 +41,7 @@ class AdjustmentJob:
     keyframe: Keyframe
     images: Sequence[GreyArray]
     candidates: Sequence[Keyframe]
+    near: Collection[int] = ()
     description: Description | None = None
 
 
@@ -121,7 +123,7 @@ class Adjuster:
             executor.shutdown(wait=True, cancel_futures=True)
 
     def _work(self, job: AdjustmentJob) -> Adjusted:
-        ties = self._closer.close(job.keyframe, job.images, job.candidates, job.description)
+        ties = self._closer.close(job.keyframe, job.images, job.candidates, job.near, job.description)
         if job.problem is None:
             return Adjusted({}, ties, 0.0, 0)
         places, rmse, iterations = adjusted_places(job.problem, job.indices, job.settings)

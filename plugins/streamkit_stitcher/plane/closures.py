@@ -10,14 +10,15 @@ from streamkit_stitcher.plane.graph import Tie
 
 # How far two key pictures may lie from their true places to each other, as a part of the width: errors of
 # direction add up twice along the ties between them. Beyond the last, somebody else has to say so, too.
-_ALLOWED: Final = 0.005
+_ALLOWED: Final = 0.01
 _GROWTH: Final = 1.5
 _MOST_ALLOWED: Final = 0.1
 # Between key pictures this few ties apart nothing adds up, whoever says so.
-_FEW_STEPS: Final = 4
+FEW_STEPS: Final = 4
 _AGREEING: Final = 0.05
 _NEIGHBOURS: Final = 4
 _WAITING: Final = 8
+_SETTLED: Final = 0.003
 
 
 class ClosureEvidence:
@@ -29,6 +30,12 @@ class ClosureEvidence:
 
     def __init__(self) -> None:
         self._waiting: list[Tie] = []
+        self._is_far = False
+
+    @property
+    def is_far(self) -> bool:
+        """Whether a tie that was believed last moves more than the newest few key pictures."""
+        return self._is_far
 
     def believed(
         self,
@@ -46,14 +53,17 @@ class ClosureEvidence:
             shape: (height, width) of the newest, px.
         """
         found: list[Tie] = []
+        self._is_far = False
         for tie in ties:
             if tie.host not in places or tie.observer not in places:
                 continue
             asked, apart = _asked(tie, places), steps.get(tie.host)
             px = shape[1] * scale_change(places[tie.observer], shape)
-            if np.hypot(*asked) <= px * _allowed(apart):
+            distance = float(np.hypot(*asked))
+            if distance <= px * _allowed(apart):
                 found.append(tie)
-            elif apart is None or apart > _FEW_STEPS:
+                self._is_far |= distance > px * _SETTLED
+            elif apart is None or apart > FEW_STEPS:
                 agreeing = [
                     other
                     for other in self._near(tie, places)
@@ -61,6 +71,7 @@ class ClosureEvidence:
                 ]
                 self._waiting = [other for other in self._waiting if other not in agreeing]
                 found.extend([*agreeing, tie] if agreeing else ())
+                self._is_far |= bool(agreeing)
                 self._waiting.extend(() if agreeing else (tie,))
         self._waiting = self._waiting[-_WAITING:]
         return tuple(found)

@@ -8,7 +8,7 @@ from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings
 from streamkit_stitcher.bundle_adjustment.problem import CameraModel
 from streamkit_stitcher.homographies import IDENTITY, FloatArray, GreyArray, inverse, normalised
 from streamkit_stitcher.plane.adjuster import Adjuster, AdjustmentJob, adjusted_places
-from streamkit_stitcher.plane.closures import ClosureEvidence
+from streamkit_stitcher.plane.closures import FEW_STEPS, ClosureEvidence
 from streamkit_stitcher.plane.graph import KeyframeGraph, Tie
 from streamkit_stitcher.plane.key_picture import LEVELS, Beside, key_picture
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, KeyframeStore
@@ -148,6 +148,8 @@ class KeyframeMap:
         candidates = self._loop_candidates(self._active)
         tied = self._graph.tied
         free = tied[-_WHOLE_LIMIT:] if whole or self._closed_loops else tied[-self._settings.window :]
+        steps = self._graph.steps_from(self._active.index) if candidates else {}
+        near = frozenset(index for index, count in steps.items() if count <= FEW_STEPS)
         problem, indices = self._graph.problem(free, self._reference) or (None, ())
         self._closed_loops = False
         if problem is None and not candidates:
@@ -156,7 +158,7 @@ class KeyframeMap:
         own = pyramid(tuple(image.copy() for image in images), LEVELS) if candidates else ()
         settings = self._adjustment(self._settings.adjustment_iterations)
         self._adjuster.submit(
-            AdjustmentJob(problem, indices, settings, self._active, own, candidates, description)
+            AdjustmentJob(problem, indices, settings, self._active, own, candidates, near, description)
         )
 
     def adopt(self) -> FloatArray | None:
@@ -169,7 +171,7 @@ class KeyframeMap:
         ties = self._believed(result.ties)
         for tie in ties:
             self._graph.tie(tie)
-        self._closed_loops = self._closed_loops or bool(ties)
+        self._closed_loops = self._closed_loops or (bool(ties) and self._closures.is_far)
         return self._move(result.places)
 
     def rebase(self, reference: int) -> FloatArray:
@@ -190,6 +192,10 @@ class KeyframeMap:
         places, rmse, _ = adjusted_places(*found, self._adjustment(_FINAL_ITERATIONS))
         self._move(places)
         return rmse
+
+    def retire(self) -> None:
+        """Lets go of what only new pictures need: the patches, by far the most of the memory."""
+        self._store, self._active = KeyframeStore(0), None
 
     def close(self) -> None:
         """Ends the workers."""

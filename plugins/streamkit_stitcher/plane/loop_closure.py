@@ -1,6 +1,6 @@
 """Ties across flight strips: key pictures of the same ground that the stream did not follow."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -101,6 +101,7 @@ class LoopCloser:
         keyframe: Keyframe,
         images: Sequence[GreyArray],
         candidates: Sequence[Keyframe],
+        near: Collection[int] = (),
         description: Description | None = None,
     ) -> tuple[Tie, ...]:
         """The ties to those of `candidates` in which the key picture was found.
@@ -109,6 +110,8 @@ class LoopCloser:
             keyframe: the new key picture.
             images: its picture and halvings.
             candidates: key pictures to look in.
+            near: those of them whose place is known to a few px; unless the new one had to be recognised
+                itself, they are not searched for what is not seen there.
             description: of the new key picture, if there is one already.
         """
         if description is not None:
@@ -120,6 +123,8 @@ class LoopCloser:
                 continue
             match = self._expected(keyframe, images, candidate, limits)
             if match is None:
+                if description is None and candidate.index in near:
+                    continue
                 seen = self._recogniser.place(self._recogniser.description(keyframe), candidate)
                 if seen is None:
                     continue

@@ -3,7 +3,9 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from streamkit_stitcher.homographies import IDENTITY, FloatArray
+import numpy as np
+
+from streamkit_stitcher.homographies import IDENTITY, FloatArray, corners
 
 
 class Status(StrEnum):
@@ -63,6 +65,10 @@ class Placement:
         anchored: whether `to_reference` was measured against a key picture and not only carried forward.
         key_index: the key picture it was measured against, or that it became.
         to_key: float64[3, 3], its pixels to those of that key picture.
+        exchange: float64[3, 3], the part of `change` by which all of the plane went, and not only what lies
+            about this picture: another key picture's plane became the reference; None where none did.
+        opens: whether the plane that this picture opens cannot be drawn on with the one before, though
+            `change` relates them.
     """
 
     to_previous: FloatArray
@@ -77,3 +83,21 @@ class Placement:
     anchored: bool = False
     key_index: int = 0
     to_key: FloatArray = field(default_factory=lambda: IDENTITY)
+    exchange: FloatArray | None = None
+    opens: bool = False
+
+
+def drawn_out(to_plane: FloatArray, shape: tuple[int, int]) -> float:
+    """How much farther away the far side of a picture is than its near side, on a plane.
+
+    Args:
+        to_plane: float64[3, 3], the picture's pixels to the plane.
+        shape: (height, width) of the picture, px.
+
+    Returns:
+        1 for a camera that looks straight down on the plane; infinite where the horizon is in view. The
+        picture is drawn out by the square of it.
+    """
+    depths = to_plane[2, :2] @ corners(shape).T + to_plane[2, 2]
+    near, far = float(np.min(depths)), float(np.max(depths))
+    return far / near if near > 0 else float("inf")

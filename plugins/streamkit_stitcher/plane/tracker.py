@@ -20,7 +20,7 @@ from streamkit_stitcher.homographies import (
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.jumps import jump
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
-from streamkit_stitcher.plane.placement import Anchored, Placement, Status
+from streamkit_stitcher.plane.placement import Anchored, Placement, Status, drawn_out
 from streamkit_stitcher.plane.schedule import ReferenceSchedule
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 from streamkit_stitcher.registration.corners import CornerDetector
@@ -43,7 +43,9 @@ _ADOPT_AFTER: Final = 10
 _RECOGNISE_EVERY: Final = 2
 _RECOGNISE_OFTEN: Final = 4
 _RECOGNISE_RARELY: Final = 16
-_PLANE_SCALE: Final = (0.2, 5.0)
+# Well inside of what a mosaic takes: see `mosaic.is_placeable`.
+_PLANE_SCALE: Final = (0.3, 3.3)
+_PLANE_TILT: Final = 1.5
 
 
 class PlaneTracker:
@@ -53,7 +55,8 @@ class PlaneTracker:
     far makes it expected; where that fails, it is registered to the picture before it, then recognised by
     what it shows. Key pictures are kept and adjusted together beside the stream; where the camera comes back
     to one of them it takes over again, which undoes what drift there was. A cut, a new picture size, or too
-    many unplaced pictures start a new plane.
+    many unplaced pictures start a new plane; so does a picture that the plane draws out, because errors added
+    up or the camera looks ahead, but that one is related to the plane before it.
 
     From one picture to the next, `change @ previous.to_reference @ to_previous` is `to_reference`, with the
     identity where `change` is None: whatever moves the plane travels with the picture on which it moves.
@@ -69,6 +72,8 @@ class PlaneTracker:
         self._change: FloatArray | None = None
         self._closed: KeyframeMap | None = None
         self._anchor: KeyframeAnchor | None = None
+        self._exchange: FloatArray | None = None
+        self._opens = False
         self._forget((0, 0))
 
     @property
@@ -104,7 +109,7 @@ class PlaneTracker:
 
     def skip(self) -> Placement:
         """Places a picture that must not be looked at, by the motion of those before it; status lost."""
-        self._change = None
+        self._begin_move()
         return self._coast()
 
     def place(self, grey: GreyArray) -> Placement:
@@ -116,7 +121,7 @@ class PlaneTracker:
         Returns:
             The placement; every matrix is finite whatever the picture shows.
         """
-        self._change = None
+        self._begin_move()
         shape = (int(grey.shape[0]), int(grey.shape[1]))
         if shape != self._shape:
             if self._shape != (0, 0):
@@ -130,17 +135,18 @@ class PlaneTracker:
             self._move_plane(self._anchor.keyframes.adopt())
         return self._continue(images, self._anchor, self._base)
 
+    def _begin_move(self) -> None:
+        """With each picture begins anew how the plane moves under it."""
+        self._change = self._exchange = None
+        self._opens = False
+
     def _forget(self, shape: tuple[int, int]) -> None:
         """Drops everything learnt; pictures of `shape` come next."""
         self._shape = shape
         self._level = working_level(shape, self._settings.working_width)
         self._detector = CornerDetector()
         self._schedule = ReferenceSchedule(self._settings.strip_length)
-        if self._anchor is not None:
-            if self._closed is not None:
-                self._closed.close()
-            self._closed = self._anchor.keyframes
-        self._anchor = None
+        self._retire()
         self._base: GreyArray | None = None
         self._base_to_reference = IDENTITY
         self._velocity = np.eye(3)
@@ -289,21 +295,44 @@ class PlaneTracker:
         anchor = self._anchor
         if anchor is None or anchor.keyframes.active is None:
             return to_reference
+        scale = scale_change(to_reference, self._shape)
+        bent = drawn_out(to_reference, self._shape) > _PLANE_TILT
+        if bent or not _PLANE_SCALE[0] < scale < _PLANE_SCALE[1]:
+            return self._open_plane(images, to_reference)
         checkpoint = None
         if self._settings.reference is ReferenceChoice.CENTER:
             checkpoint = self._schedule.at(len(anchor.keyframes))
         reference = checkpoint.reference if checkpoint is not None else None
-        if not _PLANE_SCALE[0] < scale_change(to_reference, self._shape) < _PLANE_SCALE[1]:
-            # Drift has tilted the far plane until its numbers mean nothing: go on from here.
-            reference = anchor.keyframes.active.index
         if reference is not None:
             change = anchor.keyframes.rebase(reference)
             if not np.allclose(change, IDENTITY, atol=1e-12):
                 self._reference += 1
                 self._move_plane(change)
+                self._exchange = change
                 to_reference = normalised(change @ to_reference)
         anchor.begin_adjustment(images, whole=checkpoint is not None and checkpoint.readjust)
         return to_reference
+
+    def _open_plane(self, images: Sequence[GreyArray], to_reference: FloatArray) -> FloatArray:
+        """Goes on upon the plane of a new key picture, which knows nothing of the key pictures before it."""
+        self._retire()
+        self._anchor = KeyframeAnchor(self._settings, self._level)
+        self._anchor.add(images, IDENTITY)
+        self._schedule = ReferenceSchedule(self._settings.strip_length)
+        self._reference += 1
+        self._opens = True
+        self._move_plane(inverse(to_reference))
+        return IDENTITY
+
+    def _retire(self) -> None:
+        """Keeps of the key pictures what a mosaic of their plane needs, until somebody takes it."""
+        if self._anchor is None:
+            return
+        if self._closed is not None:
+            self._closed.close()
+        self._closed = self._anchor.keyframes
+        self._closed.retire()
+        self._anchor = None
 
     def _move_plane(self, change: FloatArray | None) -> None:
         """Follows a move of the plane, float64[3, 3] old to new, with all that was placed on it."""
@@ -338,6 +367,6 @@ class PlaneTracker:
 
     def _publish(self, placement: Placement) -> Placement:
         if self._change is not None:
-            placement = replace(placement, change=self._change)
+            placement = replace(placement, change=self._change, exchange=self._exchange, opens=self._opens)
         self._published = placement
         return placement

@@ -94,12 +94,37 @@ def test_pictures_out_of_reach_are_counted(recorder, picture):
 def test_a_plane_that_moves_takes_its_mosaic_along(recorder, ground, tmp_path):
     """After a change of plane the next picture lands beside the first, not on it."""
     add(recorder, placement(keyframe=True), ground[:360, :640])
-    moved = placement(-700.0, 1, keyframe=True, change=translation(np.array([-1000.0, 0.0])))
+    step = translation(np.array([-1000.0, 0.0]))
+    moved = placement(-700.0, 1, keyframe=True, change=step, exchange=step)
     assert not recorder.is_other_plane(moved)
     add(recorder, moved, ground[:360, 300:940])
     assert recorder.finish().width == 940
     found = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE)
     assert np.abs(found.astype(int) - ground[:360, :940]).max() <= 1
+
+
+def test_what_is_painted_stays_where_key_pictures_are_put_right(recorder, ground, tmp_path):
+    """Where only what lies about a picture moves, it is painted where it belongs beside all the others."""
+    add(recorder, placement(keyframe=True), ground[:360, :640])
+    step = translation(np.array([-50.0, 0.0]))
+    add(recorder, placement(300.0, keyframe=True, change=step), ground[:360, 300:940])
+    assert recorder.finish().width == 940
+    found = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE)
+    assert np.abs(found.astype(int) - ground[:360, :940]).max() <= 1
+
+
+def test_a_plane_that_cannot_be_drawn_on_begins_another_mosaic(picture, tmp_path):
+    """Though it is related to the one before, each has its file, and lies as it lies on its own plane."""
+    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m-%d.png"), 64_000_000, final=False))
+    add(recorder, placement(keyframe=True), picture)
+    step = translation(np.array([-1000.0, 0.0]))
+    opened = placement(0.0, 1, keyframe=True, change=step, opens=True)
+    assert recorder.is_other_plane(opened)
+    recorder.finish()
+    add(recorder, opened, picture)
+    add(recorder, placement(300.0, 1, keyframe=True), picture)
+    assert recorder.finish().width == 940
+    assert cv2.imread(str(tmp_path / "m-0.png")).shape[1] == 640
 
 
 def test_the_final_mosaic_takes_the_adjusted_places(ground, tmp_path):
@@ -122,7 +147,8 @@ def test_a_mosaic_that_somebody_asks_for_is_painted_from_then_on(ground, tmp_pat
     recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), 64_000_000))
     assert recorder.is_empty
     add(recorder, placement(keyframe=True), ground[:360, :640])
-    moved = placement(-700.0, 1, keyframe=True, change=translation(np.array([-1000.0, 0.0])))
+    step = translation(np.array([-1000.0, 0.0]))
+    moved = placement(-700.0, 1, keyframe=True, change=step, exchange=step)
     add(recorder, moved, ground[:360, 300:940])
     assert not recorder.is_empty
     assert np.abs(recorder.mosaic.picture().astype(int) - ground[:360, :940]).max() <= 1

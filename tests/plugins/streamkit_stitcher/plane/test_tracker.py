@@ -1,5 +1,6 @@
 """Placing the pictures of a stream on a plane."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import cv2
@@ -104,6 +105,33 @@ def test_the_plane_moves_to_the_middle_key_picture(flight):
             break
     assert len(keys) == 4
     assert flight.error(placement.to_reference, index, keys[2]) < 0.5
+    tracker.close()
+
+
+def test_a_picture_that_its_plane_draws_out_opens_another_which_is_related_to_it(ground, make_flight):
+    """A camera that descends to a fifth: whoever follows the changes never notices."""
+    flight = make_flight(ground, 60, SMALL, cars=0)
+    middle = np.array([[1, 0, -319.5], [0, 1, -179.5], [0, 0, 1]])
+    scales = np.geomspace(3.0, 0.6, len(flight))
+    descent = replace(
+        flight,
+        to_ground=np.array([np.array([[s, 0, 1000], [0, s, 750], [0, 0, 1.0]]) @ middle for s in scales]),
+    )
+    tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.FIRST))
+    placements = [tracker.place(picture) for picture in descent.pictures()]
+    opened = [index for index, placement in enumerate(placements) if placement.opens]
+    assert len(opened) == 1
+    first = placements[opened[0]]
+    assert (first.reference, first.status, first.keyframe) == (1, Status.OK, True)
+    assert np.array_equal(first.to_reference, np.eye(3))
+    old_place = np.linalg.inv(first.change)
+    assert descent.error(old_place / old_place[2, 2], opened[0]) < 2.0
+    assert max(descent.error(item.to_previous, i, i - 1) for i, item in enumerate(placements) if i) < 1.0
+    assert descent.error(placements[-1].to_reference, len(flight) - 1, opened[0]) < 2.0
+    plane = tracker.take_plane()
+    assert plane.finish() < 1.0
+    assert len(plane.places) > 2
+    plane.close()
     tracker.close()
 
 
