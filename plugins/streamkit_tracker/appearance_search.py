@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,45 +11,16 @@ from streamkit_tracker.eigen_template import EigenStack, EigenTemplate
 from streamkit_tracker.feature_template import FeatureTemplate, feature_distances
 from streamkit_tracker.frame_crops import Crops, Float32Array
 from streamkit_tracker.layered_filter import Cloud, LayerSettings, Proposal, layered_step
-from streamkit_tracker.window_geometry import (
-    ANGLE,
-    LENGTH,
-    WIDTH,
-    FloatArray,
-    half_turn,
-    visible_fraction,
-)
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
+from streamkit_tracker.window_priors import Prior, log_scores, prior_rows
 from streamkit_tracker.window_sampling import WindowSampler, shrink_factor
 
 Template = EigenTemplate | FeatureTemplate
 
 LEAST_CONTRAST = 1e-3
-VISIBLE_ENOUGH = 0.5
-HIDDEN_PENALTY = 20.0
 DETECTION_SHARE = 0.5
 LATER_LAYERS = 0.15  # of the diagonal: how far smaller layers reach beyond the first
 SAMPLES_AT_ONCE = 400_000  # keeps maps and patches of a batch inside the cache
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What is expected of the window before the image is looked at; an infinite deviation is no opinion.
-
-    Attributes:
-        centroid: centre of the detection, px.
-        centroid_std: its standard deviation, px.
-        sides: length and width, px.
-        sides_std: relative standard deviation of both.
-        heading: direction of motion, rad.
-        heading_std: its standard deviation, rad.
-    """
-
-    centroid: tuple[float, float] = (0.0, 0.0)
-    centroid_std: float = math.inf
-    sides: tuple[float, float] = (1.0, 1.0)
-    sides_std: float = math.inf
-    heading: float = 0.0
-    heading_std: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,23 +127,18 @@ def _search_alike(
     sampler: WindowSampler, jobs: list[SearchJob], likelihood: Likelihood, factor: int
 ) -> list[Found]:
     """Jobs with the same kind of template, patch, layers and shrinking, in one batch."""
-    expected = log_prior([job.prior for job in jobs])
-    scale = -0.5 / (likelihood.sigma**2 * np.array([job.tolerance for job in jobs])[:, None])
+    priors = prior_rows([job.prior for job in jobs])
+    scales = -0.5 / (likelihood.sigma**2 * np.array([job.tolerance for job in jobs]))
     comparison = _Comparison(sampler, jobs, factor)
 
     def score(windows: FloatArray) -> FloatArray:
-        scores = scale * comparison.distances(windows) + expected(windows)
-        if not comparison.inside:
-            visible = visible_fraction(windows.reshape(-1, 5), sampler.shape).reshape(windows.shape[:2])
-            scores -= HIDDEN_PENALTY * np.maximum(VISIBLE_ENOUGH - visible, 0.0)
+        scores = np.empty(windows.shape[:2])
+        log_scores(comparison.distances(windows), scales, windows, priors, *sampler.shape, scores)
         return scores
 
     proposal = _proposal(jobs, likelihood)
     clouds, generators = [job.cloud for job in jobs], [job.generator for job in jobs]
     estimates = layered_step(clouds, generators, proposal, score, jobs[0].layers)
-    if factor > 1:
-        # where a shrunk picture's pixels begin shows in a patch, and a template starts in its own
-        comparison.cut_anew(margin=0.0)
     final = comparison.distances(estimates.windows[:, None])
     patches, similarities = comparison.first_patches, np.exp(-final[:, 0])
     return [
@@ -228,17 +193,7 @@ class _Comparison:
         self._together = max(
             1, SAMPLES_AT_ONCE // (jobs[0].layers.particles * self._patch[0] * self._patch[1])
         )
-        self.cut_anew(LATER_LAYERS)
-
-    def cut_anew(self, margin: float) -> None:
-        """Forgets the parts of the frame; `margin` is the room around the next ones, see `FrameCrops`."""
         self._crops: list[Crops] = []
-        self._margin = margin
-
-    @property
-    def inside(self) -> bool:
-        """Whether all windows compared so far lie inside the frame."""
-        return all(crops.whole for crops in self._crops)
 
     def distances(self, windows: FloatArray) -> FloatArray:
         """Distances float64[t, n] of windows float64[t, n, 5]."""
@@ -252,7 +207,7 @@ class _Comparison:
             flat = wider[chunk].reshape(-1, 5)
             if index == len(self._crops):
                 groups = chunk.stop - chunk.start
-                self._crops.append(self._sampler.crop(flat, self._factor, groups, self._margin))
+                self._crops.append(self._sampler.crop(flat, self._factor, groups, LATER_LAYERS))
             patches = self._sampler.sample(flat, self._patch, crops=self._crops[index])
             patches = patches.reshape(-1, count, pixels)
             result[chunk] = (
@@ -270,27 +225,3 @@ def _widened(windows: FloatArray, context: float) -> FloatArray:
     wider = windows.copy()
     wider[..., LENGTH : WIDTH + 1] *= context
     return wider
-
-
-def log_prior(priors: Sequence[Prior]) -> Callable[[FloatArray], FloatArray]:
-    """Log of the priors up to a constant: a function of windows float64[t, n, 5] that gives float64[t, n]."""
-    centroids = np.array([prior.centroid for prior in priors])[:, None]
-    centroid_precisions = np.array([prior.centroid_std**-2 for prior in priors])[:, None]
-    sides = np.array([prior.sides for prior in priors])[:, None]
-    side_precisions = np.array([prior.sides_std**-2 for prior in priors])[:, None]
-    headings = np.array([prior.heading for prior in priors])[:, None]
-    heading_precisions = np.array([prior.heading_std**-2 for prior in priors])[:, None]
-
-    turned, sized = bool(heading_precisions.any()), bool(side_precisions.any())
-
-    def log(windows: FloatArray) -> FloatArray:
-        offsets = windows[:, :, :2] - centroids
-        weighted = centroid_precisions * np.einsum("tnk,tnk->tn", offsets, offsets)
-        if sized:
-            ratios = np.log(windows[:, :, LENGTH : WIDTH + 1] / sides)
-            weighted += side_precisions * np.einsum("tnk,tnk->tn", ratios, ratios)
-        if turned:
-            weighted += heading_precisions * half_turn(windows[:, :, ANGLE] - headings) ** 2
-        return np.asarray(-0.5 * weighted)
-
-    return log

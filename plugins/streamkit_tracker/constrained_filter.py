@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
-Float32Array = NDArray[np.float32]
-ComplexArray = NDArray[np.complex64]
+from streamkit_tracker.compiled import compiled
+from streamkit_tracker.grid_spectra import ComplexArray, Cutter
 
 REGULARISATION = 0.001  # weights are relative to the mean power of the first patch
 INERTIA = 0.1
@@ -36,15 +35,14 @@ class ConstrainedFilter:
         power = float(np.sum(np.abs(spectrum) ** 2)) / spectrum[0].size
         self._scaling = np.float32(1 / np.sqrt(max(power, 1e-3)))  # a flat patch has none
         self._wanted = wanted
-        self._size = (spectrum.shape[1], spectrum.shape[1])
-        self._weight = _outside(self._size[0], scale)
+        side = spectrum.shape[1]
+        self._cut = Cutter(_within(side, scale[1]), _within(side, scale[0]))
         self._filter = np.zeros_like(spectrum)
         self._solve(spectrum, REGULARISATION, FIRST_ITERATIONS)
 
-    @property
-    def transfer(self) -> ComplexArray:
-        """complex64[channels, rows, columns // 2 + 1]: times a patch's spectrum it gives the response's."""
-        return np.asarray(self._filter * self._scaling, np.complex64)
+    def answer(self, spectrum: ComplexArray) -> ComplexArray:
+        """Spectrum complex64[rows, columns // 2 + 1] of the response to a patch, given its own."""
+        return np.asarray((self._filter * spectrum).sum(axis=0) * self._scaling)
 
     def learn(self, spectrum: ComplexArray) -> None:
         """Learns a patch with the target in its middle."""
@@ -53,32 +51,69 @@ class ConstrainedFilter:
     def _solve(self, spectrum: ComplexArray, inertia: float, iterations: int) -> None:
         """Finds the best filter for one patch near the present one.
 
-        By the alternating direction method of multipliers; each frequency is a ridge regression with a
-        single sample, which the Sherman-Morrison formula solves.
+        By the alternating direction method of multipliers: in turn the best filter of any extent, and the
+        one nearest to it whose weights outside the target's sides are dear.
         """
         sample = spectrum * self._scaling
-        adjoint = np.conj(sample)
-        energy = np.sum(np.abs(sample) ** 2, axis=0)
-        wish = adjoint * self._wanted + np.float32(inertia) * self._filter
-        inside, dual, penalty = self._filter, np.zeros_like(sample), FIRST_PENALTY
+        previous, free = self._filter, np.empty_like(sample)
+        inside, dual, penalty = previous, np.zeros_like(sample), FIRST_PENALTY
         for _ in range(iterations):
-            weight = np.float32(inertia + penalty)
-            target = wish + np.float32(penalty) * (inside - dual)
-            shared = np.sum(sample * target, axis=0) / (weight + energy)
-            free = (target - adjoint * shared) / weight + dual
-            space = scipy.fft.irfft2(free, s=self._size, axes=(1, 2))
-            space *= np.float32(penalty) / (self._weight + np.float32(penalty))
-            inside = np.asarray(scipy.fft.rfft2(space, axes=(1, 2)), np.complex64)
+            _unbounded(sample, self._wanted, previous, inside, dual, inertia, penalty, free)
+            # all is scaled by the one factor, and the rectangle by as much more as the other is larger
+            dear, cheap = penalty / (OUTSIDE + penalty), penalty / (WITHIN + penalty)
+            inside = np.float32(cheap - dear) * self._cut(free) + np.float32(dear) * free
             dual = free - inside
             penalty = min(penalty * PENALTY_STEP, LAST_PENALTY)
         self._filter = inside
 
 
-def _outside(side: int, scale: tuple[float, float]) -> Float32Array:
-    """float32[side, side]: a high weight beyond the target's sides, nearly 0 within.
+@compiled
+def _unbounded(
+    sample: ComplexArray,
+    wanted: ComplexArray,
+    previous: ComplexArray,
+    inside: ComplexArray,
+    dual: ComplexArray,
+    inertia: float,
+    penalty: float,
+    free: ComplexArray,
+) -> None:
+    """The best filter of any extent, plus the dual.
+
+    Each frequency is a ridge regression with a single sample, which the Sherman-Morrison formula solves.
+
+    Args:
+        sample: complex64[channels, rows, columns], scaled spectrum of the patch.
+        wanted: complex64[rows, columns].
+        previous: complex64[channels, rows, columns], the filter that the new one stays near.
+        inside: the same, the latest filter within the target's sides.
+        dual: the same, of the difference between both.
+        inertia: weight of `previous`.
+        penalty: weight of the difference.
+        free: complex64[channels, rows, columns], is filled.
+    """
+    channels, rows, columns = sample.shape
+    near, step, weight = np.float32(inertia), np.float32(penalty), np.float32(inertia + penalty)
+    for row in range(rows):
+        for column in range(columns):
+            energy, shared = np.float32(0), np.complex64(0)
+            for channel in range(channels):
+                value = sample[channel, row, column]
+                wish = value.conjugate() * wanted[row, column] + near * previous[channel, row, column]
+                wish += step * (inside[channel, row, column] - dual[channel, row, column])
+                free[channel, row, column] = wish
+                shared += value * wish
+                energy += value.real * value.real + value.imag * value.imag
+            shared /= weight + energy
+            for channel in range(channels):
+                value = sample[channel, row, column]
+                best = (free[channel, row, column] - value.conjugate() * shared) / weight
+                free[channel, row, column] = best + dual[channel, row, column]
+
+
+def _within(side: int, scale: float) -> NDArray[np.bool_]:
+    """bool[side]: which samples lie within the target's side.
 
     The filter lies mirrored about the patch's middle, which is between two samples.
     """
-    shifts = np.abs(np.arange(side) - (side + 1) / 2) * (2 / side)
-    beyond = np.maximum(shifts[None] * scale[0], shifts[:, None] * scale[1]) > 1
-    return np.where(beyond, np.float32(OUTSIDE), np.float32(WITHIN))
+    return np.asarray(np.abs(np.arange(side) - (side + 1) / 2) * (2 / side) * scale <= 1)

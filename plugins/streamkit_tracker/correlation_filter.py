@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
-import cv2
 import numpy as np
-import scipy.fft
-from numpy.typing import NDArray
 
+from streamkit_tracker.compiled import compiled
 from streamkit_tracker.constrained_filter import ConstrainedFilter
 from streamkit_tracker.frame_crops import Float32Array
+from streamkit_tracker.gradient_channels import GRID, SAMPLES, gradient_channels
+from streamkit_tracker.grid_spectra import ComplexArray, pictures_of, spectra_of
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
 from streamkit_tracker.window_sampling import WindowSampler, shrink_factor
 
-ComplexArray = NDArray[np.complex64]
-
-CELL = 3
-GRID = 32
-SAMPLES = CELL * GRID
-DIRECTIONS = 8
-CHANNELS = DIRECTIONS + 1
-CONTRAST_FLOOR = 3.0
-GREY_SHARE = 0.5
 SIDELOBE = 5  # cells around the peak that do not count as ground
 
 
@@ -90,8 +80,9 @@ class CorrelationFilter:
         self._scale = 1 + self._settings.padding * side / window[LENGTH : WIDTH + 1]
         self._wanted = _wanted(self._settings.peak_width, float(self._scale[0]), float(self._scale[1]))
         spectrum = self._spectrum(sampler, window[None])[0]
-        self._numerator = np.conj(self._wanted)[None] * spectrum
-        self._denominator = np.sum(np.abs(spectrum) ** 2, axis=0)
+        self._numerator = np.zeros_like(spectrum)
+        self._denominator = np.zeros(spectrum.shape[1:], np.float32)
+        _follow(self._numerator, self._denominator, self._wanted, spectrum, 1.0)
         power = max(float(self._denominator.mean()), 1.0)  # a flat patch has none
         self._floor = self._settings.regularisation * power
         scale = (float(self._scale[0]), float(self._scale[1]))
@@ -106,20 +97,20 @@ class CorrelationFilter:
             lead: part of the highest answer that is enough for the first window.
         """
         spectra = self._spectrum(sampler, windows)
-        transfer = np.conj(self._numerator) / (self._denominator + self._floor)
-        plain = _answers(transfer, spectra)
+        answers = np.empty((len(windows), *spectra.shape[2:]), np.complex64)
+        _plain_answers(self._numerator, self._denominator, self._floor, spectra, answers)
+        plain = pictures_of(answers)
         peaks = plain.max(axis=(1, 2))
         best = int(peaks.argmax())
         best = 0 if peaks[0] >= lead * peaks[best] else best
-        constrained = _answers(self._constrained.transfer, spectra[best : best + 1])[0]
-        return self._peak(0.5 * (plain[best] + constrained), plain[best], windows[best])
+        constrained = pictures_of(self._constrained.answer(spectra[best]))
+        return self._peak(np.float32(0.5) * (plain[best] + constrained), plain[best], windows[best])
 
     def learn(self, sampler: WindowSampler, window: FloatArray) -> None:
         """Learns the patch at a window, float64[5]."""
-        rate = self._settings.learning_rate
         spectrum = self._spectrum(sampler, window[None])[0]
-        self._numerator += rate * (np.conj(self._wanted)[None] * spectrum - self._numerator)
-        self._denominator += rate * (np.sum(np.abs(spectrum) ** 2, axis=0) - self._denominator)
+        rate = self._settings.learning_rate
+        _follow(self._numerator, self._denominator, self._wanted, spectrum, rate)
         self._constrained.learn(spectrum)
 
     def _spectrum(self, sampler: WindowSampler, windows: FloatArray) -> ComplexArray:
@@ -128,13 +119,10 @@ class CorrelationFilter:
         wider[:, LENGTH : WIDTH + 1] *= self._scale
         factor = shrink_factor(wider[0], (SAMPLES, SAMPLES), sampler.shape)
         patches = sampler.sample(wider, (SAMPLES, SAMPLES), factor)
-        channels = gradient_channels(patches.reshape(-1, SAMPLES, SAMPLES))
-        return np.asarray(scipy.fft.rfft2(channels, axes=(2, 3)), np.complex64)
+        return spectra_of(gradient_channels(patches.reshape(-1, SAMPLES, SAMPLES)))
 
     def _peak(self, response: Float32Array, plain: Float32Array, window: FloatArray) -> Response:
-        row, column = np.unravel_index(int(np.argmax(response)), response.shape)
-        down = _wrap(row + _parabola(response[:, column], int(row)))
-        along = _wrap(column + _parabola(response[row], int(column)))
+        _, _, down, along = _highest(response)
         step = window[LENGTH : WIDTH + 1] * self._scale / GRID
         cosine, sine = np.cos(window[ANGLE]), np.sin(window[ANGLE])
         dx, dy = along * step[0], down * step[1]
@@ -143,98 +131,95 @@ class CorrelationFilter:
             float(window[1] + dx * sine + dy * cosine),
         )
         sides = (float(window[LENGTH]), float(window[WIDTH]))
-        row, column = np.unravel_index(int(np.argmax(plain)), plain.shape)
-        peak, sharpness = float(plain[row, column]), _sharpness(plain, int(row), int(column))
-        return Response(position, sides, float(window[ANGLE]), peak, sharpness)
+        row, column, _, _ = _highest(plain)
+        sharpness = _sharpness(plain, row, column)
+        return Response(position, sides, float(window[ANGLE]), float(plain[row, column]), sharpness)
 
 
-def _answers(transfer: ComplexArray, spectra: ComplexArray) -> Float32Array:
-    """float32[n, grid, grid] of a filter complex64[channels, ...] to n spectra."""
-    spectrum = np.asarray((spectra * transfer).sum(axis=1), np.complex64)
-    return np.asarray(scipy.fft.irfft2(spectrum, s=(GRID, GRID), axes=(1, 2)), np.float32)
+def _wanted(width: float, scale_along: float, scale_across: float) -> ComplexArray:
+    """Spectrum complex64[grid, grid // 2 + 1] of a Gaussian at no shift."""
+    shifts = np.roll(np.arange(GRID) - GRID // 2, GRID // 2)
+    along = np.exp(-0.5 * (shifts * scale_along / (width * GRID)) ** 2)
+    across = np.exp(-0.5 * (shifts * scale_across / (width * GRID)) ** 2)
+    return spectra_of(np.outer(across, along).astype(np.float32))
 
 
-def gradient_channels(patches: Float32Array) -> Float32Array:
-    """Grey level and the gradient along eight directions, averaged over cells and free of light.
-
-    Args:
-        patches: float32[n, samples, samples].
-
-    Returns:
-        float32[n, channels, grid, grid], under a Hann window.
-
-    Source: Dalal and Triggs, Histograms of Oriented Gradients, CVPR 2005 (here with rectified projections
-    in place of binned angles, which need no arc tangent).
-    """
-    count = len(patches)
-    # patches under each other are one picture to OpenCV; what their seams mix up, the Hann window hides
-    column = patches.reshape(count * SAMPLES, SAMPLES)
-    across = np.asarray(cv2.Sobel(column, cv2.CV_32F, 1, 0, ksize=1), np.float32)
-    down = np.asarray(cv2.Sobel(column, cv2.CV_32F, 0, 1, ksize=1), np.float32)
-    channels = np.empty((CHANNELS, count * GRID, GRID), np.float32)
-    means = np.empty((DIRECTIONS // 2, count * GRID, GRID), np.float32)
-    _cells(across, means[0])
-    _cells(down, means[2])
-    np.add(means[0], means[2], out=means[1])
-    np.subtract(means[2], means[0], out=means[3])
-    for index, along in enumerate((across, across + down, down, down - across)):
-        _cells(cv2.threshold(along, 0, 0, cv2.THRESH_TOZERO)[1], channels[index])
-    half = channels[: DIRECTIONS // 2]
-    # the opposite directions need no pass of their own: a rectified mean is this one less the plain mean
-    np.subtract(half, means, out=channels[DIRECTIONS // 2 : DIRECTIONS])
-    gradients = channels[:DIRECTIONS]
-    gradients[1::2] *= np.float32(np.sqrt(0.5))
-    energy = cv2.blur(np.sqrt(np.einsum("cij,cij->ij", gradients, gradients)), (3, 3))
-    gradients /= energy + CONTRAST_FLOOR
-    _cells(column, channels[DIRECTIONS])
-    result = np.ascontiguousarray(channels.reshape(CHANNELS, count, GRID, GRID).transpose(1, 0, 2, 3))
-    result -= result.mean(axis=(2, 3), keepdims=True)
-    grey = result[:, DIRECTIONS].reshape(count, -1)
-    grey *= GREY_SHARE / np.maximum(np.sqrt(np.vecdot(grey, grey) / grey.shape[1]), CONTRAST_FLOOR)[:, None]
-    result *= _hann()
-    return result
+@compiled
+def _follow(
+    numerator: ComplexArray,
+    denominator: Float32Array,
+    wanted: ComplexArray,
+    spectrum: ComplexArray,
+    rate: float,
+) -> None:
+    """Moves numerator and denominator towards those of a patch, a part of the way."""
+    channels, rows, columns = spectrum.shape
+    part = np.float32(rate)
+    for row in range(rows):
+        for column in range(columns):
+            energy, answer = np.float32(0), wanted[row, column].conjugate()
+            for channel in range(channels):
+                value = spectrum[channel, row, column]
+                energy += value.real * value.real + value.imag * value.imag
+                numerator[channel, row, column] += part * (answer * value - numerator[channel, row, column])
+            denominator[row, column] += part * (energy - denominator[row, column])
 
 
-def _cells(picture: cv2.typing.MatLike, out: Float32Array) -> None:
-    """Means over cells: float32[n * samples, samples] to float32[n * grid, grid]."""
-    cv2.resize(picture, (GRID, picture.shape[0] // CELL), dst=out, interpolation=cv2.INTER_AREA)
+@compiled
+def _plain_answers(
+    numerator: ComplexArray,
+    denominator: Float32Array,
+    floor: float,
+    spectra: ComplexArray,
+    answers: ComplexArray,
+) -> None:
+    """Spectra complex64[n, grid, grid // 2 + 1] of the responses to n patches."""
+    channels, rows, columns = numerator.shape
+    for patch in range(len(spectra)):
+        for row in range(rows):
+            for column in range(columns):
+                total = np.complex64(0)
+                for channel in range(channels):
+                    weight = numerator[channel, row, column].conjugate()
+                    total += weight * spectra[patch, channel, row, column]
+                answers[patch, row, column] = total / (denominator[row, column] + np.float32(floor))
 
 
+@compiled
+def _highest(response: Float32Array) -> tuple[int, int, float, float]:
+    """Row and column of the peak on a ring of values, and its place, to parts of a cell from the middle."""
+    row, column = divmod(int(np.argmax(response)), GRID)
+    at, below, right = response[row, column], (row + 1) % GRID, (column + 1) % GRID
+    down = row + _parabola(response[row - 1, column], at, response[below, column])
+    along = column + _parabola(response[row, column - 1], at, response[row, right])
+    half = GRID / 2
+    return row, column, (down + half) % GRID - half, (along + half) % GRID - half
+
+
+@compiled
+def _parabola(before: float, at: float, after: float) -> float:
+    """Where between the samples a peak lies, -0.5 to 0.5."""
+    curve = before - 2 * at + after
+    return 0.0 if curve >= 0 else min(max(0.5 * (before - after) / curve, -0.5), 0.5)
+
+
+@compiled
 def _sharpness(response: Float32Array, row: int, column: int) -> float:
     """Peak to sidelobe ratio of a ring of values; 0 where all are alike.
 
     Source: Bolme, Beveridge, Draper and Lui, Visual Object Tracking using Adaptive Correlation Filters,
     CVPR 2010.
     """
-    around = np.arange(-SIDELOBE, SIDELOBE + 1)
-    lobe = response[np.ix_((row + around) % GRID, (column + around) % GRID)]
-    number = response.size - lobe.size
-    mean = float(response.sum() - lobe.sum()) / number
-    power = float(np.vdot(response, response) - np.vdot(lobe, lobe)) / number
-    deviation = float(np.sqrt(max(power - mean**2, 0.0)))
-    return (float(response[row, column]) - mean) / max(deviation, 1e-6)
-
-
-@cache
-def _hann() -> Float32Array:
-    window = np.hanning(GRID + 2)[1:-1].astype(np.float32)
-    return np.outer(window, window)
-
-
-def _wanted(width: float, scale_along: float, scale_across: float) -> ComplexArray:
-    """Spectrum complex64[grid, grid // 2 + 1] of a Gaussian at no shift."""
-    shifts = scipy.fft.fftfreq(GRID) * GRID
-    along = np.exp(-0.5 * (shifts * scale_along / (width * GRID)) ** 2)
-    across = np.exp(-0.5 * (shifts * scale_across / (width * GRID)) ** 2)
-    return np.asarray(scipy.fft.rfft2(np.outer(across, along)), np.complex64)
-
-
-def _parabola(values: Float32Array, index: int) -> float:
-    """Where between the samples a peak at `index` lies, -0.5 to 0.5, on a ring of values."""
-    before, at, after = (float(values[(index + k) % len(values)]) for k in (-1, 0, 1))
-    curve = before - 2 * at + after
-    return 0.0 if curve >= 0 else min(max(0.5 * (before - after) / curve, -0.5), 0.5)
-
-
-def _wrap(shift: float) -> float:
-    return (shift + GRID / 2) % GRID - GRID / 2
+    total, power = 0.0, 0.0
+    for value in response.ravel():
+        total += float(value)
+        power += float(value) ** 2
+    for down in range(row - SIDELOBE, row + SIDELOBE + 1):
+        for along in range(column - SIDELOBE, column + SIDELOBE + 1):
+            value = response[down % GRID, along % GRID]
+            total -= float(value)
+            power -= float(value) ** 2
+    number = response.size - (2 * SIDELOBE + 1) ** 2
+    mean = total / number
+    deviation = np.sqrt(max(power / number - mean * mean, 0.0))
+    return float((response[row, column] - mean) / max(deviation, 1e-6))

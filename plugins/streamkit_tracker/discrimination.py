@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from streamkit_tracker.appearance_search import Prior
 from streamkit_tracker.correlation_filter import CorrelationFilter, Response
 from streamkit_tracker.evidence import LEAST_SHARPNESS, Evidence
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
+from streamkit_tracker.window_priors import Prior
 from streamkit_tracker.window_sampling import WindowSampler
 
 PEAK_STD = 0.08  # of a filter's peak, relative to the target's side

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit_tracker.calling_thread import product
+from streamkit_tracker.compiled import compiled
 from streamkit_tracker.frame_crops import Float32Array
+from streamkit_tracker.window_geometry import FloatArray
 
 DEVIATION_FLOOR = 4.0
 TEXTURE_FLOOR = 0.05
@@ -115,7 +117,7 @@ class EigenStack:
         self._columns = np.stack([template.rows for template in templates]).transpose(0, 2, 1)
         self._constants = np.stack([template.constants for template in templates])
 
-    def distances(self, patches: Float32Array, chosen: slice = EVERY) -> Float32Array:
+    def distances(self, patches: Float32Array, chosen: slice = EVERY) -> FloatArray:
         """Mean squared residuals of normalised patches.
 
         The normalisation is folded into one product with [basis, mean, 1], so no normalised copy is made.
@@ -125,25 +127,17 @@ class EigenStack:
             chosen: which of the templates.
 
         Returns:
-            float32[c, n]; 0 is a perfect match, about 2 an unrelated patch.
+            float64[c, n]; 0 is a perfect match, about 2 an unrelated patch.
         """
-        pixels = patches.shape[2]
-        constants = self._constants[chosen]
         products = product(patches, self._columns[chosen])
-        sums, mean_products = constants[:, :1], constants[:, 1:]
-        average = products[:, :, -1:] / pixels
-        power = np.vecdot(patches, patches)[:, :, None]
-        variance = np.maximum(power / pixels - average**2, 0.0)
-        deviation = np.maximum(np.sqrt(variance), DEVIATION_FLOOR)
-        scaled = (products[:, :, :-1] - average * sums) / deviation
-        outside = pixels * (variance / deviation**2)[:, :, 0] - 2 * scaled[:, :, -1] + mean_products[:, :, -1]
-        scaled -= mean_products
-        inside = np.vecdot(scaled[:, :, :-1], scaled[:, :, :-1])
-        return np.asarray(np.maximum(outside - inside, 0.0) / pixels, np.float32)
+        result = np.empty(patches.shape[:2])
+        power = np.vecdot(patches, patches)
+        _residuals(products, power, self._constants[chosen], patches.shape[2], result)
+        return result
 
 
-def eigen_distances(templates: Sequence[EigenTemplate], patches: Float32Array) -> Float32Array:
-    """Distances float32[t, n] of patches float32[t, n, p] to t templates, see `EigenStack`."""
+def eigen_distances(templates: Sequence[EigenTemplate], patches: Float32Array) -> FloatArray:
+    """Distances float64[t, n] of patches float32[t, n, p] to t templates, see `EigenStack`."""
     return EigenStack(templates).distances(patches)
 
 
@@ -152,3 +146,32 @@ def normalise(patches: Float32Array) -> Float32Array:
     centred = patches - patches.mean(axis=1, keepdims=True)
     deviation = np.maximum(np.sqrt(np.vecdot(centred, centred) / patches.shape[1]), DEVIATION_FLOOR)[:, None]
     return np.asarray(centred / deviation, np.float32)
+
+
+@compiled
+def _residuals(
+    products: Float32Array, power: Float32Array, constants: Float32Array, pixels: int, result: FloatArray
+) -> None:
+    """What of the normalised patches lies outside the eigen spaces, mean squares.
+
+    Args:
+        products: float32[c, n, k + 2], patches times [basis, mean, 1].
+        power: float32[c, n], sums of squares of the patches.
+        constants: float32[c, 2, k + 1], sums of [basis, mean] and their products with the mean.
+        pixels: of a patch.
+        result: float64[c, n], is filled.
+    """
+    known = products.shape[2] - 2
+    for template in range(result.shape[0]):
+        sums, mean_products = constants[template, 0], constants[template, 1]
+        for patch in range(result.shape[1]):
+            row = products[template, patch]
+            average = row[known + 1] / pixels
+            variance = max(power[template, patch] / pixels - average**2, 0.0)
+            deviation = max(np.sqrt(variance), DEVIATION_FLOOR)
+            like_mean = (row[known] - average * sums[known]) / deviation
+            outside = pixels * variance / deviation**2 - 2 * like_mean + mean_products[known]
+            for component in range(known):
+                along = (row[component] - average * sums[component]) / deviation
+                outside -= (along - mean_products[component]) ** 2
+            result[template, patch] = max(outside, 0.0) / pixels

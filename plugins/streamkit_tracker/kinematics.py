@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from streamkit_tracker.compiled import compiled
 from streamkit_tracker.window_geometry import FloatArray, map_points
 
 
@@ -31,10 +32,10 @@ def carry(
         The mapped means and covariances, velocities turned by the Jacobian at each position.
     """
     positions, jacobians = map_points(homography, means[:, :2])
-    turn = np.zeros_like(covariances)
-    turn[:, :2, :2] = turn[:, 2:, 2:] = jacobians
-    velocities = np.einsum("nij,nj->ni", jacobians, means[:, 2:])
-    return np.hstack([positions, velocities]), turn @ covariances @ turn.transpose(0, 2, 1)
+    carried, turned = np.empty_like(means), np.empty_like(covariances)
+    carried[:, :2] = positions
+    _turn(means, covariances, jacobians, carried, turned)
+    return carried, turned
 
 
 def predict(
@@ -53,12 +54,9 @@ def predict(
 
     Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking, section 6.3.2.
     """
-    transition = np.eye(4)
-    transition[0, 2] = transition[1, 3] = step_s
-    gain = np.array([[step_s**2 / 2, 0], [0, step_s**2 / 2], [step_s, 0], [0, step_s]])
-    noise = gain @ gain.T
-    predicted = transition @ covariances @ transition.T + acceleration_std[:, None, None] ** 2 * noise
-    return means @ transition.T, predicted
+    moved, predicted = np.empty_like(means), np.empty_like(covariances)
+    _advance(means, covariances, step_s, acceleration_std**2, moved, predicted)
+    return moved, predicted
 
 
 def correct(
@@ -75,11 +73,88 @@ def correct(
     Returns:
         The corrected means and covariances (Joseph form, so that they stay symmetric and positive).
     """
-    innovation = covariances[:, :2, :2] + position_covariances
-    gains = np.linalg.solve(innovation, covariances[:, :2]).transpose(0, 2, 1)
-    keep = np.repeat(np.eye(4)[None], len(means), axis=0)
-    keep[:, :, :2] -= gains
-    corrected = keep @ covariances @ keep.transpose(0, 2, 1)
-    corrected += gains @ position_covariances @ gains.transpose(0, 2, 1)
-    moved = means + np.einsum("nij,nj->ni", gains, positions - means[:, :2])
-    return moved, 0.5 * (corrected + corrected.transpose(0, 2, 1))
+    moved, corrected = np.empty_like(means), np.empty_like(covariances)
+    _weigh(means, covariances, positions, position_covariances, moved, corrected)
+    return moved, corrected
+
+
+@compiled
+def _turn(
+    means: FloatArray, covariances: FloatArray, jacobians: FloatArray, carried: FloatArray, turned: FloatArray
+) -> None:
+    """Turns velocities and every 2x2 block of the covariances by the Jacobians."""
+    for state in range(len(means)):
+        turn, velocity = jacobians[state], means[state, 2:]
+        for row in range(2):
+            carried[state, 2 + row] = turn[row, 0] * velocity[0] + turn[row, 1] * velocity[1]
+        for down in (0, 2):
+            for along in (0, 2):
+                block = covariances[state, down : down + 2, along : along + 2]
+                for row in range(2):
+                    left = turn[row, 0] * block[0, 0] + turn[row, 1] * block[1, 0]
+                    right = turn[row, 0] * block[0, 1] + turn[row, 1] * block[1, 1]
+                    for column in range(2):
+                        total = left * turn[column, 0] + right * turn[column, 1]
+                        turned[state, down + row, along + column] = total
+
+
+@compiled
+def _advance(
+    means: FloatArray,
+    covariances: FloatArray,
+    step_s: float,
+    variances: FloatArray,
+    moved: FloatArray,
+    predicted: FloatArray,
+) -> None:
+    """Adds velocity to position, the covariance's blocks likewise, and the noise of the acceleration."""
+    for state in range(len(means)):
+        old, new = covariances[state], predicted[state]
+        for row in range(2):
+            moved[state, row] = means[state, row] + step_s * means[state, 2 + row]
+            moved[state, 2 + row] = means[state, 2 + row]
+            for column in range(2):
+                both = old[row, 2 + column] + old[2 + row, column]
+                speed = old[2 + row, 2 + column]
+                new[row, column] = old[row, column] + step_s * both + step_s**2 * speed
+                new[row, 2 + column] = old[row, 2 + column] + step_s * speed
+                new[2 + row, column] = old[2 + row, column] + step_s * speed
+                new[2 + row, 2 + column] = speed
+            new[row, row] += variances[state] * step_s**4 / 4
+            new[row, 2 + row] += variances[state] * step_s**3 / 2
+            new[2 + row, row] += variances[state] * step_s**3 / 2
+            new[2 + row, 2 + row] += variances[state] * step_s**2
+
+
+@compiled
+def _weigh(
+    means: FloatArray,
+    covariances: FloatArray,
+    positions: FloatArray,
+    noises: FloatArray,
+    moved: FloatArray,
+    corrected: FloatArray,
+) -> None:
+    """Kalman's correction in the form of Joseph, the covariances made symmetric."""
+    gain, half = np.empty((4, 2)), np.empty((4, 4))
+    for state in range(len(means)):
+        old, noise, new = covariances[state], noises[state], corrected[state]
+        xx, yy = old[0, 0] + noise[0, 0], old[1, 1] + noise[1, 1]
+        xy, yx = old[0, 1] + noise[0, 1], old[1, 0] + noise[1, 0]
+        determinant = xx * yy - xy * yx
+        x, y = positions[state, 0] - means[state, 0], positions[state, 1] - means[state, 1]
+        for row in range(4):
+            gain[row, 0] = (old[0, row] * yy - old[1, row] * xy) / determinant
+            gain[row, 1] = (old[1, row] * xx - old[0, row] * yx) / determinant
+            moved[state, row] = means[state, row] + gain[row, 0] * x + gain[row, 1] * y
+            for column in range(4):
+                taken = gain[row, 0] * old[0, column] + gain[row, 1] * old[1, column]
+                half[row, column] = old[row, column] - taken
+        for row in range(4):
+            across = gain[row, 0] * noise[0, 0] + gain[row, 1] * noise[1, 0] - half[row, 0]
+            down = gain[row, 0] * noise[0, 1] + gain[row, 1] * noise[1, 1] - half[row, 1]
+            for column in range(4):
+                new[row, column] = half[row, column] + across * gain[column, 0] + down * gain[column, 1]
+        for row in range(4):
+            for column in range(row):
+                new[row, column] = new[column, row] = 0.5 * (new[row, column] + new[column, row])

@@ -6,20 +6,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from streamkit_tracker.window_geometry import (
-    ANGLE,
-    LENGTH,
-    MINIMUM_SIDE,
-    WIDTH,
-    FloatArray,
-    half_turn,
+from streamkit_tracker.particle_layers import (
+    IndexArray,
+    brood_of,
+    collapse,
+    estimate,
+    resample,
+    scatter,
+    survivors_of,
 )
+from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
 
 Score = Callable[[FloatArray], FloatArray]
 
-WIDE_EVERY = 4
 POLISH = 0.4
 
 
@@ -131,106 +131,70 @@ def layered_step(
     Source: MacCormick and Isard, Partitioned sampling, ECCV 2000; Yang, Duraiswami and Davis, Fast multiple
     object tracking via a hierarchical particle filter, ICCV 2005.
     """
+    count, keep = settings.particles, min(settings.keep, settings.particles)
     draws = settings.draws
     noise = np.stack([generator.standard_normal(sum(draws)) for generator in generators])
     first_noise, size_noise, angle_noise = np.split(noise, np.cumsum(draws)[:-1], axis=1)
     offsets = np.array([generator.random() for generator in generators])
-    windows = np.repeat(proposal.windows[:, None], settings.particles, axis=1)
-    windows[:, :, :2] = _positions(clouds, proposal, first_noise, offsets)
+    windows = _first_windows(clouds, proposal, first_noise.reshape(-1, count, 2), offsets)
     scores = score(windows)
-    contrasts = scores.max(axis=1) - np.median(scores, axis=1)
-    order = np.argsort(-scores, axis=1, kind="stable")[:, : settings.keep]
-    target = np.arange(len(clouds))[:, None]
-    survivors = windows[target, order]
-    best = scores[target, order]
-    gathered = np.sqrt(survivors[:, :, :2].var(axis=1).mean(axis=1))
-    polish = POLISH * np.minimum(proposal.spread, gathered)
+    order = np.argsort(-scores, axis=1, kind="stable")
+    survivors, best = np.empty((len(clouds), keep, 5)), np.empty((len(clouds), keep))
+    measures = np.empty((len(clouds), 2))
+    survivors_of(windows, scores, order, survivors, best, measures)
+    polish = POLISH * np.minimum(proposal.spread, measures[:, 1])[:, None, None]
     if settings.size_particles > 0:
-        brood, jitter = _brood(survivors, size_noise, settings.size_particles, 4, polish)
-        factors = np.exp(jitter[:, :, 2:] * settings.std_size)
-        brood[:, :, LENGTH : WIDTH + 1] = np.maximum(brood[:, :, LENGTH : WIDTH + 1] * factors, MINIMUM_SIDE)
-        survivors, best = _collapse(survivors, best, brood, score(brood))
+        steps = np.zeros((len(clouds), keep * settings.size_particles, 5))
+        jitter = size_noise.reshape(*steps.shape[:2], 4)
+        steps[:, :, :2] = jitter[:, :, :2] * polish
+        steps[:, :, LENGTH : WIDTH + 1] = jitter[:, :, 2:] * settings.std_size
+        _descend(survivors, best, steps, score)
     if settings.angle_particles > 0:
-        brood, jitter = _brood(survivors, angle_noise, settings.angle_particles, 3, polish)
-        brood[:, :, ANGLE] = half_turn(brood[:, :, ANGLE] + jitter[:, :, 2] * settings.std_angle)
-        survivors, best = _collapse(survivors, best, brood, score(brood))
-    return _estimates(survivors, best, contrasts)
+        steps = np.zeros((len(clouds), keep * settings.angle_particles, 5))
+        jitter = angle_noise.reshape(*steps.shape[:2], 3)
+        steps[:, :, :2] = jitter[:, :, :2] * polish
+        steps[:, :, ANGLE] = jitter[:, :, 2] * settings.std_angle
+        _descend(survivors, best, steps, score)
+    return _estimates(survivors, best, measures[:, 0])
 
 
-def _positions(clouds: list[Cloud], proposal: Proposal, noise: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Layer 1: float64[t, n, 2]; the first is the prediction itself, the second the seed."""
-    targets, count = len(clouds), noise.shape[1] // 2
-    most = max(len(cloud.weights) for cloud in clouds)
-    positions, weights = np.zeros((targets, most, 2)), np.zeros((targets, most))
+def _first_windows(
+    clouds: list[Cloud], proposal: Proposal, noise: FloatArray, offsets: FloatArray
+) -> FloatArray:
+    """Layer 1: float64[t, n, 5]; the first is the prediction itself, the second the seed."""
+    count, most = noise.shape[1], max(len(cloud.weights) for cloud in clouds)
+    positions, weights = np.zeros((len(clouds), most, 2)), np.zeros((len(clouds), most))
     for row, cloud in enumerate(clouds):
         positions[row, : len(cloud.weights)] = cloud.positions
         weights[row, : len(cloud.weights)] = cloud.weights
     chosen = systematic_resample(weights, count, offsets)
-    centres = positions[np.arange(targets)[:, None], chosen] + proposal.displacement[:, None]
-    spread = np.repeat(proposal.spread[:, None], count, axis=1)
-    spread[:, ::WIDE_EVERY] = proposal.wide_spread[:, None]
-    seeded = np.isfinite(proposal.seed).all(axis=1)
-    centres[seeded, 1::2] = proposal.seed[seeded, None]
-    spread[seeded, 1::2] = proposal.seed_spread[seeded, None]
-    spread[:, 0] = 0.0
-    spread[seeded, 1:2] = 0.0
+    centres = positions[np.arange(len(clouds))[:, None], chosen] + proposal.displacement[:, None]
     centres[:, 0] = proposal.windows[:, :2] + proposal.displacement
-    return np.asarray(centres + noise.reshape(targets, count, 2) * spread[:, :, None])
+    windows = np.repeat(proposal.windows[:, None], count, axis=1)
+    spreads = np.column_stack([proposal.spread, proposal.wide_spread, proposal.seed_spread])
+    scatter(centres, noise, spreads, proposal.seed, windows)
+    return windows
 
 
-def systematic_resample(weights: FloatArray, count: int, offsets: FloatArray) -> NDArray[np.intp]:
-    """Draws `count` indices for each row, each as often as its weight says, with one random number a row.
-
-    Args:
-        weights: float64[t, k], rows of sum 1; a weight of 0 is never drawn.
-        count: how many to draw.
-        offsets: float64[t], uniform in [0, 1).
-
-    Returns:
-        intp[t, count], rising along each row.
-
-    Source: Kitagawa, Monte Carlo filter and smoother, 1996.
-    """
-    edges = np.cumsum(weights, axis=1)
-    edges /= edges[:, -1:]
-    places = (np.arange(count)[None] + offsets[:, None]) / count
-    last = weights.shape[1] - 1 - np.argmax(weights[:, ::-1] > 0, axis=1)
-    chosen = (places[:, :, None] >= edges[:, None, :]).sum(axis=2)
-    return np.asarray(np.minimum(chosen, last[:, None]), np.intp)
+def systematic_resample(weights: FloatArray, count: int, offsets: FloatArray) -> IndexArray:
+    """Draws `count` indices intp[t, count] for each row of weights float64[t, k], see `resample`."""
+    chosen = np.empty((len(weights), count), np.intp)
+    resample(weights, offsets, chosen)
+    return chosen
 
 
-def _brood(
-    survivors: FloatArray, noise: FloatArray, children: int, numbers: int, polish: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Copies of every survivor, moved a little, and the normal numbers [t, n, numbers] that moved them."""
-    brood = np.repeat(survivors, children, axis=1)
-    jitter = noise.reshape(len(survivors), brood.shape[1], numbers)
-    brood[:, :, :2] += jitter[:, :, :2] * polish[:, None, None]
-    return brood, jitter
-
-
-def _collapse(
-    survivors: FloatArray, best: FloatArray, brood: FloatArray, scores: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Hands the best of each family back to its root."""
-    targets, keep = best.shape
-    families = scores.reshape(targets, keep, -1)
-    target, parent, winner = np.arange(targets)[:, None], np.arange(keep), families.argmax(axis=2)
-    leading = families[target, parent, winner]
-    heirs = brood.reshape(targets, keep, -1, brood.shape[2])[target, parent, winner]
-    better = leading > best
-    return np.where(better[:, :, None], heirs, survivors), np.where(better, leading, best)
+def _descend(survivors: FloatArray, best: FloatArray, steps: FloatArray, score: Score) -> None:
+    """One layer below the first: tries the steps of every survivor and keeps what is better."""
+    brood = np.empty_like(steps)
+    brood_of(survivors, steps, brood)
+    collapse(survivors, best, brood, score(brood))
 
 
 def _estimates(survivors: FloatArray, best: FloatArray, contrasts: FloatArray) -> Estimates:
-    """Means with weights that sum to 1; the angle modulo pi."""
-    weights = np.exp(best - best.max(axis=1, keepdims=True))
-    weights /= weights.sum(axis=1, keepdims=True)
-    windows = np.einsum("tk,tkc->tc", weights, survivors)
-    doubled = 2 * survivors[:, :, ANGLE]
-    sine, cosine = np.sum(weights * np.sin(doubled), axis=1), np.sum(weights * np.cos(doubled), axis=1)
-    windows[:, ANGLE] = half_turn(0.5 * np.arctan2(sine, cosine))
-    offsets = survivors[:, :, :2] - windows[:, None, :2]
-    covariances = np.einsum("tk,tki,tkj->tij", weights, offsets, offsets)
-    clouds = [Cloud(survivors[t, :, :2].copy(), weights[t]) for t in range(len(weights))]
-    return Estimates(windows, covariances, 1.0 / np.sum(weights**2, axis=1), contrasts, clouds)
+    """Weighted means over the survivors, and the survivors as the particles that are kept."""
+    targets = len(survivors)
+    windows, covariances = np.empty((targets, 5)), np.empty((targets, 2, 2))
+    weights, sizes = np.empty_like(best), np.empty(targets)
+    estimate(survivors, best, windows, covariances, weights, sizes)
+    clouds = [Cloud(survivors[t, :, :2].copy(), weights[t]) for t in range(targets)]
+    return Estimates(windows, covariances, sizes, contrasts, clouds)

@@ -9,7 +9,7 @@ import numpy as np
 
 from streamkit_tracker import kinematics
 from streamkit_tracker.appearance import Appearance
-from streamkit_tracker.appearance_search import Found, Prior, SearchJob
+from streamkit_tracker.appearance_search import Found, SearchJob
 from streamkit_tracker.box_shape import window_turn
 from streamkit_tracker.correlation_filter import Response
 from streamkit_tracker.detected_shape import DetectedShape, centroid_std
@@ -22,6 +22,7 @@ from streamkit_tracker.provenance import TargetProvenance
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.trail import Trail
 from streamkit_tracker.window_geometry import IDENTITY, FloatArray
+from streamkit_tracker.window_priors import Prior
 from streamkit_tracker.window_sampling import WindowSampler
 
 ACCELERATION_SIDES = 2.0  # px/s^2 for each px of a target's side

@@ -12,10 +12,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit_tracker.compiled import compiled
+
 FloatArray = NDArray[np.float64]
 
 X, Y, LENGTH, WIDTH, ANGLE = range(5)
 MINIMUM_SIDE = 2.0
+NO_SCALE = 1e-9
 IDENTITY: FloatArray = np.eye(2)
 IDENTITY.setflags(write=False)
 
@@ -47,16 +50,25 @@ def map_points(homography: FloatArray, points: FloatArray) -> tuple[FloatArray, 
         float64[n, 2], the mapped points, and float64[n, 2, 2], the Jacobians there. Points on the line at
         infinity stay where they are, with the identity.
     """
-    matrix = np.asarray(homography, np.float64)
-    homogeneous = points @ matrix[:, :2].T + matrix[:, 2]
-    scale = homogeneous[:, 2]
-    usable = np.abs(scale) > 1e-9
-    scale = np.where(usable, scale, 1.0)
-    mapped = homogeneous[:, :2] / scale[:, None]
-    jacobians = (matrix[None, :2, :2] - mapped[:, :, None] * matrix[None, 2:3, :2]) / scale[:, None, None]
-    mapped = np.where(usable[:, None], mapped, points)
-    jacobians = np.where(usable[:, None, None], jacobians, np.eye(2))
+    mapped, jacobians = np.empty((len(points), 2)), np.empty((len(points), 2, 2))
+    _map(np.array(homography, np.float64), np.array(points, np.float64), mapped, jacobians)
     return mapped, jacobians
+
+
+@compiled
+def _map(homography: FloatArray, points: FloatArray, mapped: FloatArray, jacobians: FloatArray) -> None:
+    """Fills in the mapped points and the Jacobians."""
+    for index in range(len(points)):
+        x, y = points[index]
+        scale = homography[2, 0] * x + homography[2, 1] * y + homography[2, 2]
+        usable = abs(scale) > NO_SCALE
+        for axis in range(2):
+            row = homography[axis]
+            place = (row[0] * x + row[1] * y + row[2]) / scale if usable else points[index, axis]
+            mapped[index, axis] = place
+            for side in range(2):
+                slope = (row[side] - place * homography[2, side]) / scale
+                jacobians[index, axis, side] = slope if usable else (1.0 if axis == side else 0.0)
 
 
 def map_windows(homography: FloatArray, windows: FloatArray) -> FloatArray:
@@ -70,16 +82,24 @@ def map_windows(homography: FloatArray, windows: FloatArray) -> FloatArray:
         float64[n, 5]: the length follows its own direction, the width keeps the mapped area.
     """
     centres, jacobians = map_points(homography, windows[:, :2])
-    angle = windows[:, ANGLE]
-    along = np.einsum("nij,nj->ni", jacobians, np.column_stack([np.cos(angle), np.sin(angle)]))
-    stretch = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)
-    area_ratio = np.abs(np.linalg.det(jacobians))
     mapped = np.empty_like(windows)
     mapped[:, :2] = centres
-    mapped[:, LENGTH] = np.maximum(windows[:, LENGTH] * stretch, MINIMUM_SIDE)
-    mapped[:, WIDTH] = np.maximum(windows[:, WIDTH] * area_ratio / stretch, MINIMUM_SIDE)
-    mapped[:, ANGLE] = half_turn(np.arctan2(along[:, 1], along[:, 0]))
+    _reshape(jacobians, windows, mapped)
     return mapped
+
+
+@compiled
+def _reshape(jacobians: FloatArray, windows: FloatArray, mapped: FloatArray) -> None:
+    """Fills in the sides and angles of mapped windows."""
+    for index in range(len(windows)):
+        jacobian, angle = jacobians[index], windows[index, ANGLE]
+        x = jacobian[0, 0] * np.cos(angle) + jacobian[0, 1] * np.sin(angle)
+        y = jacobian[1, 0] * np.cos(angle) + jacobian[1, 1] * np.sin(angle)
+        stretch = max(np.hypot(x, y), NO_SCALE)
+        area_ratio = abs(jacobian[0, 0] * jacobian[1, 1] - jacobian[0, 1] * jacobian[1, 0])
+        mapped[index, LENGTH] = max(windows[index, LENGTH] * stretch, MINIMUM_SIDE)
+        mapped[index, WIDTH] = max(windows[index, WIDTH] * area_ratio / stretch, MINIMUM_SIDE)
+        mapped[index, ANGLE] = (np.arctan2(y, x) + np.pi / 2) % np.pi - np.pi / 2
 
 
 def window_boxes(windows: FloatArray) -> FloatArray:

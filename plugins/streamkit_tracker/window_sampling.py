@@ -4,14 +4,27 @@ from __future__ import annotations
 
 from functools import cache
 
-import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from streamkit_tracker.calling_thread import product
-from streamkit_tracker.frame_crops import ByteArray, Crops, Float32Array, FrameCrops
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
+from streamkit_tracker.compiled import compiled
+from streamkit_tracker.frame_crops import (
+    ACROSS,
+    DOWN,
+    LEFT,
+    MIDDLE_GREY,
+    START,
+    TOP,
+    ByteArray,
+    Crops,
+    Float32Array,
+    FrameCrops,
+    IntArray,
+)
+from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
 
-LARGEST_BATCH = 16384  # cv2.remap refuses maps with more than 32767 rows
+IndexArray = NDArray[np.int32]
+STEPS = np.float32(1 / 256)  # of a grey level, in which quads count
 
 
 @cache
@@ -22,29 +35,25 @@ def unit_grid(patch: tuple[int, int]) -> Float32Array:
         patch: samples across and along the window (rows, columns).
 
     Returns:
-        float32[3, rows * columns]: u (along the length), v (across) and 1; row by row from -0.5 to 0.5.
+        float32[2, rows * columns]: u (along the length) and v (across); row by row from -0.5 to 0.5.
     """
     rows, columns = patch
     steps_across = (np.arange(rows, dtype=np.float32) + 0.5) / rows - 0.5
     steps_along = (np.arange(columns, dtype=np.float32) + 0.5) / columns - 0.5
     across, along = np.meshgrid(steps_across, steps_along, indexing="ij")
-    grid = np.stack([along.ravel(), across.ravel(), np.ones(rows * columns, np.float32)])
-    grid.setflags(write=False)
-    return grid
+    return np.stack([along.ravel(), across.ravel()])
 
 
 class WindowSampler:
-    """Resamples rotated windows of one frame to patches, with buffers that are used again and again.
+    """Resamples rotated windows of one frame to patches, with a buffer that is used again and again.
 
-    The sampling maps come from one matrix product, the pixels from one remap over all windows. The parts of
-    the frame that the windows lie in are cropped first, so that the cost does not grow with the frame.
-    Windows several times larger than the patch are averaged down first. Outside the image its edge pixels
-    continue.
+    The parts of the frame that the windows lie in are cut out first, so that the cost does not grow with the
+    frame. Windows several times larger than the patch are averaged down first. Outside the image its edge
+    pixels continue.
     """
 
     def __init__(self) -> None:
         self._crops = FrameCrops()
-        self._maps = np.zeros(0, np.float32)
         self._patches = np.zeros(0, np.float32)
 
     @property
@@ -87,29 +96,17 @@ class WindowSampler:
             float32[n, rows * columns], grey levels minus 128; a view that the next call overwrites.
 
         Raises:
-            ValueError: a window is not finite, or there are more than 16384.
+            ValueError: a window is not finite.
         """
-        if len(windows) > LARGEST_BATCH:
-            raise ValueError(f"sample takes at most {LARGEST_BATCH} windows at once, got {len(windows)}")
         crops = crops or self.crop(windows, factor)
-        rows = _map_rows(windows, crops)
-        maps, patches = self._buffers(len(windows), patch[0] * patch[1])
-        product(rows, unit_grid(patch), out=maps)
-        if len(crops.rows) > 1:
-            _stay_inside(maps.reshape(2, len(crops.rows), -1), crops)
-        cv2.remap(
-            crops.picture, maps[0], maps[1], cv2.INTER_LINEAR, dst=patches, borderMode=cv2.BORDER_REPLICATE
+        count, pixels = len(windows), patch[0] * patch[1]
+        if self._patches.size < count * pixels:
+            self._patches = np.empty(count * pixels, np.float32)
+        patches = self._patches[: count * pixels].reshape(count, pixels)
+        _resample(
+            crops.quads, crops.places, crops.factor, np.ascontiguousarray(windows), unit_grid(patch), patches
         )
         return patches
-
-    def _buffers(self, count: int, pixels: int) -> tuple[Float32Array, Float32Array]:
-        """float32[2, count, pixels] for the maps and float32[count, pixels] for the patches."""
-        needed = count * pixels
-        if self._patches.size < needed:
-            self._maps = np.empty(2 * needed, np.float32)
-            self._patches = np.empty(needed, np.float32)
-        maps = self._maps[: 2 * needed].reshape(2, count, pixels)
-        return maps, self._patches[:needed].reshape(count, pixels)
 
 
 def shrink_factor(window: FloatArray, patch: tuple[int, int], image_shape: tuple[int, int]) -> int:
@@ -118,32 +115,68 @@ def shrink_factor(window: FloatArray, patch: tuple[int, int], image_shape: tuple
     return max(1, min(int(side // max(patch)), *image_shape))
 
 
-def _map_rows(windows: FloatArray, crops: Crops) -> Float32Array:
-    """float32[2, n, 3]: times the unit grid they give the map's x and y in the crops' picture."""
-    x, y, length, width, angle = windows.T
-    cosine, sine, factor = np.cos(angle), np.sin(angle), crops.factor
-    rows = np.empty((2, 3, len(windows)))
-    np.multiply(length, cosine, out=rows[0, 0])
-    np.multiply(width, -sine, out=rows[0, 1])
-    np.multiply(length, sine, out=rows[1, 0])
-    np.multiply(width, cosine, out=rows[1, 1])
-    if len(crops.rows) == 1:
-        left, top = crops.corners[0].tolist()
-        np.subtract(x, left, out=rows[0, 2])
-        np.subtract(y, top, out=rows[1, 2])
-    else:
-        each = len(windows) // len(crops.rows)
-        np.subtract(x, np.repeat(crops.corners[:, 0], each), out=rows[0, 2])
-        np.subtract(y, np.repeat(crops.corners[:, 1] - factor * crops.rows, each), out=rows[1, 2])
-    if factor > 1:
-        rows /= factor
-        rows[:, 2] += 0.5 / factor - 0.5
-    return rows.transpose(0, 2, 1).astype(np.float32)
+@compiled
+def _resample(
+    quads: IntArray,
+    places: IntArray,
+    factor: int,
+    windows: FloatArray,
+    grid: Float32Array,
+    patches: Float32Array,
+) -> None:
+    """Bilinear samples; each step in a loop of its own over a window, so that only the reading is scalar."""
+    each, pixels = len(windows) // len(places), grid.shape[1]
+    near, quads_near = np.empty(pixels, np.int32), np.empty(pixels, np.int64)
+    right, below = np.empty(pixels, np.float32), np.empty(pixels, np.float32)
+    x_map, y_map = np.empty(3, np.float32), np.empty(3, np.float32)
+    for index in range(len(windows)):
+        place, window = places[index // each], windows[index]
+        cosine, sine = np.cos(window[ANGLE]) / factor, np.sin(window[ANGLE]) / factor
+        x_map[0], x_map[1] = window[LENGTH] * cosine, -window[WIDTH] * sine
+        y_map[0], y_map[1] = window[LENGTH] * sine, window[WIDTH] * cosine
+        x_map[2] = (window[0] - place[LEFT] + 0.5) / factor - 0.5
+        y_map[2] = (window[1] - place[TOP] + 0.5) / factor - 0.5
+        across, down = np.int32(place[ACROSS]), np.int32(place[DOWN])
+        _aim(grid, x_map, y_map, across, down, near, right, below)
+        part = quads[place[START] : place[START] + place[ACROSS] * place[DOWN]]
+        for pixel in range(pixels):
+            quads_near[pixel] = part[np.uint32(near[pixel])]
+        _blend(quads_near, right, below, patches[index])
 
 
-def _stay_inside(maps: Float32Array, crops: Crops) -> None:
-    """Repeats the frame's edge where a crop ends at it, since in the picture another one follows."""
-    for group in np.flatnonzero(crops.cut):
-        for axis, start in ((0, 0), (1, int(crops.rows[group]))):
-            end = start + int(crops.sizes[group, axis]) - 1
-            np.clip(maps[axis, group], start, end, out=maps[axis, group])
+@compiled
+def _aim(
+    grid: Float32Array,
+    x_map: Float32Array,
+    y_map: Float32Array,
+    across: np.int32,
+    down: np.int32,
+    near: IndexArray,
+    right: Float32Array,
+    below: Float32Array,
+) -> None:
+    """Index of the pixel at or before each sample, held inside the part, and the rest of the way."""
+    u, v = grid[0], grid[1]
+    x_u, x_v, x_0 = x_map[0], x_map[1], x_map[2]
+    y_u, y_v, y_0 = y_map[0], y_map[1], y_map[2]
+    nothing = np.float32(0)
+    last_x, last_y = np.float32(across - 1), np.float32(down - 1)
+    for pixel in range(len(near)):
+        x = min(max(x_u * u[pixel] + x_v * v[pixel] + x_0, nothing), last_x)
+        y = min(max(y_u * u[pixel] + y_v * v[pixel] + y_0, nothing), last_y)
+        column, row = np.int32(x), np.int32(y)
+        right[pixel], below[pixel] = x - np.float32(column), y - np.float32(row)
+        near[pixel] = np.int32(np.int32(row * across) + column)
+
+
+@compiled
+def _blend(quads: IntArray, right: Float32Array, below: Float32Array, patch: Float32Array) -> None:
+    """Grey levels minus 128 between the four pixels of each quad."""
+    level = np.int64(0xFFFF)
+    for pixel in range(len(quads)):
+        quad = quads[pixel]
+        here, beside = np.float32(np.int32(quad & level)), np.float32(np.int32((quad >> 16) & level))
+        under, across = np.float32(np.int32((quad >> 32) & level)), np.float32(np.int32((quad >> 48) & level))
+        upper = here + right[pixel] * (beside - here)
+        lower = under + right[pixel] * (across - under)
+        patch[pixel] = (upper + below[pixel] * (lower - upper)) * STEPS - MIDDLE_GREY

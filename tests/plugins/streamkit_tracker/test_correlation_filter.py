@@ -5,7 +5,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from streamkit_tracker.correlation_filter import CHANNELS, GRID, SAMPLES, CorrelationFilter, gradient_channels
+from streamkit_tracker.correlation_filter import CorrelationFilter
+from streamkit_tracker.evidence import LEAST_SHARPNESS
 from streamkit_tracker.window_sampling import WindowSampler
 
 SIZE = (240, 320)
@@ -95,14 +96,11 @@ def test_learning_follows_a_new_look(scenes: ModuleType):
     assert after.peak > before.peak + 0.2
 
 
-def test_a_flat_patch_gives_finite_channels_and_no_peak():
+def test_a_flat_patch_gives_no_peak():
     """Nothing divides by the contrast of a constant."""
-    channels = gradient_channels(np.zeros((2, SAMPLES, SAMPLES), np.float32))
-    assert channels.shape == (2, CHANNELS, GRID, GRID)
-    assert not channels.any()
     sampler = WindowSampler()
     sampler.look_at(np.full((60, 80), 90, np.uint8))
     window = np.array([40.0, 30, 20, 10, 0])
     response = CorrelationFilter(sampler, window).respond(sampler, window[None])
-    assert response.peak == 0.0
-    assert response.sharpness == 0.0
+    assert abs(response.peak) < 1e-4
+    assert response.sharpness < LEAST_SHARPNESS

@@ -42,7 +42,7 @@ def test_a_turned_window_reads_along_its_angle():
 
 
 def test_windows_far_apart_read_the_same_as_one_by_one():
-    """The whole-frame path and the crop path give the same pixels."""
+    """One part that holds windows far from each other gives the same pixels as a part for each."""
     image = cv2.GaussianBlur(
         np.random.default_rng(1).integers(0, 255, (200, 300)).astype(np.uint8), (0, 0), 2
     )
@@ -53,7 +53,7 @@ def test_windows_far_apart_read_the_same_as_one_by_one():
 
 
 def test_places_far_apart_are_cut_out_each_by_itself():
-    """Groups of windows read the same in one picture of crops as each alone, also over the frame's edge."""
+    """Groups of windows read the same in parts of the frame as each alone, also over the frame's edge."""
     image = cv2.GaussianBlur(
         np.random.default_rng(3).integers(0, 255, (400, 600)).astype(np.uint8), (0, 0), 2
     )
@@ -62,8 +62,7 @@ def test_places_far_apart_are_cut_out_each_by_itself():
         [[20.0, 2, 18, 12, 0.4], [25, 4, 18, 12, 0.1], [598, 380, 20, 10, -0.7], [590, 396, 20, 30, 1.0]]
     )
     crops = sampler.crop(windows, factor=1, groups=2)
-    assert crops.picture.size < image.size / 4
-    assert not crops.whole
+    assert crops.quads.size < image.size / 4
     together = sampler.sample(windows, (12, 12), crops=crops).copy()
     alone = [sampler.sample(window[None], (12, 12))[0].copy() for window in windows]
     np.testing.assert_allclose(together, np.stack(alone), atol=0.01)

@@ -1,0 +1,163 @@
+"""Oriented gradients and grey level of patches: what correlation filters see."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from streamkit_tracker.compiled import compiled
+from streamkit_tracker.frame_crops import Float32Array
+
+CELL = 3
+GRID = 32
+SAMPLES = CELL * GRID
+DIRECTIONS = 8
+CHANNELS = DIRECTIONS + 1
+CONTRAST_FLOOR = 3.0
+GREY_SHARE = 0.5
+HALF = DIRECTIONS // 2
+ACROSS, DOWN, GREY = HALF, HALF + 1, HALF + 2  # sums over a row of cells, beside one for each half direction
+
+
+def gradient_channels(patches: Float32Array) -> Float32Array:
+    """Grey level and the gradient along eight directions, averaged over cells and free of light.
+
+    Args:
+        patches: float32[n, samples, samples], contiguous.
+
+    Returns:
+        float32[n, channels, grid, grid], under a Hann window.
+
+    Source: Dalal and Triggs, Histograms of Oriented Gradients, CVPR 2005 (here with rectified projections
+    in place of binned angles, which need no arc tangent).
+    """
+    channels = np.empty((len(patches), CHANNELS, GRID, GRID), np.float32)
+    _average(patches, channels)
+    _take_light_off(channels, _hann())
+    return channels
+
+
+@compiled
+def _average(patches: Float32Array, channels: Float32Array) -> None:
+    """Means over cells of the rectified gradients and of the grey level."""
+    sums = np.empty((GREY + 1, SAMPLES), np.float32)
+    across, down = np.zeros(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
+    for index in range(len(patches)):
+        for row in range(GRID):
+            sums[:] = 0
+            for line in range(row * CELL, row * CELL + CELL):
+                here = patches[index, line]
+                inner = 0 < line < SAMPLES - 1
+                above, below = (patches[index, line - 1], patches[index, line + 1]) if inner else (here, here)
+                for sample in range(1, SAMPLES - 1):
+                    across[sample] = here[sample + 1] - here[sample - 1]
+                for sample in range(SAMPLES):
+                    down[sample] = below[sample] - above[sample]
+                _add(across, sums[ACROSS])
+                _add(down, sums[DOWN])
+                _add(here, sums[GREY])
+                _add_rectified(across, down, np.float32(1), np.float32(0), sums[0])
+                _add_rectified(across, down, np.float32(1), np.float32(1), sums[1])
+                _add_rectified(across, down, np.float32(0), np.float32(1), sums[2])
+                _add_rectified(across, down, np.float32(-1), np.float32(1), sums[3])
+            _to_cells(sums, channels[index, :, row])
+
+
+@compiled
+def _add(values: Float32Array, total: Float32Array) -> None:
+    for sample in range(len(total)):
+        total[sample] += values[sample]
+
+
+@compiled
+def _add_rectified(
+    across: Float32Array, down: Float32Array, x: np.float32, y: np.float32, total: Float32Array
+) -> None:
+    """Adds the part of the gradient that points along x, y."""
+    for sample in range(len(total)):
+        total[sample] += max(x * across[sample] + y * down[sample], np.float32(0))
+
+
+@compiled
+def _to_cells(sums: Float32Array, cells: Float32Array) -> None:
+    """Means float32[channels, grid] over a row of cells, from sums over its lines float32[7, samples].
+
+    The opposite directions need no sums of their own: a rectified mean is this one less the plain mean.
+    """
+    share, diagonal = np.float32(1 / CELL**2), np.float32(np.sqrt(0.5))
+    total = np.empty(GREY + 1, np.float32)
+    for cell in range(GRID):
+        for kind in range(GREY + 1):
+            total[kind] = (
+                sums[kind, CELL * cell] + sums[kind, CELL * cell + 1] + sums[kind, CELL * cell + 2]
+            ) * share
+        x, y = total[ACROSS], total[DOWN]
+        for direction in range(HALF):
+            scale = diagonal if direction % 2 else np.float32(1)
+            plain = x if direction == 0 else y + (1 - (direction - 1)) * x
+            cells[direction, cell] = scale * total[direction]
+            cells[direction + HALF, cell] = scale * (total[direction] - plain)
+        cells[DIRECTIONS, cell] = total[GREY]
+
+
+@compiled
+def _take_light_off(channels: Float32Array, hann: Float32Array) -> None:
+    """Divides gradients by their strength nearby and grey levels by their deviation."""
+    energy, around = np.empty((GRID, GRID), np.float32), np.empty((GRID, GRID), np.float32)
+    for patch in channels:
+        energy[:] = 0
+        for direction in range(DIRECTIONS):
+            for row in range(GRID):
+                for column in range(GRID):
+                    energy[row, column] += patch[direction, row, column] ** 2
+        for row in range(GRID):
+            for column in range(GRID):
+                energy[row, column] = np.sqrt(energy[row, column])
+        _blur(energy, around)
+        for row in range(GRID):
+            for column in range(GRID):
+                around[row, column] = np.float32(1) / (around[row, column] + np.float32(CONTRAST_FLOOR))
+        for channel in range(DIRECTIONS):
+            _centre(patch[channel], around, hann)
+        grey = patch[DIRECTIONS]
+        deviation = np.sqrt(max(np.mean(grey**2) - np.mean(grey) ** 2, 0.0))
+        around[:] = GREY_SHARE / max(deviation, CONTRAST_FLOOR)
+        _centre(grey, around, hann)
+
+
+@compiled
+def _centre(picture: Float32Array, scales: Float32Array, hann: Float32Array) -> None:
+    """Scales a channel, takes its mean off and puts the window over it."""
+    sums = np.zeros(GRID, np.float32)
+    for row in range(GRID):
+        for column in range(GRID):
+            picture[row, column] *= scales[row, column]
+            sums[column] += picture[row, column]
+    mean = np.float32(sums.sum() / GRID**2)
+    for row in range(GRID):
+        for column in range(GRID):
+            picture[row, column] = (picture[row, column] - mean) * hann[row, column]
+
+
+@compiled
+def _blur(picture: Float32Array, result: Float32Array) -> None:
+    """Means over 3x3 cells, mirrored about the border ones."""
+    last, ninth = GRID - 1, np.float32(1 / 9)
+    lines = np.empty((GRID, GRID), np.float32)
+    for row in range(GRID):
+        above, below = picture[row - 1 if row else 1], picture[row + 1 if row < last else last - 1]
+        for column in range(GRID):
+            lines[row, column] = above[column] + picture[row, column] + below[column]
+    for row in range(GRID):
+        line = lines[row]
+        for column in range(1, last):
+            result[row, column] = (line[column - 1] + line[column] + line[column + 1]) * ninth
+        result[row, 0] = (line[0] + 2 * line[1]) * ninth
+        result[row, last] = (line[last] + 2 * line[last - 1]) * ninth
+
+
+@cache
+def _hann() -> Float32Array:
+    window = np.hanning(GRID + 2)[1:-1].astype(np.float32)
+    return np.outer(window, window)
