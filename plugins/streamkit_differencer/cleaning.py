@@ -6,13 +6,16 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from numba import types
 
-from streamkit_differencer.resampling import padded, parts
+from streamkit_differencer.compiled import BYTES, compiled, kernel
+from streamkit_differencer.marks import FOREGROUND_CHANGED, FOREGROUND_QUIET, SHADOW
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     ByteImage = NDArray[np.uint8]
+    ByteLine = NDArray[np.uint8]
 
 SMALLEST_MEDIAN, LARGEST_MEDIAN = 3, 7
 
@@ -28,18 +31,84 @@ def cleaned(mask: ByteImage, median: int, fill_holes: bool) -> ByteImage:
     Returns:
         uint8[h, w], an array of its own.
     """
+    result = np.empty(mask.shape, np.uint8)
     if median >= SMALLEST_MEDIAN - 1:
-        width, cleaner = min(median | 1, LARGEST_MEDIAN), np.zeros_like(mask)
-        for part in parts(mask):
-            outer, inner = padded(part, width, mask.shape)
-            cleaner[part] = cv2.medianBlur(np.ascontiguousarray(mask[outer]), width)[inner]
-        mask = cleaner
+        take_median(np.ascontiguousarray(mask), min(median | 1, LARGEST_MEDIAN) // 2, result)
     else:
-        mask = mask.copy()
+        result[:] = mask
     if fill_holes:
-        outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        whole = np.zeros_like(mask)
+        outlines, _ = cv2.findContours(result, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        whole = np.zeros_like(result)
         cv2.drawContours(whole, outlines, -1, 255, cv2.FILLED)
-        cv2.copyTo(mask, mask, whole)
-        mask = whole
-    return mask
+        cv2.copyTo(result, result, whole)
+        result = whole
+    return result
+
+
+@kernel(BYTES, types.int64, BYTES)
+def take_median(marks: ByteImage, reach: int, result: ByteImage) -> None:
+    """The median of each square of marks; beyond the picture it goes on as at its border.
+
+    Args:
+        marks: uint8[h, w], of foreground: a mark is the median where at least half of the pixels have it or a
+            larger one, so that counts do and nothing is sorted.
+        reach: half of the side of a square, rounded down.
+        result: uint8[h, w].
+    """
+    height, width = marks.shape
+    filled = np.zeros(height, np.bool_)
+    for row in range(height):
+        filled[row] = _has_something(marks[row])
+    sums = np.empty(width + 2 * reach, np.uint8)
+    most = np.uint8((2 * reach + 1) ** 2 // 2)
+    for row in range(height):
+        line = result[row]
+        _empty(line)
+        if not filled[max(row - reach, 0) : row + reach + 1].any():
+            continue
+        for kind in (SHADOW, FOREGROUND_QUIET, FOREGROUND_CHANGED):
+            inner = sums[reach : reach + width]
+            _empty(inner)
+            for other in range(row - reach, row + reach + 1):
+                _count(marks[min(max(other, 0), height - 1)], np.uint8(kind), inner)
+            for end in range(reach):
+                sums[end], sums[reach + width + end] = inner[0], inner[width - 1]
+            _settle(sums, reach, most, np.uint8(kind), line)
+
+
+@compiled
+def _has_something(line: ByteLine) -> bool:
+    united = np.uint8(0)
+    for index in range(line.size):
+        united |= line[index]
+    return bool(united > 0)
+
+
+@compiled
+def _empty(line: ByteLine) -> None:
+    for index in range(line.size):
+        line[index] = 0
+
+
+@compiled
+def _count(marks: ByteLine, kind: np.uint8, sums: ByteLine) -> None:
+    """Adds one where a mark is `kind` or a larger one."""
+    for index in range(sums.size):
+        sums[index] += np.uint8(marks[index] >= kind)
+
+
+@compiled
+def _settle(sums: ByteLine, reach: int, most: np.uint8, kind: np.uint8, line: ByteLine) -> None:
+    """Sets the mark where more than `most` pixels of a square were counted."""
+    width = line.size
+    votes = np.zeros(width, np.uint8)
+    for step in range(2 * reach + 1):
+        _add(sums[step : step + width], votes)
+    for index in range(width):
+        line[index] = kind if votes[index] > most else line[index]
+
+
+@compiled
+def _add(line: ByteLine, votes: ByteLine) -> None:
+    for index in range(votes.size):
+        votes[index] += line[index]

@@ -17,6 +17,8 @@ BLOCKS = types.Array(types.int32, 2, "C")
 FLAGS = types.Array(types.boolean, 1, "C")
 # A picture of somebody else's, which is only read.
 INPUT = types.Array(types.uint8, 2, "C", readonly=True)
+# The same, of which lines may be parts of longer ones.
+VIEW = types.Array(types.uint8, 2, "A", readonly=True)
 # Points, boxes, homographies.
 TABLE = types.Array(types.float64, 2, "C")
 # First row, row after the last, first column, column after the last.

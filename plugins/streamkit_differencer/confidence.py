@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import types
 
+from streamkit_differencer.compiled import BYTES, FLOATS, TABLE, kernel
 from streamkit_differencer.noise import DEVIATION_RATIO, HIGHEST_THRESHOLD
-from streamkit_differencer.resampling import held
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,6 +25,8 @@ CONTRAST_SCALE = 1.0
 LONG_ENOUGH_FRAMES = 4
 # What an object is worth in the frame that shows it first.
 FIRST_SHARE = 0.5
+# Points along each side of an object where its contrast is asked.
+GRID = 5
 
 
 @dataclass(slots=True)
@@ -53,34 +56,52 @@ class Persistence:
         self._boxes = change(self._boxes)
 
 
-def contrast_at(
-    points: FloatArray,
+@kernel(TABLE, TABLE, BYTES, FLOATS, BYTES, FLOATS, types.float64, types.float64)
+def contrasts(
+    boxes: FloatArray,
+    to_canvas: FloatArray,
     image: ByteImage,
-    known: tuple[FloatImage, ByteImage, FloatImage],
-    limits: tuple[float, float],
+    background: FloatImage,
+    valid: ByteImage,
+    spread: FloatImage,
+    gain: float,
+    lowest: float,
 ) -> FloatArray:
     """How far a picture differs from the background, in multiples of the threshold.
 
     Args:
-        points: float64[n, k, 2], x y, k points in each of n objects.
+        boxes: float64[n, 4], x0 y0 x1 y1, in each of which 25 points are asked.
+        to_canvas: float64[3, 3], from the boxes' pixels to those of the pictures.
         image: uint8[h, w].
-        known: the background, float32[h, w]; the mask of where it is valid, uint8[h, w]; and the noise of
-            each pixel, float32[h, w], grey levels.
-        limits: deviations of the noise that the threshold is, and its smallest value, grey levels.
+        background: float32[h, w].
+        valid: uint8[h, w], mask of where that is known.
+        spread: float32[h, w], noise of each pixel, grey levels.
+        gain: deviations of the noise that the threshold is.
+        lowest: smallest threshold, grey levels.
 
     Returns:
         float64[n], the mean over those points of an object that exceed their threshold; 0 if none does.
     """
-    columns, rows = np.round(points).astype(np.intp).transpose(2, 0, 1)
-    columns, rows = held(columns, image.shape[1]), held(rows, image.shape[0])
-    background, valid, spread = known
-    gain, lowest = limits
-    needed = gain * DEVIATION_RATIO * spread[rows, columns]
-    needed = np.minimum(np.maximum(needed, max(lowest, 1.0)), HIGHEST_THRESHOLD)
-    excess = np.abs(image[rows, columns] - background[rows, columns]) / needed
-    counted = (excess > 1.0) & (valid[rows, columns] > 0)
-    total = np.where(counted, excess, 0.0).sum(axis=1)
-    return np.asarray(total / np.maximum(counted.sum(axis=1), 1), np.float64)
+    height, width = image.shape
+    result = np.zeros(len(boxes))
+    for number in range(len(boxes)):
+        left, top, right, bottom = boxes[number]
+        total, count = 0.0, 0
+        for place in range(GRID * GRID):
+            x = left + (right - left) * (0.1 + 0.2 * (place % GRID))
+            y = top + (bottom - top) * (0.1 + 0.2 * (place // GRID))
+            depth = to_canvas[2, 0] * x + to_canvas[2, 1] * y + to_canvas[2, 2]
+            across = np.rint((to_canvas[0, 0] * x + to_canvas[0, 1] * y + to_canvas[0, 2]) / depth)
+            down = np.rint((to_canvas[1, 0] * x + to_canvas[1, 1] * y + to_canvas[1, 2]) / depth)
+            # In this order what is no number becomes 0.
+            column = int(min(across if across > 0.0 else 0.0, width - 1.0))
+            row = int(min(down if down > 0.0 else 0.0, height - 1.0))
+            needed = min(max(gain * DEVIATION_RATIO * spread[row, column], lowest, 1.0), HIGHEST_THRESHOLD)
+            excess = abs(image[row, column] - background[row, column]) / needed
+            if excess > 1.0 and valid[row, column] > 0:
+                total, count = total + excess, count + 1
+        result[number] = total / max(count, 1)
+    return result
 
 
 def confidence(contrast: FloatArray, ages: FloatArray, registration: float) -> FloatArray:

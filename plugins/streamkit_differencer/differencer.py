@@ -47,7 +47,6 @@ AUTOMATIC_SCALE = 0
 WIDEST_FULL, WIDEST_HALF = 640, 2048
 # Objects of a frame that are judged at all; a flood has more.
 MOST_JUDGED = 400
-CONTRAST_GRID = np.linspace(0.1, 0.9, 5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,7 +197,7 @@ class Differencer:
         to_canvas = place.working_to_canvas @ np.linalg.inv(working_to_frame(self._grid))
         boxes = mapped_boxes(to_canvas, objects.boxes)
         ages = self._persistence.update(boxes)
-        contrast = self._model.contrast(mapped_grids(to_canvas, objects.boxes))
+        contrast = self._model.contrast(objects.boxes, to_canvas)
         objects = replace(objects, confidences=confidence(contrast, ages, registration))
         objects = surest(objects, settings.max_objects)
         ground, (rows, columns) = self._model.ground
@@ -243,15 +242,6 @@ def mapped_boxes(matrix: Matrix, boxes: Matrix) -> Matrix:
     corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2)
     placed = map_points(matrix, corners).reshape(len(boxes), 4, 2)
     return np.hstack([placed.min(axis=1), placed.max(axis=1)])
-
-
-def mapped_grids(matrix: Matrix, boxes: Matrix) -> Matrix:
-    """25 points in each box under a homography, float64[n, 25, 2]."""
-    across = boxes[:, None, 0] + (boxes[:, 2] - boxes[:, 0])[:, None] * CONTRAST_GRID
-    down = boxes[:, None, 1] + (boxes[:, 3] - boxes[:, 1])[:, None] * CONTRAST_GRID
-    count = len(CONTRAST_GRID)
-    points = np.stack([np.tile(across, (1, count)), np.repeat(down, count, axis=1)], axis=2)
-    return map_points(matrix, points.reshape(-1, 2)).reshape(points.shape)
 
 
 def inverse(homography: Matrix) -> Matrix:

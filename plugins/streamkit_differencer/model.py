@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from streamkit_differencer.changes import LONGEST_WAIT, update_waiting
-from streamkit_differencer.confidence import contrast_at
+from streamkit_differencer.confidence import contrasts
 from streamkit_differencer.contrast import STRONG, judge
 from streamkit_differencer.filters.flicker import update_flicker
 from streamkit_differencer.filters.ghost import find_ghosts
@@ -312,20 +312,18 @@ class BackgroundModel:
                 self._first_spread = first_spread(earlier.image[region], frame.image[region])
             self.noise.begin(earlier.image, work.lessons, bounds, self._first_spread)
 
-    def contrast(self, points: Points) -> Points:
-        """How far the last frame differs from the background, in multiples of the threshold.
+    def contrast(self, boxes: Points, to_canvas: Matrix) -> Points:
+        """How far the last frame differs from the background in some boxes, see `confidence.contrasts`.
 
         Args:
-            points: float64[n, k, 2], x y on the canvas, k points in each of n objects.
-
-        Returns:
-            float64[n], the mean over those points of an object that exceed their threshold; 0 if none does.
+            boxes: float64[n, 4], x0 y0 x1 y1.
+            to_canvas: float64[3, 3], from the boxes' pixels to the canvas.
         """
         if not self._history:
-            return np.zeros(len(points))
+            return np.zeros(len(boxes))
         limits = self.settings.noise_gain, self.settings.foreground_threshold
         known = self.background, self.valid, self.noise.spread
-        return contrast_at(points, self._history[-1].image, known, limits)
+        return contrasts(boxes, to_canvas, self._history[-1].image, *known, *limits)
 
     @property
     def _earlier(self) -> Remembered | None:

@@ -16,6 +16,18 @@ import cv2
 import numpy as np
 
 from streamkit_differencer.clusters import Criterion, label_by_gap, merge_by_scatter
+from streamkit_differencer.measuring import (
+    BOTTOM,
+    CHANGED,
+    LEFT,
+    PIXELS,
+    RIGHT,
+    SUM_X,
+    SUM_Y,
+    TOP,
+    halved,
+    measured,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,13 +37,11 @@ if TYPE_CHECKING:
     FloatArray = NDArray[np.float64]
 
 CELL_SIZE = 4
-VOTE_THRESHOLD = 100
 # Empty cells around what is looked at, so that closing and merging meet no border of their own.
 MARGIN_CELLS = 2
 _SQUARE = np.ones((3, 3), np.uint8)
 # Clustering is quadratic: more fragments than this are noise, and the largest are kept.
 MOST_FRAGMENTS = 1500
-CHANGED = 255
 # Marks below this are no foreground: shadow.
 LOWEST_MARK = 100
 
@@ -97,36 +107,30 @@ def find_objects(foreground: ByteImage, scale: int, settings: ObjectSettings) ->
         scale: frame pixels per pixel of `foreground`: 1, 2 or 4.
         settings: what counts as an object.
     """
-    left, top, width, height = cv2.boundingRect(foreground)
+    cells = cells_of(foreground, scale)
+    left, top, width, height = cv2.boundingRect(cells)
     if not width:
         return NOTHING
+    margin = max(MARGIN_CELLS, settings.merge_gap)
+    first_row, first_column = max(0, top - margin), max(0, left - margin)
+    inside = cells[first_row : top + height + margin, first_column : left + width + margin]
+    inside = cast("ByteImage", cv2.morphologyEx(inside, cv2.MORPH_CLOSE, _SQUARE))
+    labels, count = clustered(inside, settings)
     step = CELL_SIZE // scale
-    first = [max(0, start // step - MARGIN_CELLS) for start in (top, left)]
-    last = [-(-stop // step) + MARGIN_CELLS for stop in (top + height, left + width)]
-    inside = foreground[first[0] * step : last[0] * step, first[1] * step : last[1] * step]
-    inside = cast("ByteImage", cv2.threshold(inside, LOWEST_MARK, 0, cv2.THRESH_TOZERO)[1])
-    labels, count = clustered(cells_of(inside, scale), settings)
-    if not count:
-        return NOTHING
-    return selected(
-        measure(inside, labels, scale, count, (first[1] * CELL_SIZE, first[0] * CELL_SIZE)), settings
+    table = measured(
+        foreground, inside, labels, count, first_row, first_column, step, settings.min_area, LOWEST_MARK + 1
     )
+    return selected(objects_of(table, scale), settings)
 
 
 def clustered(cells: ByteImage, settings: ObjectSettings) -> tuple[IntImage, int]:
-    """The object that each cell belongs to, int32[h, w] from 1, 0 for none; and how many there are."""
+    """The object that each cell belongs to, int32[h, w] from 1; and how many there are."""
     if settings.criterion is Criterion.GAP:
-        labels, count = label_by_gap(cells, settings.merge_gap)
-    else:
-        fragment, areas, centres = fragments(cells)
-        cluster = merge_by_scatter(centres, areas, settings.merge_gap)
-        count = int(cluster.max()) + 1
-        labels = np.concatenate([[0], cluster + 1]).astype(np.int32)[fragment]
-    sizes = np.bincount(labels[cells != 0], minlength=count + 1)
-    large = np.flatnonzero(sizes[1:] >= settings.min_area) + 1
-    number = np.zeros(count + 1, np.int32)
-    number[large] = np.arange(1, large.size + 1)
-    return number[labels], large.size
+        return label_by_gap(cells, settings.merge_gap)
+    fragment, areas, centres = fragments(cells)
+    cluster = merge_by_scatter(centres, areas, settings.merge_gap)
+    labels = np.concatenate([[0], cluster + 1]).astype(np.int32)[fragment]
+    return labels, int(cluster.max()) + 1
 
 
 def selected(objects: Objects, settings: ObjectSettings) -> Objects:
@@ -165,18 +169,11 @@ def chosen(objects: Objects, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Obje
 
 
 def cells_of(foreground: ByteImage, scale: int) -> ByteImage:
-    """Sub-samples the foreground to cells by vote, then closes gaps of one cell: uint8, 255 for set."""
-    cells = cv2.threshold(foreground, 0, 255, cv2.THRESH_BINARY)[1]
-    while scale < CELL_SIZE:
-        height, width = cells.shape[:2]
-        if height % 2 or width % 2:
-            cells = cv2.copyMakeBorder(cells, 0, height % 2, 0, width % 2, cv2.BORDER_CONSTANT, value=0.0)
-        size = cells.shape[1] // 2, cells.shape[0] // 2
-        halved = cv2.resize(cells, size, interpolation=cv2.INTER_AREA)
-        cells = cv2.threshold(halved, VOTE_THRESHOLD, 255, cv2.THRESH_BINARY)[1]
-        scale *= 2
-    closed = cv2.morphologyEx(cells, cv2.MORPH_CLOSE, _SQUARE)
-    return cast("ByteImage", closed)
+    """Sub-samples the foreground to cells by vote: uint8, 255 for set."""
+    if scale == CELL_SIZE:
+        return cast("ByteImage", cv2.threshold(foreground, LOWEST_MARK, 255, cv2.THRESH_BINARY)[1])
+    cells = halved(foreground, LOWEST_MARK + 1)
+    return cells if 2 * scale == CELL_SIZE else halved(cells, LOWEST_MARK + 1)
 
 
 def fragments(cells: ByteImage) -> tuple[IntImage, FloatArray, FloatArray]:
@@ -195,37 +192,9 @@ def fragments(cells: ByteImage) -> tuple[IntImage, FloatArray, FloatArray]:
     return labels.astype(np.int32, copy=False), areas, centres[1:].astype(np.float64)
 
 
-def measure(
-    foreground: ByteImage, labels: IntImage, scale: int, count: int, origin: tuple[int, int] = (0, 0)
-) -> Objects:
-    """Boxes, areas, centroids and scores of labelled cells, from the foreground inside them.
-
-    Args:
-        foreground: uint8[h, w], as for `find_objects`.
-        labels: int32[cells], the object that each cell belongs to, from 1; 0 for none.
-        scale: frame pixels per pixel of `foreground`.
-        count: number of objects, the largest label.
-        origin: x y of the first pixel of `foreground` in the frame, px.
-    """
-    rows, columns = np.divmod(np.flatnonzero(foreground != 0), foreground.shape[1])
-    step = CELL_SIZE // scale
-    owner = labels[rows // step, columns // step] - 1
-    inside = owner >= 0
-    rows, columns, owner = rows[inside], columns[inside], owner[inside]
-    pixels = np.bincount(owner, minlength=count)
-    found = pixels > 0
-    pixels = pixels[found]
-    if not pixels.size:
-        return NOTHING
-    sums = [np.bincount(owner, weights=values, minlength=count)[found] for values in (columns, rows)]
-    changed = np.bincount(owner, weights=foreground[rows, columns] == CHANGED, minlength=count)[found]
-    centroids = np.column_stack(sums) / pixels[:, None]
-    # Runs of one object each: extremes over runs cost a third of ufunc.at.
-    order = np.argsort(owner.astype(np.int16), kind="stable")
-    starts = np.concatenate([[0], np.cumsum(pixels)[:-1]])
-    ordered = np.column_stack([columns, rows])[order]
-    low, high = np.minimum.reduceat(ordered, starts), np.maximum.reduceat(ordered, starts)
-    boxes = np.hstack([low, high + 1.0]) * scale - 0.5 + np.tile(origin, 2)
-    return Objects(
-        centroids * scale + (scale - 1) / 2 + origin, boxes, pixels * np.float64(scale**2), changed / pixels
-    )
+def objects_of(table: FloatArray, scale: int) -> Objects:
+    """Objects in pixels of the frame, from what was measured of them, see `measuring.measured`."""
+    pixels = table[:, PIXELS]
+    centroids = table[:, [SUM_X, SUM_Y]] / pixels[:, None]
+    boxes = (table[:, [LEFT, TOP, RIGHT, BOTTOM]] + (0.0, 0.0, 1.0, 1.0)) * scale - 0.5
+    return Objects(centroids * scale + (scale - 1) / 2, boxes, pixels * scale**2, table[:, CHANGED] / pixels)

@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
+from numba import types
 
+from streamkit_differencer.compiled import BYTES, FLAGS, TABLE, VIEW, compiled, kernel
 from streamkit_differencer.objects import LOWEST_MARK, Objects
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
     ByteImage = NDArray[np.uint8]
     FloatArray = NDArray[np.float64]
+    Corners = NDArray[np.int64]
+    Flags = NDArray[np.bool_]
 
 # A thing's edge lies where this share of its mean contrast is reached; pixels around it lower that mean.
 EDGE_SHARE = 0.4
@@ -26,6 +29,8 @@ EDGE_SHARE = 0.4
 LEAST_AREA = 0.35
 # Larger things gain nothing.
 LARGEST_PX = 256
+# Columns of what is found.
+BOX, CENTROID, AREA = slice(0, 4), slice(4, 6), 6
 
 
 def refined(
@@ -43,22 +48,17 @@ def refined(
         mask: uint8[h, w], the frame's foreground at the working scale.
         scale: frame pixels per working pixel.
     """
-    boxes, centroids, areas = objects.boxes.copy(), objects.centroids.copy(), objects.areas.copy()
-    corners = np.rint(boxes + 0.5).astype(int).tolist()
-    for number in np.flatnonzero(alone(boxes)):
-        left, top, right, bottom = corners[number]
-        right, bottom = min(right, image.shape[1]), min(bottom, image.shape[0])
-        if not 0 < max(right - left, bottom - top) <= LARGEST_PX:
-            continue
-        found = mask[top // scale : -(-bottom // scale), left // scale : -(-right // scale)]
-        shifted = to_ground.copy()
-        shifted[:, 2] += left * to_ground[:, 0] + top * to_ground[:, 1]
-        measured = measured_at(image[top:bottom, left:right], ground, shifted, found, scale)
-        if measured is not None:
-            boxes[number] = np.add(measured[0], (left, top, left, top)) - 0.5
-            centroids[number] = left + measured[1][0], top + measured[1][1]
-            areas[number] = measured[2]
-    return replace(objects, boxes=boxes, centroids=centroids, areas=areas)
+    if not len(objects):
+        return objects
+    corners = np.rint(objects.boxes + 0.5).astype(np.int64)
+    found = edges_of(image, ground, to_ground, mask, scale, corners, alone(objects.boxes))
+    better = found[:, AREA] > 0.0
+    return replace(
+        objects,
+        boxes=np.where(better[:, None], found[:, BOX], objects.boxes),
+        centroids=np.where(better[:, None], found[:, CENTROID], objects.centroids),
+        areas=np.where(better, found[:, AREA], objects.areas),
+    )
 
 
 def alone(boxes: FloatArray) -> NDArray[np.bool_]:
@@ -67,34 +67,86 @@ def alone(boxes: FloatArray) -> NDArray[np.bool_]:
     return np.asarray((meets & meets.T).sum(axis=1) == 1)
 
 
-def measured_at(
-    piece: ByteImage, ground: ByteImage, to_ground: FloatArray, found: ByteImage, scale: int
-) -> tuple[tuple[int, int, int, int], tuple[float, float], float] | None:
-    """Where the thing in a piece of the frame is, in pixels of the piece.
+@kernel(VIEW, VIEW, TABLE, BYTES, types.int64, types.Array(types.int64, 2, "C"), FLAGS)
+def edges_of(
+    image: ByteImage,
+    ground: ByteImage,
+    to_ground: FloatArray,
+    mask: ByteImage,
+    scale: int,
+    corners: Corners,
+    chosen: Flags,
+) -> FloatArray:
+    """Where the things in some boxes are.
 
     Args:
-        piece: uint8[h, w].
-        ground: uint8, the background.
-        to_ground: float64[3, 3], pixels of the piece to those of `ground`.
-        found: uint8[h / scale, w / scale], foreground.
-        scale: pixels of the piece per pixel of `found`.
+        image: uint8[h, w], the frame at full resolution.
+        ground: uint8, the background; beyond its border it goes on as on it.
+        to_ground: float64[3, 3], pixels of the frame to those of `ground`.
+        mask: uint8, the frame's foreground at the working scale.
+        scale: frame pixels per working pixel.
+        corners: int64[n, 4], first column and row, and those after the last.
+        chosen: bool[n], which boxes are looked at.
 
     Returns:
-        Outer edges x0 y0 x1 y1; the centroid, x y; and the area, px. None where the contrast does not tell.
+        float64[n, 7], px: outer edges x0 y0 x1 y1, centroid x y, and area, which is 0 where the contrast does
+        not tell.
     """
-    size = piece.shape[1], piece.shape[0]
-    warp = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    difference = cv2.warpPerspective(ground, to_ground, size, flags=warp, borderMode=cv2.BORDER_REPLICATE)
-    cv2.absdiff(difference, piece, dst=difference)
-    where = cv2.threshold(found, LOWEST_MARK, 255, cv2.THRESH_BINARY)[1]
-    if scale > 1:
-        where = cv2.resize(where, size, interpolation=cv2.INTER_NEAREST)
-    edge = EDGE_SHARE * cv2.mean(difference, where)[0]
-    thing = cv2.bitwise_and(cv2.threshold(difference, edge, 255, cv2.THRESH_BINARY)[1], where)
-    moments = cv2.moments(thing, binaryImage=True)
-    area = moments["m00"]
-    if area < LEAST_AREA * cv2.countNonZero(where) or not area:
-        return None
-    left, top, width, height = cv2.boundingRect(thing)
-    box = left, top, left + width, top + height
-    return box, (moments["m10"] / area, moments["m01"] / area), area
+    found = np.zeros((len(corners), 7))
+    room = np.empty(LARGEST_PX * LARGEST_PX, np.int16)
+    for number in range(len(corners)):
+        left, top = max(corners[number, 0], 0), max(corners[number, 1], 0)
+        right, bottom = min(corners[number, 2], image.shape[1]), min(corners[number, 3], image.shape[0])
+        width, height = right - left, bottom - top
+        if not chosen[number] or min(width, height) <= 0 or max(width, height) > LARGEST_PX:
+            continue
+        inside, total = 0, 0
+        for row in range(top, bottom):
+            for column in range(left, right):
+                index = (row - top) * width + column - left
+                line = min(row // scale, mask.shape[0] - 1)
+                room[index] = -1
+                if mask[line, min(column // scale, mask.shape[1] - 1)] > LOWEST_MARK:
+                    room[index] = abs(int(image[row, column]) - _ground_at(ground, to_ground, row, column))
+                    inside += 1
+                    total += room[index]
+        edge = EDGE_SHARE * total / max(inside, 1)
+        _outline(room[: width * height], width, edge, LEAST_AREA * inside, found[number])
+        found[number, 0:6:2] += left
+        found[number, 1:6:2] += top
+    return found
+
+
+@compiled
+def _ground_at(ground: ByteImage, to_ground: FloatArray, row: int, column: int) -> int:
+    """The background at a pixel of the frame, by bilinear interpolation, rounded."""
+    height, width = ground.shape
+    depth = to_ground[2, 0] * column + to_ground[2, 1] * row + to_ground[2, 2]
+    x = (to_ground[0, 0] * column + to_ground[0, 1] * row + to_ground[0, 2]) / depth
+    y = (to_ground[1, 0] * column + to_ground[1, 1] * row + to_ground[1, 2]) / depth
+    # In this order what is no number becomes 0.
+    x, y = min(x if x > 0.0 else 0.0, width - 1.0), min(y if y > 0.0 else 0.0, height - 1.0)
+    left, top = int(x), int(y)
+    right, bottom = min(left + 1, width - 1), min(top + 1, height - 1)
+    across, down = x - left, y - top
+    upper = ground[top, left] * (1.0 - across) + ground[top, right] * across
+    lower = ground[bottom, left] * (1.0 - across) + ground[bottom, right] * across
+    return int(np.rint(upper * (1.0 - down) + lower * down))
+
+
+@compiled
+def _outline(
+    contrasts: NDArray[np.int16], width: int, edge: float, least: float, found: NDArray[np.float64]
+) -> None:
+    """Box, centroid and area of what exceeds an edge, unless that is too little."""
+    area, sum_x, sum_y = 0, 0, 0
+    left, top, right, bottom = width, contrasts.size, 0, 0
+    for index in range(contrasts.size):
+        if contrasts[index] > edge:
+            row, column = index // width, index % width
+            area, sum_x, sum_y = area + 1, sum_x + column, sum_y + row
+            left, top = min(left, column), min(top, row)
+            right, bottom = max(right, column + 1), max(bottom, row + 1)
+    if area > 0 and area >= least:
+        found[0], found[1], found[2], found[3] = left - 0.5, top - 0.5, right - 0.5, bottom - 0.5
+        found[4], found[5], found[6] = sum_x / area, sum_y / area, area

@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 import cv2
 import numpy as np
-from numba import types
-
-from streamkit_differencer.compiled import BYTES, REGION, compiled, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,13 +15,9 @@ if TYPE_CHECKING:
     from streamkit_differencer.compiled import Region
 
     ByteImage = NDArray[np.uint8]
-    ByteLine = NDArray[np.uint8]
-    IntArray = NDArray[np.intp]
     Matrix = NDArray[np.float64]
     Slices = tuple[slice, slice]
 
-# Rows that are looked at together where only parts of a picture have something in them.
-BAND = 96
 Image = TypeVar("Image", "NDArray[np.uint8]", "NDArray[np.float32]")
 
 
@@ -39,75 +32,10 @@ def scrolled(image: Image, dx: int, dy: int, fill: float) -> Image:
     return result
 
 
-def parts(mask: ByteImage, band: int = BAND) -> list[Slices]:
-    """The parts of a mask that have something in them: a rectangle for each `band` of so many rows.
-
-    Movers are few: a rectangle around all of them would often be the whole frame.
-    """
-    boxes = occupied(mask, (0, mask.shape[0], 0, mask.shape[1]), band).tolist()
-    return [np.s_[top:bottom, left:right] for top, bottom, left, right in boxes]
-
-
-@kernel(BYTES, REGION, types.int64)
-def occupied(mask: ByteImage, region: Region, band: int) -> NDArray[np.int64]:
-    """Rectangles around what a mask has in each band of so many lines that has something.
-
-    Args:
-        mask: uint8[h, w].
-        region: of the mask, what is looked at.
-        band: lines.
-
-    Returns:
-        int64[n, 4], regions.
-    """
-    top, bottom, left, right = region
-    found = np.empty((max(bottom - top, 0) // band + 1, 4), np.int64)
-    total = 0
-    for begin in range(top, bottom, band):
-        first, last, low, high = bottom, top, right, left
-        for row in range(begin, min(begin + band, bottom)):
-            line = mask[row, left:right]
-            if not _has_something(line):
-                continue
-            first, last = min(first, row), row + 1
-            start, stop = 0, line.size
-            while line[start] == 0:
-                start += 1
-            while line[stop - 1] == 0:
-                stop -= 1
-            low, high = min(low, left + start), max(high, left + stop)
-        if first < last:
-            found[total, 0], found[total, 1], found[total, 2], found[total, 3] = first, last, low, high
-            total += 1
-    return found[:total]
-
-
-@compiled
-def _has_something(line: ByteLine) -> bool:
-    united = np.uint8(0)
-    for index in range(line.size):
-        united |= line[index]
-    return bool(united > 0)
-
-
-def held(indices: IntArray, length: int) -> IntArray:
-    """Rows or columns, those beyond a border as on it; for some hundred np.clip would take thrice as long."""
-    return np.minimum(np.maximum(indices, 0), length - 1)
-
-
 def bounds_of(part: Slices, size: tuple[int, int]) -> Region:
     """Rows and columns of a picture of a width and height as kernels take them."""
     (top, bottom, _), (left, right, _) = part[0].indices(size[1]), part[1].indices(size[0])
     return top, bottom, left, right
-
-
-def padded(part: Slices, margin: int, shape: tuple[int, ...]) -> tuple[Slices, Slices]:
-    """The part with a margin where the picture has one, and the part within that."""
-    rows, columns = part
-    top, left = max(0, rows.start - margin), max(0, columns.start - margin)
-    outer = np.s_[top : min(shape[0], rows.stop + margin), left : min(shape[1], columns.stop + margin)]
-    inner = np.s_[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
-    return outer, inner
 
 
 def warped(image: Image, change: Matrix, fill: float, interpolation: int = cv2.INTER_NEAREST) -> Image:

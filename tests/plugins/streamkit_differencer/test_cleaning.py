@@ -1,6 +1,8 @@
 """Cleaning of foreground."""
 
+import cv2
 import numpy as np
+import pytest
 
 from streamkit_differencer.cleaning import cleaned
 
@@ -22,6 +24,18 @@ def test_a_median_takes_lone_pixels_and_keeps_holes():
     assert result[33, 33] == 0
     assert result[15, 15] == 0
     assert set(np.unique(result)) == {0, 128, 255}
+
+
+@pytest.mark.parametrize("width", [3, 5, 7])
+@pytest.mark.parametrize("share", [0.02, 0.5])
+def test_the_median_is_that_of_the_marks(width, share):
+    """Of all marks together, as OpenCV sorts them."""
+    random = np.random.default_rng(width)
+    mask = np.where(random.random((45, 70)) < share, random.choice([50, 128, 255], (45, 70)), 0).astype(
+        np.uint8
+    )
+    mask[20:30, 20:40] = random.choice([50, 128, 255], (10, 20))
+    np.testing.assert_array_equal(cleaned(mask, width, False), cv2.medianBlur(mask, width))
 
 
 def test_holes_are_filled():

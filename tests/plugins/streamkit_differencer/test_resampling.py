@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from streamkit_differencer.anchor import translation
-from streamkit_differencer.resampling import LastFrames, padded, parts, scrolled, warped
+from streamkit_differencer.resampling import LastFrames, scrolled, warped
 
 SHAPE = (120, 160)
 
@@ -38,21 +38,6 @@ def test_the_last_frames_are_kept_and_no_more():
     frames.scroll(1, 0)
     assert int(frames[-1].image[1, 5]) == 7
     assert not frames[-1].seen[:, :3].any()
-
-
-def test_parts_cover_what_is_set_and_little_else():
-    """One rectangle for each band that has something in it."""
-    mask = np.zeros(SHAPE, np.uint8)
-    mask[10, 20], mask[35, 5:9], mask[44, 150] = 255, 255, 255
-    assert parts(mask, 30) == [np.s_[10:11, 20:21], np.s_[35:45, 5:151]]
-    assert not parts(np.zeros(SHAPE, np.uint8), 30)
-
-
-def test_margins_end_at_the_picture():
-    """The inner part is where it was, within the part with its margin."""
-    outer, inner = padded(np.s_[2:10, 150:160], 4, SHAPE)
-    assert outer == np.s_[0:14, 146:160]
-    assert inner == np.s_[2:10, 4:14]
 
 
 def test_a_frame_drawn_in_its_room_need_not_be_copied():
