@@ -21,7 +21,9 @@ from streamkit.errors import PluginBroken
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 GROUP = "streamkit.commands"
-CORE = {name: f"streamkit.cli.{name}:{name}" for name in ("launch", "inspect", "graph", "caps", "new")}
+CORE = {
+    name: f"streamkit.cli.{name}:{name}" for name in ("launch", "inspect", "graph", "caps", "new", "prepare")
+}
 
 
 @dataclass(frozen=True, slots=True)

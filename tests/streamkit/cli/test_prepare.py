@@ -1,0 +1,59 @@
+"""What plugins do once on each machine."""
+
+import importlib.metadata
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from streamkit.cli.main import make_app
+from streamkit.cli.prepare import GROUP
+
+Offer = Callable[..., None]
+
+
+@pytest.fixture
+def offer(monkeypatch: pytest.MonkeyPatch) -> Offer:
+    """Makes preparations known, `offer(name="module:function")`; no others are."""
+
+    def only(**targets: str) -> None:
+        entries = [importlib.metadata.EntryPoint(name, target, GROUP) for name, target in targets.items()]
+        monkeypatch.setattr(importlib.metadata, "entry_points", lambda **_: entries)
+
+    return only
+
+
+def prepare() -> Result:
+    """Runs the command in this process; preparations run in their own."""
+    return CliRunner().invoke(make_app(["prepare"]), ["prepare"])
+
+
+def test_every_preparation_is_done_and_told(offer: Offer) -> None:
+    """With the seconds it took."""
+    offer(second="gc:collect", first="gc:enable")
+    result = prepare()
+    assert result.exit_code == 0
+    first, second = result.stdout.splitlines()
+    assert first.startswith("first is ready after ")
+    assert second.startswith("second is ready after ")
+
+
+def test_one_that_fails_is_named_and_the_others_are_done(
+    offer: Offer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Name, function, cause and remedy; exit code 1."""
+    (tmp_path / "silent.py").write_text("def run():\n    raise SystemExit(3)\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    offer(bad="no_such_module:run", worse="silent:run", good="gc:collect")
+    result = prepare()
+    assert result.exit_code == 1
+    assert "good is ready after " in result.stdout
+    assert "bad (no_such_module:run) cannot be prepared: ModuleNotFoundError" in result.stderr
+    assert "worse (silent:run) cannot be prepared: it ended with 3" in result.stderr
+
+
+def test_nothing_to_prepare_is_no_error(offer: Offer) -> None:
+    """Where no plugin asks for it."""
+    offer()
+    assert prepare().exit_code == 0
