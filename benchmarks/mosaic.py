@@ -1,14 +1,16 @@
 """The finished mosaic against the true ground, beside cv2.Stitcher (SCANS) on the same frames.
 
-    STREAMKIT_DATA=... python benchmarks/mosaic.py [FOLDER [REPEATS]]
+    STREAMKIT_DATA=... python benchmarks/mosaic.py [FOLDER [REPEATS [SEED,SEED,...]]]
 
-1. Features of the mosaic are matched to the picture that the flight was rendered from, one homography is
-   fitted, and the median and 90th percentile of what is left over are told. Features are not exact: the row
-   `exact places` shows what is left of the same frames joined at their true places, the least that this
-   measure can tell.
-2. `bent` is free of that: ground and mosaic are aligned window by window, and of the shifts, less one
-   homography, the median of each block of 128 px is taken, as a misplaced picture shifts whole blocks. Again
-   the median and the 90th percentile of those.
+1. `features`: features of the mosaic are matched to the picture that the flight was rendered from, one
+   homography is fitted, and the median and 90th percentile of what is left over are told. Features are not
+   exact: the row `exact places` shows what is left of the same frames joined at their true places, the least
+   that this measure can tell.
+2. `refined`: ground and mosaic are aligned in a window of 31 px about each corner of the ground, beginning at
+   that homography, and another is fitted: the same quantity with less than half the noise, and wherever there
+   are corners, not only where features found a partner.
+3. `bent`: of those shifts the median of each block of 128 px is taken, as a misplaced picture shifts whole
+   blocks. Again the median and the 90th percentile of those.
 
 Time is that of everything from the frames to the written file: the median of REPEATS runs (five), on the
 clock and in CPU time of all threads.
@@ -38,6 +40,8 @@ SHAPE = (720, 1280)
 BLOCK = 128
 LEAST_IN_BLOCK = 6
 MEMORY_PX = 64_000_000
+# Of seed n the one of number n % 4: names, frames of a row, frames.
+KINDS = (("one strip of 6", 6, 6), ("one strip of 8", 8, 8), ("3 rows of 4", 4, 12), ("3 rows of 4", 4, 12))
 Method = Callable[[Sequence[PictureArray], str], int]
 
 
@@ -96,8 +100,14 @@ def matched(mosaic: PictureArray, ground: PictureArray) -> tuple[FloatArray, Flo
     return np.asarray(matrix, dtype=np.float64), np.hypot(*apart.T)
 
 
-def bends(mosaic: PictureArray, ground: PictureArray, to_ground: FloatArray) -> npt.NDArray[np.floating]:
-    """How far blocks of the mosaic lie from the ground, px, once one homography has taken what it can."""
+def shifted(
+    mosaic: PictureArray, ground: PictureArray, to_ground: FloatArray
+) -> tuple[FloatArray, npt.NDArray[np.floating]]:
+    """How far the mosaic lies from the ground, px, once one homography has taken what it can.
+
+    Returns:
+        The distance of each corner, float64[n], and that of each block, float64[m].
+    """
     size = mosaic.shape[1], mosaic.shape[0]
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     truth = cv2.cvtColor(cv2.warpPerspective(ground, to_ground, size, flags=flags), cv2.COLOR_BGR2GRAY)
@@ -127,54 +137,67 @@ def bends(mosaic: PictureArray, ground: PictureArray, to_ground: FloatArray) -> 
         for cell in np.unique(cells)
         if np.count_nonzero(cells == cell) >= LEAST_IN_BLOCK
     ]
-    return np.hypot(*np.array(medians).T)
+    return np.hypot(*shifts.T), np.hypot(*np.array(medians).T)
 
 
-def measured(path: str, ground: PictureArray) -> str:
-    """The four residuals as cells of a table."""
+def measured(path: str, ground: PictureArray) -> list[float]:
+    """Median and 90th percentile of each of the three residuals, px."""
     mosaic = cv2.imread(path)
     to_ground, left = matched(mosaic, ground)
-    bent = bends(mosaic, ground, to_ground)
-    return " | ".join(
-        f"{value:.2f}" for own in (left, bent) for value in (np.median(own), np.percentile(own, 90))
-    )
+    residuals = left, *shifted(mosaic, ground, to_ground)
+    return [float(value) for own in residuals for value in (np.median(own), np.percentile(own, 90))]
 
 
-def timed(method: Method, frames: Sequence[PictureArray], path: str, repeats: int) -> tuple[int, str]:
-    """Frames placed; clock and CPU seconds as cells of a table."""
+def cells(values: Sequence[float]) -> str:
+    """Numbers as cells of a table."""
+    return " | ".join(f"{value:.2f}" for value in values)
+
+
+def timed(method: Method, frames: Sequence[PictureArray], path: str, repeats: int) -> tuple[int, list[float]]:
+    """Frames placed; clock and CPU seconds."""
     clock, processor, placed = [], [], 0
     for _ in range(repeats):
         began, spent = time.perf_counter(), time.process_time()
         placed = method(frames, path)
         clock.append(time.perf_counter() - began)
         processor.append(time.process_time() - spent)
-    return placed, f"{statistics.median(clock):.2f} | {statistics.median(processor):.2f}"
+    return placed, [statistics.median(clock), statistics.median(processor)]
+
+
+def compared(ground: PictureArray, flight: Flight, title: str, folder: Path, repeats: int) -> list[float]:
+    """Prints the rows of one flight; SCANS through ours: seconds, CPU seconds and the three medians."""
+    count = len(flight.to_ground)
+    frames = [flight.picture(index) for index in range(count)]
+    path = str(folder / f"exact-{flight.seed}.png")
+    exact(flight, frames, path)
+    print(f"{title} exact places | {count} of {count} | | | {cells(measured(path, ground))} |", flush=True)
+    found = []
+    for method, run in (("stitch", stitched), ("cv2.Stitcher SCANS", scans)):
+        path = str(folder / f"{method[:4].strip()}-{flight.seed}.png")
+        placed, seconds = timed(run, frames, path, repeats)
+        left = measured(path, ground) if placed else [float("nan")] * 6
+        found.append([*seconds, *left[::2]])
+        print(f"{title} {method} | {placed} of {count} | {cells([*seconds, *left])} |", flush=True)
+    return (np.array(found[1]) / found[0]).tolist()
 
 
 def main() -> None:
-    """Prints one row per flight and method."""
+    """Prints one row per flight and method, then the ratios."""
     ground = ground_picture()
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
     repeats = int(sys.argv[2]) if len(sys.argv) > 2 else 5
-    print("| flight | method | placed | seconds | CPU s | residual px | p90 | bent px | p90 |")
-    print("|---|---|---|---|---|---|---|---|---|")
-    for name, per_row, count, seed in (
-        ("one strip of 8", 8, 8, 201),
-        ("3 rows of 4", 4, 12, 202),
-        ("3 rows of 4", 4, 12, 203),
-        ("one strip of 6", 6, 6, 204),
-    ):
-        flight: Flight = rows(ground, per_row, count, SHAPE, seed)
-        frames = [flight.picture(index) for index in range(count)]
-        path = str(folder / f"exact-{seed}.png")
-        exact(flight, frames, path)
-        title = f"| {name}, seed {seed} |"
-        print(f"{title} exact places | {count} of {count} | | | {measured(path, ground)} |", flush=True)
-        for method, run in (("stitch", stitched), ("cv2.Stitcher SCANS", scans)):
-            path = str(folder / f"{method[:4].strip()}-{seed}.png")
-            placed, seconds = timed(run, frames, path, repeats)
-            left = measured(path, ground) if placed else " | | | "
-            print(f"{title} {method} | {placed} of {count} | {seconds} | {left} |", flush=True)
+    seeds = [int(text) for text in sys.argv[3].split(",")] if len(sys.argv) > 3 else range(201, 209)
+    print("| flight | method | placed | s | CPU s | features px | p90 | refined px | p90 | bent px | p90 |")
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    ratios = []
+    for seed in seeds:
+        name, per_row, count = KINDS[seed % len(KINDS)]
+        flight = rows(ground, per_row, count, SHAPE, seed)
+        ratios.append(compared(ground, flight, f"| {name}, seed {seed} |", folder, repeats))
+    for name, value in (("median", np.nanmedian), ("least", np.nanmin)):
+        clock, processor, *left = value(np.array(ratios), axis=0).tolist()
+        between = " | | ".join(f"{ratio:.1f}" for ratio in left)
+        print(f"| SCANS through ours | {name} | | {clock:.1f} | {processor:.1f} | {between} | |")
 
 
 if __name__ == "__main__":
