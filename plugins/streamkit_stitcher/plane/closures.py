@@ -58,32 +58,33 @@ class ClosureEvidence:
             if tie.host not in places or tie.observer not in places:
                 continue
             asked, apart = _asked(tie, places), steps.get(tie.host)
-            px = shape[1] * scale_change(places[tie.observer], shape)
+            width = shape[1] * scale_change(places[tie.observer], shape)
             distance = float(np.hypot(*asked))
-            if distance <= px * _allowed(apart):
+            if distance <= width * _allowed(apart):
                 found.append(tie)
-                self._is_far |= distance > px * _SETTLED
+                self._is_far |= distance > width * _SETTLED
             elif apart is None or apart > FEW_STEPS:
-                agreeing = [
-                    other
-                    for other in self._near(tie, places)
-                    if np.hypot(*(_asked(other, places) - asked)) <= px * _AGREEING
-                ]
+                agreeing = self._agreeing(tie, asked, places, width * _AGREEING)
                 self._waiting = [other for other in self._waiting if other not in agreeing]
-                found.extend([*agreeing, tie] if agreeing else ())
-                self._is_far |= bool(agreeing)
-                self._waiting.extend(() if agreeing else (tie,))
+                if agreeing:
+                    found.extend([*agreeing, tie])
+                    self._is_far = True
+                else:
+                    self._waiting.append(tie)
         self._waiting = self._waiting[-_WAITING:]
         return tuple(found)
 
-    def _near(self, tie: Tie, places: Mapping[int, FloatArray]) -> list[Tie]:
-        """Waiting ties of about the same key pictures whose places are still known."""
+    def _agreeing(
+        self, tie: Tie, asked: FloatArray, places: Mapping[int, FloatArray], within: float
+    ) -> list[Tie]:
+        """Waiting ties of about the same time that ask for about the same, to `within` px of the plane."""
         return [
             other
             for other in self._waiting
             if tie.observer - other.observer <= _NEIGHBOURS
             and other.observer in places
             and other.host in places
+            and np.hypot(*(_asked(other, places) - asked)) <= within
         ]
 
 
