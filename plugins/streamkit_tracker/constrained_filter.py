@@ -55,14 +55,12 @@ class ConstrainedFilter:
         one nearest to it whose weights outside the target's sides are dear.
         """
         sample = spectrum * self._scaling
-        previous, free = self._filter, np.empty_like(sample)
-        inside, dual, penalty = previous, np.zeros_like(sample), FIRST_PENALTY
+        previous, inside = self._filter, self._filter.copy()
+        free, dual, penalty = np.empty_like(sample), np.zeros_like(sample), FIRST_PENALTY
         for _ in range(iterations):
             _unbounded(sample, self._wanted, previous, inside, dual, inertia, penalty, free)
-            # all is scaled by the one factor, and the rectangle by as much more as the other is larger
-            dear, cheap = penalty / (OUTSIDE + penalty), penalty / (WITHIN + penalty)
-            inside = np.float32(cheap - dear) * self._cut(free) + np.float32(dear) * free
-            dual = free - inside
+            cheap, dear = penalty / (WITHIN + penalty), penalty / (OUTSIDE + penalty)
+            _split(free, self._cut(free), cheap, dear, inside, dual)
             penalty = min(penalty * PENALTY_STEP, LAST_PENALTY)
         self._filter = inside
 
@@ -92,23 +90,56 @@ def _unbounded(
         penalty: weight of the difference.
         free: complex64[channels, rows, columns], is filled.
     """
-    channels, rows, columns = sample.shape
     near, step, weight = np.float32(inertia), np.float32(penalty), np.float32(inertia + penalty)
-    for row in range(rows):
-        for column in range(columns):
-            energy, shared = np.float32(0), np.complex64(0)
-            for channel in range(channels):
-                value = sample[channel, row, column]
-                wish = value.conjugate() * wanted[row, column] + near * previous[channel, row, column]
-                wish += step * (inside[channel, row, column] - dual[channel, row, column])
-                free[channel, row, column] = wish
-                shared += value * wish
-                energy += value.real * value.real + value.imag * value.imag
-            shared /= weight + energy
-            for channel in range(channels):
-                value = sample[channel, row, column]
-                best = (free[channel, row, column] - value.conjugate() * shared) / weight
-                free[channel, row, column] = best + dual[channel, row, column]
+    frequencies, goal = wanted.size, wanted.reshape(wanted.size)
+    energy, shared = np.zeros(frequencies, np.float32), np.zeros(frequencies, np.complex64)
+    for channel in range(len(sample)):
+        patch, answer = sample[channel].reshape(frequencies), free[channel].reshape(frequencies)
+        kept, old = inside[channel].reshape(frequencies), previous[channel].reshape(frequencies)
+        apart = dual[channel].reshape(frequencies)
+        for index in range(frequencies):
+            answer[index] = near * old[index] + step * (kept[index] - apart[index])
+        for index in range(frequencies):
+            answer[index] += patch[index].conjugate() * goal[index]
+        for index in range(frequencies):
+            shared[index] += patch[index] * answer[index]
+        for index in range(frequencies):
+            energy[index] += patch[index].real * patch[index].real + patch[index].imag * patch[index].imag
+    for index in range(frequencies):
+        shared[index] *= np.float32(1) / (weight + energy[index])
+    share = np.float32(1) / weight
+    for channel in range(len(sample)):
+        patch, answer = sample[channel].reshape(frequencies), free[channel].reshape(frequencies)
+        apart = dual[channel].reshape(frequencies)
+        for index in range(frequencies):
+            rest = answer[index] - patch[index].conjugate() * shared[index]
+            answer[index] = share * rest + apart[index]
+
+
+@compiled
+def _split(
+    free: ComplexArray, cut: ComplexArray, cheap: float, dear: float, inside: ComplexArray, dual: ComplexArray
+) -> None:
+    """What is kept of the filter of any extent, inside the sides and outside, and what is not: the dual.
+
+    Inside and outside it is scaled by two factors: all by the one, and the part inside by the rest.
+
+    Args:
+        free: complex64[channels, rows, columns].
+        cut: the same of the part inside.
+        cheap: factor inside.
+        dear: factor outside.
+        inside: complex64[channels, rows, columns], is filled.
+        dual: likewise.
+    """
+    rest, outer = np.float32(cheap - dear), np.float32(dear)
+    for channel in range(len(free)):
+        for row in range(free.shape[1]):
+            for column in range(free.shape[2]):
+                value = free[channel, row, column]
+                kept = rest * cut[channel, row, column] + outer * value
+                inside[channel, row, column] = kept
+                dual[channel, row, column] = value - kept
 
 
 def _within(side: int, scale: float) -> NDArray[np.bool_]:

@@ -153,16 +153,19 @@ def _follow(
     rate: float,
 ) -> None:
     """Moves numerator and denominator towards those of a patch, a part of the way."""
-    channels, rows, columns = spectrum.shape
-    part = np.float32(rate)
-    for row in range(rows):
-        for column in range(columns):
-            energy, answer = np.float32(0), wanted[row, column].conjugate()
-            for channel in range(channels):
+    part, kept = np.float32(rate), np.float32(1 - rate)
+    for row in range(wanted.shape[0]):
+        for column in range(wanted.shape[1]):
+            denominator[row, column] *= kept
+    for channel in range(len(spectrum)):
+        for row in range(wanted.shape[0]):
+            for column in range(wanted.shape[1]):
                 value = spectrum[channel, row, column]
-                energy += value.real * value.real + value.imag * value.imag
-                numerator[channel, row, column] += part * (answer * value - numerator[channel, row, column])
-            denominator[row, column] += part * (energy - denominator[row, column])
+                old = numerator[channel, row, column]
+                numerator[channel, row, column] = kept * old + part * (
+                    wanted[row, column].conjugate() * value
+                )
+                denominator[row, column] += part * (value.real * value.real + value.imag * value.imag)
 
 
 @compiled
@@ -174,15 +177,16 @@ def _plain_answers(
     answers: ComplexArray,
 ) -> None:
     """Spectra complex64[n, grid, grid // 2 + 1] of the responses to n patches."""
-    channels, rows, columns = numerator.shape
+    answers[:] = 0
     for patch in range(len(spectra)):
-        for row in range(rows):
-            for column in range(columns):
-                total = np.complex64(0)
-                for channel in range(channels):
+        for channel in range(len(numerator)):
+            for row in range(numerator.shape[1]):
+                for column in range(numerator.shape[2]):
                     weight = numerator[channel, row, column].conjugate()
-                    total += weight * spectra[patch, channel, row, column]
-                answers[patch, row, column] = total / (denominator[row, column] + np.float32(floor))
+                    answers[patch, row, column] += weight * spectra[patch, channel, row, column]
+        for row in range(numerator.shape[1]):
+            for column in range(numerator.shape[2]):
+                answers[patch, row, column] *= np.float32(1) / (denominator[row, column] + np.float32(floor))
 
 
 @compiled

@@ -25,6 +25,7 @@ from streamkit_tracker.layered_filter import LayerSettings
 from streamkit_tracker.observation import TargetReport
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.tracker import MultiTargetTracker
+from streamkit_tracker.warm_up import warm_up
 from streamkit_tracker.window_geometry import FloatArray
 
 
@@ -111,6 +112,7 @@ class ParticleTrack(Transform):
 
     def start(self) -> None:
         """Begins without targets."""
+        warm_up()
         self._start_window = None if self.window is None else parse_window(self.window, self.name)
         self._tracker = MultiTargetTracker(self._settings())
         self._link = FrameLink(self.compare is Compare.FEATURES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +14,7 @@ from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 Float32Array = NDArray[np.float32]
 ByteArray = NDArray[np.uint8]
 IntArray = NDArray[np.int64]
-LevelArray = NDArray[np.uint16]
+QuadArray = NDArray[np.int32]
 
 MIDDLE_GREY = np.float32(128.0)  # keeps sums of squares small, so that float32 is enough for the variance
 LEFT, TOP, ACROSS, DOWN, START = range(5)
@@ -24,15 +25,15 @@ class Crops:
     """Parts of a frame, one for each of g groups of windows.
 
     Attributes:
-        quads: int64[total], part after part, row after row: the grey levels of a pixel, the one right of it,
-            the one below and the one below right, in 256ths, 16 bits each from the lowest to the highest.
-            What is beyond a part is as its edge.
+        quads: int32[total], part after part, row after row: the grey levels of a pixel, the one right of it,
+            the one below and the one below right, from the lowest byte to the highest. What is beyond a
+            part is as its edge.
         places: int64[g, 5]: left and top pixel of each part in the frame, its width and height in quads, and
             the index of its first quad.
         factor: by how much the frame was averaged down.
     """
 
-    quads: IntArray
+    quads: QuadArray
     places: IntArray
     factor: int
 
@@ -59,17 +60,17 @@ class FrameCrops:
         height, width = self.image.shape
         places = np.empty((groups, 5), np.int64)
         total = _place(np.ascontiguousarray(windows), height, width, factor, margin, places)
-        levels = np.empty(total * factor**2, np.uint8)
-        begin = 0
+        levels = np.empty(total, np.uint8)
         # copied here, so that the compiled part sees one kind of array whatever the frame's memory is like
-        for left, top, across, down, _ in places.tolist():
-            rows, columns = down * factor, across * factor
-            end = begin + rows * columns
-            part = self.image[top : top + rows, left : left + columns]
-            levels[begin:end].reshape(rows, columns)[...] = part
-            begin = end
-        quads = np.empty(total, np.int64)
-        _pack(levels, places, factor, quads)
+        for left, top, across, down, start in places.tolist():
+            part = self.image[top : top + down * factor, left : left + across * factor]
+            level = levels[start : start + across * down].reshape(down, across)
+            if factor > 1:
+                cv2.resize(part, (across, down), dst=level, interpolation=cv2.INTER_AREA)
+            else:
+                level[...] = part
+        quads = np.empty(total, np.int32)
+        _pack(levels, places, quads)
         return Crops(quads, places, factor)
 
 
@@ -106,45 +107,20 @@ def _span(low: float, high: float, size: int, factor: int) -> tuple[int, int]:
 
 
 @compiled
-def _pack(levels: ByteArray, places: IntArray, factor: int, quads: IntArray) -> None:
-    """Averages the parts, `levels` one after another, over squares of `factor` pixels and packs them."""
-    begin = 0
+def _pack(levels: ByteArray, places: IntArray, quads: QuadArray) -> None:
+    """Packs the parts' grey levels uint8[total]."""
     for group in range(len(places)):
         across, down = places[group, ACROSS], places[group, DOWN]
-        end = begin + across * down * factor**2
-        part = _shrunk(levels[begin:end].reshape(down * factor, across * factor), factor)
-        begin = end
         start = places[group, START]
+        part = levels[start : start + across * down].reshape(down, across)
         for row in range(down):
             upper, lower = part[row], part[min(row + 1, down - 1)]
             line = quads[start + row * across : start + (row + 1) * across]
             for column in range(across):
-                line[column] = np.int64(upper[column]) | (np.int64(lower[column]) << 32)
+                line[column] = np.int32(np.int32(upper[column]) | np.int32(np.int32(lower[column]) << 16))
             for column in range(across - 1):
-                line[column] |= (np.int64(upper[column + 1]) << 16) | (np.int64(lower[column + 1]) << 48)
-            line[across - 1] |= line[across - 1] << 16
-
-
-@compiled
-def _shrunk(part: ByteArray, factor: int) -> LevelArray:
-    """uint16 averages over squares of `factor` pixels, which divides both sides, in 256ths."""
-    down, across = part.shape[0] // factor, part.shape[1] // factor
-    result = np.empty((down, across), np.uint16)
-    sums = np.empty(across * factor, np.int32)
-    area = factor * factor
-    for row in range(down):
-        if factor == 1:
-            for column in range(across):
-                result[row, column] = np.uint16(part[row, column]) << 8
-            continue
-        sums[:] = 0
-        for step in range(factor):
-            line = part[row * factor + step]
-            for column in range(len(line)):
-                sums[column] += line[column]
-        for column in range(across):
-            total = 0
-            for step in range(factor):
-                total += sums[column * factor + step]
-            result[row, column] = (256 * total + area // 2) // area
-    return result
+                beside = np.int32(
+                    np.int32(upper[column + 1]) | np.int32(np.int32(lower[column + 1]) << np.int32(16))
+                )
+                line[column] = np.int32(line[column] | np.int32(beside << np.int32(8)))
+            line[across - 1] = np.int32(line[across - 1] | np.int32(line[across - 1] << np.int32(8)))

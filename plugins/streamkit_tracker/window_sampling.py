@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from streamkit_tracker.compiled import compiled
 from streamkit_tracker.frame_crops import (
@@ -20,11 +19,9 @@ from streamkit_tracker.frame_crops import (
     Float32Array,
     FrameCrops,
     IntArray,
+    QuadArray,
 )
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
-
-IndexArray = NDArray[np.int32]
-STEPS = np.float32(1 / 256)  # of a grey level, in which quads count
 
 
 @cache
@@ -117,7 +114,7 @@ def shrink_factor(window: FloatArray, patch: tuple[int, int], image_shape: tuple
 
 @compiled
 def _resample(
-    quads: IntArray,
+    quads: QuadArray,
     places: IntArray,
     factor: int,
     windows: FloatArray,
@@ -126,7 +123,7 @@ def _resample(
 ) -> None:
     """Bilinear samples; each step in a loop of its own over a window, so that only the reading is scalar."""
     each, pixels = len(windows) // len(places), grid.shape[1]
-    near, quads_near = np.empty(pixels, np.int32), np.empty(pixels, np.int64)
+    near = np.empty(pixels, np.int32)
     right, below = np.empty(pixels, np.float32), np.empty(pixels, np.float32)
     x_map, y_map = np.empty(3, np.float32), np.empty(3, np.float32)
     for index in range(len(windows)):
@@ -140,8 +137,8 @@ def _resample(
         _aim(grid, x_map, y_map, across, down, near, right, below)
         part = quads[place[START] : place[START] + place[ACROSS] * place[DOWN]]
         for pixel in range(pixels):
-            quads_near[pixel] = part[np.uint32(near[pixel])]
-        _blend(quads_near, right, below, patches[index])
+            near[pixel] = part[np.uint32(near[pixel])]
+        _blend(near, right, below, patches[index])
 
 
 @compiled
@@ -151,7 +148,7 @@ def _aim(
     y_map: Float32Array,
     across: np.int32,
     down: np.int32,
-    near: IndexArray,
+    near: QuadArray,
     right: Float32Array,
     below: Float32Array,
 ) -> None:
@@ -170,13 +167,15 @@ def _aim(
 
 
 @compiled
-def _blend(quads: IntArray, right: Float32Array, below: Float32Array, patch: Float32Array) -> None:
+def _blend(quads: QuadArray, right: Float32Array, below: Float32Array, patch: Float32Array) -> None:
     """Grey levels minus 128 between the four pixels of each quad."""
-    level = np.int64(0xFFFF)
+    byte = np.int32(255)
     for pixel in range(len(quads)):
         quad = quads[pixel]
-        here, beside = np.float32(np.int32(quad & level)), np.float32(np.int32((quad >> 16) & level))
-        under, across = np.float32(np.int32((quad >> 32) & level)), np.float32(np.int32((quad >> 48) & level))
+        here = np.float32(np.int32(quad & byte))
+        beside = np.float32(np.int32(np.int32(quad >> np.int32(8)) & byte))
+        under = np.float32(np.int32(np.int32(quad >> np.int32(16)) & byte))
+        across = np.float32(np.int32(np.int32(quad >> np.int32(24)) & byte))
         upper = here + right[pixel] * (beside - here)
         lower = under + right[pixel] * (across - under)
-        patch[pixel] = (upper + below[pixel] * (lower - upper)) * STEPS - MIDDLE_GREY
+        patch[pixel] = upper + below[pixel] * (lower - upper) - MIDDLE_GREY
