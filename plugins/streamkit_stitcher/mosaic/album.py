@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from streamkit_stitcher.mosaic.picture_file import is_numbered, is_tiff, locatio
 from streamkit_stitcher.mosaic.picture_store import PictureStore
 from streamkit_stitcher.mosaic.seams import SeamKind
 from streamkit_stitcher.mosaic.tiles import PictureArray
+
+# As many as there are places of key pictures to put them at.
+_MOST_KEPT: Final = 20_000
 
 
 @dataclass(frozen=True)
@@ -144,8 +148,8 @@ class Album:
         """
         self._breathe()
         pixels = picture()
-        if self._keeps:
-            number = self._store.add(pixels)
+        if self._keeps and len(self._kept) <= _MOST_KEPT:
+            number = self._store.add(pixels) if len(self._kept) < _MOST_KEPT else None
             if number is None:
                 # What does not fit in the store can only be painted, on top of all that came before.
                 _ = self.mosaic

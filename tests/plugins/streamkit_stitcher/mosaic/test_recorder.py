@@ -156,11 +156,15 @@ def test_a_mosaic_that_somebody_asks_for_is_painted_from_then_on(ground, tmp_pat
     assert np.abs(recorder.mosaic.picture().astype(int) - ground[:360, :1240]).max() <= 1
 
 
-def test_pictures_that_are_not_kept_are_in_the_mosaic_as_it_grew(ground, tmp_path, monkeypatch):
+@pytest.mark.parametrize("limit", ["bytes", "number"])
+def test_pictures_that_are_not_kept_are_in_the_mosaic_as_it_grew(ground, tmp_path, monkeypatch, limit):
     """Where the store is full, nothing is lost but the final adjustment."""
-    monkeypatch.setattr(
-        "streamkit_stitcher.mosaic.album.PictureStore", lambda: PictureStore(2 * 360 * 640, 0)
-    )
+    if limit == "bytes":
+        monkeypatch.setattr(
+            "streamkit_stitcher.mosaic.album.PictureStore", lambda: PictureStore(2 * 360 * 640, 0)
+        )
+    else:
+        monkeypatch.setattr("streamkit_stitcher.mosaic.album._MOST_KEPT", 2)
     recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), 64_000_000))
     for number in range(4):
         where = placement(300.0 * number, keyframe=True, key_index=number)
