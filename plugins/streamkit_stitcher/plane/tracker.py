@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from streamkit_stitcher.compiled import prepare
 from streamkit_stitcher.homographies import (
     IDENTITY,
     FloatArray,
@@ -66,6 +67,8 @@ class PlaneTracker:
     """
 
     def __init__(self, settings: PlaneSettings) -> None:
+        # Here, and not where patches are first aligned: there the stream would wait for the compiler.
+        prepare()
         self._settings = settings
         self._reference = 0
         self._published: Placement | None = None

@@ -8,31 +8,19 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import (
-    FloatArray,
-    GreyArray,
-    MaskArray,
-    corners,
-    inverse,
-    normalised,
-    project,
-    translation,
-)
+from streamkit_stitcher.homographies import FloatArray, GreyArray, MaskArray, corners, inverse, project
 from streamkit_stitcher.registration.gauss_newton import Scaling, monomials
-from streamkit_stitcher.registration.joint_level import ACROSS, DOWN, JointLevel, solved_step, step_matrix
-from streamkit_stitcher.registration.patches import measure
+from streamkit_stitcher.registration.joint_level import JointLevel
+from streamkit_stitcher.registration.patch_steps import improve, settle
 
-_FAR: Final = 1.0
-_FEWEST: Final = 10
-_FAINT: Final = 0.2
-_ALIKE: Final = 0.6
-_TRIM: Final = 9.0
 _PASSES: Final = 3
 _SETTLED: Final = 0.3
 _WILD: Final = 10.0
-_CLOSE: Final = 0.3
-# What no patch is better than, px: the lens, the shutter, the ground are not quite a plane's.
-_FLOOR: Final = 0.04
+# How the eight parameters of a homography near the identity move a point in x and in y, by its monomials.
+_ACROSS: Final[FloatArray] = np.zeros((8, 6))
+_ACROSS[[0, 1, 2, 6, 7], [3, 4, 5, 0, 1]] = 1, 1, 1, -1, -1
+_DOWN: Final[FloatArray] = np.zeros((8, 6))
+_DOWN[[3, 4, 5, 6, 7], [3, 4, 5, 1, 2]] = 1, 1, 1, -1, -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,15 +81,18 @@ def align_coarsely(
     Returns:
         float64[3, 3], or None where the patches are not seen or do not settle.
     """
-    count = min(count, len(level.numbers))
-    for _ in range(passes):
-        step = _coarse_step(level, image, key_to_frame, count)
-        if step is None or step[1] > _WILD:
-            return None
-        key_to_frame = normalised(key_to_frame @ step[0])
-        if step[1] < settled:
-            return key_to_frame
-    return None
+    patches, matrix = level.patches.first(count), key_to_frame.copy()
+    found = settle(
+        np.ascontiguousarray(image),
+        patches.centres,
+        patches.probes,
+        patches.usable,
+        _numbers(level.scaling),
+        passes,
+        settled,
+        matrix,
+    )
+    return matrix if found else None
 
 
 def align_jointly(
@@ -129,177 +120,88 @@ def align_jointly(
 
     Source: Baker and Matthews, Lucas-Kanade 20 years on, IJCV 2004, section 3.2 (inverse compositional).
     """
+    patches, count, picture = level.patches, len(level.numbers), np.ascontiguousarray(image)
+    seen = _Seen(
+        key_to_frame.copy(),
+        np.empty((3, count)),
+        np.empty((3, count)),
+        np.empty((8, 8)),
+        np.empty(count, dtype=np.bool_),
+        np.empty(count, dtype=np.bool_),
+    )
     for _ in range(_PASSES):
-        step = _step(level, image, key_to_frame)
-        if step is None or step.size > _WILD:
+        size, sought, variance = improve(
+            picture,
+            patches.centres,
+            patches.probes,
+            patches.usable,
+            _numbers(level.scaling),
+            patches.inverse_hessian,
+            seen.key_to_frame,
+            seen.products,
+            seen.information,
+            seen.normal,
+            seen.alike,
+            seen.near,
+        )
+        if size > _WILD:
             return None
-        key_to_frame = normalised(key_to_frame @ step.matrix)
-        if step.size < _SETTLED:
-            return _aligned(level, image, key_to_frame, step, threshold)
+        if size < _SETTLED:
+            return _aligned(level, picture, seen, sought, variance, threshold)
     return None
 
 
-def _aligned(
-    level: JointLevel, image: GreyArray, key_to_frame: FloatArray, step: "_Step", threshold: float
-) -> JointAlignment:
-    squares = _squares(step.residuals)
-    agreeing = np.flatnonzero(step.alike & (squares < threshold**2))
-    key_points = level.patches.centres[agreeing]
-    xx, xy, yy = step.information[:, agreeing]
-    return JointAlignment(
-        key_to_frame,
-        key_points,
-        project(key_to_frame, key_points + step.residuals[:, agreeing].T),
-        level.numbers[agreeing],
-        np.where(step.near[agreeing], (xx + yy) / (xx * yy - xy * xy), np.inf),
-        math.sqrt(float(squares[agreeing].sum()) / max(1, len(agreeing))),
-        int(np.count_nonzero(step.alike)),
-        step.sought,
-        _deviation(step, level.scaling, inverse(key_to_frame), (image.shape[0], image.shape[1])),
-        _median(step.correlation[step.near]),
-        level.numbers[step.alike & ~step.near],
-        level.numbers[step.alike & step.near],
-    )
-
-
 @dataclass(frozen=True, eq=False)
-class _Step:
-    """One improvement of the homography.
+class _Seen:
+    """What `improve` works on, and tells of the patches; the names are those of its arguments."""
 
-    Attributes:
-        matrix: float64[3, 3], where the key picture's points should have been for the motion so far.
-        size: the farthest it moves a patch in view, px.
-        residuals: float64[2, n], where each patch is seen less where the homography tells now, px.
-        information: float64[3, n], inverse covariance of each patch's place, see `_information`.
-        correlation: float64[n], how much patches look like the key picture's, -1 to 1.
-        alike: bool[n], patches in view that look like the key picture's.
-        near: bool[n], patches where the homography tells, as far as their covariances allow.
-        sought: patches in view.
-        normal: float64[8, 8], of the equations; its inverse times `variance` is the parameters' covariance.
-        variance: of a patch's place in units of what was expected.
-    """
-
-    matrix: FloatArray
-    size: float
-    residuals: FloatArray
+    key_to_frame: FloatArray
+    products: FloatArray
     information: FloatArray
-    correlation: FloatArray
+    normal: FloatArray
     alike: MaskArray
     near: MaskArray
-    sought: int
-    normal: FloatArray
-    variance: float
 
 
-def _coarse_step(
-    level: JointLevel, image: GreyArray, key_to_frame: FloatArray, count: int
-) -> tuple[FloatArray, float] | None:
-    """The step of the patches that move together, float64[3, 3], and the farthest it moves one, px."""
-    shift, correlation, visible = measure(level.patches.first(count), image, key_to_frame)
-    valid = visible & (correlation > _FAINT)
-    found = int(np.count_nonzero(valid))
-    if found < max(_FEWEST, int(np.count_nonzero(visible)) // 3):
-        return None
-    middle, near = _together(shift, valid, found)
-    far = math.hypot(*middle.tolist())
-    if far > _FAR:
-        return translation(middle), far
-    solved = solved_step(level, shift, correlation * near)
-    if solved is None:
-        return None
-    parameters, moves, _ = solved
-    return step_matrix(level.scaling, parameters), float(np.abs(moves[:, visible]).max())
+def _numbers(scaling: Scaling) -> FloatArray:
+    return np.array([*scaling.middle, scaling.size])
 
 
-def _step(level: JointLevel, image: GreyArray, key_to_frame: FloatArray) -> _Step | None:
-    shift, correlation, visible = measure(level.patches, image, key_to_frame)
-    alike = visible & (correlation > _ALIKE)
-    sought = int(np.count_nonzero(visible))
-    found = int(np.count_nonzero(alike))
-    if found < max(_FEWEST, sought // 3):
-        return None
-    information = _information(level.patches.inverse_hessian, correlation)
-    even = _evened(information, alike)
-    near = _together(shift, alike, found)[1]
-    solved = solved_step(level, shift, even * near)
-    if solved is None:
-        return None
-    near = _near(_weighted_squares(shift - solved[1], information), alike)
-    solved = solved_step(level, shift, information * near)
-    if solved is None:
-        return None
-    parameters, moves, normal = solved
-    apart = shift - moves
-    freedom = max(1, 2 * int(np.count_nonzero(near)) - 8)
-    return _Step(
-        step_matrix(level.scaling, parameters),
-        float(np.abs(moves[:, visible]).max()),
-        apart,
-        information,
-        correlation,
-        alike,
-        near,
+def _aligned(
+    level: JointLevel, image: GreyArray, seen: _Seen, sought: int, variance: float, threshold: float
+) -> JointAlignment:
+    residuals, alike, near = seen.products[:2], seen.alike, seen.near
+    squares = np.einsum("in,in->n", residuals, residuals)
+    agreeing = np.flatnonzero(alike & (squares < threshold**2))
+    key_points = level.patches.centres[agreeing]
+    xx, xy, yy = seen.information[:, agreeing]
+    frame_to_key = inverse(seen.key_to_frame)
+    return JointAlignment(
+        seen.key_to_frame,
+        key_points,
+        project(seen.key_to_frame, key_points + residuals[:, agreeing].T),
+        level.numbers[agreeing],
+        np.where(near[agreeing], (xx + yy) / (xx * yy - xy * xy), np.inf),
+        math.sqrt(float(squares[agreeing].sum()) / max(1, len(agreeing))),
+        int(np.count_nonzero(alike)),
         sought,
-        normal,
-        float(_weighted_squares(apart, information)[near].sum()) / freedom,
+        _deviation(seen.normal, variance, level.scaling, project(frame_to_key, corners(image.shape[:2]))),
+        _median(seen.products[2, near]),
+        level.numbers[alike & ~near],
+        level.numbers[alike & near],
     )
-
-
-def _evened(information: FloatArray, alike: MaskArray) -> FloatArray:
-    """How much patches count by inverse covariances float64[3, n], none more than the median of `alike`."""
-    xx, xy, yy = information
-    weights = (xx * yy - xy * xy) / (xx + yy)
-    return np.asarray(np.minimum(weights, _median(weights[alike])))
-
-
-def _near(squares: FloatArray, alike: MaskArray) -> MaskArray:
-    """Which patches `alike` lie no farther off than most of them, by their squared distances."""
-    return np.asarray(alike & (squares < _TRIM * _median(squares[alike])))
 
 
 def _median(values: FloatArray) -> float:
     return float(np.partition(values, len(values) // 2)[len(values) // 2])
 
 
-def _together(shift: FloatArray, chosen: MaskArray, count: int) -> tuple[FloatArray, MaskArray]:
-    """The median shift of `count` chosen patches, float64[2], and which move about as it does, bool[n].
-
-    A corner of the picture that moves by itself would bend a homography to it before it could be told apart.
-    """
-    middle = np.partition(shift[:, chosen], count // 2, axis=1)[:, count // 2]
-    apart = shift - middle[:, np.newaxis]
-    squares = _squares(apart)
-    typical = _median(squares[chosen])
-    return middle, chosen & (squares <= max(_TRIM * typical, _CLOSE**2))
-
-
-def _information(inverse_hessian: FloatArray, correlation: FloatArray) -> FloatArray:
-    """Inverse covariance of each patch's place, float64[3, n]: x x, x y, y y, 1 / px^2."""
-    # Pictures of unit deviation that correlate by c differ by 2 - 2 c.
-    noise = 2 * np.maximum(1 - correlation, 1e-3)
-    information = inverse_hessian.reshape(-1, 4).T[[3, 1, 0]] * noise
-    information[::2] += _FLOOR**2
-    information /= information[0] * information[2] - information[1] * information[1]
-    np.negative(information[1], out=information[1])
-    return np.asarray(information, dtype=np.float64)
-
-
-def _squares(apart: FloatArray) -> FloatArray:
-    """Squared lengths of float64[2, n]."""
-    return np.asarray(np.einsum("in,in->n", apart, apart))
-
-
-def _weighted_squares(apart: FloatArray, information: FloatArray) -> FloatArray:
-    x, y = apart
-    return np.asarray((information[0] * x + 2 * information[1] * y) * x + information[2] * y * y)
-
-
-def _deviation(step: _Step, scaling: Scaling, frame_to_key: FloatArray, shape: tuple[int, int]) -> float:
-    solved, covariance = cv2.invert(step.normal, flags=cv2.DECOMP_CHOLESKY)
+def _deviation(normal: FloatArray, variance: float, scaling: Scaling, outline: FloatArray) -> float:
+    """How far off a motion may put the worst of some points, float64[n, 2] px, one standard deviation, px."""
+    solved, covariance = cv2.invert(normal, flags=cv2.DECOMP_CHOLESKY)
     if not solved:
         return math.inf
-    outline = (project(frame_to_key, corners(shape)) - scaling.middle) / scaling.size
-    powers = monomials(outline)
-    slopes = np.concatenate([ACROSS @ powers, DOWN @ powers], axis=1)
-    worst = float((slopes * (covariance @ slopes)).sum(axis=0).max()) * step.variance
+    powers = monomials((outline - scaling.middle) / scaling.size)
+    slopes = np.concatenate([_ACROSS @ powers, _DOWN @ powers], axis=1)
+    worst = float((slopes * (covariance @ slopes)).sum(axis=0).max()) * variance
     return math.sqrt(worst) if worst >= 0 else math.inf

@@ -213,26 +213,6 @@ def in_view(level: PatchLevel, key_to_frame: FloatArray, shape: Sequence[int]) -
     return level.usable & _inside(project(key_to_frame, level.centres), shape)
 
 
-def measure(
-    level: PatchLevel, image: GreyArray, key_to_frame: FloatArray
-) -> tuple[FloatArray, FloatArray, MaskArray]:
-    """One Gauss-Newton step of each patch from where a motion expects it.
-
-    Args:
-        level: patches of the key picture.
-        image: uint8[h, w], the frame at the same reduction.
-        key_to_frame: float64[3, 3], expected motion in px of this level.
-
-    Returns:
-        float64[2, n], how far off the expected place each patch is seen, x and y, px of the key picture;
-        float64[n], how well it correlates at the expected place, -1 to 1; bool[n], whether it is usable and
-        in view.
-    """
-    parts = _affine_parts(key_to_frame, level.centres)
-    products = _probed(level, image, parts)
-    return products[:2], products[2], level.usable & _visible(parts, image.shape)
-
-
 def _iterate(
     level: PatchLevel, image: GreyArray, key_to_frame: FloatArray, visible: MaskArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:

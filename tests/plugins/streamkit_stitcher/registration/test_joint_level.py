@@ -1,12 +1,9 @@
-"""The order of patches, and the step that suits their shifts."""
+"""The order of patches, and parts of them."""
 
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import project
-from streamkit_stitcher.registration.joint_level import joint_level, solved_step, spread_order, step_matrix
-
-STEP = np.array([[1 + 2e-4, -1e-4, 0.3], [1e-4, 1 - 1e-4, -0.2], [2e-7, -1e-7, 1.0]])
+from streamkit_stitcher.registration.joint_level import joint_level, spread_order
 
 
 @pytest.fixture
@@ -23,30 +20,6 @@ def test_leading_parts_are_spread():
     assert sorted(order) == list(range(100))
     assert np.diff(np.sort(order[:12])).min() >= 4
     assert spread_order(1).tolist() == [0]
-
-
-@pytest.mark.parametrize("told", ["evenly", "by covariances"])
-def test_the_step_moves_the_patches_as_they_were_shifted(level, told):
-    """Shifts of a small homography are explained to a thousandth of a pixel, whatever counts how much."""
-    shift = (project(STEP, level.patches.centres) - level.patches.centres).T
-    weights = np.random.default_rng(5).uniform(0.5, 2.0, (3, 100))
-    weights[1] *= 0.2
-    parameters, moves, normal = solved_step(level, shift, weights if told == "by covariances" else weights[0])
-    assert moves == pytest.approx(shift, abs=1e-3)
-    assert step_matrix(level.scaling, parameters) == pytest.approx(STEP, abs=1e-3)
-    assert normal == pytest.approx(normal.T)
-
-
-def test_what_counts_more_is_followed_more(level):
-    """One patch in x and another in y, told for certain: the step goes to them."""
-    shift = np.zeros((2, 100))
-    shift[0, 3], shift[1, 7] = 0.5, -0.4
-    weights = np.full((3, 100), 1e-6)
-    weights[1] = 0.0
-    weights[0, 3] = weights[2, 7] = 1e3
-    _, moves, _ = solved_step(level, shift, weights)
-    assert moves[0, 3] == pytest.approx(0.5, abs=1e-3)
-    assert moves[1, 7] == pytest.approx(-0.4, abs=1e-3)
 
 
 def test_patches_left_out_are_not_usable(level):
