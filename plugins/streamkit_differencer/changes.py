@@ -63,7 +63,7 @@ def update_waiting(
     lowest, highest = np.empty(count + 2, np.uint8), np.empty(count + 2, np.uint8)
     ranges, both, changed = np.empty(count, np.uint8), np.empty(count, np.uint8), np.empty(count, np.uint8)
     step = SHARE_STEP if bottom - top >= SHARE_STEP**2 else 1
-    total = common = 0
+    total, common = np.int64(0), np.int64(0)
     for row in range(top, bottom):
         here = earlier[row, left:right]
         if gradient_gain > 0.0:
@@ -80,10 +80,10 @@ def update_waiting(
         )
         if (row - top) % step == 0:
             for index in range(count):
-                total += int(changed[index] & both[index] & np.uint8(1))
-                common += int(both[index] & np.uint8(1))
+                total += np.int64(changed[index] & both[index] & np.uint8(1))
+                common += np.int64(both[index] & np.uint8(1))
         _wait(changed, both, waiting[row, left:right], quiet[row, left:right], quiet_frames)
-    return total, common
+    return int(total), int(common)
 
 
 @compiled

@@ -64,7 +64,10 @@ def take_median(marks: ByteImage, reach: int, result: ByteImage) -> None:
     for row in range(height):
         line = result[row]
         _empty(line)
-        if not filled[max(row - reach, 0) : row + reach + 1].any():
+        is_near = False
+        for other in range(max(row - reach, 0), min(row + reach + 1, height)):
+            is_near |= filled[other]
+        if not is_near:
             continue
         for kind in (SHADOW, FOREGROUND_QUIET, FOREGROUND_CHANGED):
             inner = sums[reach : reach + width]

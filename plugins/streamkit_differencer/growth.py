@@ -59,8 +59,8 @@ def grow(levels: ByteImage, room: ByteImage, mask: ByteImage, region: Region) ->
     filled = _lines_with_something(room, region)
     for row in range(top, bottom):
         line = mask[row, left:right]
-        line[:] = 0
-        if filled[max(row - 1, top) - top : row + 2 - top].any():
+        _empty(line)
+        if _is_any(filled, row - top, 1):
             above, below = room[max(row - 1, top), left:right], room[min(row + 1, bottom - 1), left:right]
             _majority(above, room[row, left:right], below, line)
             _fill(line, levels[row, left:right])
@@ -85,6 +85,21 @@ def _lines_with_something(mask: ByteImage, region: Region) -> Flags:
             total |= line[index]
         found[row - top] = total > 0
     return found
+
+
+@compiled
+def _is_any(filled: Flags, index: int, reach: int) -> bool:
+    """Whether one of the lines within `reach` has something."""
+    found = False
+    for other in range(max(index - reach, 0), min(index + reach + 1, filled.size)):
+        found |= filled[other]
+    return found
+
+
+@compiled
+def _empty(line: ByteLine) -> None:
+    for index in range(line.size):
+        line[index] = 0
 
 
 @compiled
@@ -119,11 +134,11 @@ def _step(source: ByteImage, levels: ByteImage, target: ByteImage, region: Regio
     inner = column[STEP_PX : STEP_PX + count]
     for row in range(top, bottom):
         line = target[row, left:right]
-        line[:] = 0
+        _empty(line)
         first, last = max(row - STEP_PX, top), min(row + STEP_PX + 1, bottom)
-        if not filled[first - top : last - top].any():
+        if not _is_any(filled, row - top, STEP_PX):
             continue
-        inner[:] = 0
+        _empty(inner)
         for other in range(first, last):
             _united(source[other, left:right], inner)
         for step in range(2 * STEP_PX + 1):

@@ -93,16 +93,15 @@ def measured(
         least: mark from which a pixel is foreground.
 
     Returns:
-        float64[n, 8] in the order of their labels, in pixels of the foreground, those that have some: how
-        many, the sums of their columns and rows, the first column and row, the last ones, and how many
-        changed lately.
+        float64[count, 8] in the order of their labels, in pixels of the foreground: how many, the sums of
+        their columns and rows, the first column and row, the last ones, and how many changed lately; 0 pixels
+        for those that are too small.
     """
     height, width = labels.shape
     sizes, result = np.zeros(count + 1, np.int64), np.zeros((count, COLUMNS), np.float64)
     for row in range(height):
         for column in range(width):
             sizes[labels[row, column]] += int(cells[row, column] > 0)
-    result[:, LEFT], result[:, TOP] = np.inf, np.inf
     left, right = first_column * step, min((first_column + width) * step, foreground.shape[1])
     for row in range(first_row * step, min((first_row + height) * step, foreground.shape[0])):
         for block in range(left, right, BLOCK_PX):
@@ -113,15 +112,17 @@ def measured(
                 label = labels[row // step - first_row, column // step - first_column]
                 if foreground[row, column] >= least and label > 0 and sizes[label] >= min_area:
                     _count(result[label - 1], row, column, foreground[row, column] == FOREGROUND_CHANGED)
-    return result[result[:, PIXELS] > 0]
+    return result
 
 
 @compiled
 def _count(line: NDArray[np.float64], row: int, column: int, is_changed: bool) -> None:
     """Adds a pixel to what an object measures."""
-    line[PIXELS] += 1
+    is_first = line[PIXELS] == 0.0
+    line[PIXELS] += 1.0
     line[SUM_X] += column
     line[SUM_Y] += row
-    line[LEFT], line[TOP] = min(line[LEFT], column), min(line[TOP], row)
+    line[LEFT] = column if is_first else min(line[LEFT], column)
+    line[TOP] = row if is_first else line[TOP]
     line[RIGHT], line[BOTTOM] = max(line[RIGHT], column), max(line[BOTTOM], row)
     line[CHANGED] += int(is_changed)

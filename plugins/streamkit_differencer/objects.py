@@ -120,7 +120,7 @@ def find_objects(foreground: ByteImage, scale: int, settings: ObjectSettings) ->
     table = measured(
         foreground, inside, labels, count, first_row, first_column, step, settings.min_area, LOWEST_MARK + 1
     )
-    return selected(objects_of(table, scale), settings)
+    return selected(objects_of(table[table[:, PIXELS] > 0.0], scale), settings)
 
 
 def clustered(cells: ByteImage, settings: ObjectSettings) -> tuple[IntImage, int]:

@@ -107,13 +107,13 @@ def edges_of(
                 line = min(row // scale, mask.shape[0] - 1)
                 room[index] = -1
                 if mask[line, min(column // scale, mask.shape[1] - 1)] > LOWEST_MARK:
-                    room[index] = abs(int(image[row, column]) - _ground_at(ground, to_ground, row, column))
+                    room[index] = abs(
+                        np.int64(image[row, column]) - _ground_at(ground, to_ground, row, column)
+                    )
                     inside += 1
                     total += room[index]
         edge = EDGE_SHARE * total / max(inside, 1)
-        _outline(room[: width * height], width, edge, LEAST_AREA * inside, found[number])
-        found[number, 0:6:2] += left
-        found[number, 1:6:2] += top
+        _outline(room, (left, top, width, height), edge, LEAST_AREA * inside, found[number])
     return found
 
 
@@ -136,17 +136,22 @@ def _ground_at(ground: ByteImage, to_ground: FloatArray, row: int, column: int) 
 
 @compiled
 def _outline(
-    contrasts: NDArray[np.int16], width: int, edge: float, least: float, found: NDArray[np.float64]
+    contrasts: NDArray[np.int16],
+    place: tuple[int, int, int, int],
+    edge: float,
+    least: float,
+    found: NDArray[np.float64],
 ) -> None:
     """Box, centroid and area of what exceeds an edge, unless that is too little."""
+    first_x, first_y, width, height = place
     area, sum_x, sum_y = 0, 0, 0
-    left, top, right, bottom = width, contrasts.size, 0, 0
-    for index in range(contrasts.size):
-        if contrasts[index] > edge:
-            row, column = index // width, index % width
-            area, sum_x, sum_y = area + 1, sum_x + column, sum_y + row
-            left, top = min(left, column), min(top, row)
-            right, bottom = max(right, column + 1), max(bottom, row + 1)
+    left, top, right, bottom = first_x + width, first_y + height, first_x, first_y
+    for row in range(first_y, first_y + height):
+        for column in range(first_x, first_x + width):
+            if contrasts[(row - first_y) * width + column - first_x] > edge:
+                area, sum_x, sum_y = area + 1, sum_x + column, sum_y + row
+                left, top = min(left, column), min(top, row)
+                right, bottom = max(right, column + 1), max(bottom, row + 1)
     if area > 0 and area >= least:
         found[0], found[1], found[2], found[3] = left - 0.5, top - 0.5, right - 0.5, bottom - 0.5
         found[4], found[5], found[6] = sum_x / area, sum_y / area, area

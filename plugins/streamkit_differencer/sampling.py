@@ -43,7 +43,9 @@ def drawn(image: ByteImage, pairs: PairImage, to_image: Matrix, canvas: ByteImag
         both[index] = np.uint16(values[index]) | np.uint16(np.uint16(values[index + 1]) << np.uint16(8))
     top, bottom, left, right = region
     count = right - left
-    columns = np.arange(left, right).astype(np.float32)
+    columns = np.empty(count, np.float32)
+    for index in range(count):
+        columns[index] = left + index
     places, across, down, squares = (
         np.empty(count, np.uint32),
         np.empty(count, np.uint32),

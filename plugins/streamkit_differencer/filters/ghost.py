@@ -110,8 +110,9 @@ def _is_known(valid: ByteImage, row: int, column: int, region: Region) -> bool:
 def _range(image: ByteImage, row: int, column: int, region: Region) -> int:
     """The range of values within a pixel."""
     top, bottom, left, right = region
-    low, high = 255, 0
+    low, high = np.int64(255), np.int64(0)
     for y in range(max(row - 1, top), min(row + 2, bottom)):
         for x in range(max(column - 1, left), min(column + 2, right)):
-            low, high = min(low, int(image[y, x])), max(high, int(image[y, x]))
-    return high - low
+            value = np.int64(image[y, x])
+            low, high = min(low, value), max(high, value)
+    return int(high - low)

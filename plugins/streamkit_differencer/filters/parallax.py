@@ -111,7 +111,8 @@ def find_slides(
         if mask[row, column] == 0:
             continue
         pixels[piece] += 1
-        value, most = int(image[row, column]), int(needed[row, column])
+        # Signed, or what is below zero would be huge.
+        value, most = np.int64(image[row, column]), np.int64(needed[row, column])
         low, high = value - most, value + most
         way = LAG * way_x, LAG * way_y
         if _explains(background, valid, 1, radius, row, column, way, low, high, region):
@@ -133,8 +134,8 @@ def _explains(
     row: int,
     column: int,
     way: tuple[float, float],
-    low: int,
-    high: int,
+    low: np.int64,
+    high: np.int64,
     region: Region,
 ) -> bool:
     """Whether the values along a way, each within the radius, take in some from `low` to `high`.
@@ -144,7 +145,7 @@ def _explains(
     """
     top, bottom, left, right = region
     steps = int(np.rint(max(abs(way[0]), abs(way[1]))))
-    lowest, highest = 255, 0
+    lowest, highest = np.int64(255), np.int64(0)
     for step in range(steps + 1):
         part = step / max(steps, 1)
         y = min(max(row + int(np.rint(part * way[1])), top), bottom - 1)
@@ -153,7 +154,7 @@ def _explains(
             continue
         for there in range(max(y - radius, top), min(y + radius + 1, bottom)):
             for across in range(max(x - radius, left), min(x + radius + 1, right)):
-                value = int(image[there, across])
+                value = np.int64(image[there, across])
                 lowest, highest = min(lowest, value), max(highest, value)
         if lowest <= high and highest >= low:
             return True

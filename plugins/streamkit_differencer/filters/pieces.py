@@ -48,7 +48,9 @@ def pieces_of(mask: ByteImage, region: Region) -> tuple[Blocks, int]:
     blocks = np.empty((total, 3), np.int32)
     # Labels of the line before and of this one, with an empty one at each end.
     before, labels = np.zeros(count + 2, np.int32), np.zeros(count + 2, np.int32)
-    parents = np.arange(total + 1).astype(np.int32)
+    parents = np.empty(total + 1, np.int32)
+    for index in range(total + 1):
+        parents[index] = index
     found = used = 0
     for line in range(len(filled)):
         for column in range(count):
@@ -98,14 +100,14 @@ def _joined(parents: Labels, first: int, second: int) -> int:
 @compiled
 def _numbered(blocks: Blocks, parents: Labels, used: int) -> int:
     """Gives the pieces numbers without gaps; how many they are."""
-    numbers = np.full(used + 1, -1, np.int32)
+    numbers = np.zeros(used + 1, np.int32)
     count = 0
     for index in range(len(blocks)):
         root = _root(parents, blocks[index, 2])
-        if numbers[root] < 0:
-            numbers[root] = count
+        if numbers[root] == 0:
             count += 1
-        blocks[index, 2] = numbers[root]
+            numbers[root] = count
+        blocks[index, 2] = numbers[root] - 1
     return count
 
 

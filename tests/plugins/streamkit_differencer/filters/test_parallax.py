@@ -42,9 +42,13 @@ def judged(now, before, learnt, known=EVERYWHERE):
     return slides[blocks[:, 2]].mean()
 
 
-def test_a_roof_that_slides_against_the_camera_is_left_out():
-    """By two pixels in tau frames, and by eight since its ground was learnt: both of its edges go."""
-    assert judged(view(60), view(62), view(68)) > 0.95
+@pytest.mark.parametrize("tone", [220, 4])
+def test_a_roof_that_slides_against_the_camera_is_left_out(tone):
+    """By two pixels in tau frames, and by eight since its ground was learnt: both of its edges go.
+
+    Also those of one that is darker than its threshold.
+    """
+    assert judged(*(view(left, tone=tone) for left in (60, 62, 68))) > 0.95
 
 
 @pytest.mark.parametrize(
