@@ -27,7 +27,8 @@ def product(left: Float32Array, right: Float32Array, out: Float32Array | None = 
     """
     count, inner, columns = *left.shape[-2:], right.shape[-1]
     if out is None:
-        lead = np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
+        flat = left.ndim == right.ndim == 2
+        lead = () if flat else np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
         out = np.empty((*lead, count, columns), np.float32)
     depth = LARGEST_PRODUCT // max(count * columns, 1)
     if depth >= inner:

@@ -103,58 +103,63 @@ def _to_cells(sums: Float32Array, cells: Float32Array) -> None:
 
 @compiled
 def _take_light_off(channels: Float32Array, hann: Float32Array) -> None:
-    """Divides gradients by their strength nearby and grey levels by their deviation."""
-    energy, around = np.empty((GRID, GRID), np.float32), np.empty((GRID, GRID), np.float32)
-    for patch in channels:
+    """Divides gradients by their strength nearby and grey levels by their deviation.
+
+    Loops over flat arrays, few at a time: only then can the compiler see that these do not overlap.
+    """
+    cells, one = GRID * GRID, np.float32(1)
+    energy, around = np.empty(cells, np.float32), np.empty(cells, np.float32)
+    window = hann.reshape(cells)
+    for index in range(len(channels)):
+        patch = channels[index]
         energy[:] = 0
         for direction in range(DIRECTIONS):
-            for row in range(GRID):
-                for column in range(GRID):
-                    energy[row, column] += patch[direction, row, column] ** 2
-        for row in range(GRID):
-            for column in range(GRID):
-                energy[row, column] = np.sqrt(energy[row, column])
-        _blur(energy, around)
-        for row in range(GRID):
-            for column in range(GRID):
-                around[row, column] = np.float32(1) / (around[row, column] + np.float32(CONTRAST_FLOOR))
-        for channel in range(DIRECTIONS):
-            _centre(patch[channel], around, hann)
-        grey = patch[DIRECTIONS]
-        deviation = np.sqrt(max(np.mean(grey**2) - np.mean(grey) ** 2, 0.0))
-        around[:] = GREY_SHARE / max(deviation, CONTRAST_FLOOR)
-        _centre(grey, around, hann)
+            gradient = patch[direction].reshape(cells)
+            for cell in range(cells):
+                energy[cell] += gradient[cell] * gradient[cell]
+        for cell in range(cells):
+            energy[cell] = np.sqrt(energy[cell])
+        _blur(energy.reshape(GRID, GRID), around.reshape(GRID, GRID))
+        for cell in range(cells):
+            around[cell] = one / (around[cell] + np.float32(CONTRAST_FLOOR))
+        for direction in range(DIRECTIONS):
+            gradient = patch[direction].reshape(cells)
+            for cell in range(cells):
+                gradient[cell] *= around[cell]
+            _centre(gradient, one, window)
+        grey = patch[DIRECTIONS].reshape(cells)
+        deviation = np.sqrt(max(np.mean(grey * grey) - np.mean(grey) ** 2, 0.0))
+        _centre(grey, np.float32(GREY_SHARE / max(deviation, CONTRAST_FLOOR)), window)
 
 
 @compiled
-def _centre(picture: Float32Array, scales: Float32Array, hann: Float32Array) -> None:
-    """Scales a channel, takes its mean off and puts the window over it."""
+def _centre(channel: Float32Array, scale: np.float32, window: Float32Array) -> None:
+    """Takes the mean off, scales and puts the window over a channel, float32[grid * grid]."""
     sums = np.zeros(GRID, np.float32)
-    for row in range(GRID):
+    for start in range(0, len(channel), GRID):
+        row = channel[start : start + GRID]
         for column in range(GRID):
-            picture[row, column] *= scales[row, column]
-            sums[column] += picture[row, column]
-    mean = np.float32(sums.sum() / GRID**2)
-    for row in range(GRID):
-        for column in range(GRID):
-            picture[row, column] = (picture[row, column] - mean) * hann[row, column]
+            sums[column] += row[column]
+    mean = np.float32(sums.sum() / len(channel))
+    for cell in range(len(channel)):
+        channel[cell] = (channel[cell] - mean) * scale * window[cell]
 
 
 @compiled
 def _blur(picture: Float32Array, result: Float32Array) -> None:
     """Means over 3x3 cells, mirrored about the border ones."""
     last, ninth = GRID - 1, np.float32(1 / 9)
-    lines = np.empty((GRID, GRID), np.float32)
+    line = np.empty(GRID, np.float32)
     for row in range(GRID):
-        above, below = picture[row - 1 if row else 1], picture[row + 1 if row < last else last - 1]
+        above, here = picture[row - 1 if row else 1], picture[row]
+        below = picture[row + 1 if row < last else last - 1]
         for column in range(GRID):
-            lines[row, column] = above[column] + picture[row, column] + below[column]
-    for row in range(GRID):
-        line = lines[row]
+            line[column] = above[column] + here[column] + below[column]
+        blurred = result[row]
         for column in range(1, last):
-            result[row, column] = (line[column - 1] + line[column] + line[column + 1]) * ninth
-        result[row, 0] = (line[0] + 2 * line[1]) * ninth
-        result[row, last] = (line[last] + 2 * line[last - 1]) * ninth
+            blurred[column] = (line[column - 1] + line[column] + line[column + 1]) * ninth
+        blurred[0] = (line[0] + 2 * line[1]) * ninth
+        blurred[last] = (line[last] + 2 * line[last - 1]) * ninth
 
 
 @cache
