@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     ByteLine = NDArray[np.uint8]
     FloatLine = NDArray[np.float32]
 
-# How a pixel's background learns: not, by equation 3, or all at once; new ones have no background yet.
+# How a pixel's background learns: not, by equation 3, or all at once; new ones, the largest, have none yet.
 NOTHING, SLOWLY, AT_ONCE, NEW = 0, 1, 2, 3
 # New pixels are few; lines are searched for them by pieces of this length.
 BLOCK_PX = 64
@@ -237,10 +237,10 @@ def begin_noise(
 
 @compiled
 def _has_new(lesson: ByteLine) -> bool:
-    found = False
+    largest = np.uint8(NOTHING)
     for index in range(lesson.size):
-        found |= lesson[index] == np.uint8(NEW)
-    return found
+        largest = max(largest, lesson[index])
+    return bool(largest == np.uint8(NEW))
 
 
 @compiled

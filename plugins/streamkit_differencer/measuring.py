@@ -100,8 +100,8 @@ def measured(
     height, width = labels.shape
     sizes, result = np.zeros(count + 1, np.int64), np.zeros((count, COLUMNS), np.float64)
     for row in range(height):
-        for column in range(width):
-            sizes[labels[row, column]] += int(cells[row, column] > 0)
+        if _has_something(cells[row]):
+            _sizes(labels[row], cells[row], sizes)
     left, right = first_column * step, min((first_column + width) * step, foreground.shape[1])
     for row in range(first_row * step, min((first_row + height) * step, foreground.shape[0])):
         for block in range(left, right, BLOCK_PX):
@@ -113,6 +113,14 @@ def measured(
                 if foreground[row, column] >= least and label > 0 and sizes[label] >= min_area:
                     _count(result[label - 1], row, column, foreground[row, column] == FOREGROUND_CHANGED)
     return result
+
+
+@compiled
+def _sizes(labels: NDArray[np.int32], cells: ByteLine, sizes: NDArray[np.int64]) -> None:
+    """Counts the cells of each object."""
+    for index in range(cells.size):
+        if cells[index] > 0:
+            sizes[labels[index]] += 1
 
 
 @compiled

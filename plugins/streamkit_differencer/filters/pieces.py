@@ -43,8 +43,9 @@ def pieces_of(mask: ByteImage, region: Region) -> tuple[Blocks, int]:
     filled = np.zeros((max((bottom - top) // 2, 0), max(count, 0)), np.uint8)
     total = 0
     for line in range(len(filled)):
-        row = top + 2 * line
-        total += _blocks(mask[row, left:right], mask[row + 1, left:right], filled[line])
+        first, second = mask[top + 2 * line, left:right], mask[top + 2 * line + 1, left:right]
+        if _has_something(first) or _has_something(second):
+            total += _blocks(first, second, filled[line])
     blocks = np.empty((total, 3), np.int32)
     # Labels of the line before and of this one, with an empty one at each end.
     before, labels = np.zeros(count + 2, np.int32), np.zeros(count + 2, np.int32)
@@ -53,6 +54,10 @@ def pieces_of(mask: ByteImage, region: Region) -> tuple[Blocks, int]:
         parents[index] = index
     found = used = 0
     for line in range(len(filled)):
+        if not _has_something(filled[line]):
+            for column in range(count + 2):
+                before[column] = 0
+            continue
         for column in range(count):
             label = 0
             if filled[line, column] > 0:
@@ -68,6 +73,14 @@ def pieces_of(mask: ByteImage, region: Region) -> tuple[Blocks, int]:
             labels[column + 1] = label
         before, labels = labels, before
     return blocks, _numbered(blocks, parents, used)
+
+
+@compiled
+def _has_something(line: ByteLine) -> bool:
+    united = np.uint8(0)
+    for index in range(line.size):
+        united |= line[index]
+    return bool(united > 0)
 
 
 @compiled
