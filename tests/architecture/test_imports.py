@@ -66,6 +66,8 @@ GLUE = {
     "streamkit_zenoh.wire.records",
     "streamkit_zenoh.wire.schemas.write",
 }
+# What plugins share that needs nothing of the engine.
+LIBRARIES = {"streamkit_kernels"}
 PLUGIN_NAMES = {path.name for path in PLUGINS.iterdir() if (path / "__init__.py").exists()}
 
 
@@ -143,13 +145,26 @@ def test_plugins_use_public_names_only() -> None:
     assert not wrong
 
 
+def test_libraries_need_neither_engine_nor_plugins() -> None:
+    """Algorithms stand on them as on any other library."""
+    ours = {"streamkit"} | PLUGIN_NAMES
+    wrong = [
+        f"{path.relative_to(ROOT)}:{line}: {module}"
+        for library in LIBRARIES
+        for path in sorted((PLUGINS / library).rglob("*.py"))
+        for module, _, line in imports(path)
+        if module.split(".")[0] in ours - {library}
+    ]
+    assert not wrong
+
+
 def test_no_plugin_imports_another() -> None:
     """What one finds out the other gets as metadata of a frame."""
     wrong = [
         f"{path.relative_to(ROOT)}:{line}: {module}"
         for path in plugin_files()
         for module, _, line in imports(path)
-        if module.split(".")[0] in PLUGIN_NAMES - {path.relative_to(PLUGINS).parts[0]}
+        if module.split(".")[0] in PLUGIN_NAMES - LIBRARIES - {path.relative_to(PLUGINS).parts[0]}
     ]
     assert not wrong
 

@@ -1,0 +1,24 @@
+"""Loops over pixels as machine code. No plugin, but what plugins with such loops stand on.
+
+It needs nothing of the engine.
+
+@kernel(BYTES, BYTES)
+def darken(picture, darker):
+    for row in range(picture.shape[0]):
+        ...
+
+prepare("my_package")
+"""
+
+from streamkit_kernels.array_types import BLOCKS as BLOCKS
+from streamkit_kernels.array_types import BYTES as BYTES
+from streamkit_kernels.array_types import FLAGS as FLAGS
+from streamkit_kernels.array_types import FLOATS as FLOATS
+from streamkit_kernels.array_types import INPUT as INPUT
+from streamkit_kernels.array_types import PAIRS as PAIRS
+from streamkit_kernels.array_types import TABLE as TABLE
+from streamkit_kernels.array_types import VIEW as VIEW
+from streamkit_kernels.compilation import compiled as compiled
+from streamkit_kernels.compilation import kernel as kernel
+from streamkit_kernels.compilation import prepare as prepare
+from streamkit_kernels.compilation import telling as telling

@@ -1,0 +1,84 @@
+"""Compiled loops run wherever Python does, and are ready before the first frame."""
+
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import types
+
+from streamkit_kernels import BYTES, compiled, kernel, prepare
+
+
+@kernel(BYTES, types.int64)
+def brighten(picture: Any, amount: int) -> None:
+    """Adds to each pixel, in place."""
+    for row in range(picture.shape[0]):
+        for column in range(picture.shape[1]):
+            picture[row, column] += amount
+
+
+def test_code_without_a_file_is_compiled_anew() -> None:
+    """Where numba finds no folder to keep machine code in, the loop is compiled in each process."""
+    names: dict[str, Any] = {}
+    source = """
+        def doubled(values):
+            for index in range(values.size):
+                values[index] *= 2
+    """
+    exec(textwrap.dedent(source), names)
+    values = np.arange(4)
+    compiled(names["doubled"])(values)
+    assert values.tolist() == [0, 2, 4, 6]
+
+
+def test_a_prepared_kernel_takes_its_own_types_alone() -> None:
+    """Others would be compiled in mid-stream."""
+    prepare(__name__.partition(".")[0])
+    picture = np.zeros((2, 3), np.uint8)
+    brighten(picture, 7)
+    assert picture.tolist() == [[7, 7, 7], [7, 7, 7]]
+    with pytest.raises(TypeError, match="No matching definition"):
+        brighten(np.zeros((2, 3), np.float32), 7)
+
+
+def test_a_package_is_prepared_alone() -> None:
+    """Kernels of others are not compiled for it."""
+
+    @kernel(BYTES)
+    def untouched(picture: Any) -> None:
+        picture[0, 0] = 0
+
+    prepare("no_such_package")
+    assert not untouched.overloads  # type: ignore[attr-defined]
+
+
+def test_the_wait_is_told_where_there_is_one(tmp_path: Path) -> None:
+    """Once, by the process that compiles; not by those that find the machine code."""
+    (tmp_path / "loops_of_a_test.py").write_text(
+        textwrap.dedent("""
+        from streamkit_kernels import BYTES, kernel, prepare, telling
+
+        @kernel(BYTES)
+        def first(picture):
+            picture[0, 0] = 1
+
+        @kernel(BYTES)
+        def second(picture):
+            picture[0, 0] = 2
+
+        with telling(lambda: print("told")):
+            prepare(__name__)
+        """)
+    )
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", "import loops_of_a_test"],
+            cwd=tmp_path, check=True, capture_output=True, text=True, timeout=60,
+        ).stdout
+        for _ in range(2)
+    ]  # fmt: skip
+    assert said == ["told\n", ""]
