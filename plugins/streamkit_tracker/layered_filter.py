@@ -133,7 +133,7 @@ def layered_step(
     """
     count, keep = settings.particles, min(settings.keep, settings.particles)
     draws = settings.draws
-    noise = np.stack([generator.standard_normal(sum(draws)) for generator in generators])
+    noise = np.array([generator.standard_normal(sum(draws)) for generator in generators])
     first_noise, size_noise, angle_noise = np.split(noise, np.cumsum(draws)[:-1], axis=1)
     offsets = np.array([generator.random() for generator in generators])
     places = np.ascontiguousarray(first_noise).reshape(-1, count, 2)
@@ -172,8 +172,9 @@ def _first_windows(
     centres = positions[np.arange(len(clouds))[:, None], chosen] + proposal.displacement[:, None]
     centres[:, 0] = proposal.windows[:, :2] + proposal.displacement
     windows = np.repeat(proposal.windows[:, None], count, axis=1)
-    spreads = np.column_stack([proposal.spread, proposal.wide_spread, proposal.seed_spread])
-    scatter(centres, noise, spreads, proposal.seed, windows)
+    spreads = np.empty((len(clouds), 3))
+    spreads[:, 0], spreads[:, 1], spreads[:, 2] = proposal.spread, proposal.wide_spread, proposal.seed_spread
+    scatter(centres, noise, spreads, np.ascontiguousarray(proposal.seed), windows)
     return windows
 
 
