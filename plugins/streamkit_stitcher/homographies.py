@@ -15,8 +15,8 @@ IDENTITY: Final[FloatArray] = np.eye(3)
 IDENTITY.setflags(write=False)
 
 _SMALLEST: Final = 1e-12
-_DETERMINANT_RANGE: Final = (0.5, 2.0)
-_MAX_PERSPECTIVE: Final = 0.1
+_AREA_RANGE: Final = (0.5, 2.0)
+_MAX_TILT: Final = 0.1
 
 
 def normalised(matrix: FloatArray) -> FloatArray:
@@ -131,25 +131,33 @@ def is_convex(quadrilateral: FloatArray) -> bool:
     return True
 
 
-def is_plausible(matrix: FloatArray, shape: tuple[int, int], max_step: float) -> bool:
-    """Whether a frame-to-frame homography can come from a camera that flies and turns.
+def is_plausible(
+    matrix: FloatArray, shape: tuple[int, int], max_step: float, max_tilt: float = _MAX_TILT
+) -> bool:
+    """Whether a homography can come from a camera that flies and turns.
 
-    The determinant of the 2x2 part must lie in (0.5, 2), the perspective terms must change the scale by less
-    than a tenth across the image, the corners must stay convex and none may move further than `max_step` of
-    the width.
+    The area of the middle of the image must change by less than a factor of 2, the perspective terms must
+    change the scale across the image by less than `max_tilt`, the corners must stay convex and none may move
+    further than `max_step` of the width.
 
     Args:
         matrix: float64[3, 3], last element 1.
         shape: (height, width) of the image, px.
         max_step: largest step of a corner, as a part of the width.
+        max_tilt: largest change of the scale from side to side, as a part of it. From frame to frame it is
+            small; a camera that looks aslant and turns, seen from a while ago, may change it much more.
     """
     if not np.isfinite(matrix).all():
         return False
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
     height, width = shape
-    determinant = float(matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0])
-    if not _DETERMINANT_RANGE[0] < determinant < _DETERMINANT_RANGE[1]:
+    # From the least to the largest denominator; both are at a corner.
+    ends = [i + g * x + h * y for x in (0, width) for y in (0, height)]
+    if not min(ends) > 0 or abs(g) * width >= max_tilt * min(ends) or abs(h) * height >= max_tilt * min(ends):
         return False
-    if abs(matrix[2, 0]) * width >= _MAX_PERSPECTIVE or abs(matrix[2, 1]) * height >= _MAX_PERSPECTIVE:
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    scale = determinant / (i + (g * width + h * height) / 2) ** 3
+    if not _AREA_RANGE[0] < scale < _AREA_RANGE[1]:
         return False
     return is_convex(project(matrix, corners(shape))) and corner_shift(matrix, shape) < max_step * width
 

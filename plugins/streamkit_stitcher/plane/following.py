@@ -35,6 +35,8 @@ _EVIDENT: Final = 0.5
 _EVENLY: Final = 0.75
 _SHARP: Final = 0.9
 _SHARE: Final = 0.68
+# A camera that looks aslant and turns halves the scale of one side of the picture within a second or two.
+_ANY_TILT: Final = 1.0
 # A patch is left out when it was off the plane twice in a row, and looked at again after some 20 pictures.
 _DOUBTED: Final = 1.5
 _TRUST: Final = 0.3
@@ -193,7 +195,7 @@ def _accepted(
     if agreeing < max(limits.min_inliers, _EVIDENT * found.sought):
         return None
     matrix, rmse = from_reduced(inverse(found.key_to_frame), factor), found.rmse * factor
-    if not is_plausible(matrix, shape, ANY_STEP):
+    if not is_plausible(matrix, shape, ANY_STEP, _ANY_TILT):
         return None
     offset = (factor - 1) / 2
     frame_points, key_points = found.frame_points * factor + offset, found.key_points * factor + offset

@@ -59,6 +59,17 @@ def test_a_flying_camera_is_plausible():
     assert h.is_plausible(TILTED, SHAPE, 0.25)
 
 
+@pytest.mark.parametrize("lean", [4e-4, -3e-4])
+def test_a_camera_that_looks_aslant_and_turns_is_plausible_where_that_is_allowed(lean):
+    """Scale that changes by a quarter from side to side is no motion of one frame, but of a second."""
+    across = np.array([[1, 0, 0], [0, 1, 0], [lean, 0, 1.0]])
+    middle = h.translation(np.array([320.0, 180.0]))
+    turned = h.normalised(middle @ across @ np.linalg.inv(middle))
+    assert not h.is_plausible(turned, SHAPE, 10.0)
+    assert h.is_plausible(turned, SHAPE, 10.0, max_tilt=1.0)
+    assert not h.is_plausible(np.array([[1, 0, 0], [0, 1, 0], [-0.01, 0, 1.0]]), SHAPE, 10.0, max_tilt=1.0)
+
+
 def test_overlap_is_the_shared_part_of_the_footprint():
     """Half a picture aside leaves half, another picture away nothing."""
     assert h.overlap(h.translation(np.array([639.5, 0.0])), SHAPE) == pytest.approx(0.5, abs=1e-3)
