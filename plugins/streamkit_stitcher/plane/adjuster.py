@@ -116,6 +116,12 @@ class Adjuster:
         except (FutureTimeout, np.linalg.LinAlgError):
             return NOTHING
 
+    def retire(self) -> None:
+        """Ends the worker after the job at hand, which nobody waits for here and `take` still does."""
+        executor, self._executor, self._closer = self._executor, None, LoopCloser()
+        if executor is not None:
+            executor.shutdown(wait=False)
+
     def close(self) -> None:
         """Ends the worker, after the job at hand."""
         executor, self._executor, self._pending = self._executor, None, None

@@ -19,13 +19,15 @@ _AGREEING: Final = 0.05
 _NEIGHBOURS: Final = 4
 _WAITING: Final = 8
 _SETTLED: Final = 0.003
+_ALIKE: Final = 0.5
 
 
 class ClosureEvidence:
     """Judges ties to key pictures that were only thought to show the same ground.
 
     A tie is believed where it puts its key pictures about where they lie already, as near as the ties between
-    them let expect. One that asks for more waits until another of about the same time asks for the same.
+    them let expect. One that asks for more must show the same ground wherever its key pictures overlap, and
+    waits until another of about the same time asks for the same.
     """
 
     def __init__(self) -> None:
@@ -63,7 +65,7 @@ class ClosureEvidence:
             if distance <= width * _allowed(apart):
                 found.append(tie)
                 self._is_far |= distance > width * _SETTLED
-            elif apart is None or apart > FEW_STEPS:
+            elif tie.likeness > _ALIKE and (apart is None or apart > FEW_STEPS):
                 agreeing = self._agreeing(tie, asked, places, width * _AGREEING)
                 self._waiting = [other for other in self._waiting if other not in agreeing]
                 if agreeing:

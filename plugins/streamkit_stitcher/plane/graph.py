@@ -1,7 +1,7 @@
 """Key pictures and the tie points between them: what a bundle adjustment is made of."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ class Tie:
         host_points: float64[k, 2], where they lie in the host, px.
         points: float64[k, 2], where they were found, px.
         rmse: root mean square distance of the match, px.
+        likeness: how much the two key pictures look alike over all the ground they share, -1 to 1.
     """
 
     host: int
@@ -30,14 +31,18 @@ class Tie:
     host_points: FloatArray
     points: FloatArray
     rmse: float = 0.0
+    likeness: float = 1.0
 
     def thinned(self, most: int) -> "Tie":
         """At most `most` of the patches, evenly chosen."""
         if len(self.patches) <= most:
             return self
         kept = np.linspace(0, len(self.patches) - 1, most).astype(np.int64)
-        return Tie(
-            self.host, self.observer, self.patches[kept], self.host_points[kept], self.points[kept], self.rmse
+        return replace(
+            self,
+            patches=self.patches[kept],
+            host_points=self.host_points[kept],
+            points=self.points[kept],
         )
 
 

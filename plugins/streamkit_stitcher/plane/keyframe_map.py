@@ -194,8 +194,13 @@ class KeyframeMap:
         return rmse
 
     def retire(self) -> None:
-        """Lets go of what only new pictures need: the patches, by far the most of the memory."""
+        """Lets go of what only new pictures need: patches, by far the most of the memory, and the workers.
+
+        An adjustment that was begun ends by itself; `finish` waits for it.
+        """
         self._store, self._active = KeyframeStore(0), None
+        self.beside.close()
+        self._adjuster.retire()
 
     def close(self) -> None:
         """Ends the workers."""

@@ -4,15 +4,19 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Final
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 
 from streamkit_stitcher.homographies import (
+    FloatArray,
     GreyArray,
     from_reduced,
     inverse,
     is_plausible,
     normalised,
     overlap,
+    to_reduced,
 )
 from streamkit_stitcher.plane.graph import Tie
 from streamkit_stitcher.plane.key_picture import LEVELS
@@ -27,6 +31,8 @@ _DESCRIBED: Final = 24
 _MIN_INLIERS: Final = 20
 _LEAST_OVERLAP: Final = 0.08
 _AGREEING: Final = 0.5
+_FINE: Final = 1.5
+_COARSE: Final = 8.0
 FEATURES_FROM: Final = 1 << 16
 
 
@@ -132,7 +138,8 @@ class LoopCloser:
                     candidate, images, seen.fit.matrix, limits, top_level=LEVELS - 2, max_points=_POINTS
                 )
                 match = better(seen, aligned, candidate, _POINTS)
-            ties.append(tie_of(candidate, keyframe.index, match))
+            tie = tie_of(candidate, keyframe.index, match)
+            ties.append(replace(tie, likeness=likeness(keyframe, candidate, match.fit.matrix)))
         return tuple(ties)
 
     def _expected(
@@ -147,6 +154,37 @@ class LoopCloser:
             candidate, images, to_candidate, limits, top_level=LEVELS - 1, max_points=_POINTS
         )
         return match if match is not None and _is_wide(match, candidate, _POINTS) else None
+
+
+def likeness(keyframe: Keyframe, other: Keyframe, matrix: FloatArray) -> float:
+    """How much two key pictures look alike over all the ground that they would share, -1 to 1.
+
+    Houses in a row match well enough at a false place, but what lies about them does not.
+
+    Args:
+        keyframe: the one.
+        other: the other, of the same working size.
+        matrix: float64[3, 3], full-size pixels of the one to those of the other.
+
+    Returns:
+        The correlation of their textures; 0 where they share nothing.
+    """
+    first = texture(keyframe.small)
+    size = first.shape[1], first.shape[0]
+    to_other = to_reduced(matrix, keyframe.factor)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    second = cv2.warpPerspective(texture(other.small), to_other, size, flags=flags)
+    inside = np.full(other.small.shape, 255, dtype=np.uint8)
+    shared = cv2.warpPerspective(inside, to_other, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP) > 0
+    one, two = first[shared], second[shared]
+    power = float(np.sqrt((one * one).sum() * (two * two).sum()))
+    return float((one * two).sum()) / power if power > 0 else 0.0
+
+
+def texture(small: GreyArray) -> npt.NDArray[np.float32]:
+    """A picture without its light and shade and without its noise, float32[h, w]."""
+    smooth = cv2.GaussianBlur(small.astype(np.float32), (0, 0), _FINE)
+    return np.asarray(smooth - cv2.GaussianBlur(smooth, (0, 0), _COARSE), dtype=np.float32)
 
 
 def better(seen: KeyframeMatch, match: KeyframeMatch | None, keyframe: Keyframe, most: int) -> KeyframeMatch:

@@ -1,5 +1,7 @@
 """Which ties across strips are believed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -43,6 +45,13 @@ def test_a_tie_over_a_long_way_round_needs_a_second_one_that_asks_for_the_same(e
     assert evidence.believed([other], PLACES, {6: 40}, SHAPE) == ()
     assert evidence.believed([second], PLACES, {}, SHAPE) == (first, second)
     assert evidence.believed([second], PLACES, {}, SHAPE) == ()
+
+
+def test_a_likeness_of_a_part_moves_nothing(evidence):
+    """Two ties that agree, as in a row of houses, are no evidence where the rest looks different."""
+    for observer in (20, 21):
+        alike = replace(tie(observer, 5, [200.0, 50.0]), likeness=0.2)
+        assert evidence.believed([alike], PLACES, {5: 40}, SHAPE) == ()
 
 
 def test_what_was_asked_long_ago_is_no_evidence(evidence):

@@ -1,8 +1,13 @@
 """Ties to ground that was not followed, and photographs."""
 
+from functools import partial
+
 import numpy as np
 
-from streamkit_stitcher.homographies import translation
+from streamkit_stitcher.homographies import IDENTITY, translation
+from streamkit_stitcher.plane.key_picture import key_picture
+from streamkit_stitcher.plane.keyframes import KeyframeStore
+from streamkit_stitcher.plane.loop_closure import likeness
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 from streamkit_stitcher.plane.tracker import PlaneTracker, Status
 
@@ -43,3 +48,17 @@ def test_a_photograph_of_elsewhere_is_a_cut(aerial_ground):
     tracker.place(first)
     assert tracker.place(second).status is Status.CUT
     tracker.close()
+
+
+def test_pictures_look_alike_at_their_true_place_and_nowhere_else(ground):
+    """In other light, at another scale and a pixel off, too; with nothing in common there is no likeness."""
+    store = KeyframeStore()
+    one, other = (
+        store.add(partial(key_picture, (picture,), 0), IDENTITY, SHAPE, 0)
+        for picture in (ground[200:650, 300:940], (ground[300:750, 600:1240] * 0.7).astype(np.uint8))
+    )
+    shift = np.array([-300.0, -100.0])
+    assert likeness(one, other, translation(shift)) > 0.95
+    assert likeness(one, other, translation(shift + 1.0)) > 0.8
+    assert abs(likeness(one, other, translation(shift + 60.0))) < 0.3
+    assert likeness(one, other, translation(np.array([900.0, 0.0]))) == 0.0
