@@ -178,7 +178,12 @@ class FrameDiff(Transform):
         3, min=1, max=100000, live=True, unit="cells", doc="Smallest object; a cell is 4 by 4 px."
     )
     merge_gap: int = Property(
-        2, min=0, max=100, live=True, unit="cells", doc="Fragments nearer than this are one object."
+        -1,
+        min=-1,
+        max=100,
+        live=True,
+        unit="cells",
+        doc="Fragments nearer than this are one object; -1 is 3 at full resolution, else 1.",
     )
     merge_criterion: Criterion = Property(
         Criterion.GAP, live=True, doc="gap: between fragments; scatter: of the cells in a cluster."

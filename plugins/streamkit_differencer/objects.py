@@ -40,6 +40,8 @@ CELL_SIZE = 4
 # Empty cells around what is looked at, so that closing and merging meet no border of their own.
 MARGIN_CELLS = 2
 _SQUARE = np.ones((3, 3), np.uint8)
+# At full resolution there is no tolerance, and without it no growth: things come in fragments.
+GAP_FULL, GAP_REDUCED = 3, 1
 # Clustering is quadratic: more fragments than this are noise, and the largest are kept.
 MOST_FRAGMENTS = 1500
 # Marks below this are no foreground: shadow.
@@ -52,7 +54,7 @@ class ObjectSettings:
 
     Attributes:
         min_area: cells an object must have.
-        merge_gap: cells between fragments of one object.
+        merge_gap: cells between fragments of one object; chosen by the scale where it is negative.
         criterion: what J_mn is.
         min_score: share of an object's foreground that must have changed lately; 0 keeps what stands still.
         max_objects: how many are kept: of a frame's the surest, of those that nothing judged the largest.
@@ -63,7 +65,7 @@ class ObjectSettings:
     """
 
     min_area: int = 3
-    merge_gap: int = 2
+    merge_gap: int = -1
     criterion: Criterion = Criterion.GAP
     min_score: float = 0.25
     max_objects: int = 50
@@ -111,11 +113,13 @@ def find_objects(foreground: ByteImage, scale: int, settings: ObjectSettings) ->
     left, top, width, height = cv2.boundingRect(cells)
     if not width:
         return NOTHING
+    if settings.merge_gap < 0:
+        settings = replace(settings, merge_gap=GAP_FULL if scale == 1 else GAP_REDUCED)
     margin = max(MARGIN_CELLS, settings.merge_gap)
     first_row, first_column = max(0, top - margin), max(0, left - margin)
     inside = cells[first_row : top + height + margin, first_column : left + width + margin]
-    inside = cast("ByteImage", cv2.morphologyEx(inside, cv2.MORPH_CLOSE, _SQUARE))
     labels, count = clustered(inside, settings)
+    inside, labels = closed(inside, labels)
     step = CELL_SIZE // scale
     table = measured(
         foreground, inside, labels, count, first_row, first_column, step, settings.min_area, LOWEST_MARK + 1
@@ -131,6 +135,28 @@ def clustered(cells: ByteImage, settings: ObjectSettings) -> tuple[IntImage, int
     cluster = merge_by_scatter(centres, areas, settings.merge_gap)
     labels = np.concatenate([[0], cluster + 1]).astype(np.int32)[fragment]
     return labels, int(cluster.max()) + 1
+
+
+def closed(cells: ByteImage, labels: IntImage) -> tuple[ByteImage, IntImage]:
+    """Fills gaps of one or two cells within each object: the one morphological filter.
+
+    Filled before things are told apart, a gap would make one of two cars that pass each other.
+
+    Args:
+        cells: uint8[h, w], 255 for cells of the foreground.
+        labels: int32[h, w], the object that each belongs to, from 1.
+
+    Returns:
+        Both with the gaps filled.
+    """
+    whole = cast("ByteImage", cv2.morphologyEx(cells, cv2.MORPH_CLOSE, _SQUARE))
+    added = np.flatnonzero((whole != cells) & (labels == 0))
+    if not added.size:
+        return whole, labels
+    near = cv2.dilate(labels.astype(np.float32), _SQUARE)
+    filled = labels.copy()
+    filled.ravel()[added] = near.ravel()[added]
+    return whole, filled
 
 
 def selected(objects: Objects, settings: ObjectSettings) -> Objects:

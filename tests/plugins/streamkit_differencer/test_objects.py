@@ -51,6 +51,24 @@ def test_fragments_of_one_thing_are_one_object():
     assert len(find_objects(far, 2, ObjectSettings(merge_gap=4))) == 2
 
 
+def test_two_cars_that_pass_each_other_stay_two():
+    """A strip of ground between two things keeps them apart; a crack in one thing does not part it."""
+    apart = with_block((100, 100), 20, 20, 40, 30) | with_block((100, 100), 24, 34, 44, 44)
+    assert len(find_objects(apart, 2, ObjectSettings())) == 2
+    cracked = with_block((100, 100), 20, 20, 40, 44)
+    cracked[31, :] = 0
+    assert len(find_objects(cracked, 2, ObjectSettings())) == 1
+
+
+def test_gaps_within_a_thing_are_filled():
+    """Foreground in cells that were voted down counts where the object closes around it."""
+    ring = with_block((80, 80), 20, 20, 44, 44)
+    ring[28:32, 28:32] = 0
+    ring[30, 30] = 255
+    objects = find_objects(ring, 2, ObjectSettings())
+    assert objects.areas.tolist() == [(24 * 24 - 4 * 4 + 1) * 4.0]
+
+
 def test_scatter_keeps_large_things_apart():
     """By scatter, merging two large things costs more than by gap."""
     mask = with_block((120, 120), 10, 10, 50, 50) | with_block((120, 120), 56, 10, 96, 50)
