@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import project
+from streamkit_stitcher.homographies import corners, project
 from streamkit_stitcher.registration.descriptors import describe, recognise
 
 
@@ -20,6 +20,15 @@ def test_a_picture_is_recognised_after_a_long_way_and_a_turn(aerial_ground):
     error = np.hypot(*(found.target_points - project(true, found.source_points)).T)
     assert np.median(error) < 1.0
     assert len(found.target_indices) == found.fit.count
+
+
+def test_features_lie_where_they_are(ground):
+    """Upside down, as the next strip of a survey, a picture is placed without an offset."""
+    view = np.ascontiguousarray(ground[300:660, 300:940])
+    found = recognise(describe(view), describe(np.ascontiguousarray(view[::-1, ::-1])), 20)
+    outline = corners((360, 640))
+    assert found is not None
+    assert np.hypot(*(project(found.fit.matrix, outline) - (639, 359) + outline).T).max() < 0.1
 
 
 def test_other_ground_is_not_recognised(ground):
