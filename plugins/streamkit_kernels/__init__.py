@@ -18,6 +18,7 @@ from streamkit_kernels.array_types import INPUT as INPUT
 from streamkit_kernels.array_types import PAIRS as PAIRS
 from streamkit_kernels.array_types import TABLE as TABLE
 from streamkit_kernels.array_types import VIEW as VIEW
+from streamkit_kernels.compilation import COMPILING as COMPILING
 from streamkit_kernels.compilation import compiled as compiled
 from streamkit_kernels.compilation import kernel as kernel
 from streamkit_kernels.compilation import prepare as prepare

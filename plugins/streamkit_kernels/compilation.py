@@ -9,6 +9,12 @@ import numba
 from numba import types
 from numba.core import event
 
+# What an element says while it prepares.
+COMPILING = (
+    "loops are being compiled for this machine, which takes up to some minutes, once; "
+    "`streamkit prepare` does it beforehand"
+)
+
 _Parameters = ParamSpec("_Parameters")
 _Result = TypeVar("_Result")
 

@@ -33,6 +33,7 @@ from streamkit import (
     Transform,
     luma,
 )
+from streamkit_kernels import COMPILING, telling
 from streamkit_stitcher.flight_plan.plan import CameraView, FlightPlan, parse_strip, plan_strip
 from streamkit_stitcher.live_mosaic import PREVIEW_CAPS, LiveMosaic, linked_pad
 from streamkit_stitcher.mosaic.album import RecorderSettings
@@ -141,7 +142,8 @@ class Stitch(Transform):
 
     def start(self) -> None:
         """Begins without a plane; refuses a location or strip that could not be used at the end."""
-        self._tracker = PlaneTracker(self._settings(0, 0))
+        with telling(lambda: self.post_warning(COMPILING)):
+            self._tracker = PlaneTracker(self._settings(0, 0))
         self._mosaic: LiveMosaic | None = None
         self._epoch: int | None = None
         try:

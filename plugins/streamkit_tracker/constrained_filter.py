@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_tracker.compiled import compiled
+from streamkit_kernels import compiled
 from streamkit_tracker.grid_spectra import ComplexArray, Cutter
 
 REGULARISATION = 0.001  # weights are relative to the mean power of the first patch

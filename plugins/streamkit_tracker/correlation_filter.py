@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from streamkit_tracker.compiled import compiled
+from streamkit_kernels import compiled
 from streamkit_tracker.constrained_filter import ConstrainedFilter
 from streamkit_tracker.frame_crops import Float32Array
 from streamkit_tracker.gradient_channels import GRID, SAMPLES, gradient_channels

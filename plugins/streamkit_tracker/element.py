@@ -19,6 +19,7 @@ from streamkit import (
     Transform,
     luma,
 )
+from streamkit_kernels import COMPILING, telling
 from streamkit_tracker.eigen_template import EigenSettings
 from streamkit_tracker.frame_link import FrameLink
 from streamkit_tracker.layered_filter import LayerSettings
@@ -112,7 +113,8 @@ class ParticleTrack(Transform):
 
     def start(self) -> None:
         """Begins without targets."""
-        warm_up()
+        with telling(lambda: self.post_warning(COMPILING)):
+            warm_up()
         self._start_window = None if self.window is None else parse_window(self.window, self.name)
         self._tracker = MultiTargetTracker(self._settings())
         self._link = FrameLink(self.compare is Compare.FEATURES)

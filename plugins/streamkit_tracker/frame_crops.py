@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_tracker.compiled import compiled
+from streamkit_kernels import compiled
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
 Float32Array = NDArray[np.float32]

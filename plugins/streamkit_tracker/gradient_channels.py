@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from streamkit_tracker.compiled import compiled
+from streamkit_kernels import compiled
 from streamkit_tracker.frame_crops import Float32Array
 
 CELL = 3

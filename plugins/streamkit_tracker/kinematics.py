@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_tracker.compiled import compiled
+from streamkit_kernels import compiled
 from streamkit_tracker.window_geometry import FloatArray, map_points
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_tracker.compiled import compiled
+from streamkit_kernels import compiled
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, MINIMUM_SIDE, WIDTH, FloatArray
 
 IndexArray = NDArray[np.intp]

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_tracker.compiled import compiled
+from streamkit_kernels import compiled
 
 FloatArray = NDArray[np.float64]
 

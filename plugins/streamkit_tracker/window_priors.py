@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from streamkit_tracker.compiled import compiled
+from streamkit_kernels import compiled
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
 
 VISIBLE_ENOUGH = 0.5

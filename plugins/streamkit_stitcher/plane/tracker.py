@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from streamkit_stitcher.compiled import prepare
 from streamkit_stitcher.homographies import (
     IDENTITY,
     FloatArray,
@@ -35,6 +34,7 @@ from streamkit_stitcher.registration.pairwise import (
     working_level,
 )
 from streamkit_stitcher.registration.patches import pyramid
+from streamkit_stitcher.warm_up import warm_up
 
 _COAST_FRAMES: Final = 5
 _MAX_LOST: Final = 25
@@ -68,7 +68,7 @@ class PlaneTracker:
 
     def __init__(self, settings: PlaneSettings) -> None:
         # Here, and not where patches are first aligned: there the stream would wait for the compiler.
-        prepare()
+        warm_up()
         self._settings = settings
         self._reference = 0
         self._published: Placement | None = None
