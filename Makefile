@@ -24,10 +24,11 @@ lint: $(READY)
 
 $(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("streamkit needs Python 3.11 or newer, this is " + sys.version.split()[0] + "; set PYTHON=...") if sys.version_info < (3, 11) else None'
-	@echo "making the environment in $(VENV); this takes a minute or two, and happens once"
+	@echo "making the environment in $(VENV); this takes some minutes, and happens once"
 	@$(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement requirements.lock
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@$(BIN)/streamkit prepare
 	@touch $@
 
 lock:
@@ -38,3 +39,4 @@ lock:
 
 clean:
 	@rm -rf $(VENV) $(VENV)-lock out
+	@find plugins -name "*.nb[ci]" -delete

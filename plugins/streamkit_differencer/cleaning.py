@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numba import types
 
-from streamkit_differencer.compiled import BYTES, compiled, kernel
 from streamkit_differencer.marks import FOREGROUND_CHANGED, FOREGROUND_QUIET, SHADOW
+from streamkit_kernels import BYTES, compiled, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import types
 
-from streamkit_differencer.compiled import BYTES, FLOATS, TABLE, kernel
 from streamkit_differencer.noise import DEVIATION_RATIO, HIGHEST_THRESHOLD
+from streamkit_kernels import BYTES, FLOATS, TABLE, kernel
 
 if TYPE_CHECKING:
     from collections.abc import Callable

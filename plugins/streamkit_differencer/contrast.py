@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import types
 
-from streamkit_differencer.compiled import BYTES, FLOATS, REGION, compiled, kernel
+from streamkit_differencer.canvas_region import REGION
+from streamkit_kernels import BYTES, FLOATS, compiled, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from streamkit_differencer.compiled import Region
+    from streamkit_differencer.canvas_region import Region
 
     ByteImage = NDArray[np.uint8]
     FloatImage = NDArray[np.float32]

@@ -29,12 +29,13 @@ from streamkit import (
 )
 from streamkit_differencer.anchor import Change, Motion
 from streamkit_differencer.clusters import Criterion
-from streamkit_differencer.compiled import prepare
 from streamkit_differencer.differencer import Differencer, Result
 from streamkit_differencer.model_settings import Event, ModelSettings
 from streamkit_differencer.objects import NOTHING, Objects, ObjectSettings
 from streamkit_differencer.pictures import full_size
 from streamkit_differencer.region import RegionOfInterest
+from streamkit_differencer.warm_up import warm_up
+from streamkit_kernels import COMPILING, telling
 
 if TYPE_CHECKING:
     import numpy as np
@@ -216,7 +217,8 @@ class FrameDiff(Transform):
             self._region = RegionOfInterest(self.roi) if self.roi else None
         except ValueError as error:
             raise ResourceError(f"{self.name}: roi: {error}") from error
-        prepare()
+        with telling(lambda: self.post_warning(COMPILING)):
+            warm_up()
         own = self.motion in (MotionSource.AUTO, MotionSource.OWN)
         self._differencer = Differencer(self.working_scale, own_motion=own)
         self._last_seq: int | None = None

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import types
 
-from streamkit_differencer.compiled import BLOCKS, BYTES, compiled, kernel
 from streamkit_differencer.marks import FOREGROUND_CHANGED
+from streamkit_kernels import BLOCKS, BYTES, compiled, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -17,7 +17,7 @@ from streamkit_differencer.resampling import scrolled, warped
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from streamkit_differencer.compiled import Region
+    from streamkit_differencer.canvas_region import Region
 
     ByteImage = NDArray[np.uint8]
     FloatImage = NDArray[np.float32]

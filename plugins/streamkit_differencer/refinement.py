@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import types
 
-from streamkit_differencer.compiled import BYTES, FLAGS, TABLE, VIEW, compiled, kernel
 from streamkit_differencer.objects import LOWEST_MARK, Objects
+from streamkit_kernels import BYTES, FLAGS, TABLE, VIEW, compiled, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -12,7 +12,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from streamkit_differencer.compiled import Region
+    from streamkit_differencer.canvas_region import Region
 
     ByteImage = NDArray[np.uint8]
     Matrix = NDArray[np.float64]

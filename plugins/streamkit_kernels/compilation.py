@@ -28,7 +28,7 @@ def compiled(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, 
     The machine code is kept beside the module (or in the user's cache folder), so that only the first
     process on a machine waits for the compiler. Results are the same on every machine: no fast-math.
     Other threads run while the function does. A part of a kernel lies in the kernel's own module: numba
-    looks only there for changes since the code was kept.
+    looks only there for changes since the code was kept, and sees none of a constant that is imported.
 
     Args:
         function: Loops in the part of Python that numba compiles; it must not keep its arguments.
@@ -70,7 +70,7 @@ def prepare(package: str) -> None:
     """
     with _preparing:
         for function, arguments in _kernels:
-            if function.py_func.__module__.partition(".")[0] != package:
+            if str(function.py_func.__module__).partition(".")[0] != package:
                 continue
             if arguments not in function.overloads:
                 function.compile(arguments)

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import types
 
-from streamkit_differencer.compiled import BLOCKS, BYTES, REGION, compiled, kernel
+from streamkit_differencer.canvas_region import REGION
 from streamkit_differencer.filters.pieces import MOST_POINTS
+from streamkit_kernels import BLOCKS, BYTES, compiled, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from streamkit_differencer.compiled import Region
+    from streamkit_differencer.canvas_region import Region
 
     ByteImage = NDArray[np.uint8]
     FloatArray = NDArray[np.float64]

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from streamkit_differencer.compiled import BLOCKS, BYTES, FLAGS, FLOATS, REGION, compiled, kernel
+from streamkit_differencer.canvas_region import REGION
+from streamkit_kernels import BLOCKS, BYTES, FLAGS, FLOATS, compiled, kernel
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from streamkit_differencer.compiled import Region
+    from streamkit_differencer.canvas_region import Region
 
     ByteImage = NDArray[np.uint8]
     FloatImage = NDArray[np.float32]
