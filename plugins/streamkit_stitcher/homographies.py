@@ -131,6 +131,15 @@ def is_convex(quadrilateral: FloatArray) -> bool:
     return True
 
 
+def tilt(matrix: FloatArray, shape: tuple[int, int]) -> float:
+    """How much the scale changes from side to side of an image, as a part; infinite beyond the horizon."""
+    height, width = shape
+    g, h, i = matrix[2].tolist()
+    # From the least to the largest denominator; both are at a corner.
+    least = min(i + g * x + h * y for x in (0, width) for y in (0, height))
+    return max(abs(g) * width, abs(h) * height) / least if least > 0 else math.inf
+
+
 def is_plausible(
     matrix: FloatArray, shape: tuple[int, int], max_step: float, max_tilt: float = _MAX_TILT
 ) -> bool:
@@ -151,9 +160,7 @@ def is_plausible(
         return False
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
     height, width = shape
-    # From the least to the largest denominator; both are at a corner.
-    ends = [i + g * x + h * y for x in (0, width) for y in (0, height)]
-    if not min(ends) > 0 or abs(g) * width >= max_tilt * min(ends) or abs(h) * height >= max_tilt * min(ends):
+    if not tilt(matrix, shape) < max_tilt:
         return False
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     scale = determinant / (i + (g * width + h * height) / 2) ** 3

@@ -12,6 +12,7 @@ from streamkit_stitcher.homographies import (
     normalised,
     overlap,
     scale_change,
+    tilt,
 )
 from streamkit_stitcher.plane.following import KeyframeFollower, following_level
 from streamkit_stitcher.plane.graph import Tie
@@ -38,6 +39,8 @@ _LOOK_BACK_TRIES: Final = 2
 _RECOGNISED: Final = 3
 _PLANE_STEP: Final = 1.0
 _SCALE_RANGE: Final = (0.8, 1.25)
+# A picture that is seen much more aslant than the key picture is a key picture itself.
+_MOST_TILT: Final = 0.5
 _MAX_UNMATCHED: Final = 3
 _MAX_DOUBTED: Final = 12
 # A picture out of focus makes a poor key picture: the next one may be sharp.
@@ -212,7 +215,8 @@ class KeyframeAnchor:
         to_key = normalised(inverse(keyframe.to_reference) @ to_reference)
         scale = scale_change(to_key, keyframe.shape)
         share = overlap(to_key, keyframe.shape)
-        return share < least or not _SCALE_RANGE[0] < scale < _SCALE_RANGE[1]
+        tilted = tilt(to_key, keyframe.shape) > _MOST_TILT
+        return share < least or tilted or not _SCALE_RANGE[0] < scale < _SCALE_RANGE[1]
 
     def _look_back(self, active: Keyframe, images: Sequence[GreyArray], place: Anchored) -> Anchored | None:
         """Lets an earlier key picture take over where the camera has come back to it."""

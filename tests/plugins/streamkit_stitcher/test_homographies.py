@@ -70,6 +70,14 @@ def test_a_camera_that_looks_aslant_and_turns_is_plausible_where_that_is_allowed
     assert not h.is_plausible(np.array([[1, 0, 0], [0, 1, 0], [-0.01, 0, 1.0]]), SHAPE, 10.0, max_tilt=1.0)
 
 
+def test_tilt_is_the_change_of_scale_from_side_to_side():
+    """Relative to its least; along either axis; none without perspective, and no end beyond the horizon."""
+    assert h.tilt(np.array([[1, 0, 0], [0, 1, 0], [1 / 1280, 0, 1.0]]), SHAPE) == pytest.approx(1.0)
+    assert h.tilt(np.array([[1, 0, 0], [0, 1, 0], [0, -1 / 1440, 1.0]]), SHAPE) == pytest.approx(1.0)
+    assert h.tilt(h.translation(np.array([9.0, 9.0])), SHAPE) == 0.0
+    assert h.tilt(np.array([[1, 0, 0], [0, 1, 0], [-1 / 1200, 0, 1.0]]), SHAPE) == float("inf")
+
+
 def test_overlap_is_the_shared_part_of_the_footprint():
     """Half a picture aside leaves half, another picture away nothing."""
     assert h.overlap(h.translation(np.array([639.5, 0.0])), SHAPE) == pytest.approx(0.5, abs=1e-3)

@@ -1,9 +1,10 @@
 """Choosing key pictures and falling back on earlier ones."""
 
+import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import IDENTITY, translation
+from streamkit_stitcher.homographies import IDENTITY, normalised, translation
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.settings import PlaneSettings
 
@@ -39,6 +40,23 @@ def test_leaving_the_key_picture_makes_another(anchor, ground):
     placed = anchor.place(view(ground, 260), shift(261.0), trusted=True)
     assert placed.keyframe
     assert placed.to_reference == pytest.approx(shift(260.0), abs=0.1)
+
+
+@pytest.mark.parametrize(("lean", "key"), [(3e-4, False), (7e-4, True)])
+def test_a_picture_seen_much_more_aslant_is_a_key_picture(anchor, ground, lean, key):
+    """A camera that looks aslant and turns shows all the ground of the last one, and ever less like it."""
+    middle = translation(np.array([320.0, 180.0]))
+    across = np.array([[1.0, 0, 0], [0, 1.0, 0], [lean, 0, 1.0]])
+    there = normalised(middle @ across @ np.linalg.inv(middle))
+    seen = cv2.warpPerspective(
+        ground,
+        translation(np.array([0.0, 400.0])) @ there,
+        (640, 360),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+    )
+    placed = anchor.place((np.asarray(seen, dtype=np.uint8),), there, trusted=True)
+    assert placed.measured
+    assert placed.keyframe == key
 
 
 def test_coming_back_hands_over_to_the_earlier_key_picture(anchor, ground):
