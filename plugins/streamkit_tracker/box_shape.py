@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from streamkit_kernels import compiled
 from streamkit_tracker.window_geometry import MINIMUM_SIDE
 
 USUAL_ASPECT = 2.0
@@ -12,6 +13,13 @@ LARGEST_ASPECT = 5.0
 LEAST_AGREEMENT = 0.8
 
 
+@compiled
+def without_sign(direction: float) -> float:
+    """A direction as the angle of a line, in [-pi/2, pi/2); plain numbers, once for each target and frame."""
+    return (direction + math.pi / 2) % math.pi - math.pi / 2
+
+
+@compiled
 def window_shape(box_width: float, box_height: float, heading: float) -> tuple[float, float]:
     """Length along the heading and width across it, of a rectangle that fills an upright box.
 
@@ -41,6 +49,7 @@ def window_shape(box_width: float, box_height: float, heading: float) -> tuple[f
     return length, width
 
 
+@compiled
 def window_turn(box_width: float, box_height: float, heading: float) -> tuple[float, float, float]:
     """Length, width and angle of the window in an upright box: turned into the motion, where that can be.
 
@@ -62,8 +71,3 @@ def window_turn(box_width: float, box_height: float, heading: float) -> tuple[fl
     if common < LEAST_AGREEMENT * (sides[0] * sides[1] + box_width * box_height - common):
         return box_width, box_height, 0.0
     return length, width, without_sign(heading)
-
-
-def without_sign(direction: float) -> float:
-    """A direction as the angle of a line, in [-pi/2, pi/2); plain numbers, once for each target and frame."""
-    return (direction + math.pi / 2) % math.pi - math.pi / 2

@@ -55,7 +55,7 @@ class EigenTemplate:
 
     def __init__(self, patch: Float32Array, settings: EigenSettings | None = None) -> None:
         self._settings = settings or EigenSettings()
-        self.anchor = normalise(patch[None])[0]
+        self.anchor = normalise(np.ascontiguousarray(patch)[None])[0]
         self.textured = bool(np.mean(self.anchor**2) > TEXTURE_FLOOR)
         self.mean = self.anchor.copy()
         self.basis = np.zeros((0, patch.size), np.float32)
@@ -68,42 +68,44 @@ class EigenTemplate:
         """Learns a patch, float32[p] grey levels; takes effect when a batch is complete."""
         self._waiting.append(patch)
         if len(self._waiting) >= self._settings.batch:
-            learnt = normalise(np.stack(self._waiting))
+            learnt = normalise(np.concatenate(self._waiting).reshape(-1, patch.size))
             self._waiting.clear()
-            self._merge(np.concatenate([learnt, self.anchor[None]]))
+            self._merge(learnt)
             self._stack()
 
-    def _merge(self, samples: Float32Array) -> None:
-        """Sequential Karhunen-Loeve step with the rows of `samples`, float32[n, p]."""
-        new, known = len(samples), len(self.basis)
+    def _merge(self, learnt: Float32Array) -> None:
+        """Sequential Karhunen-Loeve step with the rows of `learnt`, float32[n, p], and the anchor."""
+        new = len(learnt) + 1
         past = self._count * self._settings.forgetting
-        sample_mean = samples.mean(axis=0)
-        rows = np.empty((known + new + 1, samples.shape[1]), np.float32)
-        scales = np.sqrt(np.float32(self._settings.forgetting)) * self.singular_values
-        np.multiply(self.basis, scales[:, None], out=rows[:known])
-        np.subtract(samples, sample_mean, out=rows[known:-1])
-        np.subtract(sample_mean, self.mean, out=rows[-1])
-        rows[-1] *= np.float32(np.sqrt(past * new / (past + new)))
+        rows = np.empty((len(self.basis) + new + 1, learnt.shape[1]), np.float32)
+        mean = np.empty_like(self.mean)
+        _lay_out(
+            self.basis,
+            np.sqrt(np.float32(self._settings.forgetting)) * self.singular_values,
+            self.mean,
+            learnt,
+            self.anchor,
+            past,
+            rows,
+            mean,
+        )
         # the Gram matrix is tiny beside the patch: its eigenvectors give the basis at a fraction of an SVD
         values, vectors = np.linalg.eigh(product(rows, rows.T).astype(np.float64))
         order = np.argsort(values)[::-1][: self._settings.components]
         order = order[values[order] > 1e-6 * max(float(values[-1]), 1e-12)]
         singular = np.sqrt(values[order])
         self.basis = product((vectors[:, order] / singular).T.astype(np.float32), rows)
-        self.singular_values = np.asarray(singular, np.float32)
-        self.mean = np.asarray((past * self.mean + new * sample_mean) / (past + new), np.float32)
+        self.singular_values = singular.astype(np.float32)
+        self.mean = mean
         self._count = past + new
 
     def _stack(self) -> None:
         """Prepares float32[components + 2, p]: the basis as far as it is forgiven, the mean and ones."""
-        pixels = self.mean.size
-        self.rows = np.zeros((self._settings.components + 2, pixels), np.float32)
-        variances = self.singular_values**2 / self._count
-        forgiven = np.sqrt(variances / (variances + NOISE_SHARE * pixels))
-        np.multiply(self.basis, forgiven[:, None], out=self.rows[: len(self.basis)])
-        self.rows[-2] = self.mean
-        self.rows[-1] = 1.0
-        self.constants = np.stack([self.rows[:-1].sum(axis=1), self.rows[:-1] @ self.mean])
+        components, pixels = self._settings.components, self.mean.size
+        self.rows = np.empty((components + 2, pixels), np.float32)
+        self.constants = np.empty((2, components + 1), np.float32)
+        noise = NOISE_SHARE * pixels * self._count
+        _forgive(self.basis, self.singular_values, self.mean, noise, self.rows, self.constants)
 
 
 class EigenStack:
@@ -143,9 +145,110 @@ def eigen_distances(templates: Sequence[EigenTemplate], patches: Float32Array) -
 
 def normalise(patches: Float32Array) -> Float32Array:
     """float32[n, p] grey levels with mean 0 and deviation 1, or less where the patch is flat."""
-    centred = patches - patches.mean(axis=1, keepdims=True)
-    deviation = np.maximum(np.sqrt(np.vecdot(centred, centred) / patches.shape[1]), DEVIATION_FLOOR)[:, None]
-    return np.asarray(centred / deviation, np.float32)
+    result = np.empty(patches.shape, np.float32)
+    _normalise(patches, result)
+    return result
+
+
+@compiled
+def _normalise(patches: Float32Array, result: Float32Array) -> None:
+    """Fills in the normalised patches; both float32[n, p]."""
+    pixels = patches.shape[1]
+    for index in range(len(patches)):
+        patch, normal = patches[index], result[index]
+        total = 0.0
+        for pixel in range(pixels):
+            total += patch[pixel]
+        average, power = np.float32(total / pixels), 0.0
+        for pixel in range(pixels):
+            power += (patch[pixel] - average) ** 2
+        deviation = np.float32(max(np.sqrt(power / pixels), DEVIATION_FLOOR))
+        for pixel in range(pixels):
+            normal[pixel] = (patch[pixel] - average) / deviation
+
+
+@compiled
+def _lay_out(
+    basis: Float32Array,
+    scales: Float32Array,
+    mean: Float32Array,
+    learnt: Float32Array,
+    anchor: Float32Array,
+    past: float,
+    rows: Float32Array,
+    merged: Float32Array,
+) -> None:
+    """Lays out what the new basis is the principal directions of, and weighs the new mean.
+
+    Args:
+        basis: float32[k, p], what is known.
+        scales: float32[k], of its rows.
+        mean: float32[p], what is known.
+        learnt: float32[n, p], normalised patches.
+        anchor: float32[p], one more.
+        past: weight of what is known.
+        rows: float32[k + n + 2, p], is filled: the scaled basis, the patches off their mean, its own step.
+        merged: float32[p], is filled: the new mean.
+    """
+    known, count = len(basis), len(learnt)
+    new = count + 1
+    for row in range(known):
+        for pixel in range(len(mean)):
+            rows[row, pixel] = basis[row, pixel] * scales[row]
+    centre = rows[known + new]
+    centre[:] = anchor
+    for row in range(count):
+        for pixel in range(len(mean)):
+            centre[pixel] += learnt[row, pixel]
+    share = np.float32(1.0 / new)
+    for pixel in range(len(mean)):
+        centre[pixel] *= share
+    for row in range(count):
+        for pixel in range(len(mean)):
+            rows[known + row, pixel] = learnt[row, pixel] - centre[pixel]
+    weight = np.float32(np.sqrt(past * new / (past + new)))
+    gain = np.float32(new / (past + new))
+    for pixel in range(len(mean)):
+        step = centre[pixel] - mean[pixel]
+        rows[known + count, pixel] = anchor[pixel] - centre[pixel]
+        merged[pixel] = mean[pixel] + gain * step
+        centre[pixel] = weight * step
+
+
+@compiled
+def _forgive(
+    basis: Float32Array,
+    singular_values: Float32Array,
+    mean: Float32Array,
+    noise: float,
+    rows: Float32Array,
+    constants: Float32Array,
+) -> None:
+    """Fills in what patches are multiplied with.
+
+    Args:
+        basis: float32[k, p].
+        singular_values: float32[k].
+        mean: float32[p].
+        noise: sum of squares that each direction has anyway.
+        rows: float32[c + 2, p], is filled: the basis as far as it is forgiven, zeros, the mean, ones.
+        constants: float32[2, c + 1], is filled: the sums of the rows but the last, and their products with
+            the mean.
+    """
+    last = len(rows) - 1
+    rows[len(basis) : last] = 0.0
+    for row in range(len(basis)):
+        power = singular_values[row] ** 2
+        forgiven = np.float32(np.sqrt(power / (power + noise)))
+        for pixel in range(len(mean)):
+            rows[row, pixel] = basis[row, pixel] * forgiven
+    rows[last - 1], rows[last] = mean, 1.0
+    for row in range(last):
+        total, along = 0.0, 0.0
+        for pixel in range(len(mean)):
+            total += rows[row, pixel]
+            along += rows[row, pixel] * mean[pixel]
+        constants[0, row], constants[1, row] = total, along
 
 
 @compiled

@@ -212,7 +212,8 @@ def parse_window(text: str, element: str) -> FloatArray:
 
 def track(report: TargetReport) -> Track:
     """A report as metadata."""
-    x, y, length, width, angle = (float(value) for value in report.window)
+    x, y, length, width, angle = report.window.tolist()
+    across, down = report.velocity.tolist()
     return Track(
         id=report.id,
         state=TrackState(report.state),
@@ -221,7 +222,7 @@ def track(report: TargetReport) -> Track:
         length=length,
         width=width,
         angle=angle,
-        velocity=(float(report.velocity[0]), float(report.velocity[1])),
+        velocity=(across, down),
         covariance=report.covariance,
         score=report.score,
         age_ns=round(report.age_s * 1e9),

@@ -7,10 +7,16 @@ reference plane leaves them alone.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from streamkit_kernels import compiled
 from streamkit_tracker.window_geometry import FloatArray, map_points
+
+HEADED = 3.0  # standard deviations of the speed from which its direction is known
+LEAST_SPEED = 0.3  # sides per second, likewise
+LEAST_HEADING_STD = 0.08  # rad
 
 
 def initial_covariance(position_std: float, speed_std: float) -> FloatArray:
@@ -76,6 +82,31 @@ def correct(
     moved, corrected = np.empty_like(means), np.empty_like(covariances)
     _weigh(means, covariances, positions, position_covariances, moved, corrected)
     return moved, corrected
+
+
+def position_std(covariance: FloatArray) -> float:
+    """Standard deviation of either coordinate, px, of a state's covariance float64[4, 4]."""
+    return math.sqrt((covariance.item(0, 0) + covariance.item(1, 1)) / 2)
+
+
+def speed_std(covariance: FloatArray) -> float:
+    """Standard deviation of either part of the velocity, px/s, of a state's covariance float64[4, 4]."""
+    return math.sqrt((covariance.item(2, 2) + covariance.item(3, 3)) / 2)
+
+
+def heading(mean: FloatArray, covariance: FloatArray, side: float) -> tuple[float | None, float]:
+    """Direction of motion in the frame and its standard deviation, rad, or None while it is not known.
+
+    Args:
+        mean: float64[4] of one state.
+        covariance: float64[4, 4].
+        side: of the target, px: what moves slowly for its size may turn on the spot.
+    """
+    _, _, across, down = mean.tolist()
+    speed, deviation = math.hypot(across, down), speed_std(covariance)
+    if speed < HEADED * deviation or speed < LEAST_SPEED * side:
+        return None, math.inf
+    return math.atan2(down, across), max(LEAST_HEADING_STD, 1.5 * deviation / speed)
 
 
 @compiled

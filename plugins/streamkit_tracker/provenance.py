@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-
-from streamkit_tracker.window_geometry import FloatArray
 
 
 @dataclass
@@ -29,21 +26,3 @@ class TargetProvenance:
     similarity: float | None = None
     learnt: bool = False
     cause: str = ""
-
-
-def gate_distance(
-    mean: FloatArray, covariance: FloatArray, centroid: tuple[float, float], std: float
-) -> float:
-    """Distance of a detection from where a target is expected, in standard deviations.
-
-    Args:
-        mean: float64[4], predicted x y vx vy.
-        covariance: float64[4, 4].
-        centroid: of the detection, px.
-        std: standard deviation of such a centroid, px.
-    """
-    (xx, xy), (_, yy) = covariance[:2, :2].tolist()
-    across, down = centroid[0] - float(mean[0]), centroid[1] - float(mean[1])
-    xx, yy = xx + std**2, yy + std**2
-    quadratic = yy * across**2 - 2 * xy * across * down + xx * down**2
-    return math.sqrt(max(quadratic / max(xx * yy - xy**2, 1e-12), 0.0))

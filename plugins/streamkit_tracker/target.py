@@ -90,7 +90,7 @@ class Target:
     @property
     def side(self) -> float:
         """Geometric mean of the window's sides, px."""
-        return math.sqrt(float(self.window[2]) * float(self.window[3]))
+        return math.sqrt(self.window.item(2) * self.window.item(3))
 
     @property
     def followed(self) -> bool:
@@ -115,7 +115,7 @@ class Target:
     @property
     def doubt(self) -> float:
         """Standard deviation of the position relative to the target's side."""
-        return math.sqrt(float(self.covariance[0, 0] + self.covariance[1, 1]) / 2) / self.side
+        return kinematics.position_std(self.covariance) / self.side
 
     @property
     def acceleration_std(self) -> float:
@@ -132,14 +132,9 @@ class Target:
             return (LOOK_STD + CREEP * self._evidence.usual_distance * self.side) ** 2
         return centroid_std(self.side) ** 2
 
-    @property
-    def speed_std(self) -> float:
-        """Standard deviation of either part of the velocity, px/s."""
-        return math.sqrt(float(self.covariance[2, 2] + self.covariance[3, 3]) / 2)
-
     def pass_time(self, step_s: float, *, detected: bool) -> None:
         """Counts one frame, with or without a detection."""
-        self.provenance = TargetProvenance((float(self.mean[0]), float(self.mean[1])))
+        self.provenance = TargetProvenance((self.mean.item(0), self.mean.item(1)))
         self.age_s += step_s
         self._seen.append(detected)
         self.frames_undetected = 0 if detected else self.frames_undetected + 1
@@ -187,7 +182,6 @@ class Target:
     def job(self, step_s: float, sighting: Sighting | None, followed: int, share: float) -> SearchJob:
         """What to look for in this frame, once `mean` and `covariance` are predicted for it."""
         assert self.appearance is not None
-        spread = math.sqrt(float(self.covariance[0, 0] + self.covariance[1, 1]) / 2)
         window = self.window
         if self._response is not None and self._frames_unseen > 0:
             window = np.array([*window[:2], *self._response.sides, self._response.angle])
@@ -198,8 +192,8 @@ class Target:
             self.appearance.template,
             self.appearance.patch,
             self.appearance.context,
-            (float(self.mean[2]) * step_s, float(self.mean[3]) * step_s),
-            spread,
+            (self.mean.item(2) * step_s, self.mean.item(3) * step_s),
+            kinematics.position_std(self.covariance),
             min(1 + REACH_PER_FRAME * self._frames_unseen, LONGEST_REACH),
             self._prior(sighting),
             self._settings.layers_for(sighting is not None, followed, share),
@@ -230,9 +224,8 @@ class Target:
         if self._learnt:
             self.appearance.template.update(found.patch)
         noise = (0.2 + 0.015 * self.side) ** 2
-        return Measurement(
-            (float(found.window[0]), float(found.window[1])), found.covariance + noise * IDENTITY
-        )
+        x, y, *_ = found.window.tolist()
+        return Measurement((x, y), found.covariance + noise * IDENTITY)
 
     def finish(
         self,
@@ -297,13 +290,15 @@ class Target:
         score = self._similarity if self.appearance is not None else sum(self._seen) / len(self._seen)
         # the window of a target drawn by hand is where it was seen, not where its motion has it
         looked_at = self.manual and self._alike and self.state is TargetState.CONFIRMED
-        motion = np.zeros((2, 2)) if looked_at else self.covariance[:2, :2]
+        covariance = self._anchor_variance * IDENTITY
+        if not looked_at:
+            covariance += self.covariance[:2, :2]
         return TargetReport(
             self.id,
             self.state,
             self.window.copy(),
             velocity,
-            motion + self._anchor_variance * IDENTITY,
+            covariance,
             min(max(score, 0.0), 1.0),
             self.age_s,
             self.provenance,
@@ -345,26 +340,17 @@ class Target:
             if self._response is None:
                 return Prior(centroid, std)
             return response_prior(self._response, self._evidence.tolerance, self.drawn_angle)
-        heading, heading_std = self._heading()
-        known = float(self.window[4]) if heading is None else heading
+        heading, heading_std = kinematics.heading(self.mean, self.covariance, self.side)
+        known = self.window.item(4) if heading is None else heading
         length, width, angle = window_turn(*self.shape.box, known)
         return Prior(centroid, std, (length, width), SIDES_STD, angle, heading_std)
 
-    def _heading(self) -> tuple[float | None, float]:
-        """Direction of motion in the frame and its standard deviation, or None while it is not known."""
-        across, down = float(self.mean[2]), float(self.mean[3])
-        speed = math.hypot(across, down)
-        speed_std = self.speed_std
-        if speed < 3 * speed_std or speed < 0.3 * self.side:
-            return None, math.inf
-        return math.atan2(down, across), max(0.08, 1.5 * speed_std / speed)
-
     def _direction(self) -> tuple[float, float]:
         """Direction of motion and its standard deviation, or the window's or the trail's meanwhile."""
-        heading, heading_std = self._heading()
+        heading, heading_std = kinematics.heading(self.mean, self.covariance, self.side)
         if heading is None:
             known = self.followed and self.appearance is not None
-            heading = float(self.window[4]) if known else self.trail.heading
+            heading = self.window.item(4) if known else self.trail.heading
         return heading, heading_std
 
     def _keep_right(

@@ -6,13 +6,14 @@ from functools import cache
 
 import numpy as np
 
+from streamkit_tracker.eigen_template import EigenSettings
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.tracker import MultiTargetTracker
 
 SIDE = 64  # px, of the picture
 STEPS = 4
-SETTINGS = TrackerSettings(birth_hits=1, min_travel=0.0)
+SETTINGS = TrackerSettings(eigen=EigenSettings(batch=2), birth_hits=1, min_travel=0.0)
 
 
 @cache

@@ -122,11 +122,21 @@ def inside_windows(points: FloatArray, windows: FloatArray, scale: float) -> NDA
     Returns:
         bool[n, m].
     """
-    offsets = points[:, None] - windows[None, :, :2]
-    cosine, sine = np.cos(windows[:, ANGLE]), np.sin(windows[:, ANGLE])
-    along = np.abs(offsets[:, :, 0] * cosine + offsets[:, :, 1] * sine)
-    across = np.abs(offsets[:, :, 1] * cosine - offsets[:, :, 0] * sine)
-    return np.asarray((along < 0.5 * scale * windows[:, LENGTH]) & (across < 0.5 * scale * windows[:, WIDTH]))
+    inside = np.empty((len(points), len(windows)), np.bool_)
+    _find_inside(np.array(points, np.float64), windows, scale, inside)
+    return inside
+
+
+@compiled
+def _find_inside(points: FloatArray, windows: FloatArray, scale: float, inside: NDArray[np.bool_]) -> None:
+    """Fills in which points lie inside."""
+    for column in range(len(windows)):
+        x, y, length, width, angle = windows[column]
+        cosine, sine = np.cos(angle), np.sin(angle)
+        for row in range(len(points)):
+            right, down = points[row, 0] - x, points[row, 1] - y
+            along, across = abs(right * cosine + down * sine), abs(down * cosine - right * sine)
+            inside[row, column] = along < 0.5 * scale * length and across < 0.5 * scale * width
 
 
 def extent(windows: FloatArray) -> tuple[float, float, float, float]:

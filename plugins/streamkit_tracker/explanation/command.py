@@ -11,11 +11,11 @@ from typing import Annotated, NamedTuple, NoReturn
 
 import typer
 
+from streamkit_tracker.association import GATE
 from streamkit_tracker.explanation.life import life, moment_at, moment_in
 from streamkit_tracker.explanation.moment import Moment
 from streamkit_tracker.explanation.reading import TrackFile, read_track
 from streamkit_tracker.explanation.wording import explanation
-from streamkit_tracker.pairing import GATE
 
 MOST_NAMED = 12
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from streamkit_tracker.association import assign, mahalanobis_squared
+from streamkit_tracker.association import assign, compare
 
 
 def test_the_total_cost_counts_not_the_nearest():
@@ -18,9 +18,46 @@ def test_pairs_outside_the_gate_stay_apart():
     assert assign(np.zeros((0, 3)), np.zeros((0, 3), bool)) == []
 
 
+def expected(*, variances: tuple[float, float] = (8.0, 3.0), reach: float = 100.0) -> np.ndarray:
+    """One target of 20 by 10 px at the origin, whose detections scatter by 1 px."""
+    return np.array([[0.0, 0.0, variances[0], 0.0, variances[1], 20.0, 10.0, 1.0, reach]])
+
+
+def detected(x: float, y: float, width: float = 20.0, height: float = 10.0) -> list[float]:
+    """A detection with its centroid in the middle of its box."""
+    return [x, y, x - width / 2, y - height / 2, x + width / 2, y + height / 2]
+
+
 def test_distance_is_in_standard_deviations():
     """A 3 px offset along an axis of variance 8 + 1 is one standard deviation."""
-    distances = mahalanobis_squared(
-        np.zeros((1, 2)), np.diag([8.0, 3.0])[None], np.array([[3.0, 0.0], [0.0, 4.0]]), np.ones((1, 2))
-    )
-    np.testing.assert_allclose(distances, [[1.0, 4.0]])
+    seen = np.array([detected(3.0, 0.0), detected(0.0, 4.0)])
+    np.testing.assert_allclose(compare(expected(), seen, np.zeros((1, 2))).distances, [[1.0, 4.0]])
+
+
+def test_a_pair_costs_its_distance_its_size_and_what_it_is_unlike():
+    """One standard deviation, half the longer side too wide, and 0.25 for the look."""
+    seen = np.array([detected(3.0, 0.0, width=30.0)])
+    found = compare(expected(), seen, np.full((1, 1), 0.25))
+    np.testing.assert_allclose(found.costs, [[1.0 + 0.25 + 0.25]])
+    np.testing.assert_allclose(found.mismatch, [[10.0]])
+
+
+def test_outside_the_gate_only_overlapping_boxes_pair_and_they_come_last():
+    """A covariance that is too small does not free what lies upon the target; farther detections are free."""
+    sure = expected(variances=(0.01, 0.01))
+    found = compare(sure, np.array([detected(8.0, 0.0), detected(19.0, 0.0)]), np.zeros((1, 2)))
+    assert np.isfinite(found.costs[0, 0])
+    assert found.costs[0, 0] > 100
+    assert np.isinf(found.costs[0, 1])
+    near = compare(expected(reach=1.0), np.array([detected(7.0, 9.0)]), np.zeros((1, 1)))
+    assert near.distances[0, 0] > 16
+    assert np.isinf(near.costs[0, 0])
+
+
+def test_a_box_holds_centres_and_touches_bodies():
+    """Of two targets in reach of one box, the one with its centre outside is only touched."""
+    pair = np.vstack([expected(), expected()])
+    pair[1, :2] = 15.0, 0.0
+    found = compare(pair, np.array([detected(0.0, 0.0), detected(200.0, 0.0)]), np.zeros((2, 2)))
+    np.testing.assert_array_equal(found.held, [1, 0])
+    np.testing.assert_array_equal(found.touched, [2, 0])
