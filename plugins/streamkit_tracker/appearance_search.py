@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from streamkit_tracker.eigen_template import EigenStack, EigenTemplate
+from streamkit_tracker.eigen_template import EigenTemplate
 from streamkit_tracker.feature_template import FeatureTemplate, feature_distances
 from streamkit_tracker.frame_crops import Crops, Float32Array
 from streamkit_tracker.layered_filter import Cloud, LayerSettings, Proposal, layered_step
@@ -172,7 +172,7 @@ def _proposal(jobs: list[SearchJob], likelihood: Likelihood) -> Proposal:
 
 
 class _Comparison:
-    """Compares windows of several targets with their templates, a cacheful at a time.
+    """Compares windows of several targets with their templates.
 
     The parts of the frame are cut out around the first windows, those of the widest layer, with room for the
     others.
@@ -184,9 +184,11 @@ class _Comparison:
     def __init__(self, sampler: WindowSampler, jobs: list[SearchJob], factor: int) -> None:
         self._sampler, self._patch, self._factor = sampler, jobs[0].patch, factor
         self._context = jobs[0].context
-        eigen = [job.template for job in jobs if isinstance(job.template, EigenTemplate)]
         self._features = [job.template for job in jobs if isinstance(job.template, FeatureTemplate)]
-        self._stack = EigenStack(eigen) if eigen else None
+        eigen = [job.template for job in jobs if isinstance(job.template, EigenTemplate)]
+        if eigen:
+            self._rows = _side_by_side([template.rows for template in eigen])
+            self._constants = _side_by_side([template.constants for template in eigen])
         self.first_patches = np.zeros((0, 0), np.float32)
         self._together = max(
             1, SAMPLES_AT_ONCE // (jobs[0].layers.particles * self._patch[0] * self._patch[1])
@@ -195,26 +197,39 @@ class _Comparison:
 
     def distances(self, windows: FloatArray) -> FloatArray:
         """Distances float64[t, n] of windows float64[t, n, 5]."""
+        wider = _widened(windows, self._context)
+        if self._features:
+            return self._feature_distances(wider)
+        if not self._crops:
+            self._crops.append(self._crop(wider))
+        distances, self.first_patches = self._sampler.distances(
+            wider, self._patch, self._crops[0], self._rows, self._constants
+        )
+        return distances
+
+    def _feature_distances(self, windows: FloatArray) -> FloatArray:
+        """The same in a feature space, for as many targets at once as the cache holds the patches of."""
         targets, count = windows.shape[:2]
         pixels = self._patch[0] * self._patch[1]
         result = np.empty((targets, count))
         self.first_patches = np.empty((targets, pixels), np.float32)
-        wider = _widened(windows, self._context)
         for index, start in enumerate(range(0, targets, self._together)):
             chunk = slice(start, min(start + self._together, targets))
-            flat = wider[chunk].reshape(-1, 5)
             if index == len(self._crops):
-                groups = chunk.stop - chunk.start
-                self._crops.append(self._sampler.crop(flat, self._factor, groups, LATER_LAYERS))
+                self._crops.append(self._crop(windows[chunk]))
+            flat = windows[chunk].reshape(-1, 5)
             patches = self._sampler.sample(flat, self._patch, crops=self._crops[index])
             patches = patches.reshape(-1, count, pixels)
-            result[chunk] = (
-                feature_distances(self._features[chunk], patches)
-                if self._stack is None
-                else self._stack.distances(patches, chunk)
-            )
+            result[chunk] = feature_distances(self._features[chunk], patches)
             self.first_patches[chunk] = patches[:, 0]
         return result
+
+    def _crop(self, windows: FloatArray) -> Crops:
+        return self._sampler.crop(windows.reshape(-1, 5), self._factor, len(windows), LATER_LAYERS)
+
+
+def _side_by_side(arrays: list[Float32Array]) -> Float32Array:
+    return arrays[0][None] if len(arrays) == 1 else np.stack(arrays)
 
 
 def _widened(windows: FloatArray, context: float) -> FloatArray:

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit_tracker.particle_layers import (
-    IndexArray,
-    brood_of,
     collapse,
     estimate,
-    resample,
-    scatter,
+    first_windows,
+    resized_brood,
     survivors_of,
+    turned_brood,
 )
-from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
+from streamkit_tracker.window_geometry import FloatArray
 
 Score = Callable[[FloatArray], FloatArray]
 
@@ -131,65 +130,57 @@ def layered_step(
     Source: MacCormick and Isard, Partitioned sampling, ECCV 2000; Yang, Duraiswami and Davis, Fast multiple
     object tracking via a hierarchical particle filter, ICCV 2005.
     """
-    count, keep = settings.particles, min(settings.keep, settings.particles)
+    targets, keep = len(clouds), min(settings.keep, settings.particles)
     draws = settings.draws
     noise = np.array([generator.standard_normal(sum(draws)) for generator in generators])
-    first_noise, size_noise, angle_noise = np.split(noise, np.cumsum(draws)[:-1], axis=1)
     offsets = np.array([generator.random() for generator in generators])
-    places = np.ascontiguousarray(first_noise).reshape(-1, count, 2)
-    windows = _first_windows(clouds, proposal, places, offsets)
+    windows = np.empty((targets, settings.particles, 5))
+    _look_around(clouds, proposal, noise, offsets, windows)
     scores = score(windows)
     order = np.argsort(-scores, axis=1, kind="stable")
-    survivors, best = np.empty((len(clouds), keep, 5)), np.empty((len(clouds), keep))
-    measures = np.empty((len(clouds), 2))
+    survivors, best, measures = (
+        np.empty((targets, keep, 5)),
+        np.empty((targets, keep)),
+        np.empty((targets, 2)),
+    )
     survivors_of(windows, scores, order, survivors, best, measures)
-    polish = POLISH * np.minimum(proposal.spread, measures[:, 1])[:, None, None]
+    polish = POLISH * np.minimum(proposal.spread, measures[:, 1])
     if settings.size_particles > 0:
-        steps = np.zeros((len(clouds), keep * settings.size_particles, 5))
-        jitter = size_noise.reshape(*steps.shape[:2], 4)
-        steps[:, :, :2] = jitter[:, :, :2] * polish
-        steps[:, :, LENGTH : WIDTH + 1] = jitter[:, :, 2:] * settings.std_size
-        _descend(survivors, best, steps, score)
+        brood = np.empty((targets, keep * settings.size_particles, 5))
+        resized_brood(survivors, noise, draws[0], polish, settings.std_size, brood)
+        collapse(survivors, best, brood, score(brood))
     if settings.angle_particles > 0:
-        steps = np.zeros((len(clouds), keep * settings.angle_particles, 5))
-        jitter = angle_noise.reshape(*steps.shape[:2], 3)
-        steps[:, :, :2] = jitter[:, :, :2] * polish
-        steps[:, :, ANGLE] = jitter[:, :, 2] * settings.std_angle
-        _descend(survivors, best, steps, score)
+        brood = np.empty((targets, keep * settings.angle_particles, 5))
+        turned_brood(survivors, noise, draws[0] + draws[1], polish, settings.std_angle, brood)
+        collapse(survivors, best, brood, score(brood))
     return _estimates(survivors, best, measures[:, 0])
 
 
-def _first_windows(
-    clouds: list[Cloud], proposal: Proposal, noise: FloatArray, offsets: FloatArray
-) -> FloatArray:
-    """Layer 1: float64[t, n, 5]; the first is the prediction itself, the second the seed."""
-    count, most = noise.shape[1], max(len(cloud.weights) for cloud in clouds)
-    positions, weights = np.zeros((len(clouds), most, 2)), np.zeros((len(clouds), most))
-    for row, cloud in enumerate(clouds):
-        positions[row, : len(cloud.weights)] = cloud.positions
-        weights[row, : len(cloud.weights)] = cloud.weights
-    chosen = systematic_resample(weights, count, offsets)
-    centres = positions[np.arange(len(clouds))[:, None], chosen] + proposal.displacement[:, None]
-    centres[:, 0] = proposal.windows[:, :2] + proposal.displacement
-    windows = np.repeat(proposal.windows[:, None], count, axis=1)
+def _look_around(
+    clouds: list[Cloud], proposal: Proposal, noise: FloatArray, offsets: FloatArray, windows: FloatArray
+) -> None:
+    """Fills in layer 1, float64[t, n, 5]; the first is the prediction itself, the second the seed."""
+    if len(clouds) == 1:
+        positions, weights = clouds[0].positions[None], clouds[0].weights[None]
+    else:
+        most = max(len(cloud.weights) for cloud in clouds)
+        positions, weights = np.zeros((len(clouds), most, 2)), np.zeros((len(clouds), most))
+        for row, cloud in enumerate(clouds):
+            positions[row, : len(cloud.weights)] = cloud.positions
+            weights[row, : len(cloud.weights)] = cloud.weights
     spreads = np.empty((len(clouds), 3))
     spreads[:, 0], spreads[:, 1], spreads[:, 2] = proposal.spread, proposal.wide_spread, proposal.seed_spread
-    scatter(centres, noise, spreads, np.ascontiguousarray(proposal.seed), windows)
-    return windows
-
-
-def systematic_resample(weights: FloatArray, count: int, offsets: FloatArray) -> IndexArray:
-    """Draws `count` indices intp[t, count] for each row of weights float64[t, k], see `resample`."""
-    chosen = np.empty((len(weights), count), np.intp)
-    resample(weights, offsets, chosen)
-    return chosen
-
-
-def _descend(survivors: FloatArray, best: FloatArray, steps: FloatArray, score: Score) -> None:
-    """One layer below the first: tries the steps of every survivor and keeps what is better."""
-    brood = np.empty_like(steps)
-    brood_of(survivors, steps, brood)
-    collapse(survivors, best, brood, score(brood))
+    first_windows(
+        np.ascontiguousarray(positions),
+        np.ascontiguousarray(weights),
+        offsets,
+        np.ascontiguousarray(proposal.windows),
+        np.ascontiguousarray(proposal.displacement),
+        spreads,
+        np.ascontiguousarray(proposal.seed),
+        noise,
+        windows,
+    )
 
 
 def _estimates(survivors: FloatArray, best: FloatArray, contrasts: FloatArray) -> Estimates:

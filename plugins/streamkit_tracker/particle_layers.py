@@ -14,45 +14,57 @@ WIDE_EVERY = 4
 
 
 @compiled
-def resample(weights: FloatArray, offsets: FloatArray, chosen: IndexArray) -> None:
-    """Draws indices for each row, each as often as its weight says, with one random number a row.
+def resample(weights: FloatArray, offset: float, chosen: IndexArray) -> None:
+    """Draws indices, each as often as its weight says, with one random number.
 
     Args:
-        weights: float64[t, k]; a weight of 0 is never drawn.
-        offsets: float64[t], uniform in [0, 1).
-        chosen: intp[t, count], is filled, rising along each row.
+        weights: float64[k]; a weight of 0 is never drawn.
+        offset: uniform in [0, 1).
+        chosen: intp[count], is filled, rising.
 
     Source: Kitagawa, Monte Carlo filter and smoother, 1996.
     """
-    count = chosen.shape[1]
-    for target in range(len(weights)):
-        edges = np.cumsum(weights[target])
-        edges /= edges[-1]
-        last = len(edges) - 1
-        while last > 0 and weights[target, last] <= 0:
-            last -= 1
-        index = 0
-        for draw in range(count):
-            place = (draw + offsets[target]) / count
-            while index < last and place >= edges[index]:
-                index += 1
-            chosen[target, draw] = index
+    edges, count = np.cumsum(weights), len(chosen)
+    edges /= edges[-1]
+    last = len(edges) - 1
+    while last > 0 and weights[last] <= 0:
+        last -= 1
+    index = 0
+    for draw in range(count):
+        place = (draw + offset) / count
+        while index < last and place >= edges[index]:
+            index += 1
+        chosen[draw] = index
 
 
 @compiled
-def scatter(
-    centres: FloatArray, noise: FloatArray, spreads: FloatArray, seeds: FloatArray, windows: FloatArray
+def first_windows(
+    positions: FloatArray,
+    weights: FloatArray,
+    offsets: FloatArray,
+    known: FloatArray,
+    displacements: FloatArray,
+    spreads: FloatArray,
+    seeds: FloatArray,
+    noise: FloatArray,
+    windows: FloatArray,
 ) -> None:
-    """Moves the windows of layer 1 to positions around their centres.
+    """The windows of layer 1: particles drawn by weight, moved by the transition and its noise.
 
     Args:
-        centres: float64[t, n, 2], the first of each target the prediction itself, px.
-        noise: float64[t, n, 2], standard normal.
+        positions: float64[t, k, 2] of the particles, px.
+        weights: float64[t, k]; a weight of 0 is never drawn.
+        offsets: float64[t], uniform in [0, 1).
+        known: float64[t, 5], the windows of the previous frame in the pixels of this one.
+        displacements: float64[t, 2], predicted motion, px.
         spreads: float64[t, 3], standard deviations, px: usual, of every fourth particle, and at the seed.
         seeds: float64[t, 2], where every second particle lies instead, the first exactly; NaN without.
-        windows: float64[t, n, 5], are moved.
+        noise: float64[t, 2 n or more], standard normal.
+        windows: float64[t, n, 5], is filled; the first of each target is the prediction itself.
     """
+    chosen = np.empty(windows.shape[1], np.intp)
     for target in range(len(windows)):
+        resample(weights[target], offsets[target], chosen)
         usual, wide, near_seed = spreads[target]
         seeded = np.isfinite(seeds[target, 0]) and np.isfinite(seeds[target, 1])
         for particle in range(windows.shape[1]):
@@ -60,9 +72,14 @@ def scatter(
             spread = near_seed if at_seed else wide if particle % WIDE_EVERY == 0 else usual
             if particle == 0 or (seeded and particle == 1):
                 spread = 0.0
+            window = windows[target, particle]
+            window[:] = known[target]
             for axis in range(2):
-                centre = seeds[target, axis] if at_seed else centres[target, particle, axis]
-                windows[target, particle, axis] = centre + noise[target, particle, axis] * spread
+                from_where = (
+                    known[target, axis] if particle == 0 else positions[target, chosen[particle], axis]
+                )
+                centre = seeds[target, axis] if at_seed else from_where + displacements[target, axis]
+                window[axis] = centre + noise[target, 2 * particle + axis] * spread
 
 
 @compiled
@@ -99,24 +116,65 @@ def survivors_of(
 
 
 @compiled
-def brood_of(survivors: FloatArray, steps: FloatArray, brood: FloatArray) -> None:
-    """Copies of every survivor, each with a step of its own.
+def resized_brood(
+    survivors: FloatArray,
+    noise: FloatArray,
+    first: int,
+    polish: FloatArray,
+    deviation: float,
+    brood: FloatArray,
+) -> None:
+    """Copies of every survivor, each with other sides and a small step.
 
     Args:
         survivors: float64[t, k, 5].
-        steps: float64[t, n, 5], n a multiple of k: added to x, y and angle; the logarithm of what the sides
-            are multiplied by.
-        brood: float64[t, n, 5], is filled, family after family.
+        noise: float64[t, ...], standard normal; four numbers of each row for each copy ...
+        first: ... from this one on.
+        polish: float64[t], standard deviation of the step, px.
+        deviation: standard deviation of the logarithm of what the sides are multiplied by.
+        brood: float64[t, n, 5], is filled, family after family; n a multiple of k.
     """
     children = brood.shape[1] // survivors.shape[1]
     for target in range(len(brood)):
         for child in range(brood.shape[1]):
-            parent, step = survivors[target, child // children], steps[target, child]
-            window = brood[target, child]
-            window[0], window[1] = parent[0] + step[0], parent[1] + step[1]
+            parent, window = survivors[target, child // children], brood[target, child]
+            draw = noise[target, first + 4 * child : first + 4 * child + 4]
+            for axis in range(2):
+                window[axis] = parent[axis] + draw[axis] * polish[target]
             for side in range(LENGTH, WIDTH + 1):
-                window[side] = max(parent[side] * np.exp(step[side]), MINIMUM_SIDE)
-            window[ANGLE] = _half_turn(parent[ANGLE] + step[ANGLE])
+                window[side] = max(parent[side] * np.exp(draw[side] * deviation), MINIMUM_SIDE)
+            window[ANGLE] = _half_turn(parent[ANGLE])
+
+
+@compiled
+def turned_brood(
+    survivors: FloatArray,
+    noise: FloatArray,
+    first: int,
+    polish: FloatArray,
+    deviation: float,
+    brood: FloatArray,
+) -> None:
+    """Copies of every survivor, each turned and with a small step.
+
+    Args:
+        survivors: float64[t, k, 5].
+        noise: float64[t, ...], standard normal; three numbers of each row for each copy ...
+        first: ... from this one on.
+        polish: float64[t], standard deviation of the step, px.
+        deviation: standard deviation of the turn, rad.
+        brood: float64[t, n, 5], is filled, family after family; n a multiple of k.
+    """
+    children = brood.shape[1] // survivors.shape[1]
+    for target in range(len(brood)):
+        for child in range(brood.shape[1]):
+            parent, window = survivors[target, child // children], brood[target, child]
+            draw = noise[target, first + 3 * child : first + 3 * child + 3]
+            for axis in range(2):
+                window[axis] = parent[axis] + draw[axis] * polish[target]
+            for side in range(LENGTH, WIDTH + 1):
+                window[side] = max(parent[side], MINIMUM_SIDE)
+            window[ANGLE] = _half_turn(parent[ANGLE] + draw[2] * deviation)
 
 
 @compiled
@@ -126,7 +184,7 @@ def collapse(survivors: FloatArray, best: FloatArray, brood: FloatArray, scores:
     Args:
         survivors: float64[t, k, 5].
         best: float64[t, k], their scores.
-        brood: float64[t, n, 5], see `brood_of`.
+        brood: float64[t, n, 5], see `resized_brood`.
         scores: float64[t, n].
     """
     children = brood.shape[1] // survivors.shape[1]

@@ -7,6 +7,8 @@ from functools import cache
 import numpy as np
 
 from streamkit_kernels import compiled
+from streamkit_tracker.calling_thread import LARGEST_PRODUCT
+from streamkit_tracker.eigen_template import DEVIATION_FLOOR
 from streamkit_tracker.frame_crops import (
     ACROSS,
     DOWN,
@@ -22,6 +24,8 @@ from streamkit_tracker.frame_crops import (
     QuadArray,
 )
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
+
+MOST_TOGETHER = 32  # patches that are compared at once
 
 
 @cache
@@ -105,6 +109,42 @@ class WindowSampler:
         )
         return patches
 
+    def distances(
+        self,
+        windows: FloatArray,
+        patch: tuple[int, int],
+        crops: Crops,
+        rows: Float32Array,
+        constants: Float32Array,
+    ) -> tuple[FloatArray, Float32Array]:
+        """Compares windows with templates without ever holding all samples, see `EigenStack.distances`.
+
+        Args:
+            windows: float64[t, n, 5], n for each template.
+            patch: samples across and along each window (rows, columns), p in all.
+            crops: that hold the windows, t parts.
+            rows: float32[t, k + 2, p], see `EigenTemplate.rows`.
+            constants: float32[t, 2, k + 1], see `EigenTemplate.constants`.
+
+        Returns:
+            Mean squared residuals float64[t, n], and the first patch of each template, float32[t, p], grey
+            levels minus 128.
+        """
+        results = np.empty(windows.shape[:2])
+        first_patches = np.empty((len(windows), rows.shape[2]), np.float32)
+        _compare(
+            crops.quads,
+            crops.places,
+            crops.factor,
+            np.ascontiguousarray(windows),
+            unit_grid(patch),
+            rows,
+            constants,
+            results,
+            first_patches,
+        )
+        return results, first_patches
+
 
 def shrink_factor(window: FloatArray, patch: tuple[int, int], image_shape: tuple[int, int]) -> int:
     """By how much the image is averaged down for a window, float64[5], so that its patch does not alias."""
@@ -123,29 +163,106 @@ def _resample(
 ) -> None:
     """Bilinear samples; each step in a loop of its own over a window, so that only the reading is scalar."""
     each, pixels = len(windows) // len(places), grid.shape[1]
-    near = np.empty(pixels, np.int32)
-    right, below = np.empty(pixels, np.float32), np.empty(pixels, np.float32)
-    x_map, y_map = np.empty(3, np.float32), np.empty(3, np.float32)
+    near, between = np.empty(pixels, np.int32), np.empty((2, pixels), np.float32)
     for index in range(len(windows)):
-        place, window = places[index // each], windows[index]
-        cosine, sine = np.cos(window[ANGLE]) / factor, np.sin(window[ANGLE]) / factor
-        x_map[0], x_map[1] = window[LENGTH] * cosine, -window[WIDTH] * sine
-        y_map[0], y_map[1] = window[LENGTH] * sine, window[WIDTH] * cosine
-        x_map[2] = (window[0] - place[LEFT] + 0.5) / factor - 0.5
-        y_map[2] = (window[1] - place[TOP] + 0.5) / factor - 0.5
-        across, down = np.int32(place[ACROSS]), np.int32(place[DOWN])
-        _aim(grid, x_map, y_map, across, down, near, right, below)
-        part = quads[place[START] : place[START] + place[ACROSS] * place[DOWN]]
-        for pixel in range(pixels):
-            near[pixel] = part[np.uint32(near[pixel])]
-        _blend(near, right, below, patches[index])
+        _read(quads, places[index // each], factor, windows[index], grid, near, between, patches[index])
+
+
+@compiled
+def _compare(
+    quads: QuadArray,
+    places: IntArray,
+    factor: int,
+    windows: FloatArray,
+    grid: Float32Array,
+    rows: Float32Array,
+    constants: Float32Array,
+    results: FloatArray,
+    first_patches: Float32Array,
+) -> None:
+    """Reads as many windows as stay in the cache, multiplies them with their template, and so on."""
+    pixels, columns = grid.shape[1], rows.shape[1]
+    together = max(1, min(LARGEST_PRODUCT // (columns * pixels), MOST_TOGETHER, windows.shape[1]))
+    near, between = np.empty(pixels, np.int32), np.empty((2, pixels), np.float32)
+    patches, products = np.empty((together, pixels), np.float32), np.empty((together, columns), np.float32)
+    for target in range(len(windows)):
+        template = rows[target].T
+        for start in range(0, windows.shape[1], together):
+            count = min(together, windows.shape[1] - start)
+            for index in range(count):
+                window = windows[target, start + index]
+                _read(quads, places[target], factor, window, grid, near, between, patches[index])
+            if start == 0:
+                first_patches[target] = patches[0]
+            np.dot(patches[:count], template, products[:count])
+            for index in range(count):
+                power = np.dot(patches[index], patches[index])
+                result = _residual(products[index], power, constants[target, 0], constants[target, 1], pixels)
+                results[target, start + index] = result
+
+
+@compiled
+def _residual(
+    products: Float32Array, power: float, sums: Float32Array, along_mean: Float32Array, pixels: int
+) -> float:
+    """What of a normalised patch lies outside an eigen space, mean square.
+
+    Args:
+        products: float32[k + 2], the patch times [basis, mean, 1].
+        power: its sum of squares.
+        sums: float32[k + 1], of basis and mean.
+        along_mean: float32[k + 1], products of basis and mean with the mean.
+        pixels: of the patch.
+    """
+    known = len(products) - 2
+    average = products[known + 1] / pixels
+    variance = max(power / pixels - average**2, 0.0)
+    deviation = max(np.sqrt(variance), DEVIATION_FLOOR)
+    like_mean = (products[known] - average * sums[known]) / deviation
+    outside = pixels * variance / deviation**2 - 2 * like_mean + along_mean[known]
+    for component in range(known):
+        along = (products[component] - average * sums[component]) / deviation
+        outside -= (along - along_mean[component]) ** 2
+    return float(max(outside, 0.0) / pixels)
+
+
+@compiled
+def _read(
+    quads: QuadArray,
+    place: IntArray,
+    factor: int,
+    window: FloatArray,
+    grid: Float32Array,
+    near: QuadArray,
+    between: Float32Array,
+    patch: Float32Array,
+) -> None:
+    """Bilinear samples of one window; `near` int32[p] and `between` float32[2, p] are overwritten."""
+    cosine, sine = np.cos(window[ANGLE]) / factor, np.sin(window[ANGLE]) / factor
+    x_map = (
+        np.float32(window[LENGTH] * cosine),
+        np.float32(-window[WIDTH] * sine),
+        np.float32((window[0] - place[LEFT] + 0.5) / factor - 0.5),
+    )
+    y_map = (
+        np.float32(window[LENGTH] * sine),
+        np.float32(window[WIDTH] * cosine),
+        np.float32((window[1] - place[TOP] + 0.5) / factor - 0.5),
+    )
+    across, down = np.int32(place[ACROSS]), np.int32(place[DOWN])
+    right, below = between[0], between[1]
+    _aim(grid, x_map, y_map, across, down, near, right, below)
+    part = quads[place[START] : place[START] + place[ACROSS] * place[DOWN]]
+    for pixel in range(len(near)):
+        near[pixel] = part[np.uint32(near[pixel])]
+    _blend(near, right, below, patch)
 
 
 @compiled
 def _aim(
     grid: Float32Array,
-    x_map: Float32Array,
-    y_map: Float32Array,
+    x_map: tuple[np.float32, np.float32, np.float32],
+    y_map: tuple[np.float32, np.float32, np.float32],
     across: np.int32,
     down: np.int32,
     near: QuadArray,
@@ -154,8 +271,8 @@ def _aim(
 ) -> None:
     """Index of the pixel at or before each sample, held inside the part, and the rest of the way."""
     u, v = grid[0], grid[1]
-    x_u, x_v, x_0 = x_map[0], x_map[1], x_map[2]
-    y_u, y_v, y_0 = y_map[0], y_map[1], y_map[2]
+    x_u, x_v, x_0 = x_map
+    y_u, y_v, y_0 = y_map
     nothing = np.float32(0)
     last_x, last_y = np.float32(across - 1), np.float32(down - 1)
     for pixel in range(len(near)):

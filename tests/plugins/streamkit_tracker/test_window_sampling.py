@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from streamkit_tracker.eigen_template import EigenSettings, EigenTemplate, eigen_distances
 from streamkit_tracker.frame_crops import MIDDLE_GREY
 from streamkit_tracker.window_sampling import WindowSampler, shrink_factor
 
@@ -97,3 +98,28 @@ def test_colour_images_are_refused():
     """The sampler reads brightness only."""
     with pytest.raises(ValueError, match=r"grey image.*\(4, 4, 3\)"):
         WindowSampler().look_at(np.zeros((4, 4, 3), np.uint8))
+
+
+@pytest.mark.parametrize("patch", [(32, 32), (20, 12)])
+def test_windows_are_compared_as_their_patches_are(patch: tuple[int, int]):
+    """Distances read straight from the frame are those of the sampled patches, for each template its own."""
+    random = np.random.default_rng(4)
+    sampler = WindowSampler()
+    sampler.look_at(random.integers(0, 256, (120, 160), dtype=np.uint8))
+    windows = np.empty((2, 40, 5))
+    windows[..., :2] = random.uniform(30, 90, (2, 40, 2))
+    windows[..., 2:] = [30, 20, 0.4]
+    patches = sampler.sample(windows.reshape(-1, 5), patch).reshape(2, 40, -1).copy()
+    templates = [
+        EigenTemplate(patches[0, 3], EigenSettings(4)),
+        EigenTemplate(patches[1, 7], EigenSettings(4)),
+    ]
+    for sample in patches[0, 10:20]:
+        templates[0].update(sample)
+    crops = sampler.crop(windows.reshape(-1, 5), 1, groups=2)
+    rows = np.stack([template.rows for template in templates])
+    constants = np.stack([template.constants for template in templates])
+    distances, first = sampler.distances(windows, patch, crops, rows, constants)
+    np.testing.assert_allclose(distances, eigen_distances(templates, patches), rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(first, patches[:, 0], atol=1e-2)
+    assert distances[1].argmin() == 7
