@@ -1,8 +1,10 @@
 """Gated assignment."""
 
 import numpy as np
+import pytest
+from scipy.optimize import linear_sum_assignment
 
-from streamkit_tracker.association import assign, compare
+from streamkit_tracker.association import FORBIDDEN, assign, compare
 
 
 def test_the_total_cost_counts_not_the_nearest():
@@ -16,6 +18,32 @@ def test_pairs_outside_the_gate_stay_apart():
     allowed = np.array([[True, False], [False, False]])
     assert assign(np.where(allowed, 1.0, np.inf), allowed) == [(0, 0)]
     assert assign(np.zeros((0, 3)), np.zeros((0, 3), bool)) == []
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (6, 6), (20, 19), (19, 40), (40, 13)])
+def test_no_pairing_is_cheaper(shape: tuple[int, int]):
+    """The total is that of scipy's assignment, whichever side has more, with few or many forbidden pairs."""
+    generator = np.random.default_rng(shape)
+    for share in (0.0, 0.5, 0.95):
+        costs = generator.uniform(0.0, 20.0, shape)
+        allowed = generator.random(shape) >= share
+        pairs = assign(costs, allowed)
+        finite = np.where(allowed, costs, FORBIDDEN)
+        rows, columns = linear_sum_assignment(finite)
+        kept = allowed[rows, columns]
+        assert pairs == list(zip(rows[kept].tolist(), columns[kept].tolist(), strict=True))
+
+
+def test_equal_costs_are_no_trouble():
+    """Where every pairing is as good as any other each row still gets a column of its own."""
+    pairs = assign(np.ones((5, 4)), np.ones((5, 4), bool))
+    assert len({row for row, _ in pairs}) == len({column for _, column in pairs}) == len(pairs) == 4
+
+
+def test_costs_beyond_all_measure_end_nothing():
+    """A cost near the largest float, or none at all, is the last choice."""
+    costs = np.array([[1e308, np.nan, 2.0], [1e308, np.inf, 1.0]])
+    assert (1, 2) in assign(costs, np.ones((2, 3), bool))
 
 
 def expected(*, variances: tuple[float, float] = (8.0, 3.0), reach: float = 100.0) -> np.ndarray:
