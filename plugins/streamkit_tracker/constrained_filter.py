@@ -42,7 +42,9 @@ class ConstrainedFilter:
 
     def answer(self, spectrum: ComplexArray) -> ComplexArray:
         """Spectrum complex64[rows, columns // 2 + 1] of the response to a patch, given its own."""
-        return np.asarray((self._filter * spectrum).sum(axis=0) * self._scaling)
+        result = np.empty(spectrum.shape[1:], np.complex64)
+        _answer(self._filter, spectrum, self._scaling, result)
+        return result
 
     def learn(self, spectrum: ComplexArray) -> None:
         """Learns a patch with the target in its middle."""
@@ -63,6 +65,19 @@ class ConstrainedFilter:
             _split(free, self._cut(free), cheap, dear, inside, dual)
             penalty = min(penalty * PENALTY_STEP, LAST_PENALTY)
         self._filter = inside
+
+
+@compiled
+def _answer(weights: ComplexArray, spectrum: ComplexArray, scaling: np.float32, result: ComplexArray) -> None:
+    """Sum over the channels of the filter times a patch; `result` complex64[rows, columns] is filled."""
+    frequencies = result.reshape(result.size)
+    frequencies[:] = 0
+    for channel in range(len(weights)):
+        weight, patch = weights[channel].reshape(result.size), spectrum[channel].reshape(result.size)
+        for index in range(len(frequencies)):
+            frequencies[index] += weight[index] * patch[index]
+    for index in range(len(frequencies)):
+        frequencies[index] *= scaling
 
 
 @compiled

@@ -41,7 +41,7 @@ def gradient_channels(patches: Float32Array) -> Float32Array:
 @compiled
 def _average(patches: Float32Array, channels: Float32Array) -> None:
     """Means over cells of the rectified gradients and of the grey level."""
-    sums = np.empty((GREY + 1, SAMPLES), np.float32)
+    sums, totals = np.empty((GREY + 1, SAMPLES), np.float32), np.empty((GREY + 1, GRID), np.float32)
     across, down = np.zeros(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
     for index in range(len(patches)):
         for row in range(GRID):
@@ -61,7 +61,7 @@ def _average(patches: Float32Array, channels: Float32Array) -> None:
                 _add_rectified(across, down, np.float32(1), np.float32(1), sums[1])
                 _add_rectified(across, down, np.float32(0), np.float32(1), sums[2])
                 _add_rectified(across, down, np.float32(-1), np.float32(1), sums[3])
-            _to_cells(sums, channels[index, :, row])
+            _to_cells(sums, totals, channels[index], row)
 
 
 @compiled
@@ -80,25 +80,33 @@ def _add_rectified(
 
 
 @compiled
-def _to_cells(sums: Float32Array, cells: Float32Array) -> None:
-    """Means float32[channels, grid] over a row of cells, from sums over its lines float32[7, samples].
+def _to_cells(sums: Float32Array, totals: Float32Array, channels: Float32Array, row: int) -> None:
+    """Means over a row of cells, from sums over its lines.
 
     The opposite directions need no sums of their own: a rectified mean is this one less the plain mean.
+
+    Args:
+        sums: float32[7, samples].
+        totals: float32[7, grid], is overwritten.
+        channels: float32[channels, grid, grid], of which the row is filled.
+        row: which one.
     """
-    share, diagonal = np.float32(1 / CELL**2), np.float32(np.sqrt(0.5))
-    total = np.empty(GREY + 1, np.float32)
-    for cell in range(GRID):
-        for kind in range(GREY + 1):
-            total[kind] = (
-                sums[kind, CELL * cell] + sums[kind, CELL * cell + 1] + sums[kind, CELL * cell + 2]
-            ) * share
-        x, y = total[ACROSS], total[DOWN]
-        for direction in range(HALF):
-            scale = diagonal if direction % 2 else np.float32(1)
-            plain = x if direction == 0 else y + (1 - (direction - 1)) * x
-            cells[direction, cell] = scale * total[direction]
-            cells[direction + HALF, cell] = scale * (total[direction] - plain)
-        cells[DIRECTIONS, cell] = total[GREY]
+    share, diagonal, one = np.float32(1 / CELL**2), np.float32(np.sqrt(0.5)), np.float32(1)
+    for kind in range(GREY + 1):
+        samples, total = sums[kind], totals[kind]
+        for cell in range(GRID):
+            total[cell] = (samples[CELL * cell] + samples[CELL * cell + 1] + samples[CELL * cell + 2]) * share
+    x, y = totals[ACROSS], totals[DOWN]
+    for direction in range(HALF):
+        scale = diagonal if direction % 2 else one
+        x_part, y_part = np.float32(1 if direction == 0 else 2 - direction), np.float32(min(direction, 1))
+        total, along = totals[direction], channels[direction, row]
+        opposite = channels[direction + HALF, row]
+        for cell in range(GRID):
+            along[cell] = scale * total[cell]
+        for cell in range(GRID):
+            opposite[cell] = scale * (total[cell] - (x_part * x[cell] + y_part * y[cell]))
+    channels[DIRECTIONS, row] = totals[GREY]
 
 
 @compiled
