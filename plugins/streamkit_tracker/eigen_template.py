@@ -14,7 +14,6 @@ from streamkit_tracker.window_geometry import FloatArray
 
 DEVIATION_FLOOR = 4.0
 TEXTURE_FLOOR = 0.05
-EVERY = slice(None)
 NOISE_SHARE = 0.02  # residual a pixel has anyway; directions that vary less are not forgiven
 
 
@@ -108,39 +107,24 @@ class EigenTemplate:
         _forgive(self.basis, self.singular_values, self.mean, noise, self.rows, self.constants)
 
 
-class EigenStack:
-    """Templates of t targets side by side, to be compared with several patches each.
+def eigen_distances(templates: Sequence[EigenTemplate], patches: Float32Array) -> FloatArray:
+    """Mean squared residuals of normalised patches, with several patches for each template.
+
+    The normalisation is folded into one product with [basis, mean, 1], so no normalised copy is made.
 
     Args:
         templates: t of them, with the same number of components.
+        patches: float32[t, n, p], grey levels minus 128.
+
+    Returns:
+        float64[t, n]; 0 is a perfect match, about 2 an unrelated patch.
     """
-
-    def __init__(self, templates: Sequence[EigenTemplate]) -> None:
-        self._columns = np.stack([template.rows for template in templates]).transpose(0, 2, 1)
-        self._constants = np.stack([template.constants for template in templates])
-
-    def distances(self, patches: Float32Array, chosen: slice = EVERY) -> FloatArray:
-        """Mean squared residuals of normalised patches.
-
-        The normalisation is folded into one product with [basis, mean, 1], so no normalised copy is made.
-
-        Args:
-            patches: float32[c, n, p], grey levels minus 128, for the c templates that are `chosen`.
-            chosen: which of the templates.
-
-        Returns:
-            float64[c, n]; 0 is a perfect match, about 2 an unrelated patch.
-        """
-        products = product(patches, self._columns[chosen])
-        result = np.empty(patches.shape[:2])
-        power = np.vecdot(patches, patches)
-        _residuals(products, power, self._constants[chosen], patches.shape[2], result)
-        return result
-
-
-def eigen_distances(templates: Sequence[EigenTemplate], patches: Float32Array) -> FloatArray:
-    """Distances float64[t, n] of patches float32[t, n, p] to t templates, see `EigenStack`."""
-    return EigenStack(templates).distances(patches)
+    columns = np.stack([template.rows for template in templates]).transpose(0, 2, 1)
+    constants = np.stack([template.constants for template in templates])
+    result = np.empty(patches.shape[:2])
+    power = np.vecdot(patches, patches)
+    _residuals(product(patches, columns), power, constants, patches.shape[2], result)
+    return result
 
 
 def normalise(patches: Float32Array) -> Float32Array:

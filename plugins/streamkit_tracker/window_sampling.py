@@ -117,7 +117,7 @@ class WindowSampler:
         rows: Float32Array,
         constants: Float32Array,
     ) -> tuple[FloatArray, Float32Array]:
-        """Compares windows with templates without ever holding all samples, see `EigenStack.distances`.
+        """Compares windows with templates without ever holding all samples, see `eigen_distances`.
 
         Args:
             windows: float64[t, n, 5], n for each template.
