@@ -20,6 +20,7 @@ from streamkit import (
     luma,
     write_remedy,
 )
+from streamkit_kernels import COMPILING, telling
 from streamkit_wavelet_eigen.appearance import Appearance, Settings
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
 from streamkit_wavelet_eigen.gallery import Gallery, empty_gallery
@@ -30,6 +31,7 @@ from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing, Threshold
 from streamkit_wavelet_eigen.recipe import PRESETS, Basis, Metric, Recipe, Views
 from streamkit_wavelet_eigen.target_features import TargetFeatures
 from streamkit_wavelet_eigen.targets import Look, Targets, TargetSource, detected, given, tracked
+from streamkit_wavelet_eigen.warm_up import warm_up
 from streamkit_wavelet_eigen.windows import cut_windows
 
 
@@ -105,6 +107,8 @@ class WaveletEigen(Transform):
 
     def start(self) -> None:
         """Reads the model and the gallery, and sees that the result can be saved."""
+        with telling(lambda: self.post_warning(COMPILING)):
+            warm_up()
         self._counts: Counter[str] = Counter()
         self._appearance = None
         model = self._load()
@@ -148,9 +152,9 @@ class WaveletEigen(Transform):
         windows = cut_windows(luma(frame), targets.places, appearance.patch, self.margin)
         self._counts.update(
             windows=len(windows.flat),
-            flat=int(windows.flat.sum()),
-            tiny=int(windows.tiny.sum()),
-            clipped=int((windows.clipped > 0).sum()),
+            flat=int(np.count_nonzero(windows.flat)),
+            tiny=int(np.count_nonzero(windows.tiny)),
+            clipped=int(np.count_nonzero(windows.clipped)),
         )
         seen = appearance.look(windows, learn=self.learn, label=self.label)
         if seen is None or appearance.space is None:

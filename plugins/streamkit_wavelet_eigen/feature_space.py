@@ -89,10 +89,12 @@ class WaveletEigenSpace:
     def project(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> Projection:
         """Vectors of windows that are prepared already, with what they hold of them; `flat` get zeros."""
         blocks, coordinates = self._coordinates(prepared)
-        centred = blocks - self._stacked[2]
-        total = np.einsum("nbd,nbd->n", centred, centred)
-        held = np.einsum("nbk,nbk->n", coordinates, coordinates)
-        missed = np.maximum(total - held, 0.0) / max(blocks.shape[1] * blocks.shape[2], 1)
+        count, values = len(blocks), blocks.shape[1] * blocks.shape[2]
+        centred = (blocks - self._stacked[2]).reshape(count, values)
+        total = np.vecdot(centred, centred)
+        flat_coordinates = coordinates.reshape(count, coordinates.shape[1] * coordinates.shape[2])
+        held = np.vecdot(flat_coordinates, flat_coordinates)
+        missed = np.maximum(total - held, 0.0) / max(values, 1)
         energy = np.divide(held, total, out=np.ones_like(total), where=total > 0)
         return Projection(self._vectors(coordinates, flat), np.sqrt(missed), np.clip(energy, 0.0, 1.0))
 

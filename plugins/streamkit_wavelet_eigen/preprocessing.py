@@ -3,18 +3,15 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit_wavelet_eigen.equalisation import equalise, equalise_own_range
+from streamkit_wavelet_eigen.shrinkage import noise_deviations, shrink_details
 from streamkit_wavelet_eigen.wavelet import FloatBatch, Subbands, decompose, reconstruct, transform_matrix
 
-# The median of |x| of a normal variable is 0.6745 standard deviations.
-MEDIAN_TO_SIGMA = 0.6745
 # Pixels worked on at once: intermediate arrays stay in the cache, and memory does not grow with the batch.
 CHUNK_PIXELS = 64 * 32 * 32
-# The LL band of a constant patch varies by float32 rounding, up to about 1e-4.
-CONSTANT_SPAN = 1e-3
 
 
 class Mode(StrEnum):
@@ -94,12 +91,15 @@ def prepare(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
 
 def _prepare_chunk(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
     bands = decompose(patches, how.wavelet)
-    paper = how.mode is Mode.PAPER
     denoised = threshold_details(bands, how.threshold)
-    if paper:
-        denoised.ll[...] = equalise_own_range(bands.ll)
-    restored = np.clip(reconstruct(denoised, how.wavelet), 0.0, 255.0)
-    return equalise(restored) if paper else restored
+    if how.mode is not Mode.PAPER:
+        return np.clip(reconstruct(denoised, how.wavelet), 0.0, 255.0)
+    low = np.empty(bands.ll.shape, np.float32)
+    equalise_own_range(bands.ll, low)
+    denoised.ll[...] = low
+    restored = reconstruct(denoised, how.wavelet)
+    equalise(restored)
+    return restored
 
 
 def _approximated(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
@@ -111,23 +111,6 @@ def _approximated(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
         low *= np.float32(0.5)
         patches = low
     return patches
-
-
-def equalise(patches: FloatBatch) -> FloatBatch:
-    """Equalises the grey histogram of each patch: float32[n, h, w] in 0..255 to the same."""
-    grey = np.rint(patches).astype(np.uint8)
-    for patch in grey:
-        cv2.equalizeHist(patch, dst=patch)
-    return grey.astype(np.float32)
-
-
-def equalise_own_range(bands: FloatBatch) -> FloatBatch:
-    """Equalises each band within its own minimum and maximum: float32[n, h, w] to the same."""
-    lowest = bands.min(axis=(1, 2), keepdims=True)
-    span = bands.max(axis=(1, 2), keepdims=True) - lowest
-    scale = np.divide(255.0, span, out=np.zeros_like(span), where=span > CONSTANT_SPAN)
-    equalised: FloatBatch = equalise((bands - lowest) * scale) * (span / np.float32(255.0)) + lowest
-    return equalised
 
 
 def threshold_details(bands: Subbands, rule: Threshold) -> Subbands:
@@ -144,35 +127,20 @@ def threshold_details(bands: Subbands, rule: Threshold) -> Subbands:
     """
     if rule is Threshold.NONE or not bands.coefficients.size:
         return Subbands(bands.coefficients.copy())
-    sigma = _noise_deviation(bands.hh)
+    coefficients = np.ascontiguousarray(bands.coefficients)
+    sigma = np.empty(len(coefficients), np.float32)
+    noise_deviations(coefficients, sigma)
     if rule is Threshold.VISU:
-        shrunk = _shrunk_by_one_limit(bands.coefficients, sigma)
-    else:
-        limits = _bayes_limits(bands.quarters, sigma[:, None, None, None, None])
-        # x - clip(x, -t, t) is the soft threshold, in two passes over the data instead of five.
-        quarters = bands.quarters - np.clip(bands.quarters, -limits, limits)
-        shrunk = Subbands(quarters.reshape(bands.coefficients.shape))
+        shrunk = Subbands(np.empty_like(coefficients))
+        limits = sigma * np.float32(np.sqrt(2.0 * np.log(coefficients[0].size)))
+        shrink_details(coefficients, limits, shrunk.coefficients)
+        return shrunk
+    limits = _bayes_limits(bands.quarters, sigma[:, None, None, None, None])
+    # x - clip(x, -t, t) is the soft threshold, in two passes over the data instead of five.
+    quarters = bands.quarters - np.clip(bands.quarters, -limits, limits)
+    shrunk = Subbands(quarters.reshape(bands.coefficients.shape))
     shrunk.ll[...] = bands.ll
     return shrunk
-
-
-def _shrunk_by_one_limit(coefficients: FloatBatch, sigma: NDArray[np.float32]) -> Subbands:
-    """All coefficients of a patch against one limit: long rows run several times faster than quarters."""
-    rows = coefficients.reshape(len(coefficients), -1)
-    limits = (sigma * np.float32(np.sqrt(2.0 * np.log(rows.shape[1]))))[:, None]
-    clipped = np.clip(rows, -limits, limits)
-    np.subtract(rows, clipped, out=clipped)
-    return Subbands(clipped.reshape(coefficients.shape))
-
-
-def _noise_deviation(band: FloatBatch) -> NDArray[np.float32]:
-    """Noise of each band, float32[n]. One partition takes a fraction of np.median's time."""
-    magnitudes = np.abs(band).reshape(len(band), band.shape[1] * band.shape[2])
-    middle = magnitudes.shape[1] // 2
-    magnitudes.partition(middle, axis=1)
-    upper = magnitudes[:, middle]
-    lower = upper if magnitudes.shape[1] % 2 else magnitudes[:, :middle].max(axis=1)
-    return np.asarray((lower + upper) / np.float32(2 * MEDIAN_TO_SIGMA), np.float32)
 
 
 def _bayes_limits(coefficients: FloatBatch, sigma: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_wavelet_eigen.feature_space import flat_windows
+from streamkit_wavelet_eigen.feature_space import FLAT_DEVIATION
+from streamkit_wavelet_eigen.square_windows import DEVIATION, EXTENT, OUTSIDE, TURN, cut_squares
 
 # Pixels; a smaller target is mostly blur and compression.
 TINY_SIDE = 8
@@ -65,32 +66,16 @@ def cut_windows(
         The windows; a target whose numbers are not finite has an all-zero patch, flat and wholly clipped.
     """
     height, width = image.shape
-    places = np.reshape(np.asarray(places, np.float64), (-1, 5))
-    valid = np.asarray(np.isfinite(places).all(axis=1))
-    extents = np.where(valid, places[:, 2:4].max(axis=1), 0.0)
-    # A box may be as large as a float: the margin then has to come after the limit.
-    sides = np.clip(np.rint(np.minimum(extents, 4.0 * max(height, width)) * margin), 1, max(height, width))
-    # Farther out every window is the same edge pixels, and the coordinates would overflow OpenCV's int.
-    farthest = np.array([[width, height]]) + sides[:, None]
-    centres = np.clip(np.nan_to_num(places[:, :2]), -sides[:, None], farthest)
-    patches = np.zeros((len(places), patch, patch), np.float32)
-    clipped = np.ones(len(places))
-    for index in np.flatnonzero(valid).tolist():
-        (x, y), side = centres[index].tolist(), int(sides[index])
-        angle = math.remainder(float(places[index, 4]), 2 * math.pi)
-        if angle == 0.0:
-            patches[index] = _upright(image, x, y, side, patch)
-            clipped[index] = 1.0 - _share_inside(x, side, width) * _share_inside(y, side, height)
-        else:
-            patches[index] = _turned(image, x, y, side, angle, patch)
-            clipped[index] = _share_outside(x, y, side, angle, width, height)
-    return Windows(patches, flat_windows(patches), clipped, extents < TINY_SIDE)
-
-
-def _upright(image: NDArray[np.uint8], x: float, y: float, side: int, patch: int) -> NDArray[np.uint8]:
-    window = cv2.getRectSubPix(image, (side, side), (x, y))
-    shrink = cv2.INTER_AREA if side > patch else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(window, (patch, patch), interpolation=shrink), np.uint8)
+    places = np.ascontiguousarray(places, np.float64).reshape(-1, 5)
+    patches, facts = np.zeros((len(places), patch, patch), np.float32), np.empty((len(places), 7))
+    cut_squares(image, places, margin, patches, facts)
+    for index in np.flatnonzero(facts[:, TURN]).tolist():
+        _, x, y, side, angle, _, _ = facts[index].tolist()
+        patches[index] = _turned(image, x, y, int(side), angle, patch)
+        facts[index, DEVIATION] = patches[index].std()
+        facts[index, OUTSIDE] = _share_outside(x, y, int(side), angle, width, height)
+    flat, tiny = facts[:, DEVIATION] < FLAT_DEVIATION, facts[:, EXTENT] < TINY_SIDE
+    return Windows(patches, flat, facts[:, OUTSIDE].copy(), tiny)
 
 
 def _turned(
@@ -117,12 +102,6 @@ def _turned(
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     turned = cv2.warpAffine(crop, matrix, (patch, patch), flags=flags, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(turned, np.uint8)
-
-
-def _share_inside(centre: float, side: int, length: int) -> float:
-    """Share of [centre - side / 2, centre + side / 2] within the pixels 0 .. length - 1."""
-    first, last = max(centre - side / 2, -0.5), min(centre + side / 2, length - 0.5)
-    return max(last - first, 0.0) / side
 
 
 def _share_outside(x: float, y: float, side: int, angle: float, width: int, height: int) -> float:
