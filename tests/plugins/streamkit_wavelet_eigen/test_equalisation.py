@@ -12,8 +12,6 @@ def test_equalised_levels_are_those_of_opencv(levels: int) -> None:
     """Every grey level is the one that cv2.equalizeHist gives, for pictures of few levels and of many."""
     generator = np.random.default_rng(levels)
     shades, chosen = generator.integers(0, 256, (40, levels)), generator.integers(0, levels, (40, 240))
-        np.arange(40)[:, None], generator.integers(0, levels, (40, 240))
-    ]
     patches = np.take_along_axis(shades, chosen, axis=1).reshape(40, 12, 20).astype(np.uint8)
     equalised = patches.astype(np.float32)
     equalise(equalised)
