@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from streamkit_differencer.canvas_region import Region
 
     ByteImage = NDArray[np.uint8]
+    ByteLine = NDArray[np.uint8]
     PairImage = NDArray[np.uint16]
     WholeNumbers = NDArray[np.uint32]
     Coordinates = NDArray[np.float32]
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 
 # Places are rounded to this part of a pixel; 32 bits hold a value times its square.
 STEPS = 2048
-# Lines of the canvas that are looked at together.
-BAND = 16
+# Lines of the canvas that are looked at together, and empty columns that part what is looked at in them.
+BAND, GAP = 16, 8
 
 
 @kernel(INPUT, PAIRS, TABLE, BYTES, REGION)
@@ -81,36 +82,57 @@ def fetch(canvas: ByteImage, region: Region, to_canvas: Matrix, to_image: Matrix
         for column in range(width):
             image[row, column] = 0
     # Only where there is something: nearest neighbours of the rest are empty.
+    united = np.empty(right - left, np.uint8)
     for band in range(top, bottom, BAND):
-        start, stop = _extent(canvas, (band, min(band + BAND, bottom), left, right))
-        if start >= stop:
-            continue
-        first, last, low, high = _outline(to_image, band - 1, min(band + BAND, bottom), start - 1, stop)
-        for row in range(max(first, 0), min(last, height)):
-            for column in range(max(low, 0), min(high, width)):
-                nearness = 1.0 / (to_canvas[2, 0] * column + to_canvas[2, 1] * row + to_canvas[2, 2])
-                across = to_canvas[0, 0] * column + to_canvas[0, 1] * row + to_canvas[0, 2]
-                down = to_canvas[1, 0] * column + to_canvas[1, 1] * row + to_canvas[1, 2]
-                x, y = int(np.rint(across * nearness)), int(np.rint(down * nearness))
-                if top <= y < bottom and left <= x < right:
-                    image[row, column] = canvas[y, x]
+        end = min(band + BAND, bottom)
+        _unite(canvas, (band, end, left, right), united)
+        start, stop = _next_run(united, 0)
+        while start < stop:
+            outline = _outline(to_image, band - 1, end, left + start - 1, left + stop)
+            _copy_nearest(canvas, region, to_canvas, outline, image)
+            start, stop = _next_run(united, stop)
 
 
 @compiled
-def _extent(mask: ByteImage, region: Region) -> tuple[int, int]:
-    """First column that has something, and the one after the last."""
+def _unite(mask: ByteImage, region: Region, united: ByteLine) -> None:
+    """Of each column whether one of its pixels has something."""
     top, bottom, left, right = region
-    united = np.zeros(right - left, np.uint8)
+    for index in range(united.size):
+        united[index] = 0
     for row in range(top, bottom):
         line = mask[row, left:right]
         for index in range(line.size):
             united[index] |= line[index]
-    start, stop = 0, united.size
-    while start < stop and united[start] == 0:
+
+
+@compiled
+def _next_run(united: ByteLine, start: int) -> tuple[int, int]:
+    """The first column from `start` on that has something, and the one after the last before a gap."""
+    while start < united.size and united[start] == 0:
         start += 1
-    while stop > start and united[stop - 1] == 0:
-        stop -= 1
-    return left + start, left + stop
+    stop = last = start
+    while last < united.size and last - stop < GAP:
+        if united[last] > 0:
+            stop = last + 1
+        last += 1
+    return start, stop
+
+
+@compiled
+def _copy_nearest(
+    canvas: ByteImage, region: Region, to_canvas: Matrix, outline: Region, image: ByteImage
+) -> None:
+    """Fetches what lies within an outline in the image."""
+    top, bottom, left, right = region
+    first, last, low, high = outline
+    for row in range(max(first, 0), min(last, image.shape[0])):
+        for column in range(max(low, 0), min(high, image.shape[1])):
+            nearness = 1.0 / (to_canvas[2, 0] * column + to_canvas[2, 1] * row + to_canvas[2, 2])
+            across = to_canvas[0, 0] * column + to_canvas[0, 1] * row + to_canvas[0, 2]
+            down = to_canvas[1, 0] * column + to_canvas[1, 1] * row + to_canvas[1, 2]
+            x, y = int(np.rint(across * nearness)), int(np.rint(down * nearness))
+            if top <= y < bottom and left <= x < right:
+                image[row, column] = canvas[y, x]
 
 
 @compiled
