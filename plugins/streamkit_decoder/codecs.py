@@ -87,8 +87,8 @@ def stream_parameters(stream: VideoStream) -> CodecParameters:
 
 
 def stream_rate(stream: VideoStream) -> Fraction | None:
-    """Frames per second of a stream, measured by FFmpeg or else guessed; None if unknown."""
-    for rate in (stream.average_rate, stream.guessed_rate):
+    """Frames per second of a stream: measured, else what the codec tells, else guessed; None if unknown."""
+    for rate in (stream.average_rate, stream.codec_context.framerate, stream.guessed_rate):
         if rate is not None and 0 < rate < 100_000:
             return Fraction(rate)
     return None

@@ -10,7 +10,7 @@ from itertools import islice
 
 import av
 from av.container import InputContainer
-from av.error import FFmpegError, HTTPForbiddenError, HTTPUnauthorizedError
+from av.error import FFmpegError, HTTPForbiddenError, HTTPUnauthorizedError, InvalidDataError
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
@@ -39,6 +39,10 @@ class UnsupportedTransport(ResourceError):
 
 class TimedOut(ResourceError):
     """The other side did not answer, or not in full, within the limit."""
+
+
+class InvalidMedia(ResourceError):
+    """What the other side sends cannot be made out."""
 
 
 def open_container(
@@ -124,7 +128,8 @@ def open_failure(location: str, error: Exception, elapsed_s: float, limit_s: flo
             "check that it plays elsewhere, or allow more time"
         )
     if is_network(location):
-        return ResourceError(f"{where}: cannot be opened: {reason_of(error)}; check address, port and path")
+        kind = InvalidMedia if isinstance(error, InvalidDataError) else ResourceError
+        return kind(f"{where}: cannot be opened: {reason_of(error)}; check address, port and path")
     return StreamError(
         f"{where}: no media that FFmpeg can read: {reason_of(error)}{first_bytes(location)}; "
         "check that it is a whole video file"

@@ -31,6 +31,7 @@ GLUE = {
     "streamkit_decoder.container",
     "streamkit_decoder.rtsp.connection",
     "streamkit_decoder.rtsp.endpoint",
+    "streamkit_decoder.rtsp.livepackets",
     "streamkit_decoder.rtsp.packetreader",
     "streamkit_decoder.streams",
     "streamkit_decoder.telemetry.telemetrydecoder",

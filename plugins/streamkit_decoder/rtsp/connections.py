@@ -78,7 +78,7 @@ CLAIMS = Claims()
 
 def leads_to(name: str, port: int) -> bool:
     """Whether an open socket is connected to a port."""
-    connection = _duplicate(name)
+    connection = duplicate(name)
     if connection is None:
         return False
     with connection:
@@ -91,7 +91,7 @@ def leads_to(name: str, port: int) -> bool:
 def is_hung_up(names: frozenset[str]) -> bool:
     """Whether the other side has closed one of these TCP connections."""
     for name in names:
-        connection = _duplicate(name)
+        connection = duplicate(name)
         if connection is None:
             continue
         with connection:
@@ -117,7 +117,7 @@ def cut_connections(port: int, known: frozenset[str]) -> int:
     return sum(_cut(name, port) for name in open_sockets() if name not in known)
 
 
-def _duplicate(name: str) -> socket.socket | None:
+def duplicate(name: str) -> socket.socket | None:
     """A socket of our own on the same connection; None if it was closed meanwhile."""
     number = open_sockets().get(name)
     if number is None:
@@ -137,7 +137,7 @@ def _duplicate(name: str) -> socket.socket | None:
 
 
 def _cut(name: str, port: int) -> int:
-    connection = _duplicate(name)
+    connection = duplicate(name)
     if connection is None:
         return 0
     with connection:

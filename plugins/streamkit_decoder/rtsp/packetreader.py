@@ -13,17 +13,19 @@ from av.packet import Packet
 from av.stream import Stream
 
 from streamkit import Caps, Frame, ResourceError, StreamError, StreamkitError
-from streamkit_decoder.container import AccessRefused, TimedOut, open_container, video_stream
+from streamkit_decoder.container import AccessRefused, InvalidMedia, TimedOut, open_container, video_stream
 from streamkit_decoder.location import redact
-from streamkit_decoder.packets import read_packets
 from streamkit_decoder.rtsp import certificates
 from streamkit_decoder.rtsp.address import port_of
 from streamkit_decoder.rtsp.connections import CLAIMS, cut_connections, is_hung_up, open_sockets, refusal
+from streamkit_decoder.rtsp.livepackets import PIECES, LiveStreams, can_be_joined
 from streamkit_decoder.rtsp.packetring import PacketRing
 from streamkit_decoder.streams import StreamKind, stream_caps, streams_of
 
 CUT_EVERY_S = 0.05
 DIAGNOSIS_LIMIT_S = 1.0
+PLAIN = "rtsp"
+NO_OPTIONS: Mapping[str, str] = {}
 Arrival: TypeAlias = "Callable[[Packet[Stream], Caps, StreamKind], None]"
 
 
@@ -99,50 +101,79 @@ class PacketReader:
             self._ring.end(None if self._ending.is_set() else error)
 
     def _read(self) -> None:
+        # What RTP says of pictures can be seen on a plain TCP connection only.
+        is_plain = urlsplit(self._location).scheme == PLAIN and self._options.get("rtsp_transport") == "tcp"
+        if is_plain and self._read_in_pieces():
+            return
         with self._opened() as container:
-            if self._ending.is_set():
-                return
-            sockets = CLAIMS.claim(self, port_of(self._location), self._known)
-            video_stream(container, self._location)
-            streams = streams_of(container, self._kinds)
-            caps = {stream.index: stream_caps(stream, kind) for stream, kind in streams}
-            kinds = {stream.index: kind for stream, kind in streams}
-            self.found = frozenset(kinds.values())
-            self._asked = time.monotonic()
-            try:
-                packets = read_packets(container, *(stream for stream, _ in streams))
-                self._hand_on(packets, caps, kinds)
-            except StreamError as error:
-                if self._is_silent():
-                    raise silence(self._location, self._timeout_s) from None
-                where = redact(self._location)
-                raise StreamError(f"{where}: {error}; check that the server still runs") from None
-            if is_hung_up(sockets):
-                raise hung_up(self._location)
+            self._read_from(container)
+
+    def _read_in_pieces(self) -> bool:
+        """Reads what each RTP packet carries; False, with nothing read, where FFmpeg's parsers are needed."""
+        try:
+            container = self._opened(PIECES)
+        except InvalidMedia:
+            # Parameter sets that the server does not tell in advance are found by the parsers alone.
+            return False
+        with container:
+            if not self._ending.is_set():
+                if not can_be_joined(video_stream(container, self._location)):
+                    return False
+                self._read_from(container, in_pieces=True)
+        return True
+
+    def _read_from(self, container: InputContainer, *, in_pieces: bool = False) -> None:
+        if self._ending.is_set():
+            return
+        sockets = CLAIMS.claim(self, port_of(self._location), self._known)
+        video_stream(container, self._location)
+        streams = streams_of(container, self._kinds)
+        caps = {stream.index: stream_caps(stream, kind) for stream, kind in streams}
+        kinds = {stream.index: kind for stream, kind in streams}
+        self.found = frozenset(kinds.values())
+        self._asked = time.monotonic()
+        live = LiveStreams(container, streams, sockets)
+        try:
+            self._hand_on(live.joined(self._left_s) if in_pieces else live.packets(), caps, kinds)
+        except StreamError as error:
+            if self._is_silent():
+                raise silence(self._location, self._timeout_s) from None
+            where = redact(self._location)
+            raise StreamError(f"{where}: {error}; check that the server still runs") from None
+        if is_hung_up(sockets):
+            raise hung_up(self._location)
 
     def _hand_on(
-        self, packets: Iterator[Packet[Stream]], caps: Mapping[int, Caps], kinds: Mapping[int, StreamKind]
+        self,
+        packets: Iterator[tuple[int, Packet[Stream]]],
+        caps: Mapping[int, Caps],
+        kinds: Mapping[int, StreamKind],
     ) -> None:
-        for packet in packets:
+        for index, packet in packets:
             if self._ending.is_set():
                 return
             # At its time limit FFmpeg gives out the piece of a frame it holds, then waits as long again.
             if self._is_silent():
                 raise silence(self._location, self._timeout_s)
-            index = packet.stream_index
             self._arrived(packet, caps[index], kinds[index])
             self._asked = time.monotonic()
+
+    def _left_s(self) -> float:
+        return self._timeout_s - (time.monotonic() - self._asked)
 
     def _is_silent(self) -> bool:
         return time.monotonic() - self._asked >= self._timeout_s
 
-    def _opened(self) -> InputContainer:
+    def _opened(self, more: Mapping[str, str] = NO_OPTIONS) -> InputContainer:
         began = time.monotonic()
         try:
-            return open_container(self._location, self._options, (self._timeout_s, self._timeout_s))
+            options = {**self._options, **more}
+            return open_container(self._location, options, (self._timeout_s, self._timeout_s))
         except AccessRefused:
             raise
-        except ResourceError:
+        except ResourceError as error:
+            if more and isinstance(error, InvalidMedia):
+                raise
             left = self._timeout_s - (time.monotonic() - began)
             if left > 0 and not self._ending.is_set() and (reason := self._diagnosis(left)):
                 raise ResourceError(f"{redact(self._location)}: {reason}") from None
