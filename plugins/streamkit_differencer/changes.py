@@ -65,26 +65,43 @@ def update_waiting(
     ranges, both, changed = np.empty(count, np.uint8), np.empty(count, np.uint8), np.empty(count, np.uint8)
     step = SHARE_STEP if bottom - top >= SHARE_STEP**2 else 1
     total, common = np.int64(0), np.int64(0)
+    # Differences are whole.
+    most = np.uint8(min(max(threshold, 0.0), 255.0))
     for row in range(top, bottom):
-        here = earlier[row, left:right]
-        if gradient_gain > 0.0:
+        line, here = image[row, left:right], earlier[row, left:right]
+        _both(seen[row, left:right], earlier_seen[row, left:right], both)
+        # The gain makes no more of a difference: most lines are done with here.
+        _differs(line, here, both, most, changed)
+        if gradient_gain > 0.0 and _has_something(changed):
             above, below = (
                 earlier[max(row - 1, top), left:right],
                 earlier[min(row + 1, bottom - 1), left:right],
             )
             _range_around(above, here, below, lowest, highest, ranges)
-        else:
-            ranges[:] = 0
-        _both(seen[row, left:right], earlier_seen[row, left:right], both)
-        _changed(
-            image[row, left:right], here, ranges, np.float32(threshold), np.float32(gradient_gain), changed
-        )
+            _changed(line, here, ranges, np.float32(threshold), np.float32(gradient_gain), changed)
         if (row - top) % step == 0:
             for index in range(count):
                 total += np.int64(changed[index] & both[index] & np.uint8(1))
                 common += np.int64(both[index] & np.uint8(1))
         _wait(changed, both, waiting[row, left:right], quiet[row, left:right], quiet_frames)
     return int(total), int(common)
+
+
+@compiled
+def _differs(line: ByteLine, earlier: ByteLine, both: ByteLine, most: np.uint8, changed: ByteLine) -> None:
+    """Equation 2 for a line without edges."""
+    for index in range(changed.size):
+        now, before = line[index], earlier[index]
+        difference = np.uint8(max(now, before) - min(now, before))
+        changed[index] = (np.uint8(255) if difference > most else np.uint8(0)) & both[index]
+
+
+@compiled
+def _has_something(line: ByteLine) -> bool:
+    united = np.uint8(0)
+    for index in range(line.size):
+        united |= line[index]
+    return bool(united > 0)
 
 
 @compiled
@@ -135,6 +152,7 @@ def _wait(changed: ByteLine, both: ByteLine, waiting: ByteLine, quiet: ByteLine,
     for index in range(quiet.size):
         left = waiting[index]
         left = np.uint8(left - np.uint8(min(left, np.uint8(1))))
-        left = left | changed[index] | np.uint8(~both[index])
+        # Not `~`: of a byte that is a longer number, and fewer of those are handled at once.
+        left = np.uint8(left | changed[index] | np.uint8(both[index] ^ np.uint8(255)))
         waiting[index] = left
         quiet[index] = np.uint8(255) if left <= most else np.uint8(0)

@@ -59,27 +59,64 @@ def judge(
     count, reach = right - left, max(tolerance, 1)
     lowest, highest = np.empty(count + 2 * reach, np.uint8), np.empty(count + 2 * reach, np.uint8)
     low, high, borne = np.empty(count, np.uint8), np.empty(count, np.uint8), np.zeros(count, np.uint8)
-    for row in range(top, bottom):
+    for row in range(top, min(top + reach, bottom)):
         _rounded(background[row, left:right], rounded[row, left:right])
     for row in range(top, bottom):
-        here = rounded[row, left:right]
-        if tolerance > 0 or gradient_gain > 0.0:
-            _copied(here, lowest[reach : reach + count])
-            _copied(here, highest[reach : reach + count])
-            for other in range(max(row - reach, top), min(row + reach + 1, bottom)):
-                _widened(
-                    rounded[other, left:right], lowest[reach : reach + count], highest[reach : reach + count]
-                )
-            _bounds(lowest, highest, reach, low, high)
-        if gradient_gain > 0.0:
-            _shares(low, high, np.float32(gradient_gain), borne)
-        if tolerance == 0:
-            _copied(here, low)
-            _copied(here, high)
-        line, limits, level = image[row, left:right], needed[row, left:right], levels[row, left:right]
-        _judged(line, low, high, limits, borne, level)
+        if row + reach < bottom:
+            _rounded(background[row + reach, left:right], rounded[row + reach, left:right])
+        line, here, limits = image[row, left:right], rounded[row, left:right], needed[row, left:right]
+        level = levels[row, left:right]
+        # Neither the tolerance nor a gain makes more of a difference: most lines are done with here.
+        _compared(line, here, limits, level)
+        _known(seen[row, left:right], valid[row, left:right], level)
+        largest = _largest(level)
+        if largest <= GROUND:
+            continue
+        if largest < STRONG:
+            _empty(level)
+        else:
+            if tolerance > 0 or gradient_gain > 0.0:
+                _copied(here, lowest[reach : reach + count])
+                _copied(here, highest[reach : reach + count])
+                for other in range(max(row - reach, top), min(row + reach + 1, bottom)):
+                    _widened(
+                        rounded[other, left:right],
+                        lowest[reach : reach + count],
+                        highest[reach : reach + count],
+                    )
+                _bounds(lowest, highest, reach, low, high)
+            if gradient_gain > 0.0:
+                _shares(low, high, np.float32(gradient_gain), borne)
+            if tolerance == 0:
+                _copied(here, low)
+                _copied(here, high)
+            _judged(line, low, high, limits, borne, level)
         _weak(line, here, limits, np.float32(weak), level)
         _known(seen[row, left:right], valid[row, left:right], level)
+
+
+@compiled
+def _compared(line: ByteLine, ground: ByteLine, needed: ByteLine, level: ByteLine) -> None:
+    """The largest level that each pixel of a line can have."""
+    for index in range(level.size):
+        value, other = line[index], ground[index]
+        difference = np.uint8(max(value, other) - min(value, other))
+        kind = np.uint8(WEAK) if difference > np.uint8(LEAST_WEAK) else np.uint8(GROUND)
+        level[index] = np.uint8(STRONG) if difference > needed[index] else kind
+
+
+@compiled
+def _largest(level: ByteLine) -> int:
+    largest = np.uint8(UNKNOWN)
+    for index in range(level.size):
+        largest = max(largest, level[index])
+    return int(largest)
+
+
+@compiled
+def _empty(level: ByteLine) -> None:
+    for index in range(level.size):
+        level[index] = 0
 
 
 @compiled

@@ -23,11 +23,12 @@ if TYPE_CHECKING:
 
     ByteImage = NDArray[np.uint8]
     ByteLine = NDArray[np.uint8]
-    Flags = NDArray[np.bool_]
 
 # Growth takes so many steps of so many pixels.
 STEP_PX = 2
 MAJORITY = 5
+# Rows and columns of what is looked at together.
+BLOCK_ROWS, BLOCK_PX = 16, 64
 
 
 @kernel(BYTES, BYTES, REGION)
@@ -55,18 +56,23 @@ def grow(levels: ByteImage, room: ByteImage, mask: ByteImage, region: Region) ->
         region: of all three.
     """
     top, bottom, left, right = region
-    for row in range(top, bottom):
-        _strong(levels[row, left:right], room[row, left:right])
-    filled = _lines_with_something(room, region)
-    for row in range(top, bottom):
-        line = mask[row, left:right]
-        _empty(line)
-        if _is_any(filled, row - top, 1):
-            above, below = room[max(row - 1, top), left:right], room[min(row + 1, bottom - 1), left:right]
-            _majority(above, room[row, left:right], below, line)
-            _fill(line, levels[row, left:right])
-    _step(mask, levels, room, region)
-    _step(room, levels, mask, region)
+    _clear(mask, region)
+    _clear(room, region)
+    united = np.zeros(right - left + 2 * STEP_PX, np.uint8)
+    inner = united[STEP_PX : STEP_PX + right - left]
+    # Foreground is little: only blocks near some of it are looked at.
+    for first in range(top, bottom, BLOCK_ROWS):
+        last = min(first + BLOCK_ROWS, bottom)
+        _empty(inner)
+        for row in range(max(first - 1, top), min(last + 1, bottom)):
+            _unite_strong(levels[row, left:right], inner)
+        for start in range(left, right, BLOCK_PX):
+            stop = min(start + BLOCK_PX, right)
+            if _has_something(united[start - left + STEP_PX - 1 : stop - left + STEP_PX + 1]):
+                _vote(levels, mask, (first, last, start, stop), region)
+    _step(mask, levels, room, region, united)
+    _clear(mask, region)
+    _step(room, levels, mask, region, united)
 
 
 @compiled
@@ -76,25 +82,10 @@ def _strong(level: ByteLine, line: ByteLine) -> None:
 
 
 @compiled
-def _lines_with_something(mask: ByteImage, region: Region) -> Flags:
+def _clear(mask: ByteImage, region: Region) -> None:
     top, bottom, left, right = region
-    found = np.zeros(bottom - top, np.bool_)
     for row in range(top, bottom):
-        line = mask[row, left:right]
-        total = np.uint8(0)
-        for index in range(line.size):
-            total |= line[index]
-        found[row - top] = total > 0
-    return found
-
-
-@compiled
-def _is_any(filled: Flags, index: int, reach: int) -> bool:
-    """Whether one of the lines within `reach` has something."""
-    found = False
-    for other in range(max(index - reach, 0), min(index + reach + 1, filled.size)):
-        found |= filled[other]
-    return found
+        _empty(mask[row, left:right])
 
 
 @compiled
@@ -104,56 +95,116 @@ def _empty(line: ByteLine) -> None:
 
 
 @compiled
-def _majority(above: ByteLine, here: ByteLine, below: ByteLine, line: ByteLine) -> None:
-    """The median of a line's squares of three by three; beyond the picture it goes on as at its border."""
-    count = line.size
-    sums = np.empty(count + 2, np.uint8)
-    one = np.uint8(1)
-    for index in range(count):
-        sums[index + 1] = (above[index] & one) + (here[index] & one) + (below[index] & one)
-    sums[0], sums[count + 1] = sums[1], sums[count]
-    for index in range(count):
-        votes = np.uint8(sums[index] + sums[index + 1] + sums[index + 2])
-        line[index] = np.uint8(255) if votes >= np.uint8(MAJORITY) else np.uint8(0)
+def _unite_strong(level: ByteLine, united: ByteLine) -> None:
+    for index in range(united.size):
+        united[index] |= np.uint8(255) if level[index] == np.uint8(STRONG) else np.uint8(0)
 
 
 @compiled
-def _fill(line: ByteLine, level: ByteLine) -> None:
-    """What is known and lies among foreground may be grown into."""
-    for index in range(line.size):
-        is_ground = level[index] == np.uint8(GROUND)
-        level[index] = np.uint8(WEAK) if is_ground and line[index] > 0 else level[index]
-
-
-@compiled
-def _step(source: ByteImage, levels: ByteImage, target: ByteImage, region: Region) -> None:
-    """Grows the foreground by `STEP_PX` in each direction, where that is weak."""
-    top, bottom, left, right = region
-    count = right - left
-    filled = _lines_with_something(source, region)
-    column = np.zeros(count + 2 * STEP_PX, np.uint8)
-    inner = column[STEP_PX : STEP_PX + count]
-    for row in range(top, bottom):
-        line = target[row, left:right]
-        _empty(line)
-        first, last = max(row - STEP_PX, top), min(row + STEP_PX + 1, bottom)
-        if not _is_any(filled, row - top, STEP_PX):
-            continue
-        _empty(inner)
-        for other in range(first, last):
-            _united(source[other, left:right], inner)
-        for step in range(2 * STEP_PX + 1):
-            _united(column[step : step + count], line)
-        _allowed(levels[row, left:right], line)
-
-
-@compiled
-def _united(other: ByteLine, line: ByteLine) -> None:
+def _unite(other: ByteLine, line: ByteLine) -> None:
     for index in range(line.size):
         line[index] |= other[index]
 
 
 @compiled
-def _allowed(level: ByteLine, line: ByteLine) -> None:
+def _has_something(line: ByteLine) -> bool:
+    united = np.uint8(0)
     for index in range(line.size):
-        line[index] = line[index] if level[index] >= np.uint8(WEAK) else np.uint8(0)
+        united |= line[index]
+    return bool(united > 0)
+
+
+@compiled
+def _vote(levels: ByteImage, mask: ByteImage, block: Region, region: Region) -> None:
+    """The median of a block's squares of three by three; beyond the region it goes on as at its border.
+
+    What is known and lies among foreground may be grown into.
+    """
+    top, bottom, left, right = region
+    first, last, start, stop = block
+    sums = np.empty(stop - start + 2, np.uint8)
+    low, high = max(start - 1, left), min(stop + 1, right)
+    for row in range(first, last):
+        _count(
+            levels[max(row - 1, top), low:high],
+            levels[row, low:high],
+            levels[min(row + 1, bottom - 1), low:high],
+            sums[low - start + 1 : high - start + 1],
+        )
+        if low == start:
+            sums[0] = sums[1]
+        if high == stop:
+            sums[stop - start + 1] = sums[stop - start]
+        _elect(sums, mask[row, start:stop], levels[row, start:stop])
+
+
+@compiled
+def _count(above: ByteLine, here: ByteLine, below: ByteLine, sums: ByteLine) -> None:
+    """How many of three pixels are strong."""
+    strong, one, none = np.uint8(STRONG), np.uint8(1), np.uint8(0)
+    for index in range(sums.size):
+        total = one if above[index] == strong else none
+        total = np.uint8(total + (one if here[index] == strong else none))
+        sums[index] = np.uint8(total + (one if below[index] == strong else none))
+
+
+@compiled
+def _elect(sums: ByteLine, line: ByteLine, level: ByteLine) -> None:
+    for index in range(line.size):
+        votes = np.uint8(np.uint8(sums[index] + sums[index + 1]) + sums[index + 2])
+        is_thing = votes >= np.uint8(MAJORITY)
+        line[index] = np.uint8(255) if is_thing else np.uint8(0)
+        level[index] = np.uint8(WEAK) if is_thing and level[index] == np.uint8(GROUND) else level[index]
+
+
+@compiled
+def _step(source: ByteImage, levels: ByteImage, target: ByteImage, region: Region, united: ByteLine) -> None:
+    """Grows the foreground by `STEP_PX` in each direction, where that is weak; the target is empty."""
+    top, bottom, left, right = region
+    inner = united[STEP_PX : STEP_PX + right - left]
+    for first in range(top, bottom, BLOCK_ROWS):
+        last = min(first + BLOCK_ROWS, bottom)
+        _empty(inner)
+        for row in range(max(first - STEP_PX, top), min(last + STEP_PX, bottom)):
+            _unite(source[row, left:right], inner)
+        for start in range(left, right, BLOCK_PX):
+            stop = min(start + BLOCK_PX, right)
+            if _has_something(united[start - left : stop - left + 2 * STEP_PX]):
+                _spread(source, levels, target, (first, last, start, stop), region)
+
+
+@compiled
+def _spread(
+    source: ByteImage, levels: ByteImage, target: ByteImage, block: Region, region: Region
+) -> None:
+    top, bottom, left, right = region
+    first, last, start, stop = block
+    column = np.zeros(stop - start + 2 * STEP_PX, np.uint8)
+    low, high = max(start - STEP_PX, left), min(stop + STEP_PX, right)
+    for row in range(first, last):
+        # A line that is taken twice changes nothing.
+        _unite_lines(
+            source[max(row - 2, top), low:high],
+            source[max(row - 1, top), low:high],
+            source[row, low:high],
+            source[min(row + 1, bottom - 1), low:high],
+            source[min(row + 2, bottom - 1), low:high],
+            column[low - start + STEP_PX : high - start + STEP_PX],
+        )
+        _unite_columns(column, levels[row, start:stop], target[row, start:stop])
+
+
+@compiled
+def _unite_lines(
+    first: ByteLine, second: ByteLine, third: ByteLine, fourth: ByteLine, fifth: ByteLine, line: ByteLine
+) -> None:
+    for index in range(line.size):
+        line[index] = first[index] | second[index] | third[index] | fourth[index] | fifth[index]
+
+
+@compiled
+def _unite_columns(column: ByteLine, level: ByteLine, line: ByteLine) -> None:
+    """Of five pixels of a column each, where that is weak."""
+    for index in range(line.size):
+        near = column[index] | column[index + 1] | column[index + 2] | column[index + 3] | column[index + 4]
+        line[index] = near if level[index] >= np.uint8(WEAK) else np.uint8(0)

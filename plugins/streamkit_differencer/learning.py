@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 # How a pixel's background learns: not, by equation 3, or all at once; new ones, the largest, have none yet.
 NOTHING, SLOWLY, AT_ONCE, NEW = 0, 1, 2, 3
-# New pixels are few; lines are searched for them by pieces of this length.
-BLOCK_PX = 64
+# New pixels are few; they are searched for by blocks of so many rows and columns.
+BLOCK_ROWS, BLOCK_PX = 16, 64
 
 
 @kernel(BYTES, BYTES, BYTES, FLOATS, BYTES, BYTES, BYTES, REGION, types.float64, types.int64)
@@ -64,7 +64,9 @@ def learn(
         _stood(mask[row, left:right], silent, stands)
         _lessons(mask[row, left:right], silent, known, stands, least, lesson)
         _taught(image[row, left:right], lesson, np.float32(coefficient), background[row, left:right])
-        total += _accepted(lesson, known)
+        _accepted(lesson, known)
+        if _has_new(lesson):
+            total += _count_new(lesson)
     return total
 
 
@@ -90,13 +92,26 @@ def _lessons(
 
 
 @compiled
-def _accepted(lesson: ByteLine, valid: ByteLine) -> int:
-    """Makes new pixels valid; how many they are."""
-    count = np.int32(0)
+def _accepted(lesson: ByteLine, valid: ByteLine) -> None:
+    """Makes new pixels valid."""
     for index in range(lesson.size):
         is_new = lesson[index] == np.uint8(NEW)
         valid[index] = valid[index] | (np.uint8(255) if is_new else np.uint8(0))
-        count += np.int32(is_new)
+
+
+@compiled
+def _has_new(lesson: ByteLine) -> bool:
+    largest = np.uint8(NOTHING)
+    for index in range(lesson.size):
+        largest = max(largest, lesson[index])
+    return bool(largest == np.uint8(NEW))
+
+
+@compiled
+def _count_new(lesson: ByteLine) -> int:
+    count = np.int32(0)
+    for index in range(lesson.size):
+        count += np.int32(lesson[index] == np.uint8(NEW))
     return int(count)
 
 
@@ -223,25 +238,30 @@ def begin_noise(
         highest: largest threshold.
     """
     top, bottom, left, right = region
-    for row in range(top, bottom):
-        lesson = lessons[row, left:right]
-        for block in range(0, right - left, BLOCK_PX):
-            if not _has_new(lesson[block : block + BLOCK_PX]):
+    largest = np.empty(right - left, np.uint8)
+    for start in range(top, bottom, BLOCK_ROWS):
+        stop = min(start + BLOCK_ROWS, bottom)
+        for index in range(largest.size):
+            largest[index] = NOTHING
+        for row in range(start, stop):
+            _raise(lessons[row, left:right], largest)
+        for block in range(left, right, BLOCK_PX):
+            end = min(block + BLOCK_PX, right)
+            if not _has_new(largest[block - left : end - left]):
                 continue
-            for column in range(left + block, min(left + block + BLOCK_PX, right)):
-                if lessons[row, column] == np.uint8(NEW):
-                    rough = np.float32(edge) * _range(earlier, row, column, region) + np.float32(first)
-                    spread[row, column] = rough
-                    limit = min(np.rint(rough * np.float32(gain)), np.float32(highest))
-                    needed[row, column] = np.uint8(np.int32(max(limit, np.float32(lowest))))
+            for row in range(start, stop):
+                for column in range(block, end):
+                    if lessons[row, column] == np.uint8(NEW):
+                        rough = np.float32(edge) * _range(earlier, row, column, region) + np.float32(first)
+                        spread[row, column] = rough
+                        limit = min(np.rint(rough * np.float32(gain)), np.float32(highest))
+                        needed[row, column] = np.uint8(np.int32(max(limit, np.float32(lowest))))
 
 
 @compiled
-def _has_new(lesson: ByteLine) -> bool:
-    largest = np.uint8(NOTHING)
+def _raise(lesson: ByteLine, largest: ByteLine) -> None:
     for index in range(lesson.size):
-        largest = max(largest, lesson[index])
-    return bool(largest == np.uint8(NEW))
+        largest[index] = max(largest[index], lesson[index])
 
 
 @compiled
