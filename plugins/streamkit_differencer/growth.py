@@ -174,9 +174,7 @@ def _step(source: ByteImage, levels: ByteImage, target: ByteImage, region: Regio
 
 
 @compiled
-def _spread(
-    source: ByteImage, levels: ByteImage, target: ByteImage, block: Region, region: Region
-) -> None:
+def _spread(source: ByteImage, levels: ByteImage, target: ByteImage, block: Region, region: Region) -> None:
     top, bottom, left, right = region
     first, last, start, stop = block
     column = np.zeros(stop - start + 2 * STEP_PX, np.uint8)
