@@ -22,14 +22,51 @@ Image = TypeVar("Image", "NDArray[np.uint8]", "NDArray[np.float32]")
 
 
 def scrolled(image: Image, dx: int, dy: int, fill: float) -> Image:
-    """The image moved by whole pixels, with `fill` where nothing came in."""
-    result = np.full_like(image, fill)
+    """The image moved by whole pixels, with `fill` where nothing came in.
+
+    What comes back lies in memory longer than itself: moved once more it stays where it is and only begins
+    elsewhere. An image that came from here must not be used any more once it was moved again.
+    """
     height, width = image.shape[:2]
+    step, room = dy * width + dx, _room(image)
+    before = _pixels_before(image)
+    if image.base is not None and before is not None and 0 <= before - step <= room:
+        start = before - step
+        result = cast("Image", image.base[start : start + image.size].reshape(image.shape))
+        _fill_strips(result, dx, dy, fill)
+        return result
+    start = 3 * room // 4 if step > 0 else room // 4
+    memory = np.empty(image.size + room, image.dtype)
+    result = memory[start : start + image.size].reshape(image.shape)
     if abs(dx) < width and abs(dy) < height:
         rows, columns = max(0, dy), max(0, dx)
         source = image[max(0, -dy) : height - rows, max(0, -dx) : width - columns]
         result[rows : rows + source.shape[0], columns : columns + source.shape[1]] = source
+    _fill_strips(result, dx, dy, fill)
     return result
+
+
+def _room(image: Image) -> int:
+    """Pixels that memory is longer than an image in it: by half as many lines."""
+    return int(image.shape[0] // 2 * image.shape[1])
+
+
+def _pixels_before(image: Image) -> int | None:
+    """How much of an image's memory lies before it; None where that has no room to move."""
+    base = image.base
+    if base is None or base.ndim != 1 or base.size != image.size + _room(image):
+        return None
+    first, memory = (array.__array_interface__["data"][0] for array in (image, base))
+    return int(first - memory) // image.itemsize
+
+
+def _fill_strips(image: Image, dx: int, dy: int, fill: float) -> None:
+    """Fills the lines and columns that came in."""
+    height, width = image.shape[:2]
+    image[: max(dy, 0)] = fill
+    image[max(height + min(dy, 0), 0) :] = fill
+    image[:, : max(dx, 0)] = fill
+    image[:, max(width + min(dx, 0), 0) :] = fill
 
 
 def bounds_of(part: Slices, size: tuple[int, int]) -> Region:
@@ -88,7 +125,7 @@ class LastFrames:
             region: of the canvas.
         """
         frame = self._spare
-        if frame is None or image.base is not frame.image:
+        if frame is None or not np.may_share_memory(image, frame.image):
             frame = self.room()
             frame.image[region], frame.seen[region] = image, seen
         return frame
