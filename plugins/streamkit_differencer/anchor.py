@@ -102,7 +102,8 @@ def is_sane(homography: Matrix) -> bool:
 def map_points(homography: Matrix, points: Matrix) -> Matrix:
     """float64[n, 2] points under a homography; points on its horizon become infinite or huge."""
     projected = points @ homography[:, :2].T + homography[:, 2]
-    if projected[:, 2].all():
+    # `all` takes ten times as long on a handful of points.
+    if np.count_nonzero(projected[:, 2]) == len(projected):
         return projected[:, :2] / projected[:, 2:]
     with np.errstate(divide="ignore", invalid="ignore"):
         return projected[:, :2] / projected[:, 2:]

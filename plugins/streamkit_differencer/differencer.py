@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, cast
 
 import cv2
@@ -163,10 +164,11 @@ class Differencer:
         if self._pairs.shape != working.shape:
             self._pairs, self._mask = np.empty(working.shape, np.uint16), np.empty(working.shape, np.uint8)
         to_canvas = place.working_to_canvas
-        warped, seen, region = on_canvas(working, to_canvas, self._model, self._pairs)
+        to_working = inverse(to_canvas)
+        warped, seen, region = on_canvas(working, to_canvas, to_working, self._model, self._pairs)
         _, event = self._model.update(warped, seen, region, self._way(to_canvas))
         bounds = bounds_of(region, self._model.size)
-        fetch(self._model.marks, bounds, to_canvas, inverse(to_canvas), self._mask)
+        fetch(self._model.marks, bounds, to_canvas, to_working, self._mask)
         return self._judged(image, self._mask, place, event, registration)
 
     def _new_model(self, size: tuple[int, int]) -> BackgroundModel:
@@ -176,10 +178,7 @@ class Differencer:
     @property
     def _settings(self) -> ModelSettings:
         """The model's settings with the tolerance chosen where that was left open."""
-        settings = self.model_settings
-        if settings.tolerance >= 0:
-            return settings
-        return replace(settings, tolerance=0 if self._grid == 1 else 1)
+        return with_tolerance(self.model_settings, self._grid)
 
     def _judged(
         self, image: ByteImage, mask: ByteImage, place: Place, event: Event, registration: float
@@ -191,10 +190,8 @@ class Differencer:
         if self.region is not None:
             inside = cv2.resize(self.region, size_of(mask), interpolation=cv2.INTER_NEAREST)
             mask = mask & cast("ByteImage", inside)
-        objects = find_objects(
-            mask, self._grid, replace(settings, max_objects=max(settings.max_objects, MOST_JUDGED))
-        )
-        to_canvas = place.working_to_canvas @ np.linalg.inv(working_to_frame(self._grid))
+        objects = find_objects(mask, self._grid, for_judging(settings))
+        to_canvas = place.working_to_canvas @ frame_to_working(self._grid)
         boxes = mapped_boxes(to_canvas, objects.boxes)
         ages = self._persistence.update(boxes)
         contrast = self._model.contrast(objects.boxes, to_canvas)
@@ -235,6 +232,25 @@ def automatic_scale(width: int) -> int:
     return 2 if width <= WIDEST_HALF else 4
 
 
+# Settings are the same for many frames, and a copy costs more than the frame's arithmetic on objects.
+@lru_cache(maxsize=4)
+def with_tolerance(settings: ModelSettings, scale: int) -> ModelSettings:
+    """The settings with the tolerance chosen by the working scale where that was left open."""
+    return replace(settings, tolerance=0 if scale == 1 else 1) if settings.tolerance < 0 else settings
+
+
+@lru_cache(maxsize=4)
+def for_judging(settings: ObjectSettings) -> ObjectSettings:
+    """The settings under which no object is left out that may be among the surest."""
+    return replace(settings, max_objects=max(settings.max_objects, MOST_JUDGED))
+
+
+@lru_cache(maxsize=4)
+def frame_to_working(scale: int) -> Matrix:
+    """float64[3, 3]: frame pixels to working pixels; it is not to be written to."""
+    return inverse(working_to_frame(scale))
+
+
 def mapped_boxes(matrix: Matrix, boxes: Matrix) -> Matrix:
     """Boxes around boxes under a homography, float64[n, 4] x0 y0 x1 y1."""
     if not len(boxes):
@@ -265,13 +281,14 @@ def reduced(image: ByteImage, scale: int) -> ByteImage:
 
 
 def on_canvas(
-    working: ByteImage, place: Matrix, model: BackgroundModel, pairs: NDArray[np.uint16]
+    working: ByteImage, place: Matrix, to_working: Matrix, model: BackgroundModel, pairs: NDArray[np.uint16]
 ) -> tuple[ByteImage, ByteImage, Slices]:
     """Resamples a frame onto the part of the canvas that it covers.
 
     Args:
         working: uint8[h, w], the frame at working resolution.
         place: float64[3, 3], working pixels to canvas.
+        to_working: float64[3, 3], its inverse.
         model: whose canvas it is; the frame is drawn in the room that it has for the next one.
         pairs: uint16[h, w], room to work in.
 
@@ -287,7 +304,7 @@ def on_canvas(
     if (right - left, bottom - top) == (width, height) and np.abs(shifted - outline).max() <= WHOLE_PIXEL_PX:
         return working, np.full_like(working, 255), region
     frame = model.room()
-    drawn(np.ascontiguousarray(working), pairs, inverse(place), frame.image, (top, bottom, left, right))
+    drawn(np.ascontiguousarray(working), pairs, to_working, frame.image, (top, bottom, left, right))
     # What `seen` leaves out is wider than what the frame's border reaches.
     inner = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], np.float64) * BORDER_PX
     cv2.fillConvexPoly(frame.seen, np.round(map_points(place, outline + inner)).astype(np.int32), 255)

@@ -221,10 +221,15 @@ class FrameDiff(Transform):
             warm_up()
         own = self.motion in (MotionSource.AUTO, MotionSource.OWN)
         self._differencer = Differencer(self.working_scale, own_motion=own)
+        self._is_tuned = False
         self._last_seq: int | None = None
         self._crowded = self._has_warned = self._is_held = False
         self._last_event = Event.NONE
         self._mask_caps: Caps | None = None
+
+    def property_changed(self, name: str) -> None:
+        """The next frame is judged by it."""
+        self._is_tuned = False
 
     def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
         """The region is drawn for the frames' size."""
@@ -290,7 +295,10 @@ class FrameDiff(Transform):
             pad.unlink()
 
     def _update(self, frame: Frame, registration: Registration | None) -> Result | None:
-        self._tune()
+        if not self._is_tuned:
+            # First, so that what is set meanwhile is taken over with the next frame.
+            self._is_tuned = True
+            self._tune()
         if registration is not None and registration.status == RegistrationStatus.CUT:
             self._differencer.reset()
         # A frame dropped in between makes `to_previous` lead to a frame that was never seen here.
@@ -298,7 +306,7 @@ class FrameDiff(Transform):
         return self._differencer.update(luma(frame), motion(registration, is_next), quality(registration))
 
     def _tune(self) -> None:
-        """Takes over the properties, which may change while playing."""
+        """Takes over the properties; building settings for each frame anew would cost more than it looks."""
         self._differencer.model_settings = ModelSettings(
             interval=self.tau,
             quiet_frames=self.quiet_frames,
