@@ -1,6 +1,6 @@
-"""Loops over pixels as machine code. No plugin, but what plugins with such loops stand on.
+"""Loops over pixels as machine code, and matrix products on the calling thread.
 
-It needs nothing of the engine.
+No plugin, but what plugins with such loops stand on. It needs nothing of the engine.
 
 @kernel(BYTES, BYTES)
 def darken(picture, darker):
@@ -18,6 +18,8 @@ from streamkit_kernels.array_types import INPUT as INPUT
 from streamkit_kernels.array_types import PAIRS as PAIRS
 from streamkit_kernels.array_types import TABLE as TABLE
 from streamkit_kernels.array_types import VIEW as VIEW
+from streamkit_kernels.calling_thread import LARGEST_PRODUCT as LARGEST_PRODUCT
+from streamkit_kernels.calling_thread import product as product
 from streamkit_kernels.compilation import COMPILING as COMPILING
 from streamkit_kernels.compilation import compiled as compiled
 from streamkit_kernels.compilation import kernel as kernel

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from streamkit_kernels import compiled
-from streamkit_tracker.calling_thread import product
+from streamkit_kernels import compiled, product
 from streamkit_tracker.frame_crops import Float32Array
 from streamkit_tracker.window_geometry import FloatArray
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_tracker.calling_thread import product
+from streamkit_kernels import product
 
 Float32Array = NDArray[np.float32]
 ComplexArray = NDArray[np.complex64]

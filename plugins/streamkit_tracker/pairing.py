@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit_kernels import product
 from streamkit_tracker.association import STD, assign, compare
-from streamkit_tracker.calling_thread import product
 from streamkit_tracker.detected_shape import centroid_std
 from streamkit_tracker.feature_template import unit_rows
 from streamkit_tracker.observation import Observation, Sighting

@@ -6,8 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from streamkit_kernels import compiled
-from streamkit_tracker.calling_thread import LARGEST_PRODUCT
+from streamkit_kernels import LARGEST_PRODUCT, compiled
 from streamkit_tracker.eigen_template import DEVIATION_FLOOR
 from streamkit_tracker.frame_crops import (
     ACROSS,

@@ -6,6 +6,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit_kernels import product
+
 FloatArray: TypeAlias = NDArray[np.float64]
 
 # Directions weaker than this share of the strongest are rounding, not appearance.
@@ -52,12 +54,12 @@ class Eigenspace:
 
     def project(self, vectors: FloatArray) -> FloatArray:
         """Coordinates float64[n, k] of vectors float64[n, d] in this space."""
-        result: FloatArray = (vectors - self.mean) @ self.basis.T
+        result: FloatArray = product(vectors - self.mean, self.basis.T)
         return result
 
     def restore(self, coordinates: FloatArray) -> FloatArray:
         """Vectors float64[n, d] of coordinates float64[n, k]: the inverse of `project` within the space."""
-        result: FloatArray = coordinates @ self.basis + self.mean
+        result: FloatArray = product(coordinates, self.basis) + self.mean
         return result
 
     def reconstruction_errors(self, vectors: FloatArray) -> FloatArray:
@@ -148,11 +150,11 @@ def _checked(vectors: FloatArray) -> FloatArray:
 def _principal_rows(rows: FloatArray, components: int, energy: float) -> tuple[FloatArray, FloatArray]:
     """Leading right singular vectors float64[k, d] and values float64[k] of float64[m, d]."""
     tall = rows.shape[0] > rows.shape[1]
-    squares, vectors = np.linalg.eigh(rows.T @ rows if tall else rows @ rows.T)
+    squares, vectors = np.linalg.eigh(product(rows.T, rows) if tall else product(rows, rows.T))
     singular_values = np.sqrt(np.maximum(squares[::-1], 0.0))
     kept = _how_many(singular_values, components, energy, rows.shape[1])
     leading = vectors[:, ::-1][:, :kept].T
-    basis = leading.copy() if tall else (leading @ rows) / singular_values[:kept, None]
+    basis = leading.copy() if tall else product(leading, rows) / singular_values[:kept, None]
     # Eigenvectors have no sign of their own; the largest element made positive keeps runs comparable.
     strongest = np.abs(basis).argmax(axis=1)
     basis *= np.where(basis[np.arange(kept), strongest] < 0, -1.0, 1.0)[:, None]

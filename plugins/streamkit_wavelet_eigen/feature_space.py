@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit_kernels import product
 from streamkit_wavelet_eigen.blocks import cut_blocks, join_blocks
 from streamkit_wavelet_eigen.eigenspace import Eigenspace, FloatArray
 from streamkit_wavelet_eigen.preprocessing import prepare
@@ -105,9 +106,9 @@ class WaveletEigenSpace:
         count, parts, values = blocks.shape
         if len(basis) == 1:
             # All blocks of a shared basis go through one product.
-            rows = blocks.reshape(count * parts, values) @ basis[0] - offsets[0]
+            rows = product(blocks.reshape(count * parts, values), basis[0]) - offsets[0]
             return blocks, rows.reshape(count, parts, basis.shape[2])
-        return blocks, (blocks.swapaxes(0, 1) @ basis - offsets[:, None]).swapaxes(0, 1)
+        return blocks, (product(blocks.swapaxes(0, 1), basis) - offsets[:, None]).swapaxes(0, 1)
 
     def _vectors(self, coordinates: FloatBatch, flat: NDArray[np.bool_]) -> FloatBatch:
         """float32[n, length]: the blocks' coordinates in a row, through the Fisher step if there is one."""

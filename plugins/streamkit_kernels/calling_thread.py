@@ -7,6 +7,8 @@ size are computed where they are asked for, and give the same bits whatever the 
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,25 +16,27 @@ LARGEST_PRODUCT = 2**18
 SHORTEST_SUM = 32
 FEWEST_ROWS = 8
 
-Float32Array = NDArray[np.float32]
+Real = TypeVar("Real", np.float32, np.float64)
 
 
-def product(left: Float32Array, right: Float32Array, out: Float32Array | None = None) -> Float32Array:
+def product(left: NDArray[Real], right: NDArray[Real], out: NDArray[Real] | None = None) -> NDArray[Real]:
     """The product left @ right in blocks that no BLAS hands to other threads.
 
     Args:
-        left: float32[..., n, p].
-        right: float32[..., p, k], its leading axes broadcast against those of `left`.
-        out: float32[..., n, k] to write to, or None for a new array.
+        left: float32 or float64[..., n, p].
+        right: of the same type[..., p, k], its leading axes broadcast against those of `left`.
+        out: of the same type[..., n, k] to write to, or None for a new array.
     """
-    count, inner, columns = *left.shape[-2:], right.shape[-1]
+    count, inner, columns = left.shape[-2], left.shape[-1], right.shape[-1]
     if out is None:
-        flat = left.ndim == right.ndim == 2
-        lead = () if flat else np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
-        out = np.empty((*lead, count, columns), np.float32)
+        lead: tuple[int, ...] = ()
+        if not left.ndim == right.ndim == 2:
+            lead = np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
+        out = np.empty((*lead, count, columns), left.dtype)
     depth = LARGEST_PRODUCT // max(count * columns, 1)
     if depth >= inner:
-        return np.matmul(left, right, out=out)
+        whole: NDArray[Real] = np.matmul(left, right, out=out)
+        return whole
     block = max(1, LARGEST_PRODUCT // max(inner * columns, 1))
     if depth >= SHORTEST_SUM and block < FEWEST_ROWS:
         # long sums over few columns: cutting the sum reads the right side once, cutting rows once per block
