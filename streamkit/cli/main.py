@@ -6,7 +6,6 @@ This module itself imports nothing that takes time, so that a Ctrl-C has its pla
 from __future__ import annotations
 
 import errno
-import os
 import sys
 from typing import TYPE_CHECKING
 
@@ -28,9 +27,6 @@ def make_app(arguments: Sequence[str]) -> typer.Typer:
 
 def main() -> None:
     """Entry point of the command line."""
-    # Elements have threads of their own: where no core is free, OpenBLAS waits 10 ms for a thread of its own
-    # with a product of 0.1 ms. It looks here when numpy loads it.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     arguments = sys.argv[1:]
     try:
         make_app(arguments)()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import signal
 import time
@@ -51,6 +52,8 @@ class Run:
         with self._signals():
             try:
                 self.pipeline.play()
+                # What was imported stays: looking through it for garbage would stop a live feed for 60 ms.
+                gc.freeze()
                 code = self._watch()
             except StreamkitError as error:
                 self._tell_cause(error)
@@ -58,6 +61,7 @@ class Run:
             finally:
                 self._tell_caps()
                 self.statistics = self.display.last_look()
+                gc.unfreeze()
                 try:
                     self.pipeline.stop()
                 except StateError as error:

@@ -180,21 +180,3 @@ def test_a_full_disk_behind_the_output_is_told(arguments: list[str]) -> None:
         )
     assert done.returncode == 1
     assert done.stderr == "error: the output cannot be written: No space left on device\n"
-
-
-@pytest.mark.parametrize(("set_to", "expected"), [(None, "1"), ("2", "2")])
-def test_products_stay_on_the_elements_threads(
-    monkeypatch: pytest.MonkeyPatch, set_to: str | None, expected: str
-) -> None:
-    """The command line gives numpy's products one thread, unless the user has said how many."""
-    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    if set_to is not None:
-        monkeypatch.setenv("OPENBLAS_NUM_THREADS", set_to)
-    script = (
-        "import os\nfrom streamkit.cli.main import main\ntry:\n    main()\n"
-        "except SystemExit:\n    print(os.environ['OPENBLAS_NUM_THREADS'])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script, "--version"], capture_output=True, text=True, timeout=60, check=True
-    )
-    assert done.stdout.splitlines()[-1] == expected
