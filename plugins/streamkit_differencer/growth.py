@@ -124,37 +124,40 @@ def _vote(levels: ByteImage, mask: ByteImage, block: Region, region: Region) -> 
     first, last, start, stop = block
     sums = np.empty(stop - start + 2, np.uint8)
     low, high = max(start - 1, left), min(stop + 1, right)
+    width, level, thing = levels.shape[1], levels.reshape(-1), mask.reshape(-1)
     for row in range(first, last):
-        _count(
-            levels[max(row - 1, top), low:high],
-            levels[row, low:high],
-            levels[min(row + 1, bottom - 1), low:high],
-            sums[low - start + 1 : high - start + 1],
-        )
+        above, below = max(row - 1, top) * width + low, min(row + 1, bottom - 1) * width + low
+        _count(level, above, row * width + low, below, low - start + 1, high - low, sums)
         if low == start:
             sums[0] = sums[1]
         if high == stop:
             sums[stop - start + 1] = sums[stop - start]
-        _elect(sums, mask[row, start:stop], levels[row, start:stop])
+        _elect(sums, row * width + start, stop - start, thing, level)
 
 
+# Lines are named by where they begin in a picture: a view of each would cost as much as what is done with it.
 @compiled
-def _count(above: ByteLine, here: ByteLine, below: ByteLine, sums: ByteLine) -> None:
-    """How many of three pixels are strong."""
+def _count(level: ByteLine, above: int, here: int, below: int, first: int, count: int, sums: ByteLine) -> None:
+    """How many of three pixels are strong, from `first` on."""
     strong, one, none = np.uint8(STRONG), np.uint8(1), np.uint8(0)
-    for index in range(sums.size):
-        total = one if above[index] == strong else none
-        total = np.uint8(total + (one if here[index] == strong else none))
-        sums[index] = np.uint8(total + (one if below[index] == strong else none))
+    over, middle, under, begin = np.uintp(above), np.uintp(here), np.uintp(below), np.uintp(first)
+    for index in range(count):
+        step = np.uintp(index)
+        total = one if level[np.uintp(over + step)] == strong else none
+        total = np.uint8(total + (one if level[np.uintp(middle + step)] == strong else none))
+        total = np.uint8(total + (one if level[np.uintp(under + step)] == strong else none))
+        sums[np.uintp(begin + step)] = total
 
 
 @compiled
-def _elect(sums: ByteLine, line: ByteLine, level: ByteLine) -> None:
-    for index in range(line.size):
-        votes = np.uint8(np.uint8(sums[index] + sums[index + 1]) + sums[index + 2])
-        is_thing = votes >= np.uint8(MAJORITY)
-        line[index] = np.uint8(255) if is_thing else np.uint8(0)
-        level[index] = np.uint8(WEAK) if is_thing and level[index] == np.uint8(GROUND) else level[index]
+def _elect(sums: ByteLine, place: int, count: int, thing: ByteLine, level: ByteLine) -> None:
+    begin, one, two = np.uintp(place), np.uintp(1), np.uintp(2)
+    for index in range(count):
+        step = np.uintp(index)
+        votes = np.uint8(np.uint8(sums[step] + sums[np.uintp(step + one)]) + sums[np.uintp(step + two)])
+        pixel, is_thing = np.uintp(begin + step), votes >= np.uint8(MAJORITY)
+        thing[pixel] = np.uint8(255) if is_thing else np.uint8(0)
+        level[pixel] = np.uint8(WEAK) if is_thing and level[pixel] == np.uint8(GROUND) else level[pixel]
 
 
 @compiled
@@ -179,30 +182,29 @@ def _spread(source: ByteImage, levels: ByteImage, target: ByteImage, block: Regi
     first, last, start, stop = block
     column = np.zeros(stop - start + 2 * STEP_PX, np.uint8)
     low, high = max(start - STEP_PX, left), min(stop + STEP_PX, right)
+    width, thing, level, line = levels.shape[1], source.reshape(-1), levels.reshape(-1), target.reshape(-1)
     for row in range(first, last):
-        # A line that is taken twice changes nothing.
-        _unite_lines(
-            source[max(row - 2, top), low:high],
-            source[max(row - 1, top), low:high],
-            source[row, low:high],
-            source[min(row + 1, bottom - 1), low:high],
-            source[min(row + 2, bottom - 1), low:high],
-            column[low - start + STEP_PX : high - start + STEP_PX],
-        )
-        _unite_columns(column, levels[row, start:stop], target[row, start:stop])
+        for index in range(column.size):
+            column[index] = 0
+        for other in range(max(row - STEP_PX, top), min(row + STEP_PX + 1, bottom)):
+            _unite_line(thing, other * width + low, low - start + STEP_PX, high - low, column)
+        _unite_columns(column, row * width + start, stop - start, level, line)
 
 
 @compiled
-def _unite_lines(
-    first: ByteLine, second: ByteLine, third: ByteLine, fourth: ByteLine, fifth: ByteLine, line: ByteLine
-) -> None:
-    for index in range(line.size):
-        line[index] = first[index] | second[index] | third[index] | fourth[index] | fifth[index]
+def _unite_line(thing: ByteLine, place: int, first: int, count: int, column: ByteLine) -> None:
+    here, begin = np.uintp(place), np.uintp(first)
+    for index in range(count):
+        column[np.uintp(begin + np.uintp(index))] |= thing[np.uintp(here + np.uintp(index))]
 
 
 @compiled
-def _unite_columns(column: ByteLine, level: ByteLine, line: ByteLine) -> None:
+def _unite_columns(column: ByteLine, place: int, count: int, level: ByteLine, line: ByteLine) -> None:
     """Of five pixels of a column each, where that is weak."""
-    for index in range(line.size):
-        near = column[index] | column[index + 1] | column[index + 2] | column[index + 3] | column[index + 4]
-        line[index] = near if level[index] >= np.uint8(WEAK) else np.uint8(0)
+    here = np.uintp(place)
+    for index in range(count):
+        near = np.uint8(0)
+        for step in range(2 * STEP_PX + 1):
+            near |= column[np.uintp(index + step)]
+        pixel = np.uintp(here + np.uintp(index))
+        line[pixel] = near if level[pixel] >= np.uint8(WEAK) else np.uint8(0)

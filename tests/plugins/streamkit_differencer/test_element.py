@@ -84,6 +84,17 @@ def test_a_lost_frame_gets_no_detections_and_teaches_nothing(world):
         assert len(found(harness, frame_of(scene, 33))) > 0
 
 
+def test_what_is_set_while_playing_holds_from_the_next_frame_on(world):
+    """An area that no car has, and back again."""
+    scene = world(11, True)
+    with Harness("framediff") as harness:
+        warm_up(world, harness)
+        harness.element.set_property("min-area", 100000)
+        assert len(found(harness, frame_of(scene, 30))) == 0
+        harness.element.set_property("min-area", 3)
+        assert len(found(harness, frame_of(scene, 31))) > 0
+
+
 def test_a_corrupt_frame_gets_no_detections(world):
     """A damaged picture is not compared with anything."""
     scene = world(11, True)
