@@ -135,9 +135,11 @@ def _vote(levels: ByteImage, mask: ByteImage, block: Region, region: Region) -> 
         _elect(sums, row * width + start, stop - start, thing, level)
 
 
-# Lines are named by where they begin in a picture: a view of each would cost as much as what is done with it.
+# Lines are named by where they begin: a view of each would cost as much as what is done with it.
 @compiled
-def _count(level: ByteLine, above: int, here: int, below: int, first: int, count: int, sums: ByteLine) -> None:
+def _count(
+    level: ByteLine, above: int, here: int, below: int, first: int, count: int, sums: ByteLine
+) -> None:
     """How many of three pixels are strong, from `first` on."""
     strong, one, none = np.uint8(STRONG), np.uint8(1), np.uint8(0)
     over, middle, under, begin = np.uintp(above), np.uintp(here), np.uintp(below), np.uintp(first)

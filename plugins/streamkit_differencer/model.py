@@ -309,7 +309,8 @@ class BackgroundModel:
             if self._first_spread is None or self._frames % FIRST_SPREAD_FRAMES == 0:
                 top, bottom, left, right = bounds
                 region = np.s_[top:bottom, left:right]
-                self._first_spread = first_spread(earlier.image[region], frame.image[region])
+                pictures = (earlier.image, frame.image, earlier.seen, frame.seen)
+                self._first_spread = first_spread(*(picture[region] for picture in pictures))
             self.noise.begin(earlier.image, work.lessons, bounds, self._first_spread)
 
     def contrast(self, boxes: Points, to_canvas: Matrix) -> Points:

@@ -85,7 +85,7 @@ class NoiseMap:
         self.needed = warped(self.needed, change, HIGHEST_THRESHOLD)
 
 
-def first_spread(earlier: ByteImage, current: ByteImage) -> float:
+def first_spread(earlier: ByteImage, current: ByteImage, *known: ByteImage) -> float:
     """What a pixel whose background is a single frame differs from it by: the mean difference of two frames.
 
     Every eighth pixel of every eighth row tells; movers lose their say.
@@ -93,9 +93,13 @@ def first_spread(earlier: ByteImage, current: ByteImage) -> float:
     Args:
         earlier: uint8[h, w], a frame on the canvas.
         current: uint8[h, w], a later one.
+        known: uint8[h, w] each, masks of what they cover; all must be set.
     """
     grid = np.s_[SAMPLE_STEP // 2 :: SAMPLE_STEP, SAMPLE_STEP // 2 :: SAMPLE_STEP]
     difference = np.abs(earlier[grid].astype(np.float32) - current[grid])
+    for mask in known:
+        difference[mask[grid] == 0] = -1.0
+    difference = difference[difference >= 0.0]
     if not difference.size:
         return LEAST_FIRST
     usual = difference[difference <= MOST_DEVIATIONS * np.median(difference) + 1.0]

@@ -23,20 +23,22 @@ if TYPE_CHECKING:
 
 # Places are rounded to this part of a pixel; 32 bits hold a value times its square.
 STEPS = 2048
+# Farther beyond an image nothing is drawn: the largest tolerance.
+BEYOND_PX = 8
 # Lines of the canvas that are looked at together, and empty columns that part what is looked at in them.
 BAND, GAP = 16, 8
 
 
 @kernel(INPUT, PAIRS, TABLE, BYTES, REGION)
 def drawn(image: ByteImage, pairs: PairImage, to_image: Matrix, canvas: ByteImage, region: Region) -> None:
-    """Draws an image on a canvas by bilinear interpolation; beyond its border it goes on as on it.
+    """Draws an image on a canvas by bilinear interpolation; beyond its border it goes on for some pixels.
 
     Args:
         image: uint8[h, w], at least 2 by 2.
         pairs: uint16[h, w], room to work in.
         to_image: float64[3, 3], pixels of the canvas to those of the image, without a horizon in the region.
         canvas: uint8[rows, columns].
-        region: of the canvas, what is drawn.
+        region: of the canvas, what is drawn; farther than `BEYOND_PX` from the image nothing is.
     """
     height, width = image.shape
     # Two neighbours are fetched at once.
@@ -56,13 +58,24 @@ def drawn(image: ByteImage, pairs: PairImage, to_image: Matrix, canvas: ByteImag
     )
     below = np.uintp(width)
     for row in range(top, bottom):
-        _places(to_image, row, columns, (width, height), places, across, down)
+        # A frame that is turned leaves a quarter of the region around it empty.
+        first, last = _span(to_image, row, (width, height), left, right)
+        count = last - first
+        _places(
+            to_image,
+            row,
+            columns[first - left :],
+            (width, height),
+            places[:count],
+            across[:count],
+            down[:count],
+        )
         for index in range(count):
             place = np.uintp(places[index])
             squares[index] = np.uint32(both[place]) | np.uint32(
                 np.uint32(both[np.uintp(place + below)]) << np.uint32(16)
             )
-        _mixed(squares, across, down, canvas[row, left:right])
+        _mixed(squares[:count], across, down, canvas[row, first:last])
 
 
 @kernel(BYTES, REGION, TABLE, TABLE, BYTES)
@@ -147,6 +160,28 @@ def _outline(matrix: Matrix, top: int, bottom: int, left: int, right: int) -> Re
             first, last = min(first, int(np.floor(y))), max(last, int(np.ceil(y)) + 1)
             low, high = min(low, int(np.floor(x))), max(high, int(np.ceil(x)) + 1)
     return first, last, low, high
+
+
+@compiled
+def _span(to_image: Matrix, row: int, size: tuple[int, int], left: int, right: int) -> tuple[int, int]:
+    """The columns of a row of the canvas, of those given, that lie within `BEYOND_PX` of the image."""
+    low, high = float(left), float(right)
+    depth, depth_0 = to_image[2, 0], to_image[2, 1] * row + to_image[2, 2]
+    sign = 1.0 if depth * (left + right) / 2 + depth_0 > 0.0 else -1.0
+    for axis in range(2):
+        place, place_0 = to_image[axis, 0], to_image[axis, 1] * row + to_image[axis, 2]
+        for side, limit in ((1.0, -1.0 * BEYOND_PX), (-1.0, 1.0 * (size[axis] - 1 + BEYOND_PX))):
+            # Where slope * column + start is not below zero.
+            slope, start = sign * side * (place - limit * depth), sign * side * (place_0 - limit * depth_0)
+            if slope > 0.0:
+                low = max(low, -start / slope)
+            elif slope < 0.0:
+                high = min(high, -start / slope)
+            elif start < 0.0:
+                return left, left
+    if high < low:
+        return left, left
+    return int(np.floor(low)), min(int(np.ceil(high)) + 1, right)
 
 
 @compiled

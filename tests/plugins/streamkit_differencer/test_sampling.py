@@ -37,6 +37,23 @@ def test_frames_are_drawn_as_by_bilinear_interpolation(place):
     assert difference.mean() < 0.1
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.7, 1.6, 3.0, -2.2])
+def test_a_frame_is_drawn_wherever_it_lies_and_nothing_far_beyond(angle):
+    """Turned, partly off the canvas or all of it: each pixel that it covers, none of far away."""
+    for x, y in ((100, 60), (10, 20), (190, 130), (500, 60), (100, -400)):
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        place = translation(x, y) @ turn @ translation(-SHAPE[1] / 2, -SHAPE[0] / 2)
+        covered = cv2.warpPerspective(np.full(SHAPE, 255, np.uint8), place, CANVAS[::-1])
+        canvas = canvas_of(texture() // 4 + np.uint8(100), place)
+        assert (canvas[covered == 255] != 77).all()
+        around = cv2.copyMakeBorder(covered, 30, 30, 30, 30, cv2.BORDER_CONSTANT)
+        whole = cv2.warpPerspective(
+            np.full(SHAPE, 255, np.uint8), translation(30, 30) @ place, around.shape[::-1]
+        )
+        far = cv2.dilate(whole, np.ones((29, 29), np.uint8))[30:-30, 30:-30] == 0
+        assert (canvas[far] == 77).all()
+
+
 def test_whole_pixels_are_drawn_as_they_are():
     """And beyond its border the image goes on as on it, within the region alone."""
     image, region = texture(), (10, 110, 15, 190)
