@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from streamkit_tracker.eigen_template import EigenTemplate
@@ -13,7 +14,7 @@ from streamkit_tracker.feature_template import FeatureTemplate, feature_distance
 from streamkit_tracker.frame_crops import Crops, Float32Array
 from streamkit_tracker.layered_filter import Cloud, LayerSettings, Proposal, layered_step
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
-from streamkit_tracker.window_priors import Prior, log_scores, prior_rows
+from streamkit_tracker.window_priors import log_scores
 from streamkit_tracker.window_sampling import WindowSampler, shrink_factor
 
 Template = EigenTemplate | FeatureTemplate
@@ -25,8 +26,7 @@ LATER_LAYERS = 0.15  # of the diagonal: how far smaller layers reach beyond the 
 SAMPLES_AT_ONCE = 400_000  # keeps maps and patches of a batch inside the cache
 
 
-@dataclass(frozen=True, eq=False)
-class SearchJob:
+class SearchJob(msgspec.Struct, frozen=True, eq=False):
     """One target to look for.
 
     Attributes:
@@ -36,10 +36,10 @@ class SearchJob:
         template: its appearance.
         patch: samples of a patch (rows, columns).
         context: side of the sampled window relative to the target's.
-        displacement: predicted motion, px.
-        spread: standard deviation of the prediction, px.
-        reach: how much wider than usual to look, 1 or more, for a target not seen lately.
-        prior: expectations beside the image.
+        motion: float64[7]: predicted displacement, px; standard deviation of the prediction, px; how much
+            wider than usual to look, 1 or more; x, y of where it was detected and their standard deviation,
+            px, infinite where it was not.
+        prior: float64[8], expectations beside the image, see `prior_rows`.
         layers: how many particles.
         tolerance: factor on the variance of the residual, for targets that change their look.
     """
@@ -50,16 +50,13 @@ class SearchJob:
     template: Template
     patch: tuple[int, int]
     context: float
-    displacement: tuple[float, float]
-    spread: float
-    reach: float
-    prior: Prior
+    motion: FloatArray
+    prior: FloatArray
     layers: LayerSettings
     tolerance: float = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
+class Found(msgspec.Struct, frozen=True, eq=False):
     """Result of a search.
 
     Attributes:
@@ -114,8 +111,8 @@ def search(sampler: WindowSampler, jobs: Sequence[SearchJob], likelihood: Likeli
     """
     groups: dict[tuple[type[Template], tuple[int, int], LayerSettings, float, int], list[int]] = {}
     for index, job in enumerate(jobs):
-        wider = _widened(job.window[None], job.context)[0]
-        factor = shrink_factor(wider, job.patch, sampler.shape)
+        smaller = job.context * min(job.window.item(LENGTH), job.window.item(WIDTH))
+        factor = max(1, min(int(smaller // max(job.patch)), *sampler.shape))
         key = (type(job.template), job.patch, job.layers, job.context, factor)
         groups.setdefault(key, []).append(index)
     found: dict[int, Found] = {}
@@ -129,7 +126,7 @@ def _search_alike(
     sampler: WindowSampler, jobs: list[SearchJob], likelihood: Likelihood, factor: int
 ) -> list[Found]:
     """Jobs with the same kind of template, patch, layers and shrinking, in one batch."""
-    priors = prior_rows([job.prior for job in jobs])
+    priors = np.array([job.prior for job in jobs])
     scales = -0.5 / (likelihood.sigma**2 * np.array([job.tolerance for job in jobs]))
     comparison = _Comparison(sampler, jobs, factor)
 
@@ -157,18 +154,20 @@ def _search_alike(
 
 
 def _proposal(jobs: list[SearchJob], likelihood: Likelihood) -> Proposal:
-    """Where to look; plain numbers for each job, which are quicker than short arrays."""
-    windows = np.array([job.window for job in jobs])
-    rows, seeds = [], []
-    for job, (_, _, length, across, _) in zip(jobs, windows.tolist(), strict=True):
-        wide = max(likelihood.std_position * (length + across) / 2, 1.0) * job.reach
-        seeded = math.isfinite(job.prior.centroid_std)
-        at_seed = min(DETECTION_SHARE * job.prior.centroid_std, wide) if seeded else 0.0
-        rows.append((min(max(job.spread, LEAST_SPREAD), wide), wide, at_seed))
-        seeds.append(job.prior.centroid if seeded else (math.nan, math.nan))
-    spread, wide_spread, seed_spread = np.array(rows).T
-    displacement = np.array([job.displacement for job in jobs])
-    return Proposal(windows, displacement, spread, wide_spread, np.array(seeds), seed_spread)
+    """Where to look."""
+    windows, motions = np.array([job.window for job in jobs]), np.array([job.motion for job in jobs])
+    spreads, reaches, seeds, deviations = motions[:, 2], motions[:, 3], motions[:, 4:6], motions[:, 6]
+    sides = (windows[:, LENGTH] + windows[:, WIDTH]) / 2
+    wide = np.maximum(likelihood.std_position * sides, 1.0) * reaches
+    seeded = np.isfinite(deviations)
+    return Proposal(
+        windows,
+        motions[:, :2],
+        np.minimum(np.maximum(spreads, LEAST_SPREAD), wide),
+        wide,
+        np.where(seeded[:, None], seeds, math.nan),
+        np.where(seeded, np.minimum(DETECTION_SHARE * deviations, wide), 0.0),
+    )
 
 
 class _Comparison:
@@ -187,7 +186,7 @@ class _Comparison:
         self._features = [job.template for job in jobs if isinstance(job.template, FeatureTemplate)]
         eigen = [job.template for job in jobs if isinstance(job.template, EigenTemplate)]
         if eigen:
-            self._rows = _side_by_side([template.rows for template in eigen])
+            self._rows = sampler.side_by_side([template.rows for template in eigen])
             self._constants = _side_by_side([template.constants for template in eigen])
         self.first_patches = np.zeros((0, 0), np.float32)
         self._together = max(

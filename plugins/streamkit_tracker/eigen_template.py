@@ -9,6 +9,7 @@ import numpy as np
 
 from streamkit_kernels import compiled, product
 from streamkit_tracker.frame_crops import Float32Array
+from streamkit_tracker.principal_rows import principal_rows
 from streamkit_tracker.window_geometry import FloatArray
 
 DEVIATION_FLOOR = 4.0
@@ -87,13 +88,10 @@ class EigenTemplate:
             rows,
             mean,
         )
-        # the Gram matrix is tiny beside the patch: its eigenvectors give the basis at a fraction of an SVD
-        values, vectors = np.linalg.eigh(product(rows, rows.T).astype(np.float64))
-        order = np.argsort(values)[::-1][: self._settings.components]
-        order = order[values[order] > 1e-6 * max(float(values[-1]), 1e-12)]
-        singular = np.sqrt(values[order])
-        self.basis = product((vectors[:, order] / singular).T.astype(np.float32), rows)
-        self.singular_values = singular.astype(np.float32)
+        most = min(self._settings.components, len(rows))
+        basis, singular_values = np.empty((most, len(mean)), np.float32), np.empty(most, np.float32)
+        kept = principal_rows(rows, basis, singular_values)
+        self.basis, self.singular_values = basis[:kept], singular_values[:kept]
         self.mean = mean
         self._count = past + new
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
-from statistics import median
+from collections.abc import Iterable
+
+import msgspec
 
 REMEMBERED = 15
 RIGID = 2.0
@@ -20,8 +21,7 @@ FOUND_DROP = 1.0  # to be found again, which grows to SEEN_DROP by ...
 FOUND_RELIEF = 0.04  # ... so much in each frame
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(msgspec.Struct, frozen=True):
     """What one frame says about a target.
 
     Attributes:
@@ -49,6 +49,7 @@ class Evidence:
         self._seen_distance = -math.log(max(lost_threshold, 1e-9))
         self._learnt_distance = -math.log(max(update_threshold, 1e-9))
         self._distances: deque[float] = deque([0.0], maxlen=REMEMBERED)
+        self._usual_distance = 0.0
         self._level = 0.0
         self._deviation = FIRST_DEVIATION
         self._responses = 0
@@ -56,7 +57,7 @@ class Evidence:
     @property
     def usual_distance(self) -> float:
         """Median of the distances of the last frames in which the target was seen."""
-        return median(self._distances)
+        return self._usual_distance
 
     @property
     def tolerance(self) -> float:
@@ -110,6 +111,7 @@ class Evidence:
             self._remember(*response, weight=1.0 if clear else OUTLIER_WEIGHT)
         if seen:
             self._distances.append(distance)
+            self._usual_distance = _median(self._distances)
         return Verdict(seen, learnt)
 
     def _drop(self, peak: float, sharpness: float) -> float:
@@ -125,6 +127,13 @@ class Evidence:
         self._level += weight * rate * offset
         share = max(LEAST_RATE, 1 / (self._responses + 5))
         self._deviation += weight * share * (1.25 * abs(offset) - self._deviation)
+
+
+def _median(numbers: Iterable[float]) -> float:
+    """Of few numbers, without the checks of a library: once for each target and frame."""
+    rising = sorted(numbers)
+    middle = len(rising) // 2
+    return rising[middle] if len(rising) % 2 else (rising[middle - 1] + rising[middle]) / 2
 
 
 def _log_response(peak: float, sharpness: float) -> float:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
-from streamkit_kernels import compiled
+from streamkit_kernels import VIEW, compiled, kernel
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
 Float32Array = NDArray[np.float32]
@@ -18,6 +19,7 @@ QuadArray = NDArray[np.int32]
 
 MIDDLE_GREY = np.float32(128.0)  # keeps sums of squares small, so that float32 is enough for the variance
 LEFT, TOP, ACROSS, DOWN, START = range(5)
+PLACES, QUADS = types.Array(types.int64, 2, "C"), types.Array(types.int32, 1, "C")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +45,20 @@ class FrameCrops:
 
     def __init__(self) -> None:
         self.image: ByteArray = np.zeros((1, 1), np.uint8)
+        self._quads = np.zeros(0, np.int32)
+        self._used = 0
 
     def look_at(self, image: ByteArray) -> None:
-        """Takes the next frame, uint8[h, w]."""
+        """Takes the next frame, uint8[h, w]; the parts of the one before are overwritten."""
         self.image = image
+        self._used = 0
+
+    def _space(self, total: int) -> QuadArray:
+        """int32[total] of memory that is used again in each frame: new memory costs more than filling it."""
+        if self._used + total > len(self._quads):
+            self._quads, self._used = np.empty(2 * max(total, len(self._quads)), np.int32), 0
+        self._used += total
+        return self._quads[self._used - total : self._used]
 
     def around(self, windows: FloatArray, groups: int, factor: int, margin: float = 0.0) -> Crops:
         """The parts around `groups` runs of equal length of the windows float64[n, 5].
@@ -60,17 +72,15 @@ class FrameCrops:
         height, width = self.image.shape
         places = np.empty((groups, 5), np.int64)
         total = _place(np.ascontiguousarray(windows), height, width, factor, margin, places)
-        levels = np.empty(total, np.uint8)
-        # copied here, so that the compiled part sees one kind of array whatever the frame's memory is like
-        for left, top, across, down, start in places.tolist():
+        quads = self._space(total)
+        if factor == 1:
+            pack_parts(self.image, places, quads)
+            return Crops(quads, places, factor)
+        for place in places:
+            left, top, across, down, start = place.tolist()
             part = self.image[top : top + down * factor, left : left + across * factor]
-            level = levels[start : start + across * down].reshape(down, across)
-            if factor > 1:
-                cv2.resize(part, (across, down), dst=level, interpolation=cv2.INTER_AREA)
-            else:
-                level[...] = part
-        quads = np.empty(total, np.int32)
-        _pack(levels, places, quads)
+            level = np.asarray(cv2.resize(part, (across, down), interpolation=cv2.INTER_AREA), np.uint8)
+            pack_parts(level, np.array([[0, 0, across, down, 0]]), quads[start : start + across * down])
         return Crops(quads, places, factor)
 
 
@@ -106,21 +116,24 @@ def _span(low: float, high: float, size: int, factor: int) -> tuple[int, int]:
     return start, int(min(max(high + 3 + factor, start + factor), max(size, factor)))
 
 
-@compiled
-def _pack(levels: ByteArray, places: IntArray, quads: QuadArray) -> None:
-    """Packs the parts' grey levels uint8[total]."""
+@kernel(VIEW, PLACES, QUADS)
+def pack_parts(image: ByteArray, places: IntArray, quads: QuadArray) -> None:
+    """Packs parts of a picture.
+
+    Args:
+        image: uint8[h, w], whatever its memory is like.
+        places: int64[g, 5], see `Crops`, in pixels of this picture.
+        quads: int32[total], is filled.
+    """
     for group in range(len(places)):
-        across, down = places[group, ACROSS], places[group, DOWN]
-        start = places[group, START]
-        part = levels[start : start + across * down].reshape(down, across)
+        left, top, across, down, start = places[group]
         for row in range(down):
-            upper, lower = part[row], part[min(row + 1, down - 1)]
+            upper = image[top + row, left : left + across]
+            lower = image[top + min(row + 1, down - 1), left : left + across]
             line = quads[start + row * across : start + (row + 1) * across]
             for column in range(across):
                 line[column] = np.int32(np.int32(upper[column]) | np.int32(np.int32(lower[column]) << 16))
+            # each column takes its neighbour's bytes before that one takes others
             for column in range(across - 1):
-                beside = np.int32(
-                    np.int32(upper[column + 1]) | np.int32(np.int32(lower[column + 1]) << np.int32(16))
-                )
-                line[column] = np.int32(line[column] | np.int32(beside << np.int32(8)))
+                line[column] = np.int32(line[column] | np.int32(line[column + 1] << np.int32(8)))
             line[across - 1] = np.int32(line[across - 1] | np.int32(line[across - 1] << np.int32(8)))

@@ -109,6 +109,31 @@ def heading(mean: FloatArray, covariance: FloatArray, side: float) -> tuple[floa
     return math.atan2(down, across), max(LEAST_HEADING_STD, 1.5 * deviation / speed)
 
 
+def headings(means: FloatArray, covariances: FloatArray, sides: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """`heading` of n states: float64[n], NaN while it is not known, and float64[n], rad."""
+    directions, deviations = np.empty(len(means)), np.empty(len(means))
+    _head(means, covariances, sides, directions, deviations)
+    return directions, deviations
+
+
+@compiled
+def _head(
+    means: FloatArray,
+    covariances: FloatArray,
+    sides: FloatArray,
+    directions: FloatArray,
+    deviations: FloatArray,
+) -> None:
+    """Fills in the directions of motion and their standard deviations."""
+    for state in range(len(means)):
+        across, down = means[state, 2], means[state, 3]
+        speed = np.hypot(across, down)
+        deviation = np.sqrt((covariances[state, 2, 2] + covariances[state, 3, 3]) / 2)
+        known = speed >= HEADED * deviation and speed >= LEAST_SPEED * sides[state]
+        directions[state] = np.arctan2(down, across) if known else np.nan
+        deviations[state] = max(LEAST_HEADING_STD, 1.5 * deviation / speed) if known else np.inf
+
+
 @compiled
 def _turn(
     means: FloatArray, covariances: FloatArray, jacobians: FloatArray, carried: FloatArray, turned: FloatArray

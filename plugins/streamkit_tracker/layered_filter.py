@@ -132,7 +132,9 @@ def layered_step(
     """
     targets, keep = len(clouds), min(settings.keep, settings.particles)
     draws = settings.draws
-    noise = np.array([generator.standard_normal(sum(draws)) for generator in generators])
+    noise = np.empty((targets, sum(draws)))
+    for generator, row in zip(generators, noise, strict=True):
+        generator.standard_normal(out=row)
     offsets = np.array([generator.random() for generator in generators])
     windows = np.empty((targets, settings.particles, 5))
     _look_around(clouds, proposal, noise, offsets, windows)

@@ -5,12 +5,16 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 
 from streamkit_tracker.feature_template import Space
 from streamkit_tracker.frame_crops import Float32Array
 from streamkit_tracker.provenance import TargetProvenance
-from streamkit_tracker.window_geometry import IDENTITY, FloatArray
+from streamkit_tracker.window_geometry import FloatArray
+
+NOTHING: FloatArray = np.zeros((2, 2))
+NOTHING.setflags(write=False)
 
 
 class Placement(enum.StrEnum):
@@ -57,8 +61,7 @@ class Observation:
     space: Space | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class TargetReport:
+class TargetReport(msgspec.Struct, frozen=True, eq=False):
     """One target in one frame.
 
     Attributes:
@@ -79,11 +82,10 @@ class TargetReport:
     covariance: FloatArray
     score: float
     age_s: float
-    provenance: TargetProvenance = field(default_factory=TargetProvenance)
+    provenance: TargetProvenance = msgspec.field(default_factory=TargetProvenance)
 
 
-@dataclass(frozen=True, eq=False)
-class Sighting:
+class Sighting(msgspec.Struct, frozen=True, eq=False):
     """A detection given to a target.
 
     Attributes:
@@ -109,17 +111,18 @@ class Sighting:
     @property
     def measurement(self) -> Measurement:
         """Its centroid as a measurement."""
-        return Measurement(self.centroid, self.std**2 * IDENTITY)
+        return Measurement(self.centroid, self.std**2)
 
 
-@dataclass(frozen=True, eq=False)
-class Measurement:
+class Measurement(msgspec.Struct, frozen=True, eq=False):
     """A measured position.
 
     Attributes:
         position: x and y, px.
-        covariance: float64[2, 2], px squared.
+        variance: of either coordinate, px squared.
+        covariance: float64[2, 2], px squared, what comes to that.
     """
 
     position: tuple[float, float]
-    covariance: FloatArray
+    variance: float
+    covariance: FloatArray = NOTHING

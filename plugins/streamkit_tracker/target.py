@@ -10,27 +10,23 @@ import numpy as np
 from streamkit_tracker import kinematics
 from streamkit_tracker.appearance import Appearance
 from streamkit_tracker.appearance_search import Found, SearchJob
-from streamkit_tracker.box_shape import window_turn
 from streamkit_tracker.correlation_filter import Response
 from streamkit_tracker.detected_shape import DetectedShape, centroid_std
 from streamkit_tracker.discrimination import ask, response_prior
 from streamkit_tracker.evidence import Evidence
 from streamkit_tracker.feature_template import FeatureTemplate, Space
-from streamkit_tracker.layered_filter import Cloud
+from streamkit_tracker.layered_filter import Cloud, LayerSettings
 from streamkit_tracker.observation import Measurement, Sighting, TargetReport, TargetState
 from streamkit_tracker.provenance import TargetProvenance
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.trail import Trail
-from streamkit_tracker.window_geometry import IDENTITY, FloatArray
+from streamkit_tracker.window_geometry import FloatArray
 from streamkit_tracker.window_priors import Prior
 from streamkit_tracker.window_sampling import WindowSampler
 
 ACCELERATION_SIDES = 2.0  # px/s^2 for each px of a target's side
 DETECTED_ACCELERATION_SIDES = 6.0  # the same where detections correct what the wider search catches
-SMALLEST_SIDE = 10.0
 SPEED_SHARE = 1 / 3
-FEATURE_RATE = 0.2
-SIDES_STD = 0.12
 CREDIT_AT_START_S = 0.2
 CREDIT_RATE = 1.0
 LOOK_STD = 0.1  # px, of a look at a target that keeps its look
@@ -118,19 +114,17 @@ class Target:
         return kinematics.position_std(self.covariance) / self.side
 
     @property
-    def acceleration_std(self) -> float:
-        """Standard deviation of the acceleration, px/s^2: what is larger in the picture is nearer."""
-        sides = ACCELERATION_SIDES if self.manual else DETECTED_ACCELERATION_SIDES
-        return sides * max(self.side, SMALLEST_SIDE)
+    def liveliness(self) -> float:
+        """Standard deviation of the acceleration, sides (10 px at least) per s^2: the larger the nearer."""
+        return ACCELERATION_SIDES if self.manual else DETECTED_ACCELERATION_SIDES
 
-    @property
-    def _anchor_variance(self) -> float:
+    def anchor_variance(self, side: float) -> float:
         """Variance of where in the target its template sits, px^2: an error that no look at it corrects."""
         if self.appearance is None:
             return 0.0
         if self.manual:
-            return (LOOK_STD + CREEP * self._evidence.usual_distance * self.side) ** 2
-        return centroid_std(self.side) ** 2
+            return (LOOK_STD + CREEP * self._evidence.usual_distance * side) ** 2
+        return centroid_std(side) ** 2
 
     def pass_time(self, step_s: float, *, detected: bool) -> None:
         """Counts one frame, with or without a detection."""
@@ -158,16 +152,6 @@ class Target:
         self.state = TargetState.LOST
         self.provenance.cause = cause
 
-    def remember(self, sighting: Sighting, step_s: float) -> None:
-        """Lets the shape and the feature vector follow a detection."""
-        self.shape.remember(sighting, step_s)
-        if sighting.feature is None:
-            return
-        vector = np.asarray(sighting.feature, np.float64)
-        if self.feature is not None and sighting.feature_version == self.feature_version:
-            vector = (1 - FEATURE_RATE) * self.feature + FEATURE_RATE * vector
-        self.feature, self.feature_version = vector, sighting.feature_version
-
     def propose(self, sampler: WindowSampler, step_s: float) -> None:
         """Asks the discriminator of a hand-drawn target where it went, before any particle is moved."""
         self._response = None
@@ -179,8 +163,14 @@ class Target:
             self.appearance.discriminator, self._evidence, sampler, predicted, self._frames_unseen
         )
 
-    def job(self, step_s: float, sighting: Sighting | None, followed: int, share: float) -> SearchJob:
-        """What to look for in this frame, once `mean` and `covariance` are predicted for it."""
+    def job(self, motion: FloatArray, prior: FloatArray, layers: LayerSettings) -> SearchJob:
+        """What to look for in this frame.
+
+        Args:
+            motion: float64[7], see `SearchJob`.
+            prior: float64[8], see `prior_rows`.
+            layers: how many particles.
+        """
         assert self.appearance is not None
         window = self.window
         if self._response is not None and self._frames_unseen > 0:
@@ -192,13 +182,22 @@ class Target:
             self.appearance.template,
             self.appearance.patch,
             self.appearance.context,
-            (self.mean.item(2) * step_s, self.mean.item(3) * step_s),
-            kinematics.position_std(self.covariance),
-            min(1 + REACH_PER_FRAME * self._frames_unseen, LONGEST_REACH),
-            self._prior(sighting),
-            self._settings.layers_for(sighting is not None, followed, share),
+            motion,
+            prior,
+            layers,
             self._evidence.tolerance,
         )
+
+    @property
+    def reach(self) -> float:
+        """How much wider than usual to look, 1 or more, for a target not seen lately."""
+        return min(1 + REACH_PER_FRAME * self._frames_unseen, LONGEST_REACH)
+
+    def prior(self, sighting: Sighting | None) -> Prior:
+        """What is expected of the window of a hand-drawn target before it is looked for."""
+        if self._response is not None:
+            return response_prior(self._response, self._evidence.tolerance, self.drawn_angle)
+        return Prior() if sighting is None else Prior(sighting.centroid, sighting.std)
 
     def overlook(self) -> None:
         """Nobody looked for the target in this frame."""
@@ -225,7 +224,7 @@ class Target:
             self.appearance.template.update(found.patch)
         noise = (0.2 + 0.015 * self.side) ** 2
         x, y, *_ = found.window.tolist()
-        return Measurement((x, y), found.covariance + noise * IDENTITY)
+        return Measurement((x, y), noise, found.covariance)
 
     def finish(
         self,
@@ -236,6 +235,7 @@ class Target:
         followed: int,
         *,
         hidden: bool,
+        restart: tuple[FloatArray, bool] | None = None,
     ) -> None:
         """Ends the frame, after `mean` was corrected: keeps the window right and decides on the state.
 
@@ -246,6 +246,8 @@ class Target:
             visible: part of the window inside the frame.
             followed: number of targets followed.
             hidden: whether another target lies upon this one.
+            restart: window, float64[5], where detections say that the template is to begin again, and
+                whether the state moves there; None where the window is right.
         """
         if self.appearance is None:
             self._finish_tentative(sampler, space, sighting, followed)
@@ -258,8 +260,11 @@ class Target:
         elif self.manual:
             self.trail.add((float(self.mean[0]), float(self.mean[1])))
         alone = sighting is not None and not sighting.crowded
-        if sighting is not None and alone and not self.manual:
-            self._keep_right(sampler, space, sighting, followed)
+        if restart is not None:
+            window, moves = restart
+            if moves:
+                self.mean[:2] = window[:2]
+            self._restart(sampler, space, window, followed)
         if self._alike or self.frames_undetected == 0:
             self._frames_unseen = 0
         elif not hidden:
@@ -285,14 +290,24 @@ class Target:
         side = self._settings.patch_for(context * float(max(self.window[2:4])), followed)
         self._learn_anew(sampler, space, (side, side) if space is None else space.patch_size, context)
 
-    def report(self, velocity: FloatArray) -> TargetReport:
-        """What is told about the target in this frame; `velocity`, float64[2], is px/s on the plane."""
+    @property
+    def alike(self) -> bool:
+        """Whether the target was recognised in this frame."""
+        return self._alike
+
+    @property
+    def looked_at(self) -> bool:
+        """Whether the window is where the target was seen, as one drawn by hand, not where it should be."""
+        return self.manual and self._alike and self.state is TargetState.CONFIRMED
+
+    def report(self, velocity: FloatArray, covariance: FloatArray) -> TargetReport:
+        """What is told about the target in this frame.
+
+        Args:
+            velocity: float64[2], px/s on the plane.
+            covariance: float64[2, 2] of x and y, px squared.
+        """
         score = self._similarity if self.appearance is not None else sum(self._seen) / len(self._seen)
-        # the window of a target drawn by hand is where it was seen, not where its motion has it
-        looked_at = self.manual and self._alike and self.state is TargetState.CONFIRMED
-        covariance = self._anchor_variance * IDENTITY
-        if not looked_at:
-            covariance += self.covariance[:2, :2]
         return TargetReport(
             self.id,
             self.state,
@@ -333,18 +348,6 @@ class Target:
         )
         self._similarity, self._alike = 1.0, True
 
-    def _prior(self, sighting: Sighting | None) -> Prior:
-        centroid = (0.0, 0.0) if sighting is None else sighting.centroid
-        std = math.inf if sighting is None else sighting.std
-        if self.manual:
-            if self._response is None:
-                return Prior(centroid, std)
-            return response_prior(self._response, self._evidence.tolerance, self.drawn_angle)
-        heading, heading_std = kinematics.heading(self.mean, self.covariance, self.side)
-        known = self.window.item(4) if heading is None else heading
-        length, width, angle = window_turn(*self.shape.box, known)
-        return Prior(centroid, std, (length, width), SIDES_STD, angle, heading_std)
-
     def _direction(self) -> tuple[float, float]:
         """Direction of motion and its standard deviation, or the window's or the trail's meanwhile."""
         heading, heading_std = kinematics.heading(self.mean, self.covariance, self.side)
@@ -352,25 +355,6 @@ class Target:
             known = self.followed and self.appearance is not None
             heading = self.window.item(4) if known else self.trail.heading
         return heading, heading_std
-
-    def _keep_right(
-        self, sampler: WindowSampler, space: Space | None, sighting: Sighting, followed: int
-    ) -> None:
-        """Starts the template again where detections show that the window is wrong."""
-        assert self.appearance is not None
-        trust = min(1.0, centroid_std(self.side) / sighting.std) ** 2
-        heading, heading_std = self._direction()
-        if self._alike:
-            self.shape.recognised()
-        elif self.shape.out_of_sight(trust):
-            self._restart(
-                sampler, space, self.shape.window(float(self.mean[0]), float(self.mean[1]), heading), followed
-            )
-            return
-        better = self.shape.better(self.window, sighting, heading, heading_std, trust)
-        if better is not None:
-            self.mean[:2] = better[:2]
-            self._restart(sampler, space, better, followed)
 
     def _restart(
         self, sampler: WindowSampler, space: Space | None, window: FloatArray, followed: int

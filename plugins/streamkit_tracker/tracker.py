@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from streamkit_tracker import kinematics
 from streamkit_tracker.appearance_search import Likelihood, search
 from streamkit_tracker.budget import Budget
+from streamkit_tracker.detected_shape import Motion, remember, restarts
+from streamkit_tracker.expectations import search_jobs
 from streamkit_tracker.feature_template import FeatureTemplate
 from streamkit_tracker.frame_crops import ByteArray
 from streamkit_tracker.observation import (
@@ -23,12 +25,13 @@ from streamkit_tracker.observation import (
     TargetReport,
     TargetState,
 )
-from streamkit_tracker.pairing import Pairing, pair
+from streamkit_tracker.pairing import Pairing, pair, remember_features
 from streamkit_tracker.provenance import TargetProvenance
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.target import Target
 from streamkit_tracker.window_geometry import (
     ANGLE,
+    IDENTITY,
     LENGTH,
     WIDTH,
     FloatArray,
@@ -37,6 +40,7 @@ from streamkit_tracker.window_geometry import (
     map_points,
     map_windows,
     visible_fraction,
+    window_sides,
 )
 from streamkit_tracker.window_sampling import WindowSampler
 
@@ -46,6 +50,7 @@ FRAGMENT_AREA = 3.5
 HIDDEN_SCALE = 2.0
 BIRTH_SCALE = 1.3
 TENTATIVE_SHARE = 4
+SMALLEST_SIDE = 10.0  # px, of what accelerations are reckoned in
 
 
 BoolArray = NDArray[np.bool_]
@@ -143,7 +148,9 @@ class MultiTargetTracker:
         if homography is not None:
             means, covariances = kinematics.carry(means, covariances, homography)
             self._carry_memory(homography)
-        accelerations = np.array([target.acceleration_std for target in self._targets])
+        sides = window_sides(_rows([target.window for target in self._targets]))
+        accelerations = np.maximum(sides, SMALLEST_SIDE)
+        accelerations *= [target.liveliness for target in self._targets]
         means, covariances = kinematics.predict(means, covariances, observation.step_s, accelerations)
         for target, mean, covariance in zip(self._targets, means, covariances, strict=True):
             target.mean, target.covariance = mean, covariance
@@ -151,17 +158,21 @@ class MultiTargetTracker:
     def _carry_memory(self, homography: FloatArray) -> None:
         """Carries windows, trails and particles to this frame's pixels, all targets at once."""
         windows = map_windows(homography, _rows([target.window for target in self._targets]))
-        points = [target.trail.positions for target in self._targets]
+        # a target that has been confirmed by its detections has no use for its trail any more
+        trails = [target.trail for target in self._targets if target.manual or target.appearance is None]
+        points = [trail.positions for trail in trails]
         clouds = [target.appearance.cloud for target in self._targets if target.appearance is not None]
         points += [cloud.positions for cloud in clouds]
         mapped, _ = map_points(homography, np.concatenate(points))
         ends = list(accumulate(map(len, points)))
         parts = [mapped[end - len(part) : end] for end, part in zip(ends, points, strict=True)]
-        for index, target in enumerate(self._targets):
-            target.drawn_angle += float(windows[index, ANGLE] - target.window[ANGLE])
-            target.window = windows[index]
-            target.trail.positions = parts[index]
-        for cloud, part in zip(clouds, parts[len(self._targets) :], strict=True):
+        for target, window in zip(self._targets, windows, strict=True):
+            if target.manual:
+                target.drawn_angle += float(window[ANGLE] - target.window[ANGLE])
+            target.window = window
+        for trail, part in zip(trails, parts[: len(trails)], strict=True):
+            trail.positions = part
+        for cloud, part in zip(clouds, parts[len(trails) :], strict=True):
             cloud.positions = part
 
     def _look(self, observation: Observation) -> None:
@@ -174,7 +185,10 @@ class MultiTargetTracker:
             if sighting is not None:
                 target.provenance.detection = sighting.row
                 target.provenance.gate = pairing.gates[target.id]
-                target.remember(sighting, observation.step_s)
+        detected = [target for target in self._targets if target.id in pairing.sightings]
+        seen = [pairing.sightings[target.id] for target in detected]
+        remember([target.shape for target in detected], seen, observation.step_s)
+        remember_features(detected, seen, observation.features_version)
         self._correct(self._measure(observation, pairing))
         self._finish(observation, pairing)
         self._merge(observation)
@@ -193,10 +207,9 @@ class MultiTargetTracker:
             template = target.appearance.template if target.appearance is not None else None
             if isinstance(template, FeatureTemplate) and observation.space is not None:
                 template.follow(observation.space)
-        for target in seen:
-            target.propose(self._sampler, observation.step_s)
-        share = self._budget.share
-        jobs = [target.job(observation.step_s, sightings.get(target.id), len(seen), share) for target in seen]
+            if target.manual:
+                target.propose(self._sampler, observation.step_s)
+        jobs = search_jobs(seen, sightings, self.settings, observation.step_s, self._budget.share)
         measurements = {
             target.id: sightings[target.id].measurement
             for target in self._targets
@@ -220,11 +233,13 @@ class MultiTargetTracker:
         measured = [target for target in self._targets if target.id in measurements]
         if not measured:
             return
+        found = [measurements[target.id] for target in measured]
+        variances = np.array([measurement.variance for measurement in found])
         means, covariances = kinematics.correct(
             _rows([target.mean for target in measured]),
             _rows([target.covariance for target in measured]),
-            np.array([measurements[target.id].position for target in measured]),
-            _rows([measurements[target.id].covariance for target in measured]),
+            np.array([measurement.position for measurement in found]),
+            _rows([measurement.covariance for measurement in found]) + variances[:, None, None] * IDENTITY,
         )
         for target, mean, covariance in zip(measured, means, covariances, strict=True):
             target.mean, target.covariance = mean, covariance
@@ -241,6 +256,7 @@ class MultiTargetTracker:
         # one that coasts makes room for one that is seen
         coasting = sum(target.gives_way for target in self._targets)
         followed = self._followed()
+        wrong = self._restarts(pairing.sightings)
         for index, target in enumerate(self._targets):
             before = target.followed
             target.finish(
@@ -250,9 +266,27 @@ class MultiTargetTracker:
                 float(visible[index]),
                 followed - coasting,
                 hidden=hidden[index],
+                restart=wrong.get(target.id),
             )
             followed += target.followed - before
         self._give_up(followed - self.settings.max_targets)
+
+    def _restarts(self, sightings: Mapping[int, Sighting]) -> dict[int, tuple[FloatArray, bool]]:
+        """Windows that are wrong by what was detected, by target id; see `Target.finish`."""
+        known = [t for t in self._targets if t.appearance is not None and not t.manual and t.id in sightings]
+        alone = [target for target in known if not sightings[target.id].crowded]
+        if not alone:
+            return {}
+        motion = Motion(
+            _rows([target.mean for target in alone]), _rows([target.covariance for target in alone])
+        )
+        windows = _rows([target.window for target in alone])
+        alike = np.array([target.alike for target in alone])
+        looked_at = np.array([target.provenance.similarity is not None for target in alone])
+        windows[~alike, :2] = motion.means[~alike, :2]
+        shapes, seen = [target.shape for target in alone], [sightings[target.id] for target in alone]
+        found = zip(alone, restarts(shapes, seen, windows, motion, alike, looked_at), strict=True)
+        return {target.id: restart for target, restart in found if restart is not None}
 
     def _give_up(self, surplus: int) -> None:
         """Ends the least certain targets, those that coast first, so that `max_targets` are left."""
@@ -340,4 +374,12 @@ class MultiTargetTracker:
         _, jacobians = map_points(observation.to_reference, means[:, :2])
         velocities = np.einsum("nij,nj->ni", jacobians, means[:, 2:])
         velocities = np.where(np.isfinite(velocities), velocities, math.nan)
-        return tuple(target.report(velocity) for target, velocity in zip(targets, velocities, strict=True))
+        sides = window_sides(_rows([target.window for target in targets])).tolist()
+        variances = np.array(
+            [target.anchor_variance(side) for target, side in zip(targets, sides, strict=True)]
+        )
+        covariances = variances[:, None, None] * IDENTITY
+        by_motion = [not target.looked_at for target in targets]
+        covariances[by_motion] += _rows([target.covariance for target in targets])[by_motion, :2, :2]
+        rows = zip(targets, velocities, covariances, strict=True)
+        return tuple(target.report(velocity, covariance) for target, velocity, covariance in rows)

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 
+from streamkit_kernels import prepare
 from streamkit_tracker.eigen_template import EigenSettings
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
@@ -22,6 +23,7 @@ def warm_up() -> None:
 
     Else the first frames of a live feed would wait while their loops are compiled, or read from the cache.
     """
+    prepare("streamkit_tracker")
     picture = np.random.default_rng(0).integers(0, 255, (SIDE, SIDE)).astype(np.uint8)
     tracker = MultiTargetTracker(SETTINGS)
     tracker.start_target(picture, np.array([20.0, 20.0, 16.0, 12.0, 0.0]), Observation(0.04))

@@ -23,6 +23,11 @@ IDENTITY: FloatArray = np.eye(2)
 IDENTITY.setflags(write=False)
 
 
+def window_sides(windows: FloatArray) -> FloatArray:
+    """Geometric means of the sides of windows float64[n, 5]: float64[n], px."""
+    return np.asarray(np.sqrt(windows[:, LENGTH] * windows[:, WIDTH]))
+
+
 def half_turn(angle: FloatArray | float) -> FloatArray:
     """Wraps angles of a direction without sign into [-pi/2, pi/2)."""
     return np.asarray((np.asarray(angle, np.float64) + np.pi / 2) % np.pi - np.pi / 2)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from streamkit_kernels import compiled
@@ -15,8 +15,7 @@ VISIBLE_ENOUGH = 0.5
 HIDDEN_PENALTY = 20.0
 
 
-@dataclass(frozen=True)
-class Prior:
+class Prior(msgspec.Struct, frozen=True):
     """What is expected of the window before the image is looked at; an infinite deviation is no opinion.
 
     Attributes:

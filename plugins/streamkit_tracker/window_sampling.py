@@ -54,7 +54,7 @@ class WindowSampler:
 
     def __init__(self) -> None:
         self._crops = FrameCrops()
-        self._patches = np.zeros(0, np.float32)
+        self._patches = self._templates = np.zeros(0, np.float32)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -107,6 +107,14 @@ class WindowSampler:
             crops.quads, crops.places, crops.factor, np.ascontiguousarray(windows), unit_grid(patch), patches
         )
         return patches
+
+    def side_by_side(self, arrays: list[Float32Array]) -> Float32Array:
+        """Arrays of one shape along a new first axis; a view that the next call overwrites."""
+        size = sum(array.size for array in arrays)
+        if self._templates.size < size:
+            self._templates = np.empty(size, np.float32)
+        rows = self._templates[:size].reshape(-1, arrays[0].shape[1])
+        return np.concatenate(arrays, out=rows).reshape(len(arrays), *arrays[0].shape)
 
     def distances(
         self,
@@ -184,6 +192,7 @@ def _compare(
     together = max(1, min(LARGEST_PRODUCT // (columns * pixels), MOST_TOGETHER, windows.shape[1]))
     near, between = np.empty(pixels, np.int32), np.empty((2, pixels), np.float32)
     patches, products = np.empty((together, pixels), np.float32), np.empty((together, columns), np.float32)
+    powers, moments = np.empty(together, np.float32), np.empty((3, together))
     for target in range(len(windows)):
         template = rows[target].T
         for start in range(0, windows.shape[1], together):
@@ -195,34 +204,51 @@ def _compare(
                 first_patches[target] = patches[0]
             np.dot(patches[:count], template, products[:count])
             for index in range(count):
-                power = np.dot(patches[index], patches[index])
-                result = _residual(products[index], power, constants[target, 0], constants[target, 1], pixels)
-                results[target, start + index] = result
+                powers[index] = np.dot(patches[index], patches[index])
+            sums, along_mean = constants[target]
+            outside = results[target, start : start + count]
+            _find_residuals(products, powers, sums, along_mean, pixels, moments, outside)
 
 
 @compiled
-def _residual(
-    products: Float32Array, power: float, sums: Float32Array, along_mean: Float32Array, pixels: int
-) -> float:
-    """What of a normalised patch lies outside an eigen space, mean square.
+def _find_residuals(
+    products: Float32Array,
+    powers: Float32Array,
+    sums: Float32Array,
+    along_mean: Float32Array,
+    pixels: int,
+    moments: FloatArray,
+    residuals: FloatArray,
+) -> None:
+    """What of normalised patches lies outside an eigen space, mean squares; all patches side by side.
 
     Args:
-        products: float32[k + 2], the patch times [basis, mean, 1].
-        power: its sum of squares.
+        products: float32[n or more, k + 2], the patches times [basis, mean, 1].
+        powers: float32[n or more], their sums of squares.
         sums: float32[k + 1], of basis and mean.
         along_mean: float32[k + 1], products of basis and mean with the mean.
-        pixels: of the patch.
+        pixels: of a patch.
+        moments: float64[3, n or more], is overwritten.
+        residuals: float64[n], is filled.
     """
-    known = len(products) - 2
-    average = products[known + 1] / pixels
-    variance = max(power / pixels - average**2, 0.0)
-    deviation = max(np.sqrt(variance), DEVIATION_FLOOR)
-    like_mean = (products[known] - average * sums[known]) / deviation
-    outside = pixels * variance / deviation**2 - 2 * like_mean + along_mean[known]
+    known, count = products.shape[1] - 2, len(residuals)
+    averages, deviations, along = moments
+    for patch in range(count):
+        average = products[patch, known + 1] / pixels
+        variance = max(powers[patch] / pixels - average**2, 0.0)
+        deviation = max(np.sqrt(variance), DEVIATION_FLOOR)
+        like_mean = (products[patch, known] - average * sums[known]) / deviation
+        residuals[patch] = pixels * variance / deviation**2 - 2 * like_mean + along_mean[known]
+        averages[patch], deviations[patch] = average, deviation
     for component in range(known):
-        along = (products[component] - average * sums[component]) / deviation
-        outside -= (along - along_mean[component]) ** 2
-    return float(max(outside, 0.0) / pixels)
+        total, middle = sums[component], along_mean[component]
+        for patch in range(count):
+            along[patch] = products[patch, component]
+        for patch in range(count):
+            share = (along[patch] - averages[patch] * total) / deviations[patch] - middle
+            residuals[patch] -= share * share
+    for patch in range(count):
+        residuals[patch] = max(residuals[patch], 0.0) / pixels
 
 
 @compiled
