@@ -1,6 +1,6 @@
 """The finished mosaic against the true ground, beside cv2.Stitcher (SCANS) on the same frames.
 
-    STREAMKIT_DATA=... python benchmarks/mosaic.py [FOLDER [REPEATS [SEED,SEED,...]]]
+    STREAMKIT_DATA=... python benchmarks/mosaic.py [--folder FOLDER] [--repeats 5] [--seeds 201 202 ...]
 
 1. `features`: features of the mosaic are matched to the picture that the flight was rendered from, one
    homography is fitted, and the median and 90th percentile of what is left over are told. Features are not
@@ -12,12 +12,12 @@
 3. `bent`: of those shifts the median of each block of 128 px is taken, as a misplaced picture shifts whole
    blocks. Again the median and the 90th percentile of those.
 
-Time is that of everything from the frames to the written file: the median of REPEATS runs (five), on the
+Time is that of everything from the frames to the written file: the median of the runs, on the
 clock and in CPU time of all threads.
 """
 
+import argparse
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -183,17 +183,20 @@ def compared(ground: PictureArray, flight: Flight, title: str, folder: Path, rep
 
 def main() -> None:
     """Prints one row per flight and method, then the ratios."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--folder", type=Path, help="for the mosaics; a temporary one otherwise")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--seeds", type=int, nargs="+", default=range(201, 209))
+    options = parser.parse_args()
     ground = ground_picture()
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
-    repeats = int(sys.argv[2]) if len(sys.argv) > 2 else 5
-    seeds = [int(text) for text in sys.argv[3].split(",")] if len(sys.argv) > 3 else range(201, 209)
+    folder = options.folder or Path(tempfile.mkdtemp())
     print("| flight | method | placed | s | CPU s | features px | p90 | refined px | p90 | bent px | p90 |")
     print("|---|---|---|---|---|---|---|---|---|---|---|")
     ratios = []
-    for seed in seeds:
+    for seed in options.seeds:
         name, per_row, count = KINDS[seed % len(KINDS)]
         flight = rows(ground, per_row, count, SHAPE, seed)
-        ratios.append(compared(ground, flight, f"| {name}, seed {seed} |", folder, repeats))
+        ratios.append(compared(ground, flight, f"| {name}, seed {seed} |", folder, options.repeats))
     for name, value in (("median", np.nanmedian), ("least", np.nanmin)):
         clock, processor, *left = value(np.array(ratios), axis=0).tolist()
         between = " | | ".join(f"{ratio:.1f}" for ratio in left)
