@@ -250,8 +250,9 @@ def begin_noise(
             if not _has_new(largest[block - left : end - left]):
                 continue
             for row in range(start, stop):
+                lesson = lessons[row, block:end]
                 for column in range(block, end):
-                    if lessons[row, column] == np.uint8(NEW):
+                    if lesson[np.uintp(column - block)] == np.uint8(NEW):
                         rough = np.float32(edge) * _range(earlier, row, column, region) + np.float32(first)
                         spread[row, column] = rough
                         limit = min(np.rint(rough * np.float32(gain)), np.float32(highest))
@@ -268,8 +269,12 @@ def _raise(lesson: ByteLine, largest: ByteLine) -> None:
 def _range(image: ByteImage, row: int, column: int, region: Region) -> np.float32:
     """The range of values within a pixel."""
     top, bottom, left, right = region
+    flat, width = image.reshape(-1), image.shape[1]
+    before, after = max(column - 1, left), min(column + 1, right - 1)
     low, high = np.uint8(255), np.uint8(0)
-    for y in range(max(row - 1, top), min(row + 2, bottom)):
-        for x in range(max(column - 1, left), min(column + 2, right)):
-            low, high = min(low, image[y, x]), max(high, image[y, x])
-    return np.float32(high - low)
+    # Beyond the region a line or a column of it is looked at twice.
+    for y in (max(row - 1, top), row, min(row + 1, bottom - 1)):
+        for x in (before, column, after):
+            value = flat[np.uintp(y * width + x)]
+            low, high = min(low, value), max(high, value)
+    return np.float32(np.uint8(high - low))

@@ -27,7 +27,7 @@ from streamkit_differencer.learning import learn
 from streamkit_differencer.marks import SHADOW, mark
 from streamkit_differencer.model_settings import Event, ModelSettings
 from streamkit_differencer.noise import NoiseMap, first_spread
-from streamkit_differencer.resampling import LastFrames, Remembered, bounds_of, scrolled, warped
+from streamkit_differencer.resampling import LastFrames, Remembered, bounds_of, filled, scrolled, warped
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -110,8 +110,8 @@ class BackgroundModel:
         self._first_spread = None
         self.ground = self._work.rounded, np.s_[0 : shape[0], 0 : shape[1]]
         for name, fill in self._fills().items():
-            setattr(self, name, np.full(shape, fill, np.uint8))
-        self.background, self.noise = np.zeros(shape, np.float32), NoiseMap(shape)
+            setattr(self, name, filled(shape, fill, np.uint8))
+        self.background, self.noise = filled(shape, 0, np.float32), NoiseMap(shape)
         self._history = LastFrames(shape, self.settings.interval * (2 if self.settings.three_frame else 1))
 
     @property
@@ -148,12 +148,14 @@ class BackgroundModel:
 
     def warp(self, change: Matrix) -> None:
         """Resamples everything onto another canvas: float64[3, 3] maps this canvas to that one."""
+        # Into the memory that it has: to get new memory takes as long as to fill it.
         for name, fill in self._used().items():
-            setattr(self, name, warped(getattr(self, name), change, fill))
-        self.background = warped(self.background, change, 0, cv2.INTER_CUBIC)
+            image = getattr(self, name)
+            image[:] = warped(image, change, fill)
+        self.background[:] = warped(self.background, change, 0, cv2.INTER_CUBIC)
         self.noise.warp(change)
         # Cubic resampling of the background mixes pixels across the border of what is known.
-        self.valid = cast("ByteImage", cv2.erode(self.valid, np.ones((3, 3), np.uint8)))
+        self.valid[:] = cv2.erode(self.valid, np.ones((3, 3), np.uint8))
         self._history.warp(change)
 
     def room(self) -> Remembered:
@@ -364,10 +366,10 @@ class BackgroundModel:
         last = self._history[-1]
         step = exposure_step(last.image[region], image, last.seen[region], seen)
         if step is not None:
-            self.background = np.clip(step.gain * self.background + step.offset, 0.0, 255.0)
+            self.background[:] = np.clip(step.gain * self.background + step.offset, 0.0, 255.0)
             self._history.follow(step.gain, step.offset)
         # Exposure that creeps leaves the last frame alone, but not a background that learns slowly.
         creep = exposure_step(self.background[region], image, self.valid[region], seen)
         if creep is not None:
-            self.background = np.clip(creep.gain * self.background + creep.offset, 0.0, 255.0)
+            self.background[:] = np.clip(creep.gain * self.background + creep.offset, 0.0, 255.0)
         return Event.NONE if step is None and creep is None else Event.GAIN

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from streamkit_differencer.learning import begin_noise, learn_noise, set_thresholds
-from streamkit_differencer.resampling import scrolled, warped
+from streamkit_differencer.resampling import filled, scrolled, warped
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -51,8 +51,8 @@ class NoiseMap:
     _limits: tuple[float, int, int] | None = None
 
     def __post_init__(self) -> None:
-        self.spread = np.full(self.shape, FIRST_SPREAD, np.float32)
-        self.needed = np.full(self.shape, HIGHEST_THRESHOLD, np.uint8)
+        self.spread = filled(self.shape, FIRST_SPREAD, np.float32)
+        self.needed = filled(self.shape, HIGHEST_THRESHOLD, np.uint8)
 
     def set_limits(self, gain: float, lowest: float) -> None:
         """Standard deviations that the threshold is, 0 for one threshold, and its smallest value."""
@@ -81,8 +81,8 @@ class NoiseMap:
 
     def warp(self, change: Matrix) -> None:
         """Resamples all onto another canvas."""
-        self.spread = warped(self.spread, change, FIRST_SPREAD)
-        self.needed = warped(self.needed, change, HIGHEST_THRESHOLD)
+        self.spread[:] = warped(self.spread, change, FIRST_SPREAD)
+        self.needed[:] = warped(self.needed, change, HIGHEST_THRESHOLD)
 
 
 def first_spread(earlier: ByteImage, current: ByteImage, *known: ByteImage) -> float:
