@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     ByteLine = NDArray[np.uint8]
 
 SMALLEST_MEDIAN, LARGEST_MEDIAN = 3, 7
+# What is left of ground, 0, when a byte is lessened by one.
+NOTHING = 255
 
 
 def cleaned(mask: ByteImage, median: int, fill_holes: bool) -> ByteImage:
@@ -56,9 +58,11 @@ def take_median(marks: ByteImage, reach: int, result: ByteImage) -> None:
         result: uint8[h, w].
     """
     height, width = marks.shape
-    filled = np.zeros(height, np.bool_)
+    filled, smallest = np.zeros(height, np.bool_), np.uint8(NOTHING)
     for row in range(height):
-        filled[row] = _has_something(marks[row])
+        least = _smallest(marks[row])
+        filled[row] = least < NOTHING
+        smallest = min(smallest, least)
     sums = np.empty(width + 2 * reach, np.uint8)
     most = np.uint8((2 * reach + 1) ** 2 // 2)
     for row in range(height):
@@ -70,6 +74,8 @@ def take_median(marks: ByteImage, reach: int, result: ByteImage) -> None:
         if not is_near:
             continue
         for kind in (SHADOW, FOREGROUND_QUIET, FOREGROUND_CHANGED):
+            if kind < FOREGROUND_QUIET and smallest >= FOREGROUND_QUIET - 1:
+                continue
             inner = sums[reach : reach + width]
             _empty(inner)
             for other in range(row - reach, row + reach + 1):
@@ -80,11 +86,12 @@ def take_median(marks: ByteImage, reach: int, result: ByteImage) -> None:
 
 
 @compiled
-def _has_something(line: ByteLine) -> bool:
-    united = np.uint8(0)
-    for index in range(line.size):
-        united |= line[index]
-    return bool(united > 0)
+def _smallest(marks: ByteLine) -> np.uint8:
+    """The smallest mark of foreground in a line, less one; `NOTHING` where there is none."""
+    smallest = np.uint8(NOTHING)
+    for index in range(marks.size):
+        smallest = min(smallest, np.uint8(marks[index] - np.uint8(1)))
+    return smallest
 
 
 @compiled

@@ -94,6 +94,8 @@ def edges_of(
     """
     found = np.zeros((len(corners), 7))
     room = np.empty(LARGEST_PX * LARGEST_PX, np.int16)
+    # Dividing for each pixel would take as long as all else.
+    columns = np.empty(LARGEST_PX, np.uint32)
     for number in range(len(corners)):
         left, top = max(corners[number, 0], 0), max(corners[number, 1], 0)
         right, bottom = min(corners[number, 2], image.shape[1]), min(corners[number, 3], image.shape[0])
@@ -101,12 +103,14 @@ def edges_of(
         if not chosen[number] or min(width, height) <= 0 or max(width, height) > LARGEST_PX:
             continue
         inside, total = 0, 0
+        for column in range(left, right):
+            columns[column - left] = min(column // scale, mask.shape[1] - 1)
         for row in range(top, bottom):
+            line = mask[min(row // scale, mask.shape[0] - 1)]
             for column in range(left, right):
                 index = (row - top) * width + column - left
-                line = min(row // scale, mask.shape[0] - 1)
                 room[index] = -1
-                if mask[line, min(column // scale, mask.shape[1] - 1)] > LOWEST_MARK:
+                if line[columns[column - left]] > LOWEST_MARK:
                     room[index] = abs(
                         np.int64(image[row, column]) - _ground_at(ground, to_ground, row, column)
                     )
