@@ -25,6 +25,7 @@ from streamkit_differencer.confidence import Persistence, confidence
 from streamkit_differencer.filters.parallax import slide
 from streamkit_differencer.model import BackgroundModel
 from streamkit_differencer.model_settings import Event, ModelSettings
+from streamkit_differencer.movers import show_movers
 from streamkit_differencer.objects import Objects, ObjectSettings, find_objects, surest
 from streamkit_differencer.refinement import refined
 from streamkit_differencer.resampling import bounds_of
@@ -148,7 +149,9 @@ class Differencer:
             self._anchor, self._model = None, self._new_model(size_of(working))
         everything = np.s_[0 : working.shape[0], 0 : working.shape[1]]
         mask, event = self._model.update(working, np.full_like(working, 255), everything)
-        return self._judged(image, mask, Place(Change.NONE, np.eye(3), np.eye(3)), event, registration)
+        return self._judged(
+            image, working, mask, Place(Change.NONE, np.eye(3), np.eye(3)), event, registration
+        )
 
     def _moving(
         self, image: ByteImage, working: ByteImage, motion: Motion, registration: float
@@ -169,7 +172,7 @@ class Differencer:
         _, event = self._model.update(warped, seen, region, self._way(to_canvas))
         bounds = bounds_of(region, self._model.size)
         fetch(self._model.marks, bounds, to_canvas, to_working, self._mask)
-        return self._judged(image, self._mask, place, event, registration)
+        return self._judged(image, working, self._mask, place, event, registration)
 
     def _new_model(self, size: tuple[int, int]) -> BackgroundModel:
         self._persistence, self._places = Persistence(), []
@@ -181,7 +184,13 @@ class Differencer:
         return with_tolerance(self.model_settings, self._grid)
 
     def _judged(
-        self, image: ByteImage, mask: ByteImage, place: Place, event: Event, registration: float
+        self,
+        image: ByteImage,
+        working: ByteImage,
+        mask: ByteImage,
+        place: Place,
+        event: Event,
+        registration: float,
     ) -> Result:
         """The objects of a frame, without those that are parallax, each with how sure it is."""
         settings = self.object_settings
@@ -199,8 +208,11 @@ class Differencer:
         objects = surest(objects, settings.max_objects)
         ground, (rows, columns) = self._model.ground
         to_ground = translation(-columns.start, -rows.start) @ to_canvas
-        objects = refined(objects, image, ground, to_ground, mask, self._grid)
-        return Result(objects, mask, place.change, event)
+        better = refined(objects, image, ground, to_ground, mask, self._grid)
+        has_halo = self._model.settings.tolerance > 0
+        from_working = to_ground @ working_to_frame(self._grid)
+        show_movers(mask, objects, working, ground, from_working, self._grid, has_halo)
+        return Result(better, mask, place.change, event)
 
     def _way(self, working_to_canvas: Matrix) -> Matrix | None:
         """Along which, on the canvas, tall things may have slid lately, px."""

@@ -86,8 +86,9 @@ def _lessons(
     for index in range(lesson.size):
         is_long = standing[index] >= least
         on_thing = np.uint8(AT_ONCE) if is_long else np.uint8(NOTHING)
-        on_ground = np.uint8(SLOWLY) if valid[index] > 0 else np.uint8(NEW)
-        kind = on_thing if mask[index] > 0 else on_ground
+        is_known = valid[index] == np.uint8(255)
+        on_ground = np.uint8(SLOWLY) if is_known else np.uint8(NEW)
+        kind = on_thing if mask[index] > 0 and is_known else on_ground
         lesson[index] = kind & quiet[index]
 
 

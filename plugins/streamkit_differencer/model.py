@@ -107,7 +107,7 @@ class BackgroundModel:
     def reset(self) -> None:
         """Forgets everything."""
         shape = self.size[1], self.size[0]
-        self._first_spread = None
+        self._first_spread, self._frames = None, 0
         self.ground = self._work.rounded, np.s_[0 : shape[0], 0 : shape[1]]
         for name, fill in self._fills().items():
             setattr(self, name, filled(shape, fill, np.uint8))
@@ -188,6 +188,7 @@ class BackgroundModel:
             marks[:] = 0
             return marks, Event.RESET
         self._frames += 1
+        self._look_first(frame, earlier, bounds)
         self._judge(frame, bounds)
         self.ground = work.rounded[region], region
         self._leave_out(frame, earlier, bounds, way)
@@ -229,6 +230,16 @@ class BackgroundModel:
             return False
         known = cast("ByteImage", cv2.bitwise_and(before.seen[region], frame.seen[region]))
         return is_another_scene(before.image[region], frame.image[region], known, settings.frame_threshold)
+
+    def _look_first(self, frame: Remembered, earlier: Remembered | None, bounds: Region) -> None:
+        """Ground that came into view after the model had begun."""
+        settings = self.settings
+        is_new = self._frames <= settings.quiet_frames + settings.interval
+        if earlier is None or is_new or settings.three_frame or self._first_spread is None:
+            return
+        self.noise.set_limits(settings.noise_gain, settings.foreground_threshold)
+        known = self.background, self.valid
+        self.noise.look_first(frame.seen, earlier, self._waiting, *known, bounds, self._first_spread)
 
     def _judge(self, frame: Remembered, bounds: Region) -> None:
         """Equation 4, grown to the whole of things."""

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from streamkit_differencer.learning import begin_noise, learn_noise, set_thresholds
+from streamkit_differencer.new_ground import look_first
 from streamkit_differencer.resampling import filled, scrolled, warped
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from streamkit_differencer.canvas_region import Region
+    from streamkit_differencer.resampling import Remembered
 
     ByteImage = NDArray[np.uint8]
     FloatImage = NDArray[np.float32]
@@ -73,6 +75,33 @@ class NoiseMap:
         """Gives new pixels the noise that edges may have, see `learning.begin_noise`."""
         assert self._limits is not None
         begin_noise(earlier, lessons, self.spread, self.needed, region, first, EDGE_SPREAD, *self._limits)
+
+    def look_first(
+        self,
+        seen: ByteImage,
+        earlier: Remembered,
+        waiting: ByteImage,
+        background: FloatImage,
+        valid: ByteImage,
+        region: Region,
+        first: float,
+    ) -> None:
+        """Gives new ground a first background, see `new_ground.look_first`; `set_limits` came before."""
+        assert self._limits is not None
+        look_first(
+            seen,
+            earlier.image,
+            earlier.seen,
+            waiting,
+            background,
+            valid,
+            self.spread,
+            self.needed,
+            region,
+            first,
+            EDGE_SPREAD,
+            *self._limits,
+        )
 
     def scroll(self, dx: int, dy: int) -> None:
         """Moves all by whole pixels."""

@@ -4,6 +4,7 @@ import numpy as np
 
 from streamkit_differencer.equations import update_background
 from streamkit_differencer.learning import AT_ONCE, NEW, NOTHING, SLOWLY, begin_noise, learn
+from streamkit_differencer.new_ground import FIRST_LOOK
 
 SHAPE = (21, 34)
 REGION = (2, 19, 3, 30)
@@ -45,6 +46,20 @@ def test_each_pixel_learns_as_it_should():
     for array, before in ((background, old), (valid, known), (standing, stood)):
         array[INSIDE] = before[INSIDE]
         np.testing.assert_array_equal(array, before)
+
+
+def test_what_was_looked_at_but_once_is_learnt_as_soon_as_it_is_quiet():
+    """A first look is no background that foreground is kept from."""
+    image = np.full(SHAPE, 200, np.uint8)
+    valid, quiet = np.full(SHAPE, FIRST_LOOK, np.uint8), np.zeros(SHAPE, np.uint8)
+    quiet[:, :10] = 255
+    background, lessons = np.full(SHAPE, 90, np.float32), np.zeros(SHAPE, np.uint8)
+    mask, standing = np.full(SHAPE, 255, np.uint8), np.zeros(SHAPE, np.uint8)
+    count = learn(image, mask, quiet, background, valid, standing, lessons, REGION, 0.08, 10)
+    learns = (quiet > 0)[INSIDE]
+    assert count == learns.sum()
+    np.testing.assert_array_equal(valid[INSIDE], np.where(learns, 255, FIRST_LOOK))
+    np.testing.assert_array_equal(background[INSIDE], np.where(learns, 200, 90))
 
 
 def test_counts_of_frames_end_at_what_a_byte_holds():

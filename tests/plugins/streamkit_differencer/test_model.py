@@ -7,6 +7,7 @@ import pytest
 from streamkit_differencer.anchor import translation
 from streamkit_differencer.model import BackgroundModel
 from streamkit_differencer.model_settings import Event, ModelSettings
+from streamkit_differencer.new_ground import FIRST_LOOK
 
 SHAPE = (120, 160)
 WHOLE = np.s_[:120, :160]
@@ -104,17 +105,44 @@ def test_what_the_frame_does_not_cover_is_held():
 
 
 def test_ground_that_comes_into_view_has_no_background_yet():
-    """Pixels not seen tau frames ago are not quiet, whatever they show."""
+    """Pixels not seen tau frames ago are not quiet, whatever they show; then a first look stands for it."""
     model = BackgroundModel((160, 120), SETTINGS)
     left = np.zeros(SHAPE, np.uint8)
     left[:, :80] = 255
     for _ in range(20):
         model.update(ground(), left, WHOLE)
     for time in range(SETTINGS.interval + SETTINGS.quiet_frames):
-        assert not model.valid[:, 80:].any()
-        mask, _ = model.update(with_thing(ground(), 90 + 4 * time), SEEN, WHOLE)
-        assert not mask[:, 80:].any()
-    assert model.valid[:10, 80:].all()
+        assert not (model.valid[:, 80:] == 255).any()
+        assert (model.valid[:, 80:] == FIRST_LOOK).any() == (time > SETTINGS.interval)
+        mask, _ = model.update(ground(), SEEN, WHOLE)
+        assert not mask.any()
+    assert (model.valid == 255).all()
+
+
+def test_a_thing_that_drives_onto_new_ground_is_found_before_that_is_known():
+    """It is told from the first look, and is not learnt as ground while it drives."""
+    model = BackgroundModel((160, 120), SETTINGS)
+    left = np.zeros(SHAPE, np.uint8)
+    left[:, :80] = 255
+    for _ in range(20):
+        model.update(ground(), left, WHOLE)
+    for _ in range(SETTINGS.interval + 1):
+        model.update(ground(), SEEN, WHOLE)
+    for x in (100, 104, 108):
+        mask, _ = model.update(with_thing(ground(), x), SEEN, WHOLE)
+        assert not (model.valid[20:30, x : x + 10] == 255).any()
+        assert (mask[20:30, x : x + 10] == 255).mean() > 0.9
+        mask[18:32, 98 : x + 12] = 0
+        assert not mask.any()
+
+
+def test_a_model_that_begins_knows_nothing_by_a_first_look():
+    """After a cut or a loss of registration there is nothing yet that the first look could be trusted by."""
+    model = BackgroundModel((160, 120), SETTINGS)
+    for time in range(SETTINGS.quiet_frames):
+        mask, _ = model.update(with_thing(ground(), 30 + 5 * time), SEEN, WHOLE)
+        assert not mask.any()
+        assert not model.valid.any()
 
 
 @pytest.mark.parametrize("gain", [1.35, 0.7])

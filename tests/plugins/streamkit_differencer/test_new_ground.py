@@ -1,0 +1,38 @@
+"""The first look at ground that comes into view."""
+
+import numpy as np
+
+from streamkit_differencer.changes import LONGEST_WAIT
+from streamkit_differencer.new_ground import FIRST_LOOK, look_first
+
+SHAPE = (30, 150)
+REGION = (2, 28, 5, 143)
+INSIDE = np.s_[2:28, 5:143]
+
+
+def test_unknown_pixels_that_two_frames_show_alike_get_a_first_background():
+    """Where both frames look, nothing is known and nothing has just changed; all else stays as it was."""
+    random = np.random.default_rng(0)
+    seen, earlier_seen = (np.where(random.random((2, *SHAPE)) < 0.7, 255, 0)).astype(np.uint8)
+    valid = random.choice([0, 0, 0, FIRST_LOOK, 255], SHAPE).astype(np.uint8)
+    valid[10:20] = 255
+    waiting = random.choice([LONGEST_WAIT, LONGEST_WAIT - 1, 3], SHAPE).astype(np.uint8)
+    earlier = random.integers(0, 256, SHAPE).astype(np.uint8)
+    background, spread = random.uniform(0, 255, (2, *SHAPE)).astype(np.float32)
+    needed = random.integers(0, 256, SHAPE).astype(np.uint8)
+    old, known, was, limits = background.copy(), valid.copy(), spread.copy(), needed.copy()
+    look_first(
+        seen, earlier, earlier_seen, waiting, background, valid, spread, needed, REGION, 2.0, 0.1, 5.0, 7, 60
+    )
+    new = np.zeros(SHAPE, bool)
+    new[INSIDE] = (((seen & earlier_seen) > 0) & (known == 0) & (waiting < LONGEST_WAIT))[INSIDE]
+    assert new.sum() > 200
+    np.testing.assert_array_equal(valid, np.where(new, FIRST_LOOK, known))
+    np.testing.assert_array_equal(background, np.where(new, earlier, old))
+    for row, column in np.argwhere(new):
+        square = earlier[max(row - 1, 2) : min(row + 2, 28), max(column - 1, 5) : min(column + 2, 143)]
+        expected = 2.0 + 0.1 * (int(square.max()) - int(square.min()))
+        np.testing.assert_allclose(spread[row, column], expected, rtol=1e-5)
+        assert abs(needed[row, column] - min(max(5.0 * expected, 7), 60)) <= 0.51
+    np.testing.assert_array_equal(spread[~new], was[~new])
+    np.testing.assert_array_equal(needed[~new], limits[~new])
