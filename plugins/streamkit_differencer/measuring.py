@@ -109,8 +109,10 @@ def measured(
             if not _has_something(foreground[row, block:last]):
                 continue
             for column in range(block, last):
+                if foreground[row, column] < least:
+                    continue
                 label = labels[row // step - first_row, column // step - first_column]
-                if foreground[row, column] >= least and label > 0 and sizes[label] >= min_area:
+                if label > 0 and sizes[label] >= min_area:
                     _count(result[label - 1], row, column, foreground[row, column] == FOREGROUND_CHANGED)
     return result
 
