@@ -103,7 +103,7 @@ def take_halo(
         for row in range(top, bottom):
             for column in range(left, right):
                 if mask[row, column] > LOWEST_MARK:
-                    value = abs(np.int64(image[row, column]) - _ground_at(ground, to_ground, row, column))
+                    value = abs(int(image[row, column]) - _ground_at(ground, to_ground, row, column))
                     contrasts[row, column] = value
                     inside, total = inside + 1, total + value
         least = LEAST_SHARE * total / max(inside, 1)
