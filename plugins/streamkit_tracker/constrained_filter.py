@@ -46,9 +46,9 @@ class ConstrainedFilter:
         _answer(self._filter, spectrum, self._scaling, result)
         return result
 
-    def learn(self, spectrum: ComplexArray) -> None:
-        """Learns a patch with the target in its middle."""
-        self._solve(spectrum, INERTIA, ITERATIONS)
+    def learn(self, spectrum: ComplexArray, share: float = 1.0) -> None:
+        """Learns a patch with the target in its middle; the less it is believed, the nearer it stays."""
+        self._solve(spectrum, INERTIA / share, ITERATIONS)
 
     def _solve(self, spectrum: ComplexArray, inertia: float, iterations: int) -> None:
         """Finds the best filter for one patch near the present one.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,9 +11,12 @@ from streamkit_tracker.constrained_filter import ConstrainedFilter
 from streamkit_tracker.frame_crops import Float32Array
 from streamkit_tracker.gradient_channels import GRID, SAMPLES, gradient_channels
 from streamkit_tracker.grid_spectra import ComplexArray, pictures_of, spectra_of
+from streamkit_tracker.level_histogram import LEARNING_RATE as LEVEL_RATE
+from streamkit_tracker.level_histogram import LevelHistogram, LevelMap
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
 from streamkit_tracker.window_sampling import WindowSampler, shrink_factor
 
+LEVEL_SHARE = 0.3  # of the place, that grey levels decide
 SIDELOBE = 5  # cells around the peak that do not count as ground
 
 
@@ -42,8 +45,9 @@ class Response:
         position: x and y of the peak, px.
         sides: length and width of the window it was found with, px.
         angle: of that window, rad.
-        peak: its height; about 1 for what was learnt.
+        peak: its height; about 1 for what was learnt, less where the grey levels are not the target's.
         sharpness: peak to sidelobe ratio.
+        heights: of the answers at all the windows that were asked at.
     """
 
     position: tuple[float, float]
@@ -51,6 +55,7 @@ class Response:
     angle: float
     peak: float
     sharpness: float
+    heights: tuple[float, ...] = ()
 
 
 class CorrelationFilter:
@@ -59,8 +64,9 @@ class CorrelationFilter:
     The ground around a target is what it has to be told from; a template that only knows the target cannot
     say which of two likely places is the better one. The patch is taken in the window's own turn and size,
     so that the filter needs neither. The place of the peak is taken from the mean of this filter's response
-    and that of a `ConstrainedFilter`, which pays no heed to a ground that changes; its height and sharpness
-    from this one alone, which wavers less.
+    and that of a `ConstrainedFilter`, which pays no heed to a ground that changes, and from a
+    `LevelHistogram`, which pays none to a target that bends; its height and sharpness from this one alone,
+    which wavers less.
 
     Source: Henriques, Caseiro, Martins and Batista, High-Speed Tracking with Kernelized Correlation Filters,
     TPAMI 2015; Danelljan, Haeger, Khan and Felsberg, Accurate Scale Estimation for Robust Visual Tracking,
@@ -79,7 +85,8 @@ class CorrelationFilter:
         side = float(np.sqrt(window[LENGTH] * window[WIDTH]))
         self._scale = 1 + self._settings.padding * side / window[LENGTH : WIDTH + 1]
         self._wanted = _wanted(self._settings.peak_width, float(self._scale[0]), float(self._scale[1]))
-        spectrum = self._spectrum(sampler, window[None])[0]
+        patches, spectra = self._read(sampler, window[None])
+        spectrum = spectra[0]
         self._numerator = np.zeros_like(spectrum)
         self._denominator = np.zeros(spectrum.shape[1:], np.float32)
         _follow(self._numerator, self._denominator, self._wanted, spectrum, 1.0)
@@ -87,42 +94,61 @@ class CorrelationFilter:
         self._floor = self._settings.regularisation * power
         scale = (float(self._scale[0]), float(self._scale[1]))
         self._constrained = ConstrainedFilter(spectrum, self._wanted, scale)
+        self._levels = LevelHistogram(patches[0], scale)
 
-    def respond(self, sampler: WindowSampler, windows: FloatArray, lead: float = 1.0) -> Response:
+    def respond(
+        self, sampler: WindowSampler, windows: FloatArray, lead: float = 1.0, *, apart: bool = False
+    ) -> Response:
         """Where the target is, by the window with the highest answer.
 
         Args:
             sampler: has been shown the frame.
             windows: float64[n, 5] it may have moved from.
             lead: part of the highest answer that is enough for the first window.
+            apart: whether the windows are different places; then grey levels help to choose among them, which
+                would favour the smaller of two sizes.
         """
-        spectra = self._spectrum(sampler, windows)
+        patches, spectra = self._read(sampler, windows)
         answers = np.empty((len(windows), *spectra.shape[2:]), np.complex64)
         _plain_answers(self._numerator, self._denominator, self._floor, spectra, answers)
         plain = pictures_of(answers)
-        peaks = plain.max(axis=(1, 2))
+        if apart:
+            pairs = zip(plain, patches, strict=True)
+            peaks = np.array([_mixed(each, self._levels.answer(patch)).max() for each, patch in pairs])
+        else:
+            peaks = plain.max(axis=(1, 2))
         best = int(peaks.argmax())
         best = 0 if peaks[0] >= lead * peaks[best] else best
         constrained = pictures_of(self._constrained.answer(spectra[best]))
-        return self._peak(np.float32(0.5) * (plain[best] + constrained), plain[best], windows[best])
+        both = np.float32(0.5) * (plain[best] + constrained)
+        found = self._peak(both, plain[best], self._levels.answer(patches[best]), windows[best])
+        return replace(found, heights=tuple(peaks.tolist()))
 
-    def learn(self, sampler: WindowSampler, window: FloatArray) -> None:
-        """Learns the patch at a window, float64[5]."""
-        spectrum = self._spectrum(sampler, window[None])[0]
-        rate = self._settings.learning_rate
-        _follow(self._numerator, self._denominator, self._wanted, spectrum, rate)
-        self._constrained.learn(spectrum)
+    def learn(self, sampler: WindowSampler, window: FloatArray, share: float = 1.0) -> None:
+        """Learns the patch at a window, float64[5]; `share`, above 0 to 1, is how far it is believed."""
+        patches, spectra = self._read(sampler, window[None])
+        self._levels.learn(patches[0], share * LEVEL_RATE)
+        rate = share * self._settings.learning_rate
+        _follow(self._numerator, self._denominator, self._wanted, spectra[0], rate)
+        self._constrained.learn(spectra[0], share)
 
-    def _spectrum(self, sampler: WindowSampler, windows: FloatArray) -> ComplexArray:
-        """complex64[n, channels, grid, grid // 2 + 1] of the region around each window."""
+    def _read(self, sampler: WindowSampler, windows: FloatArray) -> tuple[Float32Array, ComplexArray]:
+        """The regions around windows: their samples, which the next call overwrites, and their spectra.
+
+        Returns:
+            float32[n, samples * samples] and complex64[n, channels, grid, grid // 2 + 1].
+        """
         wider = windows.copy()
         wider[:, LENGTH : WIDTH + 1] *= self._scale
         factor = shrink_factor(wider[0], (SAMPLES, SAMPLES), sampler.shape)
         patches = sampler.sample(wider, (SAMPLES, SAMPLES), factor)
-        return spectra_of(gradient_channels(patches.reshape(-1, SAMPLES, SAMPLES)))
+        return patches, spectra_of(gradient_channels(patches.reshape(-1, SAMPLES, SAMPLES)))
 
-    def _peak(self, response: Float32Array, plain: Float32Array, window: FloatArray) -> Response:
-        _, _, down, along = _highest(response)
+    def _peak(
+        self, response: Float32Array, plain: Float32Array, levels: LevelMap, window: FloatArray
+    ) -> Response:
+        row, column, down, along = _highest(_mixed(response, levels))
+        likeness = levels.likeness(row, column)
         step = window[LENGTH : WIDTH + 1] * self._scale / GRID
         cosine, sine = np.cos(window[ANGLE]), np.sin(window[ANGLE])
         dx, dy = along * step[0], down * step[1]
@@ -133,7 +159,15 @@ class CorrelationFilter:
         sides = (float(window[LENGTH]), float(window[WIDTH]))
         row, column, _, _ = _highest(plain)
         sharpness = _sharpness(plain, row, column)
-        return Response(position, sides, float(window[ANGLE]), float(plain[row, column]), sharpness)
+        return Response(
+            position, sides, float(window[ANGLE]), likeness * float(plain[row, column]), sharpness
+        )
+
+
+def _mixed(response: Float32Array, levels: LevelMap) -> Float32Array:
+    """A response with what the grey levels say, as far as these are trusted."""
+    share = np.float32(LEVEL_SHARE * levels.trust)
+    return (np.float32(1) - share) * response + share * levels.shares
 
 
 def _wanted(width: float, scale_along: float, scale_across: float) -> ComplexArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,9 +17,12 @@ PEAK_STD = 0.08  # of a filter's peak, relative to the target's side
 PEAK_SIDES_STD = 0.02
 TURN_STD = 0.1  # rad about the drawn angle, for a target too soft to show its turn
 SOFT = 5.0
-SIZE_STEP = 1.03
+SIZE_STEP = 1.05
 OTHER_SIZE_SHARE = 0.995
 SIZE_CHANGE, TURN_CHANGE = 1.12, 0.2
+FAR = 0.4  # sides; a peak nearer to the rim of what was looked at is faint
+MOVED, APART = 0.2, 0.1
+FAINT, GAIN = 1.0, 0.1  # logarithms of a response: below the usual, and above the other one
 RING = 6
 RING_PER_FRAME = 0.2
 LARGEST_RING = 3.0
@@ -30,6 +34,7 @@ def ask(
     discriminator: CorrelationFilter,
     evidence: Evidence,
     sampler: WindowSampler,
+    window: FloatArray,
     predicted: FloatArray,
     frames_unseen: int,
 ) -> Response | None:
@@ -39,14 +44,56 @@ def ask(
         discriminator: of this target.
         evidence: of this target.
         sampler: has been shown the frame.
+        window: float64[5], where the target was in the last frame.
         predicted: float64[5].
         frames_unseen: since the target was last seen; the search grows with them.
     """
-    best = discriminator.respond(sampler, search_places(predicted, frames_unseen), OTHER_SIZE_SHARE)
-    if frames_unseen > 0 and best.sharpness >= LEAST_SHARPNESS:
+    places = search_places(predicted, frames_unseen)
+    best = discriminator.respond(sampler, places, OTHER_SIZE_SHARE, apart=frames_unseen > 0)
+    if frames_unseen == 0:
+        grown = SIZE_STEP ** between_sizes(*best.heights)
+        best = replace(best, sides=(float(predicted[LENGTH] * grown), float(predicted[WIDTH] * grown)))
+        best = _asked_again(best, discriminator, evidence, sampler, window, predicted)
+    elif best.sharpness >= LEAST_SHARPNESS:
         changed = changed_windows(best)
         best = discriminator.respond(sampler, changed, OTHER_SIZE_SHARE)
     return best if evidence.responds(best.peak, best.sharpness, frames_unseen=frames_unseen) else None
+
+
+def _asked_again(
+    best: Response,
+    discriminator: CorrelationFilter,
+    evidence: Evidence,
+    sampler: WindowSampler,
+    window: FloatArray,
+    predicted: FloatArray,
+) -> Response:
+    """A response that is far from the prediction, or faint, asked for again where it is and where it was.
+
+    The filter's window fades towards its rim: what moved by much of its side is seen well only from near by.
+    """
+    side = math.sqrt(best.sides[0] * best.sides[1])
+    shift = math.dist(best.position, predicted[:2].tolist()) / side
+    drop = evidence.drop(best.peak, best.sharpness)
+    if shift <= FAR and drop <= FAINT:
+        return best
+    centres = [best.position] if shift > APART else []
+    if math.dist(window[:2].tolist(), predicted[:2].tolist()) > MOVED * side:
+        centres.append((float(window[0]), float(window[1])))
+    if not centres:
+        return best
+    places = np.array([(*centre, *best.sides, best.angle) for centre in centres])
+    other = discriminator.respond(sampler, places, apart=True)
+    better = evidence.drop(other.peak, other.sharpness) < drop - GAIN
+    return other if better and other.sharpness >= LEAST_SHARPNESS else best
+
+
+def between_sizes(same: float, larger: float, smaller: float) -> float:
+    """Where between the sizes asked at the highest answer lies, -1 (smaller) to 1, by a parabola."""
+    curve = larger - 2 * same + smaller
+    if curve >= 0:
+        return 0.0 if same >= max(larger, smaller) else 1.0 if larger > smaller else -1.0
+    return min(max(0.5 * (smaller - larger) / curve, -1.0), 1.0)
 
 
 def search_places(window: FloatArray, frames_unseen: int) -> FloatArray:

@@ -17,6 +17,7 @@ OUTLIER_WEIGHT = 0.25
 FIRST_DEVIATION = 0.7  # of log responses, before a target has shown how much its own vary
 LEARNT_DEVIATIONS, LEARNT_DROP = 2.5, 1.0
 SEEN_DEVIATIONS, SEEN_DROP = 4.0, 2.1
+DOUBTED_SHARE = 0.5  # of what a filter learns of a response at the edge of the clear ones, and less beyond
 FOUND_DROP = 1.0  # to be found again, which grows to SEEN_DROP by ...
 FOUND_RELIEF = 0.04  # ... so much in each frame
 
@@ -27,10 +28,13 @@ class Verdict(msgspec.Struct, frozen=True):
     Attributes:
         seen: the target is there.
         learnt: and looks so much like itself that its template may follow it.
+        share: how far a filter is to follow it, 0 to 1: a new light comes as slowly as a cover does, and only
+            who follows it a little is not left behind.
     """
 
     seen: bool
     learnt: bool
+    share: float
 
 
 class Evidence:
@@ -69,6 +73,14 @@ class Evidence:
         """How much further the responses of a soft target may fall: it loses its look without a cover."""
         return math.sqrt(max(1.0, self.tolerance / RIGID))
 
+    @property
+    def _clear_drop(self) -> float:
+        return max(LEARNT_DROP * self._slack, LEARNT_DEVIATIONS * self._deviation)
+
+    @property
+    def _seen_drop(self) -> float:
+        return max(SEEN_DROP * self._slack, SEEN_DEVIATIONS * self._deviation)
+
     def responds(self, peak: float, sharpness: float, *, frames_unseen: int) -> bool:
         """Whether a filter response is no outlier among this target's own.
 
@@ -79,17 +91,15 @@ class Evidence:
         """
         if sharpness < LEAST_SHARPNESS:
             return False
-        drop = max(SEEN_DROP * self._slack, SEEN_DEVIATIONS * self._deviation)
+        drop = self._seen_drop
         if frames_unseen > 0:
             at_first = FOUND_DROP * self._slack + self._deviation
             drop = min(drop, at_first + FOUND_RELIEF * frames_unseen)
-        return self._drop(peak, sharpness) <= drop
+        return self.drop(peak, sharpness) <= drop
 
     def clear(self, peak: float, sharpness: float) -> bool:
         """Whether a response is so near this target's usual ones that its look may be learnt."""
-        return self._drop(peak, sharpness) <= max(
-            LEARNT_DROP * self._slack, LEARNT_DEVIATIONS * self._deviation
-        )
+        return self.drop(peak, sharpness) <= self._clear_drop
 
     def judge(
         self, distance: float, response: tuple[float, float] | None, *, informative: bool, unseen: bool
@@ -105,22 +115,29 @@ class Evidence:
         gate = self._learnt_distance if unseen else self._seen_distance
         seen = (informative and distance <= gate) or response is not None
         learnt = seen and distance <= self._learnt_distance
+        share = 0.0
         if response is not None:
+            share = DOUBTED_SHARE * self._credence(*response)
             clear = self.clear(*response)
             learnt = clear and (learnt or self.tolerance > RIGID)
             self._remember(*response, weight=1.0 if clear else OUTLIER_WEIGHT)
         if seen:
             self._distances.append(distance)
             self._usual_distance = _median(self._distances)
-        return Verdict(seen, learnt)
+        return Verdict(seen, learnt, 1.0 if learnt else share)
 
-    def _drop(self, peak: float, sharpness: float) -> float:
+    def drop(self, peak: float, sharpness: float) -> float:
         """By how much the logarithm of a response lies below the usual one."""
         return self._level - _log_response(peak, sharpness) if self._responses else 0.0
 
+    def _credence(self, peak: float, sharpness: float) -> float:
+        """1 for a clear response, falling to 0 where it is not believed any more."""
+        clear, least = self._clear_drop, self._seen_drop
+        return min(max((least - self.drop(peak, sharpness)) / (least - clear), 0.0), 1.0)
+
     def _remember(self, peak: float, sharpness: float, weight: float) -> None:
         self._responses += 1
-        offset = -self._drop(peak, sharpness) if self._responses > 1 else 0.0
+        offset = -self.drop(peak, sharpness) if self._responses > 1 else 0.0
         rate = max(LEAST_RATE, 1 / self._responses)
         if self._responses == 1:
             self._level = _log_response(peak, sharpness)

@@ -38,6 +38,7 @@ REACH_PER_FRAME = 0.3
 LONGEST_REACH = 3.0
 UNSEEN_SPEED = 0.8  # a hand-drawn target has no road to keep to: what it did before is soon forgotten
 LEAST_VISIBLE = 0.3
+LEAST_SHARE = 0.02  # of a patch that is worth learning
 
 
 class Target:
@@ -77,6 +78,7 @@ class Target:
         self._similarity = 1.0
         self._alike = True
         self._learnt = False
+        self._share = 0.0
         self._frames_unseen = 0
         self._settings = settings
         self._evidence = Evidence(settings.lost_threshold, settings.update_threshold)
@@ -160,7 +162,12 @@ class Target:
         predicted = self.window.copy()
         predicted[:2] += self.mean[2:] * step_s
         self._response = ask(
-            self.appearance.discriminator, self._evidence, sampler, predicted, self._frames_unseen
+            self.appearance.discriminator,
+            self._evidence,
+            sampler,
+            self.window,
+            predicted,
+            self._frames_unseen,
         )
 
     def job(self, motion: FloatArray, prior: FloatArray, layers: LayerSettings) -> SearchJob:
@@ -202,6 +209,7 @@ class Target:
     def overlook(self) -> None:
         """Nobody looked for the target in this frame."""
         self._alike = self._learnt = False
+        self._share = 0.0
 
     def take(self, found: Found, sighting: Sighting | None) -> Measurement | None:
         """Takes the result of the search; gives the measured position, if there is one to believe."""
@@ -213,7 +221,7 @@ class Target:
             informative=found.informative,
             unseen=self.manual and self._frames_unseen > 0,
         )
-        self._alike = verdict.seen
+        self._alike, self._share = verdict.seen, verdict.share
         if not self._alike:
             return None if sighting is None else sighting.measurement
         self.window = found.window
@@ -271,8 +279,8 @@ class Target:
             self._frames_unseen += 1
         if self.manual and self._alike:
             self._credit_s = self._settings.coast_s
-        if self.manual and self._learnt and self.appearance.discriminator is not None:
-            self.appearance.discriminator.learn(sampler, self.window)
+        if self._share > LEAST_SHARE and self.appearance.discriminator is not None:
+            self.appearance.discriminator.learn(sampler, self.window, self._share)
         if visible < LEAST_VISIBLE or self._credit_s <= 0:
             self.lose("left the frame" if visible < LEAST_VISIBLE else "coasted too long")
             return

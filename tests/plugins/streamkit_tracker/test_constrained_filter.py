@@ -57,6 +57,16 @@ def test_many_patches_of_another_look_are_learnt():
     assert response(discriminator, scene(40, target_seed=2))[0, 0] > before + 0.3
 
 
+def test_what_is_believed_less_moves_the_filter_less():
+    """A patch of another look, learnt by a tenth, is answered less than one that is learnt in full."""
+    heights = []
+    for share in (0.1, 1.0):
+        discriminator = ConstrainedFilter(scene(0), wanted(), SCALE)
+        discriminator.learn(scene(1, target_seed=2), share)
+        heights.append(response(discriminator, scene(40, target_seed=2))[0, 0])
+    assert heights[0] < heights[1]
+
+
 def test_a_flat_patch_gives_a_finite_filter():
     """Nothing divides by the power of a constant."""
     flat = np.zeros((2, GRID, GRID // 2 + 1), np.complex64)

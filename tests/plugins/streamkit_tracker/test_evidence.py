@@ -104,3 +104,14 @@ def test_a_soft_target_is_learnt_by_its_response():
 def test_a_picture_that_says_nothing_is_no_evidence():
     """A small distance counts only where other places have larger ones."""
     assert not settled(0.02, 0.9).judge(0.01, None, informative=False, unseen=False).seen
+
+
+@pytest.mark.parametrize(
+    ("response", "least", "most"), [((0.9, 30.0), 1.0, 1.0), ((0.5, 12.0), 0.01, 0.5), ((0.1, 6.0), 0.0, 0.0)]
+)
+def test_a_filter_learns_of_what_is_doubted_by_half_at_most(
+    response: tuple[float, float], least: float, most: float
+):
+    """All of a clear response, ever less of fainter ones, nothing of what is not believed."""
+    verdict = settled(0.02, 0.9).judge(0.02, response, informative=True, unseen=False)
+    assert least <= verdict.share <= most
