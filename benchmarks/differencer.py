@@ -7,8 +7,8 @@ pixel F, object F, centroid error and processor time per frame, means over the s
     python benchmarks/differencer.py [seed ...]
 """
 
-import sys
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import replace
 
 import cv2
@@ -131,4 +131,6 @@ def run(
 
 
 if __name__ == "__main__":
-    main(tuple(int(word) for word in sys.argv[1:]) or FRESH_SEEDS)
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("seed", nargs="*", type=int, help="seeds of sequences; 31 to 33 if there is none")
+    main(tuple(parser.parse_args().seed) or FRESH_SEEDS)
