@@ -26,6 +26,7 @@ from streamkit_differencer.illumination import exposure_step, is_another_scene
 from streamkit_differencer.learning import learn
 from streamkit_differencer.marks import SHADOW, mark
 from streamkit_differencer.model_settings import Event, ModelSettings
+from streamkit_differencer.new_ground import NO_FIRST_LOOK
 from streamkit_differencer.noise import NoiseMap, first_spread
 from streamkit_differencer.resampling import LastFrames, Remembered, bounds_of, filled, scrolled, warped
 
@@ -234,9 +235,12 @@ class BackgroundModel:
     def _look_first(self, frame: Remembered, earlier: Remembered | None, bounds: Region) -> None:
         """Ground that came into view after the model had begun."""
         settings = self.settings
-        is_new = self._frames <= settings.quiet_frames + settings.interval
-        if earlier is None or is_new or settings.three_frame or self._first_spread is None:
+        age = self._frames - settings.quiet_frames - settings.interval
+        if earlier is None or age <= 0 or settings.three_frame or self._first_spread is None:
             return
+        if age == 1:
+            # What was in view since then and was never quiet is a busy road, not new ground.
+            self.noise.spread[(frame.seen > 0) & (self.valid == 0)] = NO_FIRST_LOOK
         self.noise.set_limits(settings.noise_gain, settings.foreground_threshold)
         known = self.background, self.valid
         self.noise.look_first(frame.seen, earlier, self._waiting, *known, bounds, self._first_spread)

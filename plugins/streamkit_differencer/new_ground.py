@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 # What `valid` is where the background is a first look. A level of `contrast.judge` passes through both bits.
 FIRST_LOOK = 3
+# The noise of pixels that get none.
+NO_FIRST_LOOK = 0.0
 # New pixels are few; lines are searched for them by pieces of this length.
 BLOCK_PX = 64
 
@@ -71,7 +73,7 @@ def look_first(
         waiting: uint8[h, w], see `changes.update_waiting`; the most where a pixel has just changed.
         background: float32[h, w], B; set there.
         valid: uint8[h, w], where that is known; becomes `FIRST_LOOK` there.
-        spread: float32[h, w], mean absolute deviation, grey levels; set there.
+        spread: float32[h, w], mean absolute deviation, grey levels; set there, unless it is `NO_FIRST_LOOK`.
         needed: uint8[h, w], T_F; set there.
         region: what the frame covers at most; nothing else is read or written.
         first: deviation of a pixel whose background is a single frame.
@@ -93,6 +95,8 @@ def look_first(
             for index in range(start, start + count):
                 if known[index] == 0 and now[index] & before[index] and waits[index] < LONGEST_WAIT:
                     column = left + index
+                    if spread[row, column] == np.float32(NO_FIRST_LOOK):
+                        continue
                     known[index] = FIRST_LOOK
                     background[row, column] = earlier[row, column]
                     rough = np.float32(edge) * _range(earlier, row, column, region) + np.float32(first)

@@ -136,6 +136,17 @@ def test_a_thing_that_drives_onto_new_ground_is_found_before_that_is_known():
         assert not mask.any()
 
 
+def test_a_busy_road_is_no_new_ground():
+    """What was in view all the time and never quiet waits until it is: a first look might show a car."""
+    model = BackgroundModel((160, 120), SETTINGS)
+    for time in range(30):
+        image = with_thing(ground(), 40, size=40, tone=(10, 200, 250)[time % 3])
+        mask, _ = model.update(image, SEEN, WHOLE)
+        assert not mask.any()
+    assert not model.valid[22:58, 42:78].any()
+    assert (model.valid[70:] == 255).all()
+
+
 def test_a_model_that_begins_knows_nothing_by_a_first_look():
     """After a cut or a loss of registration there is nothing yet that the first look could be trusted by."""
     model = BackgroundModel((160, 120), SETTINGS)

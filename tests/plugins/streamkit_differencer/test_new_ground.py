@@ -3,7 +3,7 @@
 import numpy as np
 
 from streamkit_differencer.changes import LONGEST_WAIT
-from streamkit_differencer.new_ground import FIRST_LOOK, look_first
+from streamkit_differencer.new_ground import FIRST_LOOK, NO_FIRST_LOOK, look_first
 
 SHAPE = (30, 150)
 REGION = (2, 28, 5, 143)
@@ -11,7 +11,7 @@ INSIDE = np.s_[2:28, 5:143]
 
 
 def test_unknown_pixels_that_two_frames_show_alike_get_a_first_background():
-    """Where both frames look, nothing is known and nothing has just changed; all else stays as it was."""
+    """Where both look, nothing is known or has just changed and nothing forbids it; all else stays."""
     random = np.random.default_rng(0)
     seen, earlier_seen = (np.where(random.random((2, *SHAPE)) < 0.7, 255, 0)).astype(np.uint8)
     valid = random.choice([0, 0, 0, FIRST_LOOK, 255], SHAPE).astype(np.uint8)
@@ -20,12 +20,14 @@ def test_unknown_pixels_that_two_frames_show_alike_get_a_first_background():
     earlier = random.integers(0, 256, SHAPE).astype(np.uint8)
     background, spread = random.uniform(0, 255, (2, *SHAPE)).astype(np.float32)
     needed = random.integers(0, 256, SHAPE).astype(np.uint8)
+    spread[:, 60:70] = NO_FIRST_LOOK
     old, known, was, limits = background.copy(), valid.copy(), spread.copy(), needed.copy()
     look_first(
         seen, earlier, earlier_seen, waiting, background, valid, spread, needed, REGION, 2.0, 0.1, 5.0, 7, 60
     )
     new = np.zeros(SHAPE, bool)
     new[INSIDE] = (((seen & earlier_seen) > 0) & (known == 0) & (waiting < LONGEST_WAIT))[INSIDE]
+    new[:, 60:70] = False
     assert new.sum() > 200
     np.testing.assert_array_equal(valid, np.where(new, FIRST_LOOK, known))
     np.testing.assert_array_equal(background, np.where(new, earlier, old))
