@@ -48,6 +48,8 @@ WITHOUT_BACKGROUND = 22
 # Of a frame that may be of another scene, so much changed.
 LEAST_CUT_SHARE = 0.25
 GHOST_INTERVAL = 3
+# New ground waits one frame more at most, for half the time.
+FIRST_LOOK_INTERVAL = 2
 # Frames for which the noise of ground that comes into view is taken for the same.
 FIRST_SPREAD_FRAMES = 8
 
@@ -241,6 +243,8 @@ class BackgroundModel:
         if age == 1:
             # What was in view since then and was never quiet is a busy road, not new ground.
             self.noise.spread[(frame.seen > 0) & (self.valid == 0)] = NO_FIRST_LOOK
+        if age % FIRST_LOOK_INTERVAL:
+            return
         self.noise.set_limits(settings.noise_gain, settings.foreground_threshold)
         known = self.background, self.valid
         self.noise.look_first(frame.seen, earlier, self._waiting, *known, bounds, self._first_spread)
