@@ -117,10 +117,10 @@ class Adjuster:
             return NOTHING
 
     def retire(self) -> None:
-        """Ends the worker after the job at hand, which nobody waits for here and `take` still does."""
-        executor, self._executor, self._closer = self._executor, None, LoopCloser()
-        if executor is not None:
-            executor.shutdown(wait=False)
+        """Ends the worker after the job at hand, which nobody waits for here; `take` and `close` still do."""
+        self._closer = LoopCloser()
+        if self._executor is not None:
+            self._executor.shutdown(wait=False)
 
     def close(self) -> None:
         """Ends the worker, after the job at hand."""

@@ -1,0 +1,32 @@
+"""The worker beside the stream."""
+
+import threading
+from typing import Any
+
+from streamkit_stitcher.plane.adjuster import NOTHING, Adjuster
+
+WORKER = "adjuster"
+
+
+class Held(Adjuster):
+    """Its jobs last until they are let go."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.gate = threading.Event()
+
+    def _work(self, job: Any) -> Any:
+        self.gate.wait(30)
+        return NOTHING
+
+
+def test_a_retired_worker_has_ended_when_closed() -> None:
+    """A plane is left while its last adjustment runs: closing it waits for that, and no thread is left."""
+    adjuster = Held()
+    adjuster.submit(None)  # type: ignore[arg-type]
+    adjuster.retire()
+    opener = threading.Timer(0.2, adjuster.gate.set)
+    opener.start()
+    adjuster.close()
+    opener.join(5)
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith(WORKER)]
