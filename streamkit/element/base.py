@@ -48,6 +48,10 @@ class Element:
         is_flushing: between a flush's start and its stop: frames are refused.
         flushes: how many flushes have begun; a wait in which the number grew has been flushed away.
         drops: frames not delivered, by reason.
+        activity: the engine's call that the element is in: what for, since when (perf_counter, ns) and with
+            which frame; None between calls. The watchdog reads it.
+        is_waiting: whether the element waits on purpose, so that the watchdog does not take it for hung.
+        at_work: one byte, not 0 while the element is in a call; a crash report reads it from shared memory.
     """
 
     sink: ClassVar[str | Caps] = ""
@@ -85,6 +89,9 @@ class Element:
         self.timing = Timing(lambda: self.clock)
         self.host: Host | None = None
         self.drops: Counter[str] = Counter()
+        self.activity: tuple[str, int, Frame | None] | None = None
+        self.is_waiting = False
+        self.at_work = memoryview(bytearray(1))
         self.poster: Callable[[Message], None] | None = None
         self.pipeline_error: Callable[[], Exception | None] = lambda: None
         self.is_playing = False
@@ -133,18 +140,29 @@ class Element:
     def wait_until_due(self, running_time_ns: int) -> bool:
         """Waits for a running time; pauses are waited through. False when stopping or flushed away."""
         flushes = self.flushes
-        while not self.clock.wait_until(self.timing.due_ns(running_time_ns), self.waking):
-            if self.flushes != flushes or not self.wait_while_paused():
-                return False
+        with self.waiting():
+            while not self.clock.wait_until(self.timing.due_ns(running_time_ns), self.waking):
+                if self.flushes != flushes or not self.wait_while_paused():
+                    return False
         return True
 
     def wait_while_paused(self) -> bool:
         """Waits until the pipeline plays; False when stopping or flushed away."""
         flushes = self.flushes
-        while not self.stopping.is_set() and not self.is_flushing and self.flushes == flushes:
-            if self.timing.running.wait(LOOK_S):
-                return not self.stopping.is_set() and self.flushes == flushes
+        with self.waiting():
+            while not self.stopping.is_set() and not self.is_flushing and self.flushes == flushes:
+                if self.timing.running.wait(LOOK_S):
+                    return not self.stopping.is_set() and self.flushes == flushes
         return False
+
+    @contextlib.contextmanager
+    def waiting(self) -> Iterator[None]:
+        """Within the block the element waits on purpose; the watchdog does not take it for hung."""
+        before, self.is_waiting = self.is_waiting, True
+        try:
+            yield
+        finally:
+            self.is_waiting = before
 
     def add_pad(self, template: str, name: str = "") -> Pad:
         """Makes a sometimes pad: the stream turns out to have it. Links that wait for it are made now."""
@@ -184,6 +202,16 @@ class Element:
         return ANY if pad is None or pad.caps is None else pad.caps
 
     # What the engine calls.
+
+    def enter(self, call: str, now_ns: int, frame: Frame | None = None) -> None:
+        """Notes that the engine calls the element: what for, when (perf_counter, ns), with which frame."""
+        self.activity = (call, now_ns, frame)
+        self.at_work[0] = 1
+
+    def leave(self) -> None:
+        """Notes that the call has returned."""
+        self.activity = None
+        self.at_work[0] = 0
 
     def post(self, message: Message) -> None:
         """Hands a message to the bus, or to the log while there is none."""

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import enum
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import CapsEvent, EosEvent, Event, FlushStart, FlushStop, SegmentEvent
@@ -58,26 +57,6 @@ class PadTemplate:
         return pad_name.startswith(head) and pad_name.endswith(tail) and number.isdecimal()
 
 
-SPECIAL, WEIGHED = 1, 2
-
-
-class Line(Protocol):
-    """Frames and events that wait in front of a src pad, taken out by the chain behind it.
-
-    Attributes:
-        items: the oldest first.
-        care: 0 where a frame has only to be taken out; with `SPECIAL` set, as it is while an event is in the
-            line, the chain leaves it to its owner, with `WEIGHED` each frame is weighed out. Looked at
-            before each frame.
-    """
-
-    items: deque[Frame | Event]
-    care: int
-
-    def weigh_out(self, frame: Frame) -> None:
-        """Counts the bytes and the time of a frame that is about to be taken out."""
-
-
 class Pad:
     """A pad of one element.
 
@@ -89,16 +68,13 @@ class Pad:
         caps: the caps in force, or None before negotiation.
         segment: how timestamps lie on the running time.
         push: hands a frame to the peer (src pads, while the graph plays).
-        pull: takes frames out of a line and hands them to the peer, until the line is empty or its next item
-            is special or an event; None where only `push` will do.
         is_eos: whether EOS has passed.
         joins: whether it is to join a stream with the next frame; until then only EOS goes through it.
         known_caps: what a query answers for the moment, or None to ask anew.
     """
 
     __slots__ = (
-        "caps", "element", "is_eos", "joins", "known_caps", "name", "peer", "pull", "push", "segment",
-        "template",
+        "caps", "element", "is_eos", "joins", "known_caps", "name", "peer", "push", "segment", "template",
     )  # fmt: skip
 
     def __init__(self, element: Element, template: PadTemplate, name: str) -> None:
@@ -109,7 +85,6 @@ class Pad:
         self.caps: Caps | None = None
         self.segment: Segment = OPEN_SEGMENT
         self.push: Callable[[Frame], None] = self.not_linked
-        self.pull: Callable[[Line], None] | None = None
         self.is_eos = False
         self.joins = False
         self.known_caps: Caps | None = None
@@ -137,7 +112,6 @@ class Pad:
             self.peer.peer = None
             self.peer = None
         self.push = self.not_linked
-        self.pull = None
 
     def query_caps(self) -> Caps:
         """What the pad can carry, given what stands behind its element."""

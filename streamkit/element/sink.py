@@ -127,10 +127,11 @@ class Sink(Element):
             return True
         flushes, due_ns = self.flushes, running_time_ns + self.ts_offset - self.render_delay
         began_ns = time.perf_counter_ns()
-        while not self.clock.wait_until(self.timing.due_ns(due_ns), self.waking):
-            if self.stopping.is_set() or self.flushes != flushes:
-                raise Flushing(self.name)
-            self._hold(frame)
+        with self.waiting():
+            while not self.clock.wait_until(self.timing.due_ns(due_ns), self.waking):
+                if self.stopping.is_set() or self.flushes != flushes:
+                    raise Flushing(self.name)
+                self._hold(frame)
         self.waited_ns += time.perf_counter_ns() - began_ns
         if self.max_lateness < 0:
             return True

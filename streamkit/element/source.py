@@ -166,8 +166,10 @@ class Source(Element):
             while True:
                 try:
                     while True:
-                        # No name here holds the frame: downstream may then be its sole owner.
-                        pad.push(advance(frames, pad))
+                        self.at_work[0] = 1
+                        frame = advance(frames, pad)
+                        self.at_work[0] = 0
+                        pad.push(frame)
                 except Flushing:
                     self._wait_for_flush_end()
         except _Exhausted:

@@ -1,7 +1,9 @@
-"""Transform: an element that turns each frame into another, one sink pad and one src pad."""
+"""Transform: an element that turns each frame into another."""
 
 from __future__ import annotations
 
+import contextlib
+import time
 from collections.abc import Iterable
 from typing import Any
 
@@ -11,20 +13,26 @@ from streamkit.element.pad import Direction, Pad
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import CapsEvent, EosEvent, Event
 from streamkit.flow.frame import Frame
+from streamkit.flow.signals import EndOfStream
 
-Result = Frame | Iterable[Frame] | None
+Result = Frame | Iterable[Frame | tuple[str, Frame]] | None
 
 
 class Transform(Element):
-    """Base of one-in, one-out elements: override `transform`, and `drain` if frames are held back."""
+    """Base of elements with one sink pad: override `transform`, and `drain` if frames are held back.
+
+    Frames leave through the pad `src`. An element may declare more src pads in `templates`: for these
+    `transform` yields pairs of the pad's name and a frame. Caps of such a pad go before its first frame with
+    them; every other event, and EOS, reaches every src pad.
+    """
 
     # What an author overrides.
 
     def transform(self, frame: Frame) -> Result:
-        """The frame to pass on, several, or None for none."""
+        """The frame to pass on, several, or None for none; `(pad name, frame)` leaves through that pad."""
         raise NotImplementedError
 
-    def drain(self) -> Iterable[Frame]:
+    def drain(self) -> Iterable[Frame | tuple[str, Frame]]:
         """What is still held, at EOS."""
         return ()
 
@@ -64,6 +72,8 @@ class Transform(Element):
 
     def query_caps(self, pad: Pad) -> Caps:
         """What the pad can carry, given what its other side can."""
+        if pad.is_src and pad is not self.src_pad:
+            return pad.template.caps
         other = self.pads["sink" if pad.is_src else "src"]
         beyond = other.peer_caps() & other.template.caps
         return self.transform_caps(beyond, str(other.template.direction))
@@ -87,12 +97,46 @@ class Transform(Element):
                 src_caps = self._negotiate(event.caps)
                 return None if src_caps is None else (self.src_pad, CapsEvent(src_caps))
             if isinstance(event, EosEvent):
-                for frame in self.drain():
-                    self.src_pad.push(self.settled(frame))
-                self.src_pad.is_eos = True
+                self._drain()
             else:
                 self.event(event)
+        for pad in self.side_pads():
+            pad.send_event(event)
         return self.src_pad, event
+
+    def _drain(self) -> None:
+        self.enter("drain", time.perf_counter_ns())
+        try:
+            for item in self.drain():
+                if isinstance(item, tuple):
+                    self.push_aside(*item)
+                else:
+                    self.src_pad.push(self.settled(item))
+        finally:
+            self.leave()
+        for pad in list(self.src_pads()):
+            pad.is_eos = True
+
+    def side_pads(self) -> list[Pad]:
+        """The src pads besides `src` that something is linked to."""
+        main = self.src_pad
+        return [pad for pad in self.src_pads() if pad is not main and pad.peer is not None]
+
+    def push_aside(self, name: str, frame: Frame) -> None:
+        """Sends a frame through one of the other src pads, after its caps where they are new.
+
+        A pad that nothing is linked to any more swallows it; one whose branch has ended does, too.
+        """
+        pad = self.pads.get(name)
+        if pad is None or pad.peer is None:
+            return
+        if frame.caps is not pad.caps:
+            if frame.caps != pad.caps:
+                demand_accepted(pad, frame.caps)
+                pad.send_event(CapsEvent(frame.caps))
+            frame = frame.replace(caps=pad.caps)
+        with contextlib.suppress(EndOfStream):
+            pad.push(frame)
 
     def _negotiate(self, sink_caps: Caps) -> Caps | None:
         """The caps to send, with which the element is configured; None where only a frame can tell."""

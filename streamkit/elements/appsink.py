@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.elements.callbacks import Callbacks
-from streamkit.elements.levels import Levels
 from streamkit.elements.plainsink import PlainSink
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import EosEvent, Event, FlushStart, FlushStop
 from streamkit.flow.frame import Frame
 from streamkit.flow.signals import Flushing
+from streamkit.handoff.frame_queue import FrameQueue
 
 LOOK_S = 0.2
 UINT = 2**32 - 1
@@ -57,8 +55,7 @@ class AppSink(PlainSink):
         self.on_new_sample = Callbacks()
         self.on_new_preroll = Callbacks()
         self.on_eos = Callbacks()
-        self._items: deque[Frame | Event] = deque()
-        self._levels = Levels(self._items)
+        self._pending = FrameQueue()
         self._preroll: Frame | None = None
         self._changed = threading.Condition()
         self._was_started = False
@@ -67,22 +64,22 @@ class AppSink(PlainSink):
     @property
     def current_level_buffers(self) -> int:
         """Frames held now."""
-        return self._levels.buffers
+        return self._pending.buffers
 
     @property
     def current_level_bytes(self) -> int:
         """Bytes held now."""
-        return self._levels.bytes
+        return self._pending.bytes
 
     @property
     def current_level_time(self) -> int:
         """Time held now, ns."""
-        return self._levels.time_ns
+        return self._pending.time_ns
 
     @property
     def highest_level_buffers(self) -> int:
         """The most frames held since the start."""
-        return self._levels.highest_buffers
+        return self._pending.highest_buffers
 
     def query_caps(self, pad: Pad) -> Caps:
         """The property `caps`."""
@@ -102,8 +99,7 @@ class AppSink(PlainSink):
 
     def _forget(self) -> None:
         with self._changed:
-            self._items.clear()
-            self._levels.reset()
+            self._pending.reset()
             self._preroll = None
             self._changed.notify_all()
 
@@ -130,42 +126,29 @@ class AppSink(PlainSink):
             if self.is_outside(frame):
                 return
             while self._is_full():
-                if self.drop:
-                    self._drop_oldest()
+                if self.drop and self._pending.drop_oldest():
+                    self.count_drop("appsink full, oldest dropped")
                     continue
                 if self.stopping.is_set() or self.is_flushing:
                     raise Flushing(self.name)
-                self._changed.wait(LOOK_S)
+                with self.waiting():
+                    self._changed.wait(LOOK_S)
             self.count += 1
             if self._keeps_last:
                 self.last_frame = frame
-            self._levels.weigh_in(frame)
-            self._items.append(frame)
-            self._levels.highest_buffers = max(self._levels.highest_buffers, self._levels.buffers)
+            self._pending.append(frame)
             self._changed.notify_all()
         if self.emit_signals:
             self.on_new_sample.emit(self)
 
     def _is_full(self) -> bool:
-        levels = self._levels
-        return (
-            levels.buffers >= (self.max_buffers or sys.maxsize)
-            or levels.bytes >= (self.max_bytes or sys.maxsize)
-            or levels.time_ns >= (self.max_time or sys.maxsize)
-        )
-
-    def _drop_oldest(self) -> None:
-        oldest = next(item for item in self._items if isinstance(item, Frame))
-        self._items.remove(oldest)
-        self._levels.weigh_out(oldest)
-        self.count_drop("appsink full, oldest dropped")
+        return self._pending.is_full(self.max_buffers, self.max_bytes, self.max_time)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Lines events up between the frames, for `pull_object`."""
         if not isinstance(event, EosEvent | FlushStart | FlushStop):
             with self._changed:
-                self._levels.in_events += 1
-                self._items.append(event)
+                self._pending.append(event)
                 self._changed.notify_all()
         super().receive_event(pad, event)
 
@@ -190,7 +173,7 @@ class AppSink(PlainSink):
     # The application's side.
 
     def _is_over(self) -> bool:
-        return not self._was_started or (self._has_ended and not self._levels.buffers)
+        return not self._was_started or (self._has_ended and not self._pending.buffers)
 
     def pull(self, timeout_s: float = 5.0) -> Frame | None:
         """The next frame; None at EOS.
@@ -200,7 +183,7 @@ class AppSink(PlainSink):
             ElementFailure: the pipeline has failed.
         """
         frame = self.try_pull(timeout_s)
-        if frame is None and not (self._has_ended and not self._levels.buffers):
+        if frame is None and not (self._has_ended and not self._pending.buffers):
             if not self.is_playing or self.stopping.is_set():
                 raise StateError(f"{self.name}: no frames: the pipeline does not play; call play() first")
             raise StateError(f"{self.name}: no frame has come within {timeout_s} s")
@@ -231,21 +214,18 @@ class AppSink(PlainSink):
                 if self._has_ended or not self.is_playing or self.stopping.is_set() or left_s <= 0:
                     return None
                 self._changed.wait(min(left_s, LOOK_S))
-            item = self._items.popleft()
+            item = self._pending.popleft()
             if isinstance(item, Frame):
                 self._preroll = None
-                self._levels.weigh_out(item)
-            else:
-                self._levels.out_events += 1
             self._changed.notify_all()
             return item
 
     def _has_next(self, *, only_frames: bool) -> bool:
         """Whether something can be pulled; events before the next frame are passed over if not wanted."""
-        while only_frames and self._items and not isinstance(self._items[0], Frame):
-            self._items.popleft()
-            self._levels.out_events += 1
-        return bool(self._items)
+        items = self._pending.items
+        while only_frames and items and not isinstance(items[0], Frame):
+            self._pending.popleft()
+        return bool(items)
 
     def pull_preroll(self, timeout_s: float = 5.0) -> Frame | None:
         """The frame that the paused pipeline holds, once; None where there is none within the time.

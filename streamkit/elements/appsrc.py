@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -13,12 +11,12 @@ from streamkit.element.choice import Choice
 from streamkit.element.property import Property
 from streamkit.element.source import Source
 from streamkit.elements.callbacks import Callbacks
-from streamkit.elements.levels import Levels
 from streamkit.elements.stream_format import StreamFormat
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import Event
 from streamkit.flow.frame import Frame, FrameFlags
+from streamkit.handoff.frame_queue import FrameQueue
 
 LOOK_S = 0.2
 INT64 = 2**63 - 1
@@ -71,11 +69,11 @@ class AppSrc(Source):
     )
     block: bool = Property(True, live=True, doc="`push` waits for room in a full line; else it goes on.")
     leaky_type: LeakyType = Property(LeakyType.NONE, doc="Which frame a full line drops instead.")
-    current_level_buffers: int = Property(0, read=lambda s: s._levels.buffers, doc="Frames held now.")
+    current_level_buffers: int = Property(0, read=lambda s: s._pending.buffers, doc="Frames held now.")
     current_level_bytes: int = Property(
-        0, read=lambda s: s._levels.bytes, unit="bytes", doc="Bytes held now."
+        0, read=lambda s: s._pending.bytes, unit="bytes", doc="Bytes held now."
     )
-    current_level_time: int = Property(0, read=lambda s: s._levels.time_ns, unit="ns", doc="Time held now.")
+    current_level_time: int = Property(0, read=lambda s: s._pending.time_ns, unit="ns", doc="Time held now.")
     num_buffers: int = Property(-1, min=-1, max=2**31 - 1, doc="Frames before EOS; -1 is endless.")
     is_live: bool = Property(False, doc="Frames come at their own pace; nothing flows while paused.")
     do_timestamp: bool = Property(False, doc="Stamp frames without a timestamp with the running time.")
@@ -105,8 +103,7 @@ class AppSrc(Source):
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_need_data = Callbacks()
         self.on_enough_data = Callbacks()
-        self._line: deque[Frame | Event] = deque()
-        self._levels = Levels(self._line)
+        self._pending = FrameQueue()
         self._changed = threading.Condition()
         self._closed = False
         self._had_gap = False
@@ -116,7 +113,7 @@ class AppSrc(Source):
     @property
     def highest_level_buffers(self) -> int:
         """The most frames held since streaming began."""
-        return self._levels.highest_buffers
+        return self._pending.highest_buffers
 
     def property_changed(self, name: str) -> None:
         """Who waits for room looks again; None for caps is anything."""
@@ -136,8 +133,7 @@ class AppSrc(Source):
     def stop(self) -> None:
         """Forgets the frames of this run that nobody took; those pushed before the next are kept."""
         with self._changed:
-            self._line.clear()
-            self._levels.reset()
+            self._pending.reset()
             self._closed = self._had_gap = False
 
     def negotiate(self, allowed: Caps) -> Caps | None:
@@ -157,8 +153,7 @@ class AppSrc(Source):
         if isinstance(item, Event):
             with self._changed:
                 self._demand_open()
-                self._levels.in_events += 1
-                self._line.append(item)
+                self._pending.append(item)
                 self._changed.notify_all()
             return
         frame = item if isinstance(item, Frame) else Frame(item, self.caps or ANY, **fields)
@@ -205,18 +200,11 @@ class AppSrc(Source):
             if self._had_gap:
                 self._had_gap = False
                 frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-            self._levels.weigh_in(frame)
-            self._line.append(frame)
-            self._levels.highest_buffers = max(self._levels.highest_buffers, self._levels.buffers)
+            self._pending.append(frame)
             self._changed.notify_all()
 
     def _is_full(self) -> bool:
-        levels = self._levels
-        return (
-            levels.buffers >= (self.max_buffers or sys.maxsize)
-            or levels.bytes >= (self.max_bytes or sys.maxsize)
-            or levels.time_ns >= (self.max_time or sys.maxsize)
-        )
+        return self._pending.is_full(self.max_buffers, self.max_bytes, self.max_time)
 
     def _make_room(self, deadline_s: float, timeout_s: float) -> bool:
         """Drops, waits or does neither, as the properties say; False where the new frame is dropped."""
@@ -226,8 +214,9 @@ class AppSrc(Source):
                 self.count_drop("appsrc full, newest dropped")
                 return False
             if self.leaky_type is LeakyType.DOWNSTREAM:
-                while self._is_full() and self._drop_oldest():
-                    continue
+                while self._is_full() and self._pending.drop_oldest():
+                    self._had_gap = True
+                    self.count_drop("appsrc full, oldest dropped")
                 return True
             while self.block and self._is_full():
                 failure = self.pipeline_error()
@@ -241,16 +230,6 @@ class AppSrc(Source):
                 self._changed.wait(min(left_s, LOOK_S))
             return True
 
-    def _drop_oldest(self) -> bool:
-        oldest = next((item for item in self._line if isinstance(item, Frame)), None)
-        if oldest is None:
-            return False
-        self._line.remove(oldest)
-        self._levels.drop(oldest)
-        self._had_gap = True
-        self.count_drop("appsrc full, oldest dropped")
-        return True
-
     # The streaming side.
 
     def frames(self) -> Iterator[Frame | Event]:
@@ -258,7 +237,6 @@ class AppSrc(Source):
         self._taken = 0
         try:
             while self._taken != self.num_buffers:
-                # No name here holds the frame: downstream may then be its sole owner.
                 yield self._take()
         except _Ended:
             return
@@ -268,23 +246,21 @@ class AppSrc(Source):
         if self.emit_signals and self.on_need_data and self._is_wanting():
             self.on_need_data.emit(self, self.max_bytes)
         with self._changed:
-            while not self._line:
+            while not self._pending.items:
                 if self._closed or self._finishing or self.stopping.is_set():
                     raise _Ended
                 self._changed.wait(LOOK_S)
-            item = self._line.popleft()
+            item = self._pending.popleft()
             self._changed.notify_all()
             if not isinstance(item, Frame):
-                self._levels.out_events += 1
                 return item
             self._taken += 1
-            self._levels.weigh_out(item)
         if item.pts is None and self.do_timestamp:
             return item.replace(pts=self.timing.running_time_ns())
         return item
 
     def _is_wanting(self) -> bool:
-        return not self._line or 100 * self._levels.bytes < self.min_percent * self.max_bytes
+        return not self._pending.items or 100 * self._pending.bytes < self.min_percent * self.max_bytes
 
     def interrupt(self) -> None:
         """Wakes who waits."""

@@ -77,7 +77,8 @@ class Concat(Combine):
             while self._active() is not pad:
                 if self.stopping.is_set() or self.is_flushing or pad.name not in self.pads:
                     raise Flushing(self.name)
-                self._moved.wait(WAIT_S)
+                with self.waiting():
+                    self._moved.wait(WAIT_S)
 
     def _active(self) -> Pad | None:
         return next((pad for pad in list(self.pads.values()) if not pad.is_src and not pad.is_eos), None)

@@ -13,7 +13,6 @@ from streamkit.element.property import Property
 from streamkit.element.source import Source
 from streamkit.elements.callbacks import Callbacks
 from streamkit.elements.frame_text import dump_text, frame_text
-from streamkit.elements.levels import EMPTY
 from streamkit.elements.stream_format import StreamFormat
 from streamkit.errors import NotNegotiated
 from streamkit.flow.caps import ANY, Caps
@@ -106,7 +105,7 @@ class FakeSrc(Source):
         numbers = range(self.num_buffers) if self.num_buffers >= 0 else itertools.count()
         if self._is_plain():
             for number in numbers:
-                yield Frame(EMPTY, caps, None, None, 0, number, now_ns())
+                yield Frame(b"", caps, None, None, 0, number, now_ns())
             return
         make_data = self._data_maker()
         sent = 0
@@ -170,7 +169,7 @@ class FakeSrc(Source):
         if self.filltype is FillType.PATTERN_SPAN:
             endless = itertools.cycle(PATTERN)
             return lambda size: bytes(itertools.islice(endless, size))
-        zeros = EMPTY
+        zeros = b""
 
         def same(size: int) -> bytes:
             nonlocal zeros

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from streamkit.element.pad import Pad
-from streamkit.elements.levels import data_size
 from streamkit.flow.frame import Frame
+from streamkit.handoff.frame_queue import data_size
 
 MOST_DUMPED = 4096
 

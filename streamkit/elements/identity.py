@@ -10,12 +10,12 @@ from streamkit.element.property import Property
 from streamkit.element.transform import Transform
 from streamkit.elements.callbacks import Callbacks
 from streamkit.elements.frame_text import dump_text, frame_text
-from streamkit.elements.levels import data_size
 from streamkit.errors import PropertyError, StreamError
 from streamkit.flow.events import Event, GapEvent, SegmentEvent
 from streamkit.flow.frame import Frame, FrameFlags
 from streamkit.flow.segment import OPEN_SEGMENT, Segment
 from streamkit.flow.signals import EndOfStream, Flushing
+from streamkit.handoff.frame_queue import data_size
 
 INT = 2**31 - 1
 INT64 = 2**63 - 1
@@ -135,7 +135,8 @@ class Identity(Transform):
         if self.sync and frame.pts is not None:
             self._hold(frame.pts)
         if self.sleep_time:
-            self.stopping.wait(self.sleep_time / 1e6)
+            with self.waiting():
+                self.stopping.wait(self.sleep_time / 1e6)
         return frame
 
     def _is_dropped(self, frame: Frame) -> bool:

@@ -109,7 +109,8 @@ class InputSelector(Combine):
                 now_ns = self.timing.running_time_ns() if by_clock else self._time_ns
                 if now_ns is not None and now_ns > due_ns:
                     return
-                self._moved.wait(CLOCK_LOOK_S if by_clock else LOOK_S)
+                with self.waiting():
+                    self._moved.wait(CLOCK_LOOK_S if by_clock else LOOK_S)
 
     def _cache(self, pad: Pad, frame: Frame) -> None:
         kept = self._cached.setdefault(pad.name, deque())

@@ -1,26 +1,24 @@
-"""queue: a bounded thread boundary.
-
-Frames cross without a lock: the thread upstream appends, the thread downstream takes, each counts on its own
-side (see `Levels`), and one wakes the other only when that one sleeps.
-"""
+"""queue: a bounded thread boundary."""
 
 from __future__ import annotations
 
-import sys
+import threading
 from collections.abc import Callable
 from typing import Any
 
+from streamkit.element.base import Element
 from streamkit.element.choice import Choice
-from streamkit.element.pad import WEIGHED, Pad
+from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.elements.callbacks import Callbacks
-from streamkit.elements.levels import EMPTY
-from streamkit.elements.thread_boundary import LOOK_S, ThreadBoundary
 from streamkit.flow.caps import Caps
-from streamkit.flow.events import EosEvent, Event, FlushStart, FlushStop, SegmentEvent
+from streamkit.flow.events import EOS, EosEvent, Event, FlushStart, FlushStop, GapEvent
 from streamkit.flow.frame import Frame, FrameFlags
-from streamkit.flow.signals import Flushing
+from streamkit.flow.signals import EndOfStream, FlowStop, Flushing, NotLinked
+from streamkit.handoff.frame_queue import FrameQueue
 
+LOOK_S = 0.5  # longest sleep between looks at `stopping`, should a wake-up be missed
+PARK_S = 2.0  # longest wait of a flush for the frame that is on its way downstream
 UINT = 2**32 - 1
 UINT64 = 2**64 - 1
 
@@ -33,13 +31,19 @@ class Leaky(Choice):
     DOWNSTREAM = "downstream", 2, "Leaky on downstream (old buffers)"
 
 
-class Queue(ThreadBoundary):
+class _Drained(Exception):
+    """EOS has been handed over."""
+
+
+class Queue(Element):
     """Lets what follows run in a thread of its own; holds frames up to three limits.
 
     It is full when any level has reached its limit, which is looked at before a frame is added.
 
     Attributes:
         on_overrun: called with the queue when a frame meets a full queue.
+        on_underrun: called with the queue when it has run empty.
+        on_running: called with the queue when frames are there again after that.
 
     Example:
         fakesrc num-buffers=100 ! queue max-size-buffers=10 ! fakesink
@@ -73,180 +77,283 @@ class Queue(ThreadBoundary):
     leaky: Leaky = Property(Leaky.NO, live=True, doc="Which frame a full queue drops instead of waiting.")
     flush_on_eos: bool = Property(False, live=True, doc="Drop the frames held when EOS comes.")
     silent: bool = Property(False, live=True, doc="Call none of the callbacks.")
-    current_level_buffers: int = Property(0, read=lambda q: q._levels.buffers, doc="Frames held now.")
+    current_level_buffers: int = Property(0, read=lambda q: q._pending.buffers, doc="Frames held now.")
     current_level_bytes: int = Property(
-        0, read=lambda q: q._levels.bytes, unit="bytes", doc="Bytes held now."
+        0, read=lambda q: q._pending.bytes, unit="bytes", doc="Bytes held now."
     )
     current_level_time: int = Property(
-        0, read=lambda q: q._levels.time_ns, unit="ns", doc="Running time held now."
+        0, read=lambda q: q._pending.time_ns, unit="ns", doc="Running time held now."
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_overrun = Callbacks()
+        self.on_underrun = Callbacks()
+        self.on_running = Callbacks()
+        self._pending = FrameQueue()
+        self._lock = threading.Lock()  # of everything below, and of what is held
+        self._room = threading.Condition(self._lock)
+        self._filled = threading.Condition(self._lock)
+        self._refusal: type[FlowStop] | None = None  # why frames from upstream are refused
+        self._is_halted = False  # downstream is to take nothing more for now
+        self._is_flush_pending = False
+        self._has_tail_gap = self._has_head_gap = False  # a frame was dropped at that end
+        self._parked = threading.Event()
+        self._flush_over = threading.Event()
+        self._thread_id = 0
         super().__init__(name, **properties)
-        self.property_changed("")
 
-    def _tell(self, callbacks: Callbacks) -> None:
-        """Calls callbacks, unless the queue is to be silent."""
-        if callbacks and not self.silent:
-            callbacks.emit(self)
+    # Levels, for statistics.
+
+    @property
+    def highest_level_buffers(self) -> int:
+        """The most frames held since streaming began."""
+        return self._pending.highest_buffers
+
+    @property
+    def highest_level_bytes(self) -> int:
+        """The most bytes held since streaming began."""
+        return self._pending.highest_bytes
+
+    @property
+    def highest_level_time(self) -> int:
+        """The longest running time held since streaming began, ns."""
+        return self._pending.highest_time_ns
 
     def latency(self) -> tuple[int, int | None]:
         """It waits for its threshold, and can hold frames up to its limit."""
         return self.min_threshold_time, self.max_size_time or None
 
-    def property_changed(self, name: str) -> None:
-        """Limits and thresholds count at once: both sides look again."""
-        thresholds = (self.min_threshold_buffers, self.min_threshold_bytes, self.min_threshold_time)
-        self._levels.limit_bytes = self.max_size_bytes or sys.maxsize
-        self._levels.limit_ns = self.max_size_time or sys.maxsize
-        self._limit_buffers = self.max_size_buffers or sys.maxsize
-        contended = self.leaky is Leaky.DOWNSTREAM or self.flush_on_eos  # upstream takes frames out too
-        self._set(_thresholded=any(thresholds), _contended=contended)
-        self._wake()
-
-    # The upstream side.
-
     def query_caps(self, pad: Pad) -> Caps:
         """What the other side can carry."""
         return self.pads["sink" if pad.is_src else "src"].peer_caps()
 
+    def property_changed(self, name: str) -> None:
+        """Limits and thresholds count at once: both sides look again."""
+        self._wake()
+
+    def _wake(self) -> None:
+        with self._lock:
+            self._room.notify_all()
+            self._filled.notify_all()
+
+    def _emit(self, callbacks: Callbacks) -> None:
+        """Calls callbacks, without the lock, unless the queue is to be silent."""
+        if callbacks and not self.silent:
+            callbacks.emit(self)
+
+    # The upstream side.
+
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
         """The function that takes the frames of the sink pad."""
-        items, levels, append = self._items, self._levels, self._items.append
+        return self._put
 
-        def put(frame: Frame) -> None:
-            if len(items) >= levels.alert:
-                admitted = self._look(frame)
-                if admitted is None:
-                    return
-                frame = admitted
-            if (frame.data is not EMPTY or frame.pts is not None) and not self._weigh(frame):
-                return
-            append(frame)
-            if self._downstream_sleeps:
-                self._downstream_sleeps = False
-                self._filled.set()
-
-        return put
-
-    def _look(self, frame: Frame) -> Frame | None:
-        """Looks at what the length of the line asks for; the frame, or None where it was dropped."""
-        levels = self._levels
-        if len(self._items) >= levels.most:
-            admitted = self._admit(frame)
-            if admitted is None:
-                return None
-            frame = admitted
-        if frame.data is EMPTY and frame.pts is None:  # others may still have to wait for bytes or time
-            levels.rise()
-        return frame
-
-    def _admit(self, frame: Frame) -> Frame | None:
-        """The frame if it may go in, perhaps after a wait; None where it was dropped."""
-        if self._refusal is not None:
-            raise self._refusal(self.name)
-        if self._is_full() and not self._make_room():
-            return None
-        if self._tail_gap:
-            self._set(_tail_gap=False)
-            return frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-        return frame
-
-    def _weigh(self, frame: Frame) -> bool:
-        """Counts bytes and time, once there is room for them; False where the frame was dropped."""
-        levels = self._levels
-        is_full = levels.bytes >= levels.limit_bytes or levels.in_ns - levels.out_ns >= levels.limit_ns
-        if is_full and self._is_full() and not self._make_room():
-            return False
-        levels.rise()
-        levels.weigh_in(frame)
-        if not self.care & WEIGHED:
+    def _put(self, frame: Frame) -> None:
+        with self._lock:
+            self._demand_open()
+            is_met_full = self._is_full()
+            if not is_met_full:
+                self._append(frame)
+        if is_met_full:
+            self._emit(self.on_overrun)
             with self._lock:
-                self.care |= WEIGHED
-        return True
+                if self._make_room():
+                    self._append(frame)
 
-    def _is_full(self, taken: int = 0) -> bool:
-        levels = self._levels
-        return (
-            levels.buffers + taken >= self._limit_buffers
-            or levels.bytes >= levels.limit_bytes
-            or levels.time_ns >= levels.limit_ns
-        )
-
-    def _make_room(self) -> bool:
-        """Waits or drops as `leaky` says; False if the new frame is the one given up."""
-        self._tell(self.on_overrun)
-        if self.leaky is Leaky.UPSTREAM:
-            self.count_drop("queue full, newest dropped")
-            self._set(_tail_gap=True)
-            return False
-        while self._is_full():
-            if self.leaky is not Leaky.DOWNSTREAM or not self._drop_oldest():
-                self._wait_for_room()
-        return True
-
-    def _drop_oldest(self) -> bool:
-        """Drops the oldest frame, never an event; False if the other side has just taken it."""
-        oldest = next((item for item in tuple(self._items) if isinstance(item, Frame)), None)
-        if oldest is None or not self._take_away(oldest):
-            return False
-        self._set(_head_gap=True)
-        self.count_drop("queue full, oldest dropped")
-        return True
-
-    def _take_away(self, frame: Frame) -> bool:
-        """Removes a frame in the upstream thread; False if the other side was quicker."""
-        try:
-            self._items.remove(frame)
-        except (ValueError, IndexError):  # it is gone, or something was taken during the search
-            return False
-        self._levels.drop(frame)
-        return True
-
-    def _wait_for_room(self) -> None:
-        self._upstream_sleeps_now(True)
-        if self._is_full() and self._refusal is None and not self.stopping.is_set():
-            self._room.wait(LOOK_S)
-        if self._upstream_sleeps:
-            self._upstream_sleeps_now(False)
+    def _demand_open(self) -> None:
+        """Raises the reason why frames are refused, if there is one."""
         if self._refusal is not None:
             raise self._refusal(self.name)
         if self.stopping.is_set():
             raise Flushing(self.name)
 
+    def _is_full(self) -> bool:
+        return self._pending.is_full(self.max_size_buffers, self.max_size_bytes, self.max_size_time)
+
+    def _append(self, frame: Frame) -> None:
+        if self._has_tail_gap:
+            self._has_tail_gap = False
+            frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
+        self._pending.append(frame)
+        self._filled.notify()
+
+    def _make_room(self) -> bool:
+        """Waits or drops as `leaky` says; False if the new frame is the one given up."""
+        while self._is_full():
+            self._demand_open()
+            if self.leaky is Leaky.UPSTREAM:
+                self.count_drop("queue full, newest dropped")
+                self._has_tail_gap = True
+                return False
+            if self.leaky is Leaky.DOWNSTREAM and self._pending.drop_oldest():
+                self.count_drop("queue full, oldest dropped")
+                self._has_head_gap = True
+                continue
+            with self.waiting():
+                self._room.wait(LOOK_S)
+        self._demand_open()
+        return True
+
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Lines the event up behind the frames, without counting it; a flush overtakes them."""
+        """Appends the event behind the frames, without counting it; a flush overtakes them."""
         if isinstance(event, FlushStart):
             self.pads["src"].send_event(event)
-            return
-        if isinstance(event, FlushStop):
+        elif isinstance(event, FlushStop):
             self._finish_flush(event)
-            return
-        if self._refusal is not None and not self.is_flushing:
-            return
-        if isinstance(event, SegmentEvent):
-            self._levels.in_offset_ns = event.segment.running_time_ns(0)
-        elif isinstance(event, EosEvent) and self.flush_on_eos:
-            held = [item for item in tuple(self._items) if isinstance(item, Frame)]
-            self.count_drop("dropped at EOS", sum(self._take_away(frame) for frame in held))
-        with self._lock:  # told before it is in the line: the chain behind takes out frames alone
-            self._levels.in_events += 1
-            self._heed()
-        self._items.append(event)
-        self._filled.set()
+        else:
+            with self._lock:
+                if self._refusal is not None and not self.is_flushing:
+                    return
+                if isinstance(event, EosEvent) and self.flush_on_eos:
+                    self.count_drop("dropped at EOS", self._pending.drop_frames())
+                self._pending.append(event)
+                self._filled.notify()
 
-    def _may_read(self, taken: int = 0) -> bool:
+    # Flushes, in the flusher's thread.
+
+    def flush(self, *, begins: bool) -> None:
+        """Frames are refused from the start of a flush to its stop; at its stop those held are dropped."""
+        if begins:
+            self._parked.clear()
+            self._flush_over.clear()
+            with self._lock:
+                self._refusal = self._refusal or Flushing
+                self._is_flush_pending = self._is_halted = True
+                if EOS in self._pending.items:
+                    self._pending.items.remove(EOS)
+            super().flush(begins=True)
+            self._wake()
+            return
+        if self._thread_id and self._thread_id != threading.get_ident():
+            self._parked.wait(PARK_S)
+        with self._lock:
+            newest = {
+                type(item): item for item in self._pending.items if not isinstance(item, Frame | GapEvent)
+            }
+            self.count_drop("flushed", self._pending.keep(list(newest.values())))
+        super().flush(begins=False)
+
+    def _finish_flush(self, event: Event) -> None:
+        """Tells downstream of the end of the flush, then lets both sides go on."""
+        self.pads["src"].send_event(event)
+        with self._lock:
+            if self._refusal is Flushing:
+                self._refusal = None
+            self._is_halted = self.stopping.is_set()
+        self._flush_over.set()
+
+    # The downstream side.
+
+    def prepare_run(self) -> None:
+        """Forgets an earlier run."""
+        with self._lock:
+            self._pending.reset()
+            self._refusal = None
+            self._is_flush_pending = self._is_halted = self._has_head_gap = self._has_tail_gap = False
+
+    def stream(self) -> None:
+        """The body of the queue's thread: hands over frames and events in order, until EOS."""
+        src = self.pads["src"]
+        self._thread_id = threading.get_ident()
+        try:
+            while True:
+                try:
+                    while True:
+                        src.push(self._next_frame(src))
+                except Flushing:
+                    self._park()
+        except _Drained:
+            return
+        except EndOfStream as stop:
+            self._refuse(type(stop))
+            src.send_event(EOS)
+        except NotLinked as stop:
+            had_ended = self.pads["sink"].is_eos
+            self._refuse(type(stop))
+            if had_ended:  # else the next push tells upstream, which knows whether it minds
+                raise
+        except FlowStop as stop:
+            self._refuse(type(stop))
+            raise
+        except Exception:
+            self._refuse(EndOfStream)
+            raise
+        finally:
+            self._thread_id = 0
+            self._parked.set()
+
+    def _next_frame(self, src: Pad) -> Frame:
+        """Takes the oldest frame; events before it are sent on."""
+        while True:
+            item = self._take()
+            if isinstance(item, Frame):
+                return item
+            src.send_event(item)
+            if isinstance(item, EosEvent):
+                raise _Drained
+
+    def _take(self) -> Frame | Event:
+        """Takes the oldest item, once something may be handed on."""
+        while True:
+            with self._lock:
+                if self._is_halted:
+                    raise Flushing(self.name)
+                if self._may_read():
+                    return self._popped()
+                is_empty = not self._pending.items
+            if is_empty:
+                self._emit(self.on_underrun)
+            with self._lock:
+                while not self._may_read() and not self._is_halted:
+                    self._filled.wait(LOOK_S)
+            self._emit(self.on_running)
+
+    def _may_read(self) -> bool:
         """Whether something may be handed on: past the thresholds, or full, or with an event at the tail."""
-        if not self._thresholded:
-            return bool(self._items) or taken > 0
-        levels, tail = self._levels, next(reversed(tuple(self._items)), None)
-        if tail is None and not taken:
+        pending = self._pending
+        if not pending.items:
             return False
-        if self._is_full(taken) or not (tail is None or isinstance(tail, Frame)):
-            return True
-        return (
-            levels.buffers + taken >= self.min_threshold_buffers
-            and levels.bytes >= self.min_threshold_bytes
-            and levels.time_ns >= self.min_threshold_time
+        is_past_thresholds = (
+            pending.buffers >= self.min_threshold_buffers
+            and pending.bytes >= self.min_threshold_bytes
+            and pending.time_ns >= self.min_threshold_time
         )
+        return is_past_thresholds or not isinstance(pending.items[-1], Frame) or self._is_full()
+
+    def _popped(self) -> Frame | Event:
+        item = self._pending.popleft()
+        self._room.notify()
+        if self._has_head_gap and isinstance(item, Frame):
+            self._has_head_gap = False
+            return item.replace(flags=item.flags | FrameFlags.DISCONTINUITY)
+        return item
+
+    def _park(self) -> None:
+        """Waits out a flush; where there is none, streaming ends."""
+        with self._lock:
+            is_flush, self._is_flush_pending = self._is_flush_pending, False
+        if not is_flush or self.stopping.is_set():
+            raise Flushing(self.name)
+        self._parked.set()
+        while not self._flush_over.wait(LOOK_S):
+            if self.stopping.is_set():
+                raise Flushing(self.name)
+
+    def _refuse(self, stop: type[FlowStop]) -> None:
+        """Drops what is held and answers every later push with the reason why streaming ended."""
+        with self._lock:
+            self._refusal = stop
+            self._pending.keep([])
+            self._room.notify_all()
+
+    def interrupt(self) -> None:
+        """Wakes both sides, for good if the pipeline is stopping."""
+        if self.stopping.is_set():
+            with self._lock:
+                self._is_halted = True
+            self._flush_over.set()
+        self._wake()
+
+    def stop(self) -> None:
+        """Drops what is still held."""
+        with self._lock:
+            self._pending.keep([])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import sys
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
@@ -15,11 +14,6 @@ if TYPE_CHECKING:
 
 Item = TypeVar("Item")
 NO_METADATA: Mapping[type, object] = MappingProxyType({})
-
-# References to a frame that only its own streaming thread holds while an element's `transform` runs: the
-# chain's variable, the element's argument, `self` of `writable` and getrefcount's own. Measured by a test.
-SOLE_OWNER_FRAME_REFERENCES = 4
-SOLE_OWNER_DATA_REFERENCES = 3
 
 
 class FrameFlags(enum.IntFlag):
@@ -99,22 +93,8 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
         return msgspec.structs.replace(self, metadata={**self.metadata, kind: item})
 
     def writable(self) -> Frame:
-        """A frame whose array may be written: this one if nobody else holds it, else one with a copy.
-
-        Call it on the argument of `transform` itself, before binding it to other names. Behind a queue a copy
-        may be made that need not be, some in 100 000: where the thread upstream was interrupted just as it
-        handed the frame over, and still holds it.
-        """
-        data = self.data
-        if (
-            sys.getrefcount(self) <= SOLE_OWNER_FRAME_REFERENCES
-            and sys.getrefcount(data) <= SOLE_OWNER_DATA_REFERENCES
-            and data.base is None
-            and data.flags.owndata
-        ):
-            data.flags.writeable = True
-            return self
-        frame = msgspec.structs.replace(self, data=data.copy())
+        """The same frame with a copy of its array, which may be written."""
+        frame = msgspec.structs.replace(self, data=self.data.copy())
         frame.data.flags.writeable = True
         return frame
 

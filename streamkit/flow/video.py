@@ -51,7 +51,7 @@ def luma(frame: Frame) -> NDArray[np.uint8]:
     )
 
 
-def misfit(frame: Frame) -> str | None:
+def layout_error(frame: Frame) -> str | None:
     """How the array of a raw video frame differs from what its caps say; None where it does not.
 
     Formats that are not known here, and data that is no array, are taken as they are.

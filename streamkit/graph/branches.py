@@ -113,7 +113,7 @@ def _close(src: Pad) -> None:
             src.is_eos = True
             src.send_event(EOS)
 
-    src.push, src.pull = close, None
+    src.push = close
     src.element.pads_changed()
     if not closed.wait(IDLE_S) and not src.is_eos:
         close(None)

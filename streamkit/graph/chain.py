@@ -1,32 +1,48 @@
-"""Chains: the straight run of transforms behind a src pad, composed once into one function.
-
-Frames pass through a chain in a flat loop, not in nested calls: a stage costs one call, no more, and a frame
-that a stage has replaced is let go at once, so that `Frame.writable` can see a sole owner.
-"""
+"""Chains: the run of transforms behind a src pad, which one loop calls in turn, counts and times."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from itertools import repeat
-from operator import length_hint
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
-from streamkit.element.pad import SPECIAL
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated
 from streamkit.flow.frame import Frame
 from streamkit.flow.signals import FlowStop
-from streamkit.flow.video import misfit
+from streamkit.flow.video import layout_error
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
-    from streamkit.element.pad import Line, Pad
+    from streamkit.element.pad import Pad
 
-SAMPLE_EVERY = 256  # one frame in so many is timed, and the first so many
-SLOW_NS = 100_000  # each, where they come in no shorter a time: timing then costs nothing to speak of
+
+class Stage:
+    """One element of a chain and what was counted of it.
+
+    Attributes:
+        element: a transform, or the element that the chain ends in.
+        sink: the pad that frames come in through.
+        call: takes one frame; of a transform it returns what goes on.
+        is_terminal: whether the chain ends here.
+        swallowed: frames for which a transform did not return exactly one frame.
+        busy_ns: time spent in `call`, and in iterating over what it returned, ns.
+        newest_ns: arrival time of the newest frame that came through, or 0.
+    """
+
+    __slots__ = ("busy_ns", "call", "element", "is_terminal", "newest_ns", "settles", "sink", "swallowed")
+
+    def __init__(self, sink: Pad) -> None:
+        self.element: Element = sink.element
+        self.sink = sink
+        self.is_terminal = not isinstance(sink.element, Transform)
+        self.settles = isinstance(sink.element, Transform) and not sink.element.keeps_caps
+        self.call: Callable[[Frame], Any] = (
+            sink.element.transform if isinstance(sink.element, Transform) else sink.element.receiver(sink)
+        )
+        self.swallowed = self.busy_ns = self.newest_ns = 0
 
 
 class Chain:
@@ -34,303 +50,167 @@ class Chain:
 
     Attributes:
         src: the pad that pushes into the chain.
-        transforms: the transforms passed, in order.
-        terminal: the element the chain ends in, or None where a pad is not linked.
+        stages: the elements in order, transforms that pass frames unseen included.
         frames: frames pushed into the chain.
-        swallowed: per transform, frames it did not return one frame for.
-        busy_ns: per element, sampled working time, ns, scaled to all frames.
-        newest_ns: per element, arrival time of the newest frame that was timed, or 0.
-        sinks: the pads that frames come in through: one per transform, then the terminal's, if there is one.
-        due: number of the next frame to be timed; 0 asks for the very next one.
-        source_ns: behind a source, the sampled time between frames, in which it makes them, ns.
+        upstream_ns: time between the end of one push and the next, in which a source makes frames, ns.
     """
 
     def __init__(self, src: Pad) -> None:
         self.src = src
-        self.transforms: list[Transform] = []
+        self.stages: list[Stage] = []
         pad = src
-        self.sinks: list[Pad] = []
-        while pad.peer is not None and isinstance(pad.peer.element, Transform):
-            self.transforms.append(pad.peer.element)
-            self.sinks.append(pad.peer)
+        while pad.peer is not None:
+            self.stages.append(Stage(pad.peer))
+            if not isinstance(pad.peer.element, Transform):
+                break
             pad = pad.peer.element.src_pad
-        self.terminal: Element | None = None
-        self._consume: Callable[[Frame], None] = pad.not_linked
-        if pad.peer is not None:
-            self.sinks.append(pad.peer)
-            self.terminal = pad.peer.element
-            self._consume = pad.peer.element.receiver(pad.peer)
-        self.swallowed = [0] * len(self.transforms)
-        self.busy_ns = [0] * (len(self.transforms) + 1)
-        self.newest_ns = [0] * (len(self.transforms) + 1)
-        self._due = 1
-        self._count: Callable[[], int] = lambda: 0
-        self._set_due: Callable[[int], None] = lambda number: None
-        self.source_ns = self._timed_frames = self._timed_ns = self._ended_ns = self._gaps = 0
-        self._takes_gaps = isinstance(src.element, Source)
-        self._replace_consumer: Callable[[Callable[[Frame], None]], None] = lambda consume: None
-        self._stages: list[Callable[[Frame], Any]] = []
-        self._positions: dict[Callable[[Frame], Any], int] = {self._consume: len(self.transforms)}
-        for position, transform in enumerate(self.transforms):
-            if not transform.is_passthrough():
-                self._stages.append(_stage(transform))
-                self._positions[self._stages[-1]] = position
+        self._end = pad  # not linked where the last stage is not terminal
+        self._called = tuple(stage for stage in self.stages if not _passes_unseen(stage))
+        self._is_behind_source = isinstance(src.element, Source)
+        self._left_ns = 0
+        self.frames = self.upstream_ns = 0
 
-    def compose(self) -> Callable[[Frame], None]:  # noqa: PLR0915  three loops over one set of variables
-        """The function that sends a frame through the chain.
+    @property
+    def terminal(self) -> Element | None:
+        """The element that the chain ends in, or None where a pad is not linked."""
+        return self.stages[-1].element if self.stages and self.stages[-1].is_terminal else None
 
-        The count and the number of the next timed frame live in its closure, where they cost least.
+    def push(self, frame: Frame) -> None:
+        """Sends a frame through: each stage gets what the one before it returned.
+
+        Raises:
+            ElementFailure: a stage failed; names its element.
+            FlowStop: downstream takes no more.
         """
-        stages, consume = tuple(self._stages), self._consume
-        failed, timed, odd = self._failed, self._timed, self._odd
-        count, due = self._count(), self._due
-        row: tuple[int, repeat[None]] | None = None  # frames once it has passed, and what is left of it
-
-        def push(frame: Frame) -> None:
-            nonlocal count
-            count += 1
-            if count >= due:
-                box = [frame]
-                del frame  # the box is emptied: an element may still be the sole owner
-                timed(box)
-                return
-            stage: Callable[[Frame], Any] = consume
-            try:
-                for stage in stages:
-                    frame = stage(frame)
-                    if frame.__class__ is not Frame:
-                        odd(stage, frame)
-                        return
-                stage = consume
-                consume(frame)
-            except (FlowStop, ElementFailure, NotNegotiated):
-                raise
-            except Exception as cause:
-                raise failed(stage, frame, cause) from cause
-
-        def hand_over(frame: Frame) -> None:
-            nonlocal count
-            count += 1
-            if count >= due:
-                box = [frame]
-                del frame
-                timed(box)
-                return
-            try:
-                consume(frame)
-            except (FlowStop, ElementFailure, NotNegotiated):
-                raise
-            except Exception as cause:
-                raise failed(consume, frame, cause) from cause
-
-        def pull(line: Line) -> None:
-            nonlocal count, row
-            items, popleft = line.items, line.items.popleft
-            while items:
-                if line.care & SPECIAL:
-                    return
-                untimed = due - count - 1
-                if untimed <= 0:
-                    try:
-                        if line.care:
-                            line.weigh_out(items[0])  # type: ignore[arg-type]
-                        box = [popleft()]
-                    except IndexError:
-                        return
-                    count += 1
-                    timed(box)  # type: ignore[arg-type]
-                    continue
-                # Counted before they pass: a loop over `left` costs less than counting each.
-                left = repeat(None, min(len(items), untimed))
-                total = count + length_hint(left)
-                row = total, left
-                try:
-                    for _ in left:
-                        if line.care:
-                            if line.care & SPECIAL:
-                                total -= 1  # the one that stays
-                                break
-                            line.weigh_out(items[0])  # type: ignore[arg-type]
-                        consume(popleft())  # type: ignore[arg-type]  # a cast would cost a call for each frame
-                except (FlowStop, ElementFailure, NotNegotiated):
-                    raise
-                except Exception as cause:
-                    if _ran_empty(cause):
-                        total -= 1
-                        return
-                    raise failed(consume, _frame_met(cause), cause) from cause
-                finally:
-                    count = total - length_hint(left)
-                    row = None
-
-        def frames() -> int:
-            now = row
-            return count if now is None else now[0] - length_hint(now[1])
-
-        def replace_consumer(function: Callable[[Frame], None]) -> None:
-            nonlocal consume
-            consume = function
-
-        def set_due(number: int) -> None:
-            nonlocal due
-            due = number
-
-        self._replace_consumer, self._set_due = replace_consumer, set_due
-        self._count = frames
-        self.src.pull = None if stages else pull
-        return push if stages else hand_over
-
-    @property
-    def frames(self) -> int:
-        """Frames pushed into the chain."""
-        return self._count()
-
-    @property
-    def due(self) -> int:
-        """Number of the next frame to be timed."""
-        return self._due
-
-    @due.setter
-    def due(self, number: int) -> None:
-        self._due = number
-        self._set_due(number)
-
-    def refresh(self) -> None:
-        """Asks the element the chain ends in anew for the function that takes its frames."""
-        if self.terminal is not None:
-            self._consume = self.terminal.receiver(self.sinks[-1])
-            self._positions[self._consume] = len(self.transforms)
-            self._replace_consumer(self._consume)
-
-    def _timed(self, box: list[Frame]) -> None:
-        """Sends the frame in the box through, taking the time of each element."""
         clock = time.perf_counter_ns
-        arrived_ns = box[0].arrival_ns
-        frame = box.pop()
-        if self._takes_gaps:
-            _demand_fitting(self.src.element, frame)
-        stage: Callable[[Frame], Any] = self._consume
+        self.frames += 1
         before = clock()
-        weight = self._schedule(before)
+        if self._left_ns:
+            self.upstream_ns += before - self._left_ns
+        if self._is_behind_source:
+            demand_layout(self.src.element, frame)
+        stage: Stage | None = None
         try:
-            for stage in self._stages:
-                frame = stage(frame)
+            for stage in self._called:
+                element = stage.element
+                element.enter("frame", before, frame)
+                result = stage.call(frame)
+                element.leave()
                 now = clock()
-                self._note(stage, (now - before) * weight, arrived_ns)
+                stage.busy_ns += now - before
+                stage.newest_ns = frame.arrival_ns
                 before = now
-                if frame.__class__ is not Frame:
-                    self._odd(stage, frame, weight)
+                if result.__class__ is not Frame:
+                    if not stage.is_terminal:
+                        self._push_each(stage, result)
                     return
-                _demand_fitting(self.transforms[self._positions[stage]], frame)
-            stage = self._consume
-            stage(frame)
-            self._note(stage, (clock() - before) * weight, arrived_ns)
+                if result is not frame:
+                    frame = self._settled(stage, result)
+            if stage is None or not stage.is_terminal:
+                self._end.not_linked(frame)
         except (FlowStop, ElementFailure, NotNegotiated):
             raise
         except Exception as cause:
-            raise self._failed(stage, frame, cause) from cause
+            raise (stage.element if stage else self.src.element).failure(cause, frame) from cause
         finally:
-            self._ended_ns = clock()
+            if stage is not None:
+                stage.element.leave()
+            self._left_ns = clock()
 
-    def _note(self, stage: Callable[[Frame], Any], busy_ns: int, arrived_ns: int) -> None:
-        position = self._positions[stage]
-        self.busy_ns[position] += busy_ns
-        self.newest_ns[position] = arrived_ns
-
-    def _schedule(self, now_ns: int) -> int:
-        """Says which frame is timed next; how many frames this one stands for."""
-        count = self.frames
-        weight, passed_ns = count - self._timed_frames, now_ns - self._timed_ns
-        self._timed_frames, self._timed_ns = count, now_ns
-        if weight == 1 and self._takes_gaps and self._ended_ns:
-            self.source_ns += (now_ns - self._ended_ns) * (count - self._gaps)
-            self._gaps = count
-        is_next = count < SAMPLE_EVERY or passed_ns >= SLOW_NS * weight
-        if weight > 1 and self._takes_gaps:
-            is_next = True  # what lies between two timed frames is the source's time
-        self.due = count + (1 if is_next else SAMPLE_EVERY)
-        return weight
-
-    def _odd(self, stage: Callable[[Frame], Any], result: Any, weight: int = 0) -> None:
-        """A stage returned None or several frames, which go on behind its own src pad; timed if weighted."""
-        position = self._positions[stage]
-        self.swallowed[position] += 1
-        if result is not None:
-            push, kind = self.transforms[position].src_pad.push, type(result).__name__
-            if weight:
-                result = _TimedResults(result, self.busy_ns, position, weight)
-            for frame in result:
-                if not isinstance(frame, Frame):
-                    raise TypeError(
-                        f"transform returns a Frame, several, or None, got {kind} "
-                        f"of {type(frame).__name__}: put data into a frame with frame.replace(data=...)"
-                    )
-                if weight:
-                    _demand_fitting(self.transforms[position], frame)
-                push(frame)
-
-    def _failed(self, stage: Callable[[Frame], Any], frame: Any, cause: Exception) -> ElementFailure:
-        position = self._positions[stage]
-        element = self.transforms[position] if position < len(self.transforms) else self.terminal
-        assert element is not None
-        return element.failure(cause, frame if isinstance(frame, Frame) else None)
-
-    def received(self) -> list[tuple[Element, int, int]]:
-        """Element, frames that reached it, and its sampled busy time in ns, in the order of the chain."""
-        rows: list[tuple[Element, int, int]] = []
-        count = self.frames
-        for transform, lost, busy in zip(self.transforms, self.swallowed, self.busy_ns, strict=False):
-            rows.append((transform, count, busy))
-            count -= lost
+    def refresh(self) -> None:
+        """Asks the element that the chain ends in anew for the function that takes its frames."""
         if self.terminal is not None:
-            rows.append((self.terminal, count, self.busy_ns[-1]))
+            last = self.stages[-1]
+            last.call = last.element.receiver(last.sink)
+
+    def received(self) -> list[tuple[Stage, int]]:
+        """Every stage with the number of frames that reached it, in the order of the chain."""
+        rows: list[tuple[Stage, int]] = []
+        count = self.frames
+        for stage in self.stages:
+            rows.append((stage, count))
+            count -= stage.swallowed
         return rows
 
+    @property
+    def busy_ns(self) -> int:
+        """Time spent in all stages, ns."""
+        return sum(stage.busy_ns for stage in self.stages)
 
-def composed_when_used(src: Pad, chains: list[Chain]) -> Callable[[Frame], None]:
-    """A push that composes the chain behind a pad when the first frame comes, and adds it to `chains`."""
+    def _settled(self, stage: Stage, frame: Frame) -> Frame:
+        """A frame that a transform made, with the caps of its src pad and pixels that agree with them."""
+        if stage.settles:
+            assert isinstance(stage.element, Transform)
+            frame = stage.element.settled(frame)
+        demand_layout(stage.element, frame)
+        return frame
 
-    def push(frame: Frame) -> None:
-        box = [frame]
-        del frame  # the box is emptied: an element may still be the sole owner
-        chain = Chain(src)
-        src.push = chain.compose()
-        chains.append(chain)
-        src.push(box.pop())
+    def _push_each(self, stage: Stage, results: Any) -> None:
+        """A transform returned None or several frames: they go on behind its own src pads."""
+        stage.swallowed += 1
+        if results is None:
+            return
+        element, kind = stage.element, type(results).__name__
+        assert isinstance(element, Transform)
+        element.enter("frame", time.perf_counter_ns())
+        for item in _timed(results, stage):
+            name, frame = item if isinstance(item, tuple) and len(item) == 2 else ("", item)
+            if not isinstance(frame, Frame):
+                raise TypeError(
+                    f"transform returns a Frame, several, or None, got {kind} "
+                    f"of {type(frame).__name__}: put data into a frame with frame.replace(data=...)"
+                )
+            if name in ("", "src"):
+                element.src_pad.push(self._settled(stage, frame))
+            else:
+                demand_layout(element, frame)
+                element.push_aside(name, frame)
+            element.enter("frame", time.perf_counter_ns(), frame)
 
-    return push
+
+def _timed(results: Iterable[Any], stage: Stage) -> Iterable[Any]:
+    """The items of an iterable, whose making counts as work of the stage."""
+    iterator = iter(results)
+    while True:
+        before = time.perf_counter_ns()
+        try:
+            item = next(iterator)
+        except StopIteration:
+            return
+        finally:
+            stage.busy_ns += time.perf_counter_ns() - before
+        yield item
 
 
-def _demand_fitting(element: Element, frame: Frame) -> None:
-    """Frames that are timed are looked at: an element that hands on other pixels than it says is told of."""
-    fault = misfit(frame)
+def _passes_unseen(stage: Stage) -> bool:
+    return isinstance(stage.element, Transform) and stage.element.is_passthrough()
+
+
+def demand_layout(element: Element, frame: Frame) -> None:
+    """Raises an `ElementFailure` where the pixels of a frame are not what its caps say."""
+    fault = layout_error(frame)
     if fault is not None:
         raise element.failure(ValueError(fault), frame)
 
 
-def _ran_empty(cause: Exception) -> bool:
-    """Whether a line was empty when the next frame was taken: upstream had just begun to drop the oldest."""
-    trace = cause.__traceback__
-    return isinstance(cause, IndexError) and trace is not None and trace.tb_next is None
+def chain_on_first_frame(src: Pad, chains: list[Chain]) -> Callable[[Frame], None]:
+    """A push that makes the chain behind a pad when the first frame comes, and adds it to `chains`."""
+
+    def push(frame: Frame) -> None:
+        chain = Chain(src)
+        src.push = chain.push
+        chains.append(chain)
+        chain.push(frame)
+
+    return push
 
 
-def _frame_met(cause: Exception) -> Frame | None:
-    """The frame that was being worked on where an exception was raised: nothing else may have held it."""
-    trace = cause.__traceback__
-    while trace is not None:
-        for value in trace.tb_frame.f_locals.values():
-            if isinstance(value, Frame):
-                return value
-        trace = trace.tb_next
-    return None
-
-
-class Parted:
-    """What chains of branches that have gone add to the element they hung on.
+class RetiredChainTotals:
+    """What the chains of removed branches had counted of the element they hung on.
 
     Attributes:
         frames: that left the element for them, by the element's `id`.
-        busy_ns: sampled working time in them, ns, by the element's `id`.
+        busy_ns: working time in them, ns, by the element's `id`.
     """
 
     def __init__(self) -> None:
@@ -338,48 +218,12 @@ class Parted:
         self.busy_ns: Counter[int] = Counter()
 
     def add(self, chain: Chain) -> None:
-        """Takes over what a chain has counted."""
+        """Adds what a chain has counted."""
         self.frames[id(chain.src.element)] += chain.frames
-        self.busy_ns[id(chain.src.element)] += sum(chain.busy_ns)
+        self.busy_ns[id(chain.src.element)] += chain.busy_ns
 
     def forget(self, elements: Iterable[int]) -> None:
-        """Elements, by their `id`, have gone themselves."""
+        """Drops the totals of elements, by their `id`, that are removed themselves."""
         for element in elements:
             self.frames.pop(element, None)
             self.busy_ns.pop(element, None)
-
-
-class _TimedResults:
-    """The frames of an iterable, whose making counts as work of its transform; it holds none of them."""
-
-    def __init__(self, results: Iterable[Frame], busy_ns: list[int], position: int, weight: int) -> None:
-        self._results = iter(results)
-        self._busy_ns = busy_ns
-        self._position = position
-        self._weight = weight
-
-    def __iter__(self) -> Iterator[Frame]:
-        return self
-
-    def __next__(self) -> Frame:
-        before = time.perf_counter_ns()
-        try:
-            return next(self._results)
-        finally:
-            self._busy_ns[self._position] += (time.perf_counter_ns() - before) * self._weight
-
-
-def _stage(transform: Transform) -> Callable[[Frame], Any]:
-    """The function a chain calls: `transform` itself where caps stay, else with a check of the caps."""
-    if transform.keeps_caps:
-        return transform.transform
-    function, settled = transform.transform, transform.settled
-    pad = transform.src_pad
-
-    def with_caps(frame: Frame) -> Any:
-        result: Any = function(frame)
-        if result.__class__ is Frame:
-            return result if result.caps is pad.caps else settled(result)
-        return result if result is None else map(settled, result)
-
-    return with_caps

@@ -263,9 +263,9 @@ class Pipeline:
 
     def statistics(self) -> list[ElementStatistics]:
         """Counters of every element since streaming began."""
-        chains, parted = list(self._playback.chains), self._playback.parted
+        chains, retired = list(self._playback.chains), self._playback.retired
         now_ns = self.clock.monotonic_ns()
-        return collect_statistics(self.graph, chains, parted, self._tally.counts, now_ns)
+        return collect_statistics(self.graph, chains, retired, self._tally.counts, now_ns)
 
     def latency(self) -> Latency:
         """How old live frames are at the sinks at least, and for how long they can be held."""

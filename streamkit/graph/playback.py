@@ -17,7 +17,7 @@ from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.branches import first_push
 from streamkit.graph.bus import Bus
-from streamkit.graph.chain import Chain, Parted, composed_when_used
+from streamkit.graph.chain import Chain, RetiredChainTotals, chain_on_first_frame
 from streamkit.graph.graph import Graph
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.streaming import Streaming, StreamingThread
@@ -28,7 +28,7 @@ class Playback:
 
     Attributes:
         chains: one behind every src pad.
-        parted: what the chains of branches that have gone had counted.
+        retired: what the chains of removed branches had counted.
         error: the first failure, or None.
         ended: set at the end of the stream, after a failure, and after a stop.
         is_streaming: whether threads have been started.
@@ -45,7 +45,7 @@ class Playback:
             adopt: starts an element that joins while the graph streams.
         """
         self.chains: list[Chain] = []
-        self.parted = Parted()
+        self.retired = RetiredChainTotals()
         self.error: Exception | None = None
         self.ended = threading.Event()
         self.is_prerolled = threading.Event()
@@ -79,7 +79,7 @@ class Playback:
         self._expect_preroll()
         remember_caps(graph)
         self.chains = []
-        self.parted = Parted()
+        self.retired = RetiredChainTotals()
         compose_chains(graph.elements, self.chains)
         for source in self._sources():
             if self.is_live and not self._timing.running.is_set():
@@ -203,7 +203,7 @@ class Playback:
         remember_caps(self._graph)
         compose_chains(joined, self.chains)
         chain = Chain(pad)
-        pad.push = chain.compose()
+        pad.push = chain.push
         self.chains.append(chain)
 
     def pad_removed(self, pad: Pad) -> None:
@@ -248,13 +248,12 @@ class Playback:
                 }
                 self.is_prerolled.clear() if self._waited_for else self.is_prerolled.set()
             chain = Chain(src)
-            push = chain.compose()
             compose_chains(elements, self.chains)
             self.chains.append(chain)
             threads = self.add_threads(elements)
         for thread in threads:
             thread.start()
-        src.push = first_push(src, push)
+        src.push = first_push(src, chain.push)
         src.element.pads_changed()
 
     def drain_branch(self, elements: list[Element], deadline: float) -> None:
@@ -275,8 +274,8 @@ class Playback:
             for chain in gone:
                 self.chains.remove(chain)
                 if chain.src is src:
-                    self.parted.add(chain)
-            self.parted.forget(members)
+                    self.retired.add(chain)
+            self.retired.forget(members)
             had_some = bool(self._open_sinks)
             self._open_sinks -= members
             has_all = had_some and not self._open_sinks
@@ -334,10 +333,10 @@ def compose_chains(elements: Iterable[Element], chains: list[Chain]) -> None:
     for element in elements:
         for pad in list(element.src_pads()):
             if isinstance(element, Transform):
-                pad.push = composed_when_used(pad, chains)
+                pad.push = chain_on_first_frame(pad, chains)
             else:
                 chain = Chain(pad)
-                pad.push = chain.compose()
+                pad.push = chain.push
                 chains.append(chain)
         element.pads_changed()
 

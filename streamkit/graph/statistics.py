@@ -1,7 +1,6 @@
 """Counters of a running graph: what came in, what went out, what was dropped and why, working time, age.
 
-Counting costs one addition for each frame and chain. Times come from samples: one frame in 256 is timed where
-frames come quickly, and every one where they do not.
+Every frame is counted once per chain, and the clock is read once per element and frame.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.graph.chain import Chain, Parted
+from streamkit.graph.chain import Chain, RetiredChainTotals
 from streamkit.graph.graph import Graph
 
 
@@ -74,9 +73,9 @@ class ElementStatistics(msgspec.Struct, frozen=True):
         dropped: frames not delivered, by reason.
         errors: failures of the element.
         warnings: warnings it posted.
-        busy_ns: sampled working time, ns. Of a source: the time it took to make frames, 0 for a live one,
+        busy_ns: working time, ns. Of a source: the time it took to make frames, 0 for a live one,
             whose waiting is no work. Of a queue: what upstream took to hand frames over, waiting included.
-        age_ns: how long ago the newest frame seen arrived at its source, ns, by samples; None before a frame.
+        age_ns: how long ago the newest frame seen arrived at its source, ns; None before a frame.
         queue: what it holds, or None for an element that holds no frames.
         pads: counters of each pad.
     """
@@ -124,18 +123,17 @@ class Tally:
 class _Sums:
     """What the chains of a graph add up to, by pad and by element, whose name another may share."""
 
-    def __init__(self, chains: Iterable[Chain], parted: Parted) -> None:
+    def __init__(self, chains: Iterable[Chain], retired: RetiredChainTotals) -> None:
         self.frames: Counter[Pad] = Counter()
         self.came: Counter[int] = Counter()
-        self.left: Counter[int] = Counter(parted.frames)
+        self.left: Counter[int] = Counter(retired.frames)
         self.busy_ns: Counter[int] = Counter()
         self.newest_ns: dict[int, int] = {}
         self._behind: dict[int, list[Chain]] = {}
-        self._parted = parted
+        self._retired = retired
         for chain in chains:
             self._behind.setdefault(id(chain.src.element), []).append(chain)
             self._add(chain)
-            chain.due = 0  # whoever looks now and then sees an age that is no older than the last look
         for owner in [behind[0].src.element for behind in self._behind.values()]:
             self._settle(owner, self._behind[id(owner)])
 
@@ -143,14 +141,15 @@ class _Sums:
         """Adds what one chain counted."""
         self._leave(chain.src, chain.frames)
         newest_ns = 0
-        for index, (element, count, busy_ns) in reversed(list(enumerate(chain.received()))):
-            newest_ns = chain.newest_ns[index] or newest_ns  # a passthrough passes what came behind it
+        for stage, count in reversed(chain.received()):
+            newest_ns = stage.newest_ns or newest_ns  # a stage that is not called passes what came behind it
+            element = stage.element
             self._see(element, newest_ns)
             self.came[id(element)] += count
-            self.frames[chain.sinks[index]] += count
-            self.busy_ns[id(element)] += busy_ns
-            if index < len(chain.transforms):
-                self._leave(chain.transforms[index].src_pad, count - chain.swallowed[index])
+            self.frames[stage.sink] += count
+            self.busy_ns[id(element)] += stage.busy_ns
+            if isinstance(element, Transform):
+                self._leave(element.src_pad, count - stage.swallowed)
         self._see(chain.src.element, newest_ns)
 
     def _leave(self, pad: Pad, count: int) -> None:
@@ -163,22 +162,27 @@ class _Sums:
     def _settle(self, owner: Element, behind: list[Chain]) -> None:
         """Tells the work of an element from that of the chains it calls: a source's, a tee's."""
         if isinstance(owner, Source):
-            made_ns = 0 if owner.is_live else behind[0].source_ns
+            made_ns = 0 if owner.is_live else behind[0].upstream_ns
             self.busy_ns[id(owner)] = made_ns - sum(self._spent_ns(chain) for chain in behind[1:])
         elif not isinstance(owner, Transform) and not hasattr(owner, "stream"):  # with no thread of its own
-            called_ns = self._parted.busy_ns[id(owner)]
+            called_ns = self._retired.busy_ns[id(owner)]
             self.busy_ns[id(owner)] -= called_ns + sum(self._spent_ns(chain) for chain in behind)
 
     def _spent_ns(self, chain: Chain) -> int:
         """Working time in a chain, with the chains of transforms that make several frames of one."""
-        nested = (beyond for transform in chain.transforms for beyond in self._behind.get(id(transform), ()))
-        return sum(chain.busy_ns) + sum(self._spent_ns(beyond) for beyond in nested)
+        nested = (
+            beyond
+            for stage in chain.stages
+            if isinstance(stage.element, Transform)
+            for beyond in self._behind.get(id(stage.element), ())
+        )
+        return chain.busy_ns + sum(self._spent_ns(beyond) for beyond in nested)
 
 
 def collect_statistics(
     graph: Graph,
     chains: Iterable[Chain],
-    parted: Parted,
+    retired: RetiredChainTotals,
     counts: Counter[tuple[str, MessageKind]],
     now_ns: int,
 ) -> list[ElementStatistics]:
@@ -187,11 +191,11 @@ def collect_statistics(
     Args:
         graph: its elements.
         chains: the chains of its run.
-        parted: what the chains of branches that have gone had counted.
+        retired: what the chains of removed branches had counted.
         counts: messages by element and kind.
         now_ns: time of the pipeline's clock, ns.
     """
-    sums = _Sums(chains, parted)
+    sums = _Sums(chains, retired)
 
     def row(element: Element) -> ElementStatistics:
         name = element.name

@@ -93,7 +93,7 @@ class Harness:
             self._surround(pad)
         for owner in [*self._feeds.values(), self.element]:  # once all is linked
             for pad in owner.src_pads():
-                pad.push = Chain(pad).compose()
+                pad.push = Chain(pad).push
         self._epochs: dict[str, int] = {}
         self._open = True
         try:
@@ -165,7 +165,7 @@ class Harness:
         """Feeds or collects from a new pad."""
         self._surround(pad)
         src = pad if pad.is_src else self._feeds[pad.name].pads["src"]
-        src.push = Chain(src).compose()
+        src.push = Chain(src).push
 
     def pad_removed(self, pad: Pad) -> None:
         """A pad goes; what came out of it stays."""

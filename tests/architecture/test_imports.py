@@ -18,8 +18,9 @@ PLUGINS = ROOT / "plugins"
 ALLOWED = {
     "errors": set(),
     "flow": {"errors"},
+    "handoff": {"errors", "flow"},
     "element": {"errors", "flow"},
-    "elements": {"errors", "flow", "element"},
+    "elements": {"errors", "flow", "element", "handoff"},
     "graph": {"errors", "flow", "element"},
     "testing": {"errors", "flow", "element", "graph"},
     "cli": {"errors", "flow", "element", "graph"},

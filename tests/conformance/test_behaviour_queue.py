@@ -418,7 +418,7 @@ def test_an_error_lets_go_of_what_is_held() -> None:
     line.thread.start()
     line.thread.join(10)
     assert line.levels == (0, 0, 0)
-    assert not line.queue._items
+    assert not line.queue._pending.items
 
 
 def test_an_output_that_is_not_linked() -> None:

@@ -52,7 +52,11 @@ class Outlet:
         notes = Notes("notes")
         element.pads["src"].link(notes.pads["sink"])
         self.events = notes.seen
-        self.take = element._taker(element.pads["src"])
+        self._element = element
+
+    def take(self) -> Frame:
+        """The next frame."""
+        return self._element._next_frame(self._element.pads["src"])
 
     def numbers(self, count: int) -> list[int]:
         """The numbers of the next frames."""

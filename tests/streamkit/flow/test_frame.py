@@ -119,17 +119,16 @@ def test_a_copy_of_a_frame_is_writable_once() -> None:
         writable.replace(seq=1).data[0, 0] = 6
 
 
-def test_the_only_owner_writes_in_place(register: Register) -> None:
-    """Through a chain of transforms, a queue and into an appsink no pixel is copied."""
+def test_a_writer_never_changes_the_frame_it_was_given(register: Register) -> None:
+    """Through a chain of transforms, a queue and into an appsink each writer has its own copy."""
     register(greysource=GreySource, brighten=Brighten)
     text = "greysource ! brighten name=a ! brighten name=b ! queue ! brighten name=c ! appsink name=out"
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
         frames = list(pipeline["out"])
         assert [frame.data.max() for frame in frames] == [3, 3, 3]
-        assert pipeline["a"].in_place == [True] * 3
-        assert pipeline["b"].in_place == [True] * 3
-        assert pipeline["c"].in_place == [True] * 3
+        assert pipeline["a"].in_place == [False] * 3
+        assert pipeline["c"].in_place == [False] * 3
 
 
 def test_branches_of_a_tee_do_not_see_each_others_writing(register: Register) -> None:

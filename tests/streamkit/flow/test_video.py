@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from streamkit import LUMA_CAPS, Caps, Frame, luma, raw_video_caps
-from streamkit.flow.video import misfit
+from streamkit.flow.video import layout_error
 
 
 def test_caps_of_raw_video_are_fixed() -> None:
@@ -45,12 +45,12 @@ def test_arrays_are_to_be_what_the_caps_say(pixel_format: str, shape: tuple[int,
     """Shape and type of each format; what is no array, or of an unknown format, is not judged."""
     caps = raw_video_caps(pixel_format, 8, 4)
     right = Frame(np.zeros(shape, np.uint8), caps)
-    assert misfit(right) is None
-    assert misfit(right.replace(data=b"")) is None
-    assert misfit(right.replace(caps=Caps("video/x-raw, format=GRAY16_LE, width=8, height=4"))) is None
-    assert misfit(right.replace(caps=Caps("video/x-raw, width=8, height=4"))) is None
+    assert layout_error(right) is None
+    assert layout_error(right.replace(data=b"")) is None
+    assert layout_error(right.replace(caps=Caps("video/x-raw, format=GRAY16_LE, width=8, height=4"))) is None
+    assert layout_error(right.replace(caps=Caps("video/x-raw, width=8, height=4"))) is None
     rows = f"{pixel_format} of 8 x 4 px is uint8{list(shape)}, got "
     give = ": give the frame the caps of what it holds"
     short = right.data[:3]
-    assert misfit(right.replace(data=short)) == f"{rows}uint8{list(short.shape)}{give}"
-    assert misfit(right.replace(data=right.data.astype(float))) == f"{rows}float64{list(shape)}{give}"
+    assert layout_error(right.replace(data=short)) == f"{rows}uint8{list(short.shape)}{give}"
+    assert layout_error(right.replace(data=right.data.astype(float))) == f"{rows}float64{list(shape)}{give}"

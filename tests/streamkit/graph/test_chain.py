@@ -1,16 +1,14 @@
-"""Chains: what stands behind a src pad, composed once, counted, timed by samples."""
+"""Chains: what stands behind a src pad, called in one loop, counted and timed."""
 
-from collections import deque
 from collections.abc import Callable, Iterable
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit import Caps, ElementFailure, Frame, Pipeline, Property, Transform
+from streamkit import Caps, Direction, ElementFailure, Frame, PadTemplate, Pipeline, Property, Transform
 from streamkit.element.registry import make_element
-from streamkit.flow.events import Event
-from streamkit.graph.chain import SAMPLE_EVERY, Chain
+from streamkit.graph.chain import Chain
 
 Register = Callable[..., None]
 ANYTHING = Caps("a/b")
@@ -22,7 +20,7 @@ def test_a_chain_ends_at_the_first_element_that_is_no_transform() -> None:
         "fakesrc ! identity name=a ! a/b,x=1 ! identity name=b ! queue ! identity ! fakesink"
     )
     chain = Chain(pipeline["fakesrc0"].src_pad)
-    assert [element.name for element in chain.transforms] == ["a", "capsfilter0", "b"]
+    assert [stage.element.name for stage in chain.stages] == ["a", "capsfilter0", "b", "queue0"]
     assert chain.terminal is pipeline["queue0"]
 
 
@@ -34,8 +32,8 @@ def test_an_open_end_is_not_linked() -> None:
     source.pads["src"].link(passing.pads["sink"])
     chain = Chain(source.pads["src"])
     with pytest.raises(NotLinked, match=r"^i.src$"):
-        chain.compose()(Frame(b"", ANYTHING))
-    assert [element.name for element, _, _ in chain.received()] == ["i"]
+        chain.push(Frame(b"", ANYTHING))
+    assert [stage.element.name for stage, _ in chain.received()] == ["i"]
 
 
 class Twice(Transform):
@@ -61,8 +59,8 @@ def test_every_frame_is_counted_where_it_passes(register: Register) -> None:
     }  # fmt: skip
 
 
-def test_working_time_is_sampled(register: Register) -> None:
-    """One frame in many is timed and stands for all."""
+def test_working_time_is_that_of_each_element(register: Register) -> None:
+    """Every frame is timed, each element by itself."""
 
     class Slow(Transform):
         """Works for a while."""
@@ -74,10 +72,10 @@ def test_working_time_is_sampled(register: Register) -> None:
             return frame
 
     register(slow=Slow)
-    with Pipeline.parse(f"fakesrc num-buffers={SAMPLE_EVERY * 2} ! slow ! fakesink") as pipeline:
+    with Pipeline.parse("fakesrc num-buffers=512 ! slow ! fakesink") as pipeline:
         pipeline.run(timeout_s=30)
         busy = {row.element: row.busy_ns for row in pipeline.statistics()}
-    assert busy["slow0"] > 2 * SAMPLE_EVERY * 5_000
+    assert busy["slow0"] > 512 * 5_000
     assert busy["slow0"] > busy["fakesink0"]
 
 
@@ -138,33 +136,42 @@ def test_pixels_that_are_not_what_the_caps_say_are_an_error(register: Register, 
         Pipeline.parse(text).run(timeout_s=30)
 
 
-class Emptied:
-    """A line that upstream empties whenever it is looked at for something special."""
+class Masks(Transform):
+    """Hands each frame on, and every second one by another pad as well."""
 
-    def __init__(self, frames: int, after: int) -> None:
-        self.items: deque[Frame | Event] = deque(Frame(b"", ANYTHING, seq=n) for n in range(frames))
-        self._after = after
+    sink = src = "ANY"
+    templates = (PadTemplate("mask", Direction.SRC),)
 
-    @property
-    def care(self) -> int:
-        """Nothing special, but frames are gone after so many looks."""
-        self._after -= 1
-        if self._after < 0:
-            self.items.clear()
-        return 0
-
-    def weigh_out(self, frame: Frame) -> None:
-        """Weighs nothing."""
+    def transform(self, frame: Frame) -> Iterable[Frame | tuple[str, Frame]]:
+        if frame.seq % 2:
+            yield "mask", frame
+        yield frame
 
 
-@pytest.mark.parametrize("timed", [0, SAMPLE_EVERY + 1])
-def test_a_line_emptied_from_upstream_is_no_failure(timed: int) -> None:
-    """A queue that has just been made leaky may lose its oldest frames while a row of them is taken."""
-    pipeline = Pipeline.parse("queue name=q ! fakesink name=s")
-    chain = Chain(pipeline["q"].pads["src"])
-    chain.compose()
-    chain.due = timed
-    pull = chain.src.pull
-    assert pull is not None
-    pull(Emptied(5, after=3 if timed else 2))
-    assert chain.frames == (2 if timed else 1)
+def test_a_transform_may_feed_several_pads(register: Register) -> None:
+    """A pair of a pad's name and a frame goes to that pad, with the caps and the end of the stream."""
+    register(masks=Masks)
+    text = "fakesrc num-buffers=6 ! a/b,x=1 ! masks name=m ! appsink name=out  m.mask ! appsink name=masks"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        assert [frame.seq for frame in pipeline["out"]] == [0, 1, 2, 3, 4, 5]
+        assert [frame.seq for frame in pipeline["masks"]] == [1, 3, 5]
+        assert str(pipeline["masks"].sink_caps) == "a/b, x=(int)1"
+
+
+def test_a_failure_names_the_frame_that_the_stage_was_given(register: Register) -> None:
+    """What went wrong is told of the frame that went in, not of the one before it."""
+
+    class Third(Transform):
+        """Fails at the third frame."""
+
+        sink = src = "ANY"
+
+        def transform(self, frame: Frame) -> Frame:
+            if frame.seq == 2:
+                raise ValueError("no more")
+            return frame
+
+    register(third=Third)
+    with pytest.raises(ElementFailure, match=r"^third0: ValueError: no more \[at frame seq=2\]$"):
+        Pipeline.parse("fakesrc ! third ! queue ! fakesink").run(10)

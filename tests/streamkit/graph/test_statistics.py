@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator
 
-import numpy as np
 import pytest
 
 from streamkit import ElementFailure, Frame, Pipeline, Property, Sink, Source, Transform
@@ -151,35 +150,6 @@ def test_a_slow_source_is_busy_and_a_live_one_is_not(register: Register) -> None
         with Pipeline.parse(f"{text} ! fakesink") as pipeline:
             pipeline.run(timeout_s=20)
             assert (pipeline.statistics()[0].busy_ns > 30_000_000) is is_busy
-
-
-def test_timing_copies_no_frame(register: Register) -> None:
-    """An element that writes into frames gets the original, timed or not."""
-
-    class Writes(Transform):
-        """Counts the frames it had to copy."""
-
-        sink = src = "ANY"
-        copied = 0
-
-        def transform(self, frame: Frame) -> Frame:
-            before = id(frame.data)
-            frame = frame.writable()
-            self.copied += id(frame.data) != before
-            return frame
-
-    class Makes(Source):
-        """Fresh arrays."""
-
-        src = "ANY"
-
-        def frames(self) -> Iterator[Frame]:
-            return (Frame(np.zeros(4, np.uint8), ANY) for _ in range(200))
-
-    register(writes=Writes, makes=Makes)
-    with Pipeline.parse("makes ! writes ! identity silent=false ! writes ! fakesink") as pipeline:
-        pipeline.run(timeout_s=20)
-        assert [pipeline[name].copied for name in ("writes0", "writes1")] == [0, 0]
 
 
 def test_the_age_is_that_of_the_newest_frame() -> None:

@@ -1,0 +1,127 @@
+"""FrameQueue: frames and events in order, with the levels that GStreamer's queues report."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+from streamkit.flow.events import Event, SegmentEvent
+from streamkit.flow.frame import Frame
+
+
+def data_size(data: Any) -> int:
+    """Bytes of an array, a packet or bytes; 0 where that cannot be told."""
+    size = getattr(data, "nbytes", None)
+    if size is None:
+        size = getattr(data, "size", None)
+    if isinstance(size, int):
+        return size
+    return len(data) if isinstance(data, bytes | bytearray | str) else 0
+
+
+class FrameQueue:
+    """A first-in first-out queue of frames and events; events have no weight.
+
+    It has no lock of its own: the element that owns it holds one around every call, together with the
+    conditions that its threads wait on.
+
+    Attributes:
+        items: frames and events, the oldest first; changed by the methods only.
+        buffers: frames held.
+        bytes: their size.
+        highest_buffers, highest_bytes, highest_time_ns: the most held since `reset`.
+    """
+
+    def __init__(self) -> None:
+        self.items: deque[Frame | Event] = deque()
+        self.reset()
+
+    def reset(self) -> None:
+        """Empties the queue and begins to count anew."""
+        self.items.clear()
+        self.buffers = self.bytes = 0
+        self.highest_buffers = self.highest_bytes = self.highest_time_ns = 0
+        self._in_offset_ns = self._out_offset_ns = 0
+        self._in_ns = self._out_ns = 0
+        self._has_begun = False
+
+    @property
+    def time_ns(self) -> int:
+        """Running time from the end of the newest frame taken to the end of the newest held, ns."""
+        return max(0, self._in_ns - self._out_ns) if self.buffers else 0
+
+    def is_full(self, max_buffers: int, max_bytes: int, max_time_ns: int) -> bool:
+        """Whether any level has reached its limit; a limit of 0 is none."""
+        return (
+            (0 < max_buffers <= self.buffers)
+            or (0 < max_bytes <= self.bytes)
+            or (0 < max_time_ns <= self.time_ns)
+        )
+
+    def append(self, item: Frame | Event) -> None:
+        """Adds a frame or an event behind all others."""
+        self.items.append(item)
+        if isinstance(item, Frame):
+            self._weigh_in(item)
+        elif isinstance(item, SegmentEvent):
+            self._in_offset_ns = item.segment.running_time_ns(0)
+
+    def popleft(self) -> Frame | Event:
+        """Takes the oldest frame or event.
+
+        Raises:
+            IndexError: the queue is empty.
+        """
+        item = self.items.popleft()
+        if isinstance(item, Frame):
+            self._weigh_out(item)
+        elif isinstance(item, SegmentEvent):
+            self._out_offset_ns = item.segment.running_time_ns(0)
+        return item
+
+    def drop_oldest(self) -> bool:
+        """Drops the oldest frame, never an event; False where no frame is held."""
+        oldest = next((item for item in self.items if isinstance(item, Frame)), None)
+        if oldest is None:
+            return False
+        self.items.remove(oldest)
+        self._weigh_out(oldest)
+        return True
+
+    def drop_frames(self) -> int:
+        """Drops every frame and keeps the events; how many were dropped."""
+        return self.keep([item for item in self.items if not isinstance(item, Frame)])
+
+    def keep(self, events: list[Event]) -> int:
+        """Empties the queue but for these events; timestamps that follow begin anew.
+
+        Returns:
+            How many frames were dropped.
+        """
+        dropped = self.buffers
+        self.items.clear()
+        self.items.extend(events)
+        self.buffers = self.bytes = 0
+        self._has_begun = False
+        self._out_ns = self._in_ns
+        return dropped
+
+    def _weigh_in(self, frame: Frame) -> None:
+        self.buffers += 1
+        self.bytes += data_size(frame.data)
+        self.highest_buffers = max(self.highest_buffers, self.buffers)
+        self.highest_bytes = max(self.highest_bytes, self.bytes)
+        if frame.pts is None:
+            return
+        start_ns = frame.pts + self._in_offset_ns
+        if not self._has_begun:
+            self._has_begun = True
+            self._out_ns = start_ns
+        self._in_ns = start_ns + (frame.duration or 0)
+        self.highest_time_ns = max(self.highest_time_ns, self._in_ns - self._out_ns)
+
+    def _weigh_out(self, frame: Frame) -> None:
+        self.buffers -= 1
+        self.bytes -= data_size(frame.data)
+        if frame.pts is not None:
+            self._out_ns = max(self._out_ns, frame.pts + self._out_offset_ns + (frame.duration or 0))
