@@ -9,6 +9,8 @@
     ├── NotNegotiated          two pads without common caps
     ├── ElementFailure         an element raised: names element, frame and cause
     ├── StateError             a call that the pipeline's state does not allow
+    │   ├── HangDetected       a call of an element that has not come back in time
+    │   └── StartCancelled     a start that was interrupted from outside
     └── ResourceError          a file, address or device that cannot be used
         └── StreamError        media that cannot be read
 
@@ -136,6 +138,14 @@ class NotNegotiated(StreamkitError):
 
 class StateError(StreamkitError, RuntimeError):
     """A call that the state of the pipeline does not allow."""
+
+
+class HangDetected(StateError):
+    """A call of an element has not come back in time; its thread is left behind."""
+
+
+class StartCancelled(StateError):
+    """The start of a pipeline was interrupted by `Pipeline.cancel`; what had started has been stopped."""
 
 
 class ResourceError(StreamkitError, OSError):

@@ -75,6 +75,12 @@ def launch(
     json_errors: Annotated[
         bool, typer.Option("--json-errors", help="Print a bad description as JSON.")
     ] = False,
+    watchdog_s: Annotated[
+        float,
+        typer.Option(
+            "--watchdog-s", min=0.0, help="Longest time an element may take for a frame, s; 0 is for ever."
+        ),
+    ] = 30.0,
 ) -> None:
     """Runs a pipeline until EOS, error or Ctrl-C.
 
@@ -87,6 +93,7 @@ def launch(
         from streamkit.cli.run import Run
 
         pipeline = build(source, as_json=json_errors)
+    pipeline.watchdog_s = watchdog_s
     display = choose_display(pipeline, stats, quiet=quiet)
     for note in () if quiet else source.variables.notes():
         display.tell(f"note: {note}")

@@ -11,7 +11,8 @@ import traceback
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from streamkit.errors import StateError, StreamkitError
+from streamkit.cli.crash_report import CrashReport
+from streamkit.errors import ElementFailure, StartCancelled, StateError, StreamkitError
 from streamkit.flow.messages import Message, MessageKind
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ class Run:
         self.quiet = quiet
         self.interrupts = 0
         self.statistics: RunStatistics | None = None
+        self._is_watching = False
         self._caps: dict[str, str] = {}
 
     def run(self) -> int:
@@ -49,26 +51,44 @@ class Run:
         if not self.quiet:
             for _, text in self.pipeline.graph.warnings:
                 self.display.tell(f"note: {text}")
-        with self._signals():
-            try:
-                self.pipeline.play()
-                # What was imported stays: looking through it for garbage would stop a live feed for 60 ms.
-                gc.freeze()
-                code = self._watch()
-            except StreamkitError as error:
-                self._tell_cause(error)
-                code = self._fail(str(error))
-            finally:
-                self._tell_caps()
-                self.statistics = self.display.last_look()
-                gc.unfreeze()
-                try:
-                    self.pipeline.stop()
-                except StateError as error:
-                    code = self._fail(str(error))
-            self._tell_rest()
-            self.display.end()
+        report = CrashReport(self.pipeline.graph.elements)
+        try:
+            with self._signals(report):
+                code = self._play()
+                code = self._stop() or code
+                self._tell_rest()
+                self.display.end()
+        finally:
+            report.close()
         return code
+
+    def _play(self) -> int:
+        """Starts the pipeline and follows it to its end; the exit code so far."""
+        try:
+            self.pipeline.play()
+            # What was imported stays: looking through it for garbage would stop a live feed for 60 ms.
+            gc.freeze()
+            self._is_watching = True
+            return self._watch()
+        except StreamkitError as error:
+            if isinstance(error, ElementFailure) and isinstance(error.cause, StartCancelled):
+                self._tell_interrupt("stopped before it played")
+                return 0
+            self._tell_cause(error)
+            return self._fail(str(error))
+        finally:
+            self._is_watching = False
+            self._tell_caps()
+            self.statistics = self.display.last_look()
+            gc.unfreeze()
+
+    def _stop(self) -> int:
+        """Stops the pipeline; 1 where a call of an element had to be given up."""
+        try:
+            self.pipeline.stop()
+        except StateError as error:
+            return self._fail(str(error))
+        return 0
 
     def _watch(self) -> int:
         """Follows the bus until the end."""
@@ -98,14 +118,20 @@ class Run:
                 return self._fail(f"EOS has not come through within {EOS_LIMIT_S:g} s of the interrupt")
 
     @contextlib.contextmanager
-    def _signals(self) -> Iterator[None]:
-        """Counts Ctrl-C and SIGTERM; one more than a clean stop takes ends the process at once."""
+    def _signals(self, report: CrashReport) -> Iterator[None]:
+        """Counts Ctrl-C and SIGTERM; one more than a clean stop takes ends the process at once.
+
+        While the pipeline starts or stops, the first one gives up the calls that have not come back.
+        """
         limit = 2 if self.eos_on_shutdown else 1
 
         def interrupted(number: int, _: object) -> None:
             self.interrupts += 1
+            if not self._is_watching:
+                self.pipeline.cancel()
             if self.interrupts > limit:
                 self.display.abandon()
+                report.close()
                 os._exit(128 + number)
 
         before = {number: signal.signal(number, interrupted) for number in (signal.SIGINT, signal.SIGTERM)}

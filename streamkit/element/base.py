@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("streamkit")
 PADS_LOCK = threading.Lock()  # pads come and go from several threads, seldom
+AT_WORK, IDLE = b"10"
 LOOK_S = 0.5  # longest sleep between looks at `stopping`, should a wake-up be missed
 
 
@@ -51,7 +52,8 @@ class Element:
         activity: the engine's call that the element is in: what for, since when (perf_counter, ns) and with
             which frame; None between calls. The watchdog reads it.
         is_waiting: whether the element waits on purpose, so that the watchdog does not take it for hung.
-        at_work: one byte, not 0 while the element is in a call; a crash report reads it from shared memory.
+        at_work: one byte, "1" while the element is in a call, else "0"; a crash report reads it from shared
+            memory.
     """
 
     sink: ClassVar[str | Caps] = ""
@@ -91,7 +93,7 @@ class Element:
         self.drops: Counter[str] = Counter()
         self.activity: tuple[str, int, Frame | None] | None = None
         self.is_waiting = False
-        self.at_work = memoryview(bytearray(1))
+        self.at_work = memoryview(bytearray(b"0"))
         self.poster: Callable[[Message], None] | None = None
         self.pipeline_error: Callable[[], Exception | None] = lambda: None
         self.is_playing = False
@@ -206,12 +208,12 @@ class Element:
     def enter(self, call: str, now_ns: int, frame: Frame | None = None) -> None:
         """Notes that the engine calls the element: what for, when (perf_counter, ns), with which frame."""
         self.activity = (call, now_ns, frame)
-        self.at_work[0] = 1
+        self.at_work[0] = AT_WORK
 
     def leave(self) -> None:
         """Notes that the call has returned."""
         self.activity = None
-        self.at_work[0] = 0
+        self.at_work[0] = IDLE
 
     def post(self, message: Message) -> None:
         """Hands a message to the bus, or to the log while there is none."""

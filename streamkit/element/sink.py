@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from streamkit.element.base import Element
+from streamkit.element.choice import Choice
 from streamkit.element.negotiation import refusal
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
@@ -18,6 +19,13 @@ from streamkit.flow.signals import Flushing
 
 MAX_NS = 2**63 - 1
 MAX_UNSIGNED_NS = 2**64 - 1
+
+
+class OnError(Choice):
+    """What the failure of a branch behind a tee comes to."""
+
+    END = "end", 0, "The pipeline ends"
+    DROP_BRANCH = "drop-branch", 1, "The branch is dropped, the others go on"
 
 
 class Sink(Element):
@@ -55,6 +63,11 @@ class Sink(Element):
         max=MAX_UNSIGNED_NS,
         unit="ns",
         doc="What live frames are given to be worked on, with sync.",
+    )
+
+    on_error: OnError = Property(
+        OnError.END,
+        doc="Behind a tee: whether a failure in this branch ends the pipeline, or drops the branch only.",
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
@@ -191,7 +204,11 @@ class Sink(Element):
         if self.sync and self._last_end_ns and not self.wait_until_due(self._last_end_ns + self.ts_offset):
             raise Flushing(self.name)
         if all(other.is_eos for other in self.sink_pads() if other is not pad and other.peer is not None):
-            self.drain()
+            self.enter("drain", time.perf_counter_ns())
+            try:
+                self.drain()
+            finally:
+                self.leave()
             pad.is_eos = True
             self._tell_end()
         else:

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
-from streamkit.element.base import Element
+from streamkit.element.base import AT_WORK, IDLE, Element
 from streamkit.element.negotiation import allowed_caps, demand_accepted
 from streamkit.element.pad import Pad
 from streamkit.flow.caps import ANY, Caps
@@ -166,15 +166,16 @@ class Source(Element):
             while True:
                 try:
                     while True:
-                        self.at_work[0] = 1
+                        self.at_work[0] = AT_WORK
                         frame = advance(frames, pad)
-                        self.at_work[0] = 0
+                        self.at_work[0] = IDLE
                         pad.push(frame)
                 except Flushing:
                     self._wait_for_flush_end()
         except _Exhausted:
             return
         finally:
+            self.at_work[0] = IDLE
             close = getattr(frames, "close", None)
             if close is not None:
                 close()

@@ -49,6 +49,7 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     src = find_pad(element, Direction.SRC, "", NOWHERE)
     if src.template.presence is not Presence.REQUEST:
         raise DescriptionError("link", f"{name} makes no pads on request; put a tee there: tee name=t")
+    src.joins = playback is not None and playback.is_streaming  # no event before its elements have started
     src.link(entry)
     before = len(graph.inserted)
     graph.elements += added.elements
@@ -96,7 +97,7 @@ def remove_branch(graph: Graph, branch: Branch, playback: Playback | None, timeo
     """Takes a branch out of a graph once it has finished what it holds; its elements are still started."""
     if playback is not None and playback.is_streaming:
         _close(branch.src)
-        playback.drain_branch(branch.elements, time.monotonic() + timeout_s)
+        playback.end.wait(branch.elements, time.monotonic() + timeout_s)
         playback.leave_branch(branch.src, branch.elements)
     _take_out(graph, branch)
     if playback is not None and playback.is_streaming:

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from streamkit.element.base import Element
-from streamkit.element.pad import Pad
-from streamkit.errors import StreamkitError
+from streamkit.element.pad import Pad, Presence
+from streamkit.errors import StateError
 from streamkit.graph.bins import Bin
 from streamkit.graph.delayed_links import DelayedLink
 
@@ -82,10 +82,24 @@ class Graph:
         position = {id(element): index for index, element in enumerate(self.from_sinks())}
         return any(position[id(src.element)] < position[id(sink.element)] for src, sink in self.links())
 
+    def demand_links(self) -> None:
+        """Refuses a graph that would not end.
+
+        Raises:
+            StateError: the links form a loop.
+            ElementFailure: nothing is linked to a sink pad.
+        """
+        if self.has_loop():
+            raise StateError("the links form a loop; frames would run in it for ever")
+        if self.delayed_links:
+            return
+        for element in self.elements:
+            for pad in element.sink_pads():
+                if pad.peer is None and pad.template.presence is Presence.ALWAYS:
+                    raise element.failure(
+                        StateError(f"nothing is linked to its pad {pad.name}, so no frame would ever come")
+                    )
+
 
 def _downstream(element: Element) -> list[Element]:
     return [pad.peer.element for pad in element.src_pads() if pad.peer is not None]
-
-
-class LinkImpossible(StreamkitError):
-    """Two pads that cannot be linked: says why."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import threading
 import time
 from collections.abc import Mapping
@@ -10,40 +9,23 @@ from types import TracebackType
 from typing import Any, Self
 
 from streamkit.element.base import Element
-from streamkit.element.pad import Presence
 from streamkit.element.source import Source
 from streamkit.element.timing import Timing
-from streamkit.errors import ElementFailure, StateError
+from streamkit.errors import StateError
 from streamkit.flow.clock import Clock, SystemClock
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.branches import Branch, add_branch, remove_branch
 from streamkit.graph.bus import Bus
+from streamkit.graph.element_calls import CallLimits, start_element, stop_elements, wake_elements
 from streamkit.graph.graph import Graph
 from streamkit.graph.playback import Playback
 from streamkit.graph.queries import Latency, duration_ns, graph_latency, position_ns
+from streamkit.graph.states import State, StateChange
 from streamkit.graph.statistics import ElementStatistics, Tally, collect_statistics
+from streamkit.graph.watchdog import Watchdog
 
 STOP_LIMIT_S = 5.0
-
-
-class State(enum.StrEnum):
-    """What a pipeline is doing."""
-
-    NULL = "null"
-    READY = "ready"
-    PAUSED = "paused"
-    PLAYING = "playing"
-
-
-class StateChange(enum.StrEnum):
-    """What a change of state has come to.
-
-    ASYNC: a paused pipeline still waits for its sinks' first frames; NO_PREROLL: it is live, and none come.
-    """
-
-    SUCCESS = "success"
-    ASYNC = "async"
-    NO_PREROLL = "no-preroll"
+WATCHDOG_S = 30.0
 
 
 class Pipeline:
@@ -56,14 +38,19 @@ class Pipeline:
         bus: messages from the elements.
         state: null, ready, paused or playing.
         timing: the running time.
+        watchdog_s: an element that does not come back with a frame for so long fails; other calls that take
+            so long (`start`, `drain`, `stop`) are warned of, and `stop` is given up. 0 is never.
     """
 
-    def __init__(self, graph: Graph, clock: Clock | None = None) -> None:
+    def __init__(self, graph: Graph, clock: Clock | None = None, watchdog_s: float = WATCHDOG_S) -> None:
         self.graph = graph
         self.bus = Bus()
         self.state = State.NULL
         self.clock: Clock = clock or SystemClock()
         self.timing = Timing(lambda: self.clock)
+        self.watchdog_s = watchdog_s
+        self._cancelled = threading.Event()
+        self._watchdog: Watchdog | None = None
         self._lock = threading.RLock()
         self._started: list[Element] = []
         self._tally = Tally()
@@ -71,20 +58,27 @@ class Pipeline:
         self._playback = self._new_playback()
 
     @classmethod
-    def parse(cls, text: str, variables: Mapping[str, str] | None = None, clock: Clock | None = None) -> Self:
+    def parse(
+        cls,
+        text: str,
+        variables: Mapping[str, str] | None = None,
+        clock: Clock | None = None,
+        watchdog_s: float = WATCHDOG_S,
+    ) -> Self:
         """Builds a pipeline from a description.
 
         Args:
             text: in gst-launch's language, with `#` comments and `${VARIABLES}`.
             variables: values for `${NAME}`.
             clock: another clock than the machine's.
+            watchdog_s: longest time that an element may take for a frame, s; 0 is for ever.
 
         Raises:
             DescriptionError: the text cannot become a graph; points into the text.
         """
         from streamkit.graph.build import build
 
-        return cls(build(text, variables or {}), clock)
+        return cls(build(text, variables or {}), clock, watchdog_s)
 
     def __getitem__(self, name: str) -> Any:
         return self.graph.element(name)
@@ -100,12 +94,12 @@ class Pipeline:
     @property
     def error(self) -> Exception | None:
         """The failure that ended the run, or None."""
-        return self._playback.error
+        return self._playback.end.error
 
     @property
     def ended(self) -> threading.Event:
         """Set at the end of the stream, after a failure, and after a stop."""
-        return self._playback.ended
+        return self._playback.end.ended
 
     @property
     def is_live(self) -> bool:
@@ -120,14 +114,15 @@ class Pipeline:
         From a higher state it ends streaming and leaves the elements started.
 
         Raises:
-            ElementFailure: an element could not start.
+            ElementFailure: an element could not start, or `cancel` was called meanwhile.
         """
         with self._lock:
             if self.state in (State.PAUSED, State.PLAYING):
                 self.stop()
             if self.state is not State.NULL:
                 return
-            self._demand_links()
+            self.graph.demand_links()
+            self._cancelled.clear()
             self._playback = self._new_playback()
             self.timing.reset()
             self.timing.running.set()
@@ -136,8 +131,8 @@ class Pipeline:
             try:
                 for element in self.graph.from_sinks():
                     self._adopt(element)
-            except ElementFailure:
-                self._stop_elements(self._started)
+            except BaseException:
+                stop_elements(self._started, self._limits())
                 raise
             self._change_state(State.READY)
 
@@ -159,7 +154,7 @@ class Pipeline:
                 self.timing.latency_ns = self.latency().minimum_ns
                 self.timing.begin()
             if begins:
-                self._playback.begin()
+                self._begin()
             else:
                 self._playback.go_on()
         return StateChange.SUCCESS
@@ -179,13 +174,13 @@ class Pipeline:
                 self.timing.hold()
                 self._set_playing(True)
                 self._change_state(State.PAUSED)
-                self._playback.begin()
+                self._begin()
             elif self.state is State.PLAYING:
                 self._playback.hold()
                 self._change_state(State.PAUSED)
             if self.is_live:
                 return StateChange.NO_PREROLL
-            return StateChange.SUCCESS if self._playback.is_prerolled.is_set() else StateChange.ASYNC
+            return StateChange.SUCCESS if self._playback.end.is_prerolled.is_set() else StateChange.ASYNC
 
     def wait_prerolled(self, timeout_s: float) -> bool:
         """Waits until every sink of the paused pipeline holds its first frame.
@@ -193,19 +188,21 @@ class Pipeline:
         Raises:
             ElementFailure: the pipeline has failed instead.
         """
-        deadline = time.monotonic() + timeout_s
-        while not self._playback.is_prerolled.wait(min(0.1, max(0.0, deadline - time.monotonic()))):
-            if self.error is not None:
-                raise self.error
-            if time.monotonic() >= deadline:
-                return False
-        return True
+        return self._playback.end.wait_prerolled(timeout_s)
 
     def flush(self) -> None:
         """Drops every frame that is on its way, as a jump to the newest of a live feed needs it."""
         with self._lock:
             if self.state in (State.PAUSED, State.PLAYING):
                 self._playback.flush()
+
+    def cancel(self) -> None:
+        """Ends a start or a stop that is under way; may be called from any thread or signal handler.
+
+        A start then raises `ElementFailure` (of `StartCancelled`), after elements that have started were
+        stopped; a stop gives up the calls that have not come back.
+        """
+        self._cancelled.set()
 
     def finish(self) -> None:
         """Makes every source end its stream; EOS then travels behind the last frames."""
@@ -227,15 +224,18 @@ class Pipeline:
         with self._lock:
             if self.state is State.NULL and not self._started:
                 return
+            self._cancelled.clear()
             self._playback.stop()
+            if self._watchdog is not None:
+                self._watchdog.stop()
             stuck = self._end_streaming(self.graph.elements)
-            self._stop_elements(self._started)
+            stuck += stop_elements(self._started, self._limits())
             self._change_state(State.NULL)
             self.ended.set()
         if stuck:
             raise StateError(
-                f"{', '.join(stuck)}: a call has not come back within {STOP_LIMIT_S:g} s of the stop; "
-                "its thread is left behind"
+                f"{', '.join(dict.fromkeys(stuck))}: a call has not come back within {STOP_LIMIT_S:g} s "
+                "of the stop; its thread is left behind"
             )
 
     # Waiting and looking.
@@ -311,7 +311,7 @@ class Pipeline:
         with self._lock:
             remove_branch(self.graph, branch, self._playback if self._started else None, timeout_s)
             stuck = self._end_streaming(branch.elements)
-            self._stop_elements([element for element in self._started if element in branch.elements])
+            stuck += stop_elements([e for e in self._started if e in branch.elements], self._limits())
             self._started = [element for element in self._started if element not in branch.elements]
         if stuck:
             raise StateError(f"{', '.join(stuck)}: a call has not come back; its thread is left behind")
@@ -321,34 +321,25 @@ class Pipeline:
     def _new_playback(self) -> Playback:
         return Playback(self.graph, self.bus, self.timing, self._adopt)
 
-    def _demand_links(self) -> None:
-        """Refuses a graph with a sink pad that nothing is linked to, or a loop: it would not end."""
-        if self.graph.has_loop():
-            raise StateError("the links form a loop; frames would run in it for ever")
-        if self.graph.delayed_links:
-            return
-        for element in self.graph.elements:
-            for pad in element.sink_pads():
-                if pad.peer is None and pad.template.presence is Presence.ALWAYS:
-                    raise element.failure(
-                        StateError(f"nothing is linked to its pad {pad.name}, so no frame would ever come")
-                    )
+    def _begin(self) -> None:
+        """Starts the threads, and the watchdog beside them."""
+        playback = self._playback
+        self._watchdog = Watchdog(lambda: self.graph.elements, self.watchdog_s, self.bus.post, playback.fail)
+        self._watchdog.start()
+        playback.begin()
+
+    def _limits(self) -> CallLimits:
+        return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self._posted)
 
     def _adopt(self, element: Element) -> None:
         """Starts an element as one of this pipeline."""
-        element.stopping.clear()
-        element.rearm()
-        element.is_flushing = False
         element.clock = self.clock
         element.timing = self.timing
         element.host = self._playback
         element.poster = self._posted
         element.pipeline_error = lambda: self.error
         self._started.append(element)
-        try:
-            element.start()
-        except Exception as cause:
-            raise (cause if isinstance(cause, ElementFailure) else element.failure(cause)) from cause
+        start_element(element, self._limits())
         element.is_playing = self.state in (State.PAUSED, State.PLAYING)
 
     def _set_playing(self, value: bool) -> None:
@@ -357,28 +348,8 @@ class Pipeline:
 
     def _end_streaming(self, elements: list[Element]) -> list[str]:
         """Ends the threads of some elements; names of those that did not."""
-        for element in elements:
-            element.stopping.set()
-        for element in elements:
-            element.halt()
-            try:
-                element.interrupt()
-            except Exception as cause:
-                self._posted(Message(MessageKind.WARNING, element.name, f"interrupt failed: {cause}"))
+        wake_elements(elements, self._posted)
         return self._playback.join(time.monotonic() + STOP_LIMIT_S, elements)
-
-    def _stop_elements(self, elements: list[Element]) -> None:
-        """Stops started elements, sources first, so that sinks close last with all they got."""
-        while elements:
-            element = elements.pop()
-            element.is_playing = False
-            try:
-                element.stop()
-            except Exception as cause:
-                failure = element.failure(cause)
-                self._posted(Message(MessageKind.WARNING, element.name, f"stop failed: {failure}"))
-            for pad in list(element.pads.values()):
-                pad.known_caps = None
 
     def _change_state(self, state: State) -> None:
         if state is not self.state:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterable
 
 from streamkit.element.base import Element
@@ -12,14 +11,16 @@ from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.timing import Timing
 from streamkit.element.transform import Transform
-from streamkit.errors import ElementFailure, NotNegotiated, ResourceError, StreamkitError
+from streamkit.errors import ElementFailure, NotNegotiated
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.graph.branch_failures import BranchFailures
 from streamkit.graph.branches import first_push
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, RetiredChainTotals, chain_on_first_frame
 from streamkit.graph.graph import Graph
 from streamkit.graph.negotiate import remember_caps
+from streamkit.graph.stream_end import StreamEnd
 from streamkit.graph.streaming import Streaming, StreamingThread
 
 
@@ -29,10 +30,8 @@ class Playback:
     Attributes:
         chains: one behind every src pad.
         retired: what the chains of removed branches had counted.
-        error: the first failure, or None.
-        ended: set at the end of the stream, after a failure, and after a stop.
+        end: which sinks the run waits for, and how it ended.
         is_streaming: whether threads have been started.
-        is_prerolled: set while every sink of a paused graph holds a frame.
     """
 
     def __init__(self, graph: Graph, bus: Bus, timing: Timing, adopt: Callable[[Element], None]) -> None:
@@ -46,19 +45,15 @@ class Playback:
         """
         self.chains: list[Chain] = []
         self.retired = RetiredChainTotals()
-        self.error: Exception | None = None
-        self.ended = threading.Event()
-        self.is_prerolled = threading.Event()
+        self.end = StreamEnd(bus)
         self._graph = graph
         self._bus = bus
         self._timing = timing
         self.adopt = adopt
         self.is_streaming = False
         self._lock = threading.RLock()
-        self._sink_ended = threading.Condition(self._lock)
         self._threads: list[StreamingThread] = []
-        self._open_sinks: set[int] = set()
-        self._waited_for: set[int] = set()
+        self._failures = BranchFailures(graph, bus, self.end)
         self._is_stopping = False
 
     # Beginning and ending.
@@ -75,12 +70,16 @@ class Playback:
             for pad in element.pads.values():
                 pad.reset()
             element.drops.clear()
-        self._open_sinks = {id(element) for element in self._sinks()}
+        self.end.expect_end(self._sinks())
         self._expect_preroll()
         remember_caps(graph)
         self.chains = []
         self.retired = RetiredChainTotals()
         compose_chains(graph.elements, self.chains)
+        self._failures.reset()
+        for element in graph.elements:
+            for pad in list(element.src_pads()):
+                self._failures.guard(pad)
         for source in self._sources():
             if self.is_live and not self._timing.running.is_set():
                 source.hold(source.is_live)
@@ -148,10 +147,7 @@ class Playback:
                 chain.refresh()
 
     def _expect_preroll(self) -> None:
-        self.is_prerolled.clear()
-        self._waited_for = {id(sink) for sink in self._sinks() if sink.wait_for_preroll}
-        if not self._waited_for or self.is_live:
-            self.is_prerolled.set()
+        self.end.expect_preroll([] if self.is_live else self._sinks())
 
     def flush(self) -> None:
         """Drops everything that is on its way; sources go on with their next frame."""
@@ -160,9 +156,8 @@ class Playback:
             source.flush(begins=True)
         for pad in pads:
             pad.send_event(FLUSH_START)
-        with self._lock:
-            self._open_sinks = {id(element) for element in self._sinks()}
-            self._expect_preroll()
+        self.end.expect_end(self._sinks())
+        self._expect_preroll()
         for pad in pads:
             pad.send_event(FLUSH_STOP)
         for source in self._sources():
@@ -172,13 +167,7 @@ class Playback:
 
     def prerolled(self, element: Element) -> None:
         """A sink of the paused graph holds its first frame."""
-        with self._lock:
-            self._waited_for.discard(id(element))
-            is_last = not self._waited_for and not self.is_prerolled.is_set()
-            if is_last:
-                self.is_prerolled.set()
-        if is_last:
-            self._bus.post(Message(MessageKind.ELEMENT, "", "prerolled", {"name": "async-done"}))
+        self.end.sink_prerolled(element)
 
     def reconfigure(self, element: Element) -> None:
         """What an element can take has changed: its sources negotiate anew before their next frame."""
@@ -236,35 +225,21 @@ class Playback:
     def join_branch(self, src: Pad, elements: list[Element]) -> None:
         """A branch of started elements begins to stream behind a request pad."""
         with self._lock:
-            self._open_sinks |= {id(element) for element in elements if isinstance(element, Sink)}
+            is_paused = not self._timing.running.is_set() and not self.is_live
+            self.end.add((e for e in elements if isinstance(e, Sink)), is_paused=is_paused)
             for element in elements:
                 for pad in element.pads.values():
                     pad.reset()
-            if not self._timing.running.is_set() and not self.is_live:
-                self._waited_for |= {
-                    id(element)
-                    for element in elements
-                    if isinstance(element, Sink) and element.wait_for_preroll
-                }
-                self.is_prerolled.clear() if self._waited_for else self.is_prerolled.set()
             chain = Chain(src)
             compose_chains(elements, self.chains)
             self.chains.append(chain)
             threads = self.add_threads(elements)
         for thread in threads:
             thread.start()
-        src.push = first_push(src, chain.push)
+        src.push = chain.push
+        self._failures.guard(src)
+        src.push = first_push(src, src.push)
         src.element.pads_changed()
-
-    def drain_branch(self, elements: list[Element], deadline: float) -> None:
-        """Waits until the sinks of a branch have seen EOS, or until a monotonic time."""
-        members = {id(element) for element in elements}
-        with self._sink_ended:
-            while members & self._open_sinks and self.error is None:
-                left_s = deadline - time.monotonic()
-                if left_s <= 0:
-                    return
-                self._sink_ended.wait(left_s)
 
     def leave_branch(self, src: Pad, elements: list[Element]) -> None:
         """A branch is gone: the stream may end without its sinks."""
@@ -276,47 +251,23 @@ class Playback:
                 if chain.src is src:
                     self.retired.add(chain)
             self.retired.forget(members)
-            had_some = bool(self._open_sinks)
-            self._open_sinks -= members
-            has_all = had_some and not self._open_sinks
-        if has_all:
-            self._post_eos()
+        self.end.remove(elements)
 
     # Ends.
 
     def sink_ended(self, element: Element) -> None:
-        """A sink has seen EOS; that of the last is the pipeline's."""
-        with self._sink_ended:
-            self._open_sinks.discard(id(element))
-            has_all = not self._open_sinks
-            self._sink_ended.notify_all()
-        if has_all:
-            self._post_eos()
+        """A sink has seen EOS."""
+        self.end.sink_ended(element)
 
     def fail(self, error: Exception) -> None:
-        """An element's thread ended with an error: the first one is the pipeline's."""
-        source = error.element if isinstance(error, ElementFailure) else ""
-        with self._lock:
-            is_first = self.error is None
-            if is_first:
-                self.error = error if isinstance(error, StreamkitError) else ResourceError(str(error))
-        if is_first:
-            self._bus.post(Message(MessageKind.ERROR, source, str(error), error=self.error))
-            self.ended.set()
-        else:
-            self._bus.post(Message(MessageKind.WARNING, source, f"after the first error: {error}"))
-
-    def _post_eos(self) -> None:
-        with self._lock:
-            if self.ended.is_set() or self.error is not None:
-                return
-            self.ended.set()
-        self._bus.post(Message(MessageKind.EOS, "", "end of stream"))
+        """An element failed: its branch is dropped if it may be, else the run ends."""
+        if not (self.is_streaming and self._failures.drops(error)):
+            self.end.fail(error)
 
     def _thread_ended(self) -> None:
         """Nothing more can come once every thread has ended: that is the end even where a sink saw no EOS."""
         if not self._is_stopping and all(thread.has_ended for thread in self._threads):
-            self._post_eos()
+            self.end.post_eos()
 
     def _sinks(self) -> list[Sink]:
         return [element for element in self._graph.elements if isinstance(element, Sink)]

@@ -1,0 +1,70 @@
+"""What `launch` leaves to say when its process dies at once, as by a crash in native code."""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import mmap
+import os
+import subprocess
+import tempfile
+from collections.abc import Iterable
+
+from streamkit.element.base import Element
+
+CLOSE_LIMIT_S = 2.0
+# Waits for a word on stdin; where the other end is closed without one, the process has died.
+SCRIPT = """
+read -r word && exit
+names=$(sed -n 's/^1 //p' "$1" | tr '\\n' ' ')
+echo "error: the process has died; elements at work: ${names:-none }" >&2
+"""
+
+
+class CrashReport:
+    """Names the elements that were at work when the process died, and where in their code.
+
+    `faulthandler` writes where each thread stood. The elements mark themselves in memory that a shell process
+    shares (`Element.at_work`); it prints the names of those marked unless `close` was called before.
+
+    Args:
+        elements: the elements of the graph.
+    """
+
+    def __init__(self, elements: Iterable[Element]) -> None:
+        with contextlib.suppress(ValueError, OSError, RuntimeError):  # stderr may be closed
+            faulthandler.enable()
+        members = list(elements)
+        lines = [f"0 {element.name} ({element.factory})\n".encode() for element in members]
+        self._process: subprocess.Popen[bytes] | None = None
+        with tempfile.TemporaryFile() as record:
+            record.write(b"".join(lines) or b"\n")
+            record.flush()
+            marks = memoryview(mmap.mmap(record.fileno(), 0))
+            offset = 0
+            for element, line in zip(members, lines, strict=True):
+                element.at_work = marks[offset : offset + 1]
+                offset += len(line)
+            with contextlib.suppress(OSError):  # no shell: the traceback alone has to do
+                self._process = self._watcher(record.fileno())
+
+    def _watcher(self, record: int) -> subprocess.Popen[bytes]:
+        inherited = os.dup(record)
+        try:
+            return subprocess.Popen(
+                ["sh", "-c", SCRIPT, "sh", f"/dev/fd/{inherited}"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                pass_fds=(inherited,),
+                start_new_session=True,  # Ctrl-C in the terminal is not for it
+            )
+        finally:
+            os.close(inherited)
+
+    def close(self) -> None:
+        """The process ends as it should: nothing is to be said."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        with contextlib.suppress(OSError, subprocess.TimeoutExpired):
+            process.communicate(b"ends\n", timeout=CLOSE_LIMIT_S)

@@ -1,0 +1,185 @@
+"""Calls of `start` and `stop`, each in a thread of its own, so that one that hangs can be given up."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from streamkit.element.base import Element
+from streamkit.errors import ElementFailure, HangDetected, StartCancelled
+from streamkit.flow.messages import Message, MessageKind
+from streamkit.graph.watchdog import hang_of, hang_warning
+
+LOOK_S = 0.1
+CANCEL_GRACE_S = 5.0  # what a call that was interrupted is given to come back
+
+
+@dataclass(frozen=True)
+class CallLimits:
+    """How long a call may take.
+
+    Attributes:
+        watchdog_s: after so long it is warned of; 0 is never.
+        stop_s: after so long a `stop` is given up; a `start` has no such limit.
+        cancelled: set when somebody does not want to wait any longer.
+        post: takes the warning.
+    """
+
+    watchdog_s: float
+    stop_s: float
+    cancelled: threading.Event
+    post: Callable[[Message], None]
+
+
+class ElementCall(threading.Thread):
+    """One call of a method of an element.
+
+    Attributes:
+        error: what it raised, or None.
+    """
+
+    def __init__(self, element: Element, method: str) -> None:
+        super().__init__(name=f"streamkit:{element.name}:{method}")
+        self.element = element
+        self.method = method
+        self.error: BaseException | None = None
+
+    def run(self) -> None:
+        """Calls the method."""
+        self.element.enter(self.method, time.perf_counter_ns())
+        try:
+            getattr(self.element, self.method)()
+        except BaseException as error:
+            self.error = error
+        finally:
+            self.element.leave()
+
+    def interrupt(self, grace_s: float) -> bool:
+        """Has the element end its waits; whether the call has come back in time."""
+        self.element.stopping.set()
+        self.element.waking.set()
+        with contextlib.suppress(Exception):
+            self.element.interrupt()
+        self.join(grace_s)
+        return not self.is_alive()
+
+
+def start_element(element: Element, limits: CallLimits) -> None:
+    """Starts an element.
+
+    Raises:
+        ElementFailure: its `start` failed; was cancelled (of `StartCancelled`); or did not come back after
+            that (of `HangDetected`).
+    """
+    element.stopping.clear()
+    element.rearm()
+    element.is_flushing = False
+    try:
+        _call_start(element, limits)
+    except Exception as cause:
+        raise (cause if isinstance(cause, ElementFailure) else element.failure(cause)) from cause
+
+
+def _call_start(element: Element, limits: CallLimits) -> None:
+    call = _called(element, "start")
+    if call is None:
+        return
+    try:
+        _wait(call, limits, None)
+    except BaseException:  # Ctrl-C in the calling thread: the element must not be started beside its stop
+        call.interrupt(CANCEL_GRACE_S)
+        raise
+    if limits.cancelled.is_set():
+        if not call.interrupt(CANCEL_GRACE_S):
+            raise _given_up("start", CANCEL_GRACE_S)
+        raise StartCancelled(f"{element.name}: its start was interrupted")
+    _raise_error(call)
+
+
+def wake_elements(elements: Iterable[Element], post: Callable[[Message], None]) -> None:
+    """Ends the waits of elements whose threads are to stop."""
+    members = list(elements)
+    for element in members:
+        element.stopping.set()
+    for element in members:
+        element.halt()
+        try:
+            element.interrupt()
+        except Exception as cause:
+            post(Message(MessageKind.WARNING, element.name, f"interrupt failed: {cause}"))
+
+
+def stop_elements(elements: list[Element], limits: CallLimits) -> list[str]:
+    """Stops started elements, the last first, so that sinks close last with all they got; empties the list.
+
+    Returns:
+        Names of the elements whose `stop` has not come back.
+    """
+    stuck = []
+    while elements:
+        element = elements.pop()
+        element.is_playing = False
+        try:
+            _call_stop(element, limits)
+        except HangDetected as cause:
+            stuck.append(element.name)
+            limits.post(Message(MessageKind.WARNING, element.name, str(cause), {"code": "watchdog"}))
+        except Exception as cause:
+            failure = element.failure(cause)
+            limits.post(Message(MessageKind.WARNING, element.name, f"stop failed: {failure}"))
+        for pad in list(element.pads.values()):
+            pad.known_caps = None
+    return stuck
+
+
+def _call_stop(element: Element, limits: CallLimits) -> None:
+    call = _called(element, "stop")
+    if call is None:
+        return
+    began = time.monotonic()
+    _wait(call, limits, limits.stop_s)
+    if call.is_alive():
+        raise _given_up("stop", time.monotonic() - began)
+    _raise_error(call)
+
+
+def _called(element: Element, method: str) -> ElementCall | None:
+    """The call, begun; None where the element has no such method of its own."""
+    if getattr(type(element), method) is getattr(Element, method) and method not in vars(element):
+        return None
+    call = ElementCall(element, method)
+    call.start()
+    return call
+
+
+def _wait(call: ElementCall, limits: CallLimits, limit_s: float | None) -> None:
+    """Waits until the call has come back, is cancelled, or has reached its limit; warns once on the way.
+
+    Time is counted in looks: a process that was suspended has not hung.
+    """
+    looks = 0
+    call.join(LOOK_S)
+    while call.is_alive() and not limits.cancelled.is_set():
+        looks += 1
+        seconds = looks * LOOK_S
+        if limits.watchdog_s and seconds - LOOK_S < limits.watchdog_s <= seconds:
+            limits.post(hang_warning(call.element, hang_of(call.method, limits.watchdog_s)))
+        if limit_s is not None and seconds >= limit_s:
+            return
+        call.join(LOOK_S)
+    if limit_s is not None and call.is_alive():
+        call.join(min(1.0, limit_s))
+
+
+def _raise_error(call: ElementCall) -> None:
+    if call.error is not None:
+        raise call.error
+
+
+def _given_up(method: str, seconds: float) -> HangDetected:
+    return HangDetected(
+        f"its {method} has not come back within {seconds:.0f} s and is given up; its thread is left behind"
+    )

@@ -1,0 +1,131 @@
+"""StreamEnd: which sinks a run still waits for, to preroll or to end, and how it ended."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable
+
+from streamkit.element.base import Element
+from streamkit.element.sink import Sink
+from streamkit.errors import ElementFailure, ResourceError, StreamkitError
+from streamkit.flow.messages import Message, MessageKind
+from streamkit.graph.bus import Bus
+
+
+class StreamEnd:
+    """Posts the end of a run once: EOS when every sink has ended, or the first error.
+
+    Attributes:
+        error: the first failure, or None.
+        ended: set at the end of the stream, after a failure, and after a stop.
+        is_prerolled: set while every sink of a paused graph holds a frame.
+    """
+
+    def __init__(self, bus: Bus) -> None:
+        self.error: Exception | None = None
+        self.ended = threading.Event()
+        self.is_prerolled = threading.Event()
+        self._bus = bus
+        self._sink_ended = threading.Condition()
+        self._open: set[int] = set()
+        self._not_prerolled: set[int] = set()
+
+    def expect_end(self, sinks: Iterable[Sink]) -> None:
+        """The run ends when these sinks have ended."""
+        with self._sink_ended:
+            self._open = {id(sink) for sink in sinks}
+
+    def expect_preroll(self, sinks: Iterable[Sink]) -> None:
+        """The graph is prerolled when each of these sinks that counts (`async`) holds a frame."""
+        with self._sink_ended:
+            self._not_prerolled = {id(sink) for sink in sinks if sink.wait_for_preroll}
+            self._tell_preroll()
+
+    def add(self, sinks: Iterable[Sink], *, is_paused: bool) -> None:
+        """Sinks join the run."""
+        joined = list(sinks)
+        with self._sink_ended:
+            self._open |= {id(sink) for sink in joined}
+            if is_paused:
+                self._not_prerolled |= {id(sink) for sink in joined if sink.wait_for_preroll}
+                self._tell_preroll()
+
+    def _tell_preroll(self) -> None:
+        if self._not_prerolled:
+            self.is_prerolled.clear()
+        else:
+            self.is_prerolled.set()
+
+    def remove(self, elements: Iterable[Element]) -> None:
+        """Sinks leave the run, which ends if they were the last that it waited for."""
+        members = {id(element) for element in elements}
+        with self._sink_ended:
+            had_some = bool(self._open)
+            self._open -= members
+            self._not_prerolled -= members
+            is_over = had_some and not self._open
+            self._sink_ended.notify_all()
+        if is_over:
+            self.post_eos()
+
+    def sink_ended(self, sink: Element) -> None:
+        """A sink has seen EOS; that of the last is the pipeline's."""
+        with self._sink_ended:
+            self._open.discard(id(sink))
+            is_over = not self._open
+            self._sink_ended.notify_all()
+        if is_over:
+            self.post_eos()
+
+    def sink_prerolled(self, sink: Element) -> None:
+        """A sink of the paused graph holds its first frame."""
+        with self._sink_ended:
+            self._not_prerolled.discard(id(sink))
+            is_last = not self._not_prerolled and not self.is_prerolled.is_set()
+            if is_last:
+                self.is_prerolled.set()
+        if is_last:
+            self._bus.post(Message(MessageKind.ELEMENT, "", "prerolled", {"name": "async-done"}))
+
+    def wait_prerolled(self, timeout_s: float) -> bool:
+        """Waits until every sink holds its first frame; raises the error of a run that has failed."""
+        deadline = time.monotonic() + timeout_s
+        while not self.is_prerolled.wait(min(0.1, max(0.0, deadline - time.monotonic()))):
+            if self.error is not None:
+                raise self.error
+            if time.monotonic() >= deadline:
+                return False
+        return True
+
+    def wait(self, elements: Iterable[Element], deadline: float) -> None:
+        """Waits until these sinks have ended, the run has failed, or a monotonic time has come."""
+        members = {id(element) for element in elements}
+        with self._sink_ended:
+            while members & self._open and self.error is None:
+                left_s = deadline - time.monotonic()
+                if left_s <= 0:
+                    return
+                self._sink_ended.wait(left_s)
+
+    def fail(self, error: Exception) -> None:
+        """An element's thread ended with an error: the first one is the pipeline's."""
+        source = error.element if isinstance(error, ElementFailure) else ""
+        with self._sink_ended:
+            is_first = self.error is None
+            if is_first:
+                self.error = error if isinstance(error, StreamkitError) else ResourceError(str(error))
+            self._sink_ended.notify_all()
+        if is_first:
+            self._bus.post(Message(MessageKind.ERROR, source, str(error), error=self.error))
+            self.ended.set()
+        else:
+            self._bus.post(Message(MessageKind.WARNING, source, f"after the first error: {error}"))
+
+    def post_eos(self) -> None:
+        """The stream has ended; told once, and not after a failure."""
+        with self._sink_ended:
+            if self.ended.is_set() or self.error is not None:
+                return
+            self.ended.set()
+        self._bus.post(Message(MessageKind.EOS, "", "end of stream"))

@@ -1,0 +1,116 @@
+"""What is left to say when the process dies at once, and how Ctrl-C ends a call that hangs."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+COMMAND = [sys.executable, "-c", "from streamkit.cli.main import main; main()", "launch"]
+PLUGIN = '''
+import ctypes, os, signal, sys, time
+from streamkit import Property, Transform
+
+class Faulty(Transform):
+    """Does harm in one of its calls."""
+
+    sink = src = "ANY"
+    where: str = Property("transform", doc="In which call.")
+    harm: str = Property("hang", doc="What it does.")
+
+    def start(self):
+        self.act("start")
+
+    def stop(self):
+        self.act("stop")
+
+    def transform(self, frame):
+        if frame.seq == 3:
+            self.act("transform")
+        return frame
+
+    def act(self, where):
+        if where != self.where:
+            return
+        print("inside", flush=True)
+        if self.harm == "segfault":
+            ctypes.string_at(0)
+        elif self.harm == "kill":
+            os.kill(os.getpid(), signal.SIGKILL)
+        end = time.monotonic() + 60  # in native code, which no signal interrupts for good
+        while time.monotonic() < end:
+            ctypes.CDLL(None).sleep(60)
+'''
+Launch = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def launch(tmp_path: Path) -> Launch:
+    """Starts `streamkit launch` with an element that does harm."""
+    info = tmp_path / "faulty-1.dist-info"
+    info.mkdir()
+    (tmp_path / "faulty.py").write_text(PLUGIN, encoding="utf-8")
+    (info / "METADATA").write_text("Name: faulty\nVersion: 1\n", encoding="utf-8")
+    (info / "entry_points.txt").write_text("[streamkit.elements]\nfaulty = faulty:Faulty\n", encoding="utf-8")
+
+    def start(*arguments: str) -> subprocess.Popen[str]:
+        path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+        return subprocess.Popen(
+            [*COMMAND, *arguments],
+            env={**os.environ, "PYTHONPATH": path},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    return start
+
+
+@pytest.mark.parametrize(("harm", "number"), [("segfault", signal.SIGSEGV), ("kill", signal.SIGKILL)])
+def test_a_process_that_dies_names_the_elements_at_work(launch: Launch, harm: str, number: int) -> None:
+    """The element is named; after a segmentation fault Python writes where each thread stood, too."""
+    process = launch(f"fakesrc num-buffers=9 ! queue ! identity ! faulty name=lens harm={harm} ! fakesink")
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == -number
+    last = errors.splitlines()[-1]
+    assert last.startswith("error: the process has died; elements at work: ")
+    assert "lens (faulty)" in last
+    assert "identity" not in last
+    assert ("faulty.py" in errors) == (harm == "segfault")
+
+
+def test_a_run_that_ends_well_says_nothing(launch: Launch) -> None:
+    """Nothing about elements at work, neither at EOS nor after Ctrl-C."""
+    process = launch("fakesrc num-buffers=9 ! fakesink")
+    assert process.communicate(timeout=60) == ("", "")
+    assert process.returncode == 0
+
+
+@pytest.mark.parametrize("where", ["start", "stop"])
+def test_the_first_interrupt_ends_a_call_that_hangs(launch: Launch, where: str) -> None:
+    """One Ctrl-C is enough, within the time that such a call is given to come back."""
+    process = launch(
+        "--watchdog-s", "1", f"fakesrc num-buffers=9 ! faulty name=lens where={where} ! fakesink"
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "inside\n"
+    began = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert time.monotonic() - began < 30
+    assert f"its {where} has not come back" in errors
+    assert "lens" in errors
+
+
+def test_a_frame_that_hangs_ends_the_run_with_the_element_and_the_frame(launch: Launch) -> None:
+    """Nobody has to press anything: an error within `--watchdog-s`, and the process ends."""
+    process = launch("--watchdog-s", "1", "fakesrc num-buffers=9 ! faulty name=lens ! fakesink")
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert errors.startswith("error: lens (faulty): taking a frame has not come back for 1 s")
+    assert "[at frame seq=3]" in errors

@@ -1,0 +1,109 @@
+"""Branches behind a tee that may fail: told and counted, and the others go on."""
+
+from collections.abc import Callable
+
+import pytest
+
+from streamkit import ElementFailure, Frame, MessageKind, Pipeline, Property, Sink, Transform
+
+Register = Callable[..., None]
+
+
+class Breaks(Transform):
+    """Fails at the third frame."""
+
+    sink = src = "ANY"
+
+    def transform(self, frame: Frame) -> Frame:
+        if frame.seq == 2:
+            raise OSError("publisher died")
+        return frame
+
+
+class BreaksAtEnd(Sink):
+    """Cannot finish what it took."""
+
+    sink = "ANY"
+    after: int = Property(0, doc="Unused.")
+
+    def render(self, frame: Frame) -> None:
+        pass
+
+    def drain(self) -> None:
+        raise OSError("no space left")
+
+
+@pytest.fixture(autouse=True)
+def _elements(register: Register) -> None:
+    register(breaks=Breaks, breaksatend=BreaksAtEnd)
+
+
+TEXT = "fakesrc num-buffers=50 ! tee name=t  t. ! queue ! appsink name=kept max-buffers=0  t. ! {branch}"
+
+
+@pytest.mark.parametrize(
+    "branch",
+    [
+        "breaks ! fakesink on-error=drop-branch",
+        "queue ! breaks ! fakesink on-error=drop-branch",
+        "breaks ! queue ! fakesink on-error=drop-branch",
+        "queue ! identity ! queue ! breaks ! tee name=u  u. ! fakesink on-error=drop-branch  "
+        "u. ! queue ! fakesink on-error=drop-branch",
+        "queue ! breaksatend on-error=drop-branch",
+        "breaksatend on-error=drop-branch",
+    ],
+)
+def test_the_other_branch_gets_every_frame(branch: str) -> None:
+    """The failure is a warning that says what was dropped; the end of the stream comes as ever."""
+    with Pipeline.parse(TEXT.format(branch=branch)) as pipeline:
+        pipeline.play()
+        assert [frame.seq for frame in pipeline["kept"]] == list(range(50))
+        warning = pipeline.bus.pop(20, (MessageKind.WARNING,))
+        assert warning is not None
+        assert warning.fields["code"] == "branch-dropped"
+        assert "is dropped, the others go on" in warning.text
+        end = pipeline.wait(20)
+        assert end is not None
+        assert end.kind is MessageKind.EOS
+        assert pipeline.error is None
+
+
+def test_frames_that_a_dropped_branch_missed_are_counted() -> None:
+    """The tee accounts for each; nothing is lost unseen."""
+    with Pipeline.parse(
+        TEXT.format(branch="breaks name=b ! fakesink name=k on-error=drop-branch")
+    ) as pipeline:
+        pipeline.play()
+        assert pipeline.wait(20) is not None
+        drops = pipeline["t"].drops
+        assert drops["branch dropped after its failure"] == 50 - 3
+        assert pipeline["k"].count == 2
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        TEXT.format(branch="breaks ! fakesink"),
+        TEXT.format(branch="breaks ! tee name=u  u. ! fakesink on-error=drop-branch  u. ! fakesink"),
+        "fakesrc num-buffers=9 ! breaks ! fakesink on-error=drop-branch",
+        "fakesrc num-buffers=9 ! tee name=t  t. ! breaks ! fakesink on-error=drop-branch",
+    ],
+)
+def test_a_failure_ends_the_pipeline_where_nothing_would_be_left(text: str) -> None:
+    """A sink that is not declared so, a branch that feeds another sink too, or the only branch."""
+    with pytest.raises(ElementFailure, match="publisher died"):
+        Pipeline.parse(text).run(timeout_s=20)
+
+
+def test_a_branch_that_joins_may_fail_as_well() -> None:
+    """What is added while playing is guarded like what was there."""
+    with Pipeline.parse("fakesrc num-buffers=-1 ! tee name=t  t. ! queue ! appsink name=kept") as pipeline:
+        pipeline.play()
+        pipeline["kept"].pull()
+        pipeline.add_branch("t", "queue ! breaksatend name=b on-error=drop-branch")
+        pipeline.add_branch("t", "queue ! fakesink name=other")
+        pipeline["kept"].drop = True
+        pipeline.finish()
+        end = pipeline.wait(20)
+        assert end is not None
+        assert end.kind is MessageKind.EOS
