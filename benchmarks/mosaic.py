@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 from aerial_flights import Flight, FloatArray, PictureArray, ground_picture, rows
 
-from streamkit_stitcher.homographies import inverse, normalised, project
+from streamkit.geometry.homography import inverse, normalised, project
 from streamkit_stitcher.mosaic.album import RecorderSettings
 from streamkit_stitcher.mosaic.composition import PlacedPicture, compose
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder

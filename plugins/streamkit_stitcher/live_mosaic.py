@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 
 from streamkit import Caps, Frame, Registration, Transform
-from streamkit_stitcher.homographies import inverse
+from streamkit.geometry.homography import inverse
+from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.mosaic.album import RecorderSettings, WrittenMosaic
 from streamkit_stitcher.mosaic.georeference import PositionFix
 from streamkit_stitcher.mosaic.recorder import AdjustedPlaces, MosaicRecorder
 from streamkit_stitcher.mosaic.tiles import PictureArray
-from streamkit_stitcher.mosaic.worker import Worker
 from streamkit_stitcher.mosaic_pad import MosaicPad
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.placement import Placement
@@ -55,7 +55,7 @@ class LiveMosaic:
         self._element = element
         self._interval_ns = round(interval_s * _NS)
         self._shown = shown
-        self._worker = Worker(f"{element.name} mosaic", _WAITING_BYTES, self._failed)
+        self._worker = BackgroundExecutor(f"{element.name} mosaic", _WAITING_BYTES, self._failed)
         self._recorder = MosaicRecorder(settings, self._worker, element.stopping)
         self._adjusts = settings.final
         self._failure: Exception | None = None

@@ -51,9 +51,9 @@ class Connection(Element):
             self.post_warning(f"nobody answers at {shown} yet; trying on in the background")
         return session
 
-    def settings(self) -> dict[str, Any]:
+    def properties_set(self) -> dict[str, Any]:
         """The properties set in the text; what endpoints carry in secrets is masked."""
-        found = super().settings()
+        found = super().properties_set()
         return {
             name: redact(value) if name in ("connect", "listen") and isinstance(value, str) else value
             for name, value in found.items()

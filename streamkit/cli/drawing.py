@@ -101,7 +101,7 @@ def _ids(built: Graph) -> dict[int, str]:
 
 
 def _label(element: Element, notes: Notes) -> str:
-    settings = [f"{name}={value}" for name, value in element.settings().items()]
+    settings = [f"{name}={value}" for name, value in element.properties_set().items()]
     return "\n".join([element.name, *settings, *notes.elements.get(id(element), ())])
 
 

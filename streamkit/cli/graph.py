@@ -92,7 +92,7 @@ def _described(element: Element) -> dict[str, Any]:
         "name": element.name,
         "factory": element.factory,
         "parent": element.parent or None,
-        "properties": element.settings(),
+        "properties": element.properties_set(),
     }
 
 

@@ -268,6 +268,8 @@ class Element:
             PropertyError: there is no such property, the value is refused, or it cannot change while playing.
         """
         declaration = self.find_property(name)
+        if name.replace("-", "_") in declaration.aliases:
+            self.post_warning(f"property {name} is called {declaration.spelling} now; use that name")
         if declaration.readonly:
             self.post_warning(f"property {declaration.spelling} can only be read; the value is ignored")
             return
@@ -280,7 +282,10 @@ class Element:
     @classmethod
     def find_property(cls, name: str) -> PropertyDeclaration:
         """The declaration of a property; raises `PropertyError` with a suggestion where there is none."""
-        declaration = cls.properties.get(name.replace("-", "_"))
+        plain = name.replace("-", "_")
+        declaration = cls.properties.get(plain) or next(
+            (other for other in cls.properties.values() if plain in other.aliases), None
+        )
         if declaration is None:
             from streamkit.element.suggest import did_you_mean
 
@@ -336,11 +341,11 @@ class Element:
         with PADS_LOCK:
             self.pads.pop(pad.name, None)
 
-    def settings(self) -> dict[str, Any]:
+    def properties_set(self) -> dict[str, Any]:
         """The properties set in the text, as JSON values."""
         found = {}
         for name in self.set_in_text:
-            declaration = self.properties[name.replace("-", "_")]
+            declaration = self.find_property(name)
             found[name] = declaration.to_json(getattr(self, declaration.attribute))
         return found
 

@@ -2,46 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import math
 import sys
 import types
 import typing
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, TypeVar, cast
+from typing import Any, Generic, TypeVar, cast, overload
 
 from streamkit.element.property_text import flag_word, value_from_text
 from streamkit.errors import PropertyError, mask_credentials
 from streamkit.flow.caps import Caps
+from streamkit.settings import Traits, traits_of
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class Traits:
-    """What is told about a property besides its default.
-
-    Attributes:
-        minimum: smallest value allowed, or None.
-        maximum: largest value allowed, or None.
-        unit: of the number, or "".
-        doc: one sentence.
-        live: whether it may change while the pipeline plays.
-        secret: whether its value is never shown.
-        readonly: whether only the element itself sets it.
-        read: works the value out of the element, or None where it is stored.
-    """
-
-    minimum: Any = None
-    maximum: Any = None
-    unit: str = ""
-    doc: str = ""
-    live: bool = False
-    secret: bool = False
-    readonly: bool = False
-    read: Callable[[Any], Any] | None = None
+SNAPSHOTS = (
+    "_settings_snapshots"  # in an element's dictionary: a settings object by its class, until one is set
+)
 
 
 class PropertyDeclaration:
@@ -54,10 +33,10 @@ class PropertyDeclaration:
         name: as users write it, with underscores.
         attribute: its name in the class.
         default: value of a new element.
-        minimum, maximum, unit, doc, live, secret, readonly: see `Traits`.
+        minimum, maximum, unit, doc, live, secret, readonly, aliases: see `Traits`.
     """
 
-    def __init__(self, default: Any, name: str, traits: Traits) -> None:
+    def __init__(self, default: Any, name: str, traits: Traits, annotation: Any = None) -> None:
         self.default = default
         self.minimum = traits.minimum
         self.maximum = traits.maximum
@@ -67,9 +46,11 @@ class PropertyDeclaration:
         self.secret = traits.secret
         self.readonly = traits.readonly
         self.read = traits.read
+        self.aliases = traits.aliases
         self.name = name.replace("-", "_")
         self.attribute = ""
         self.owner: type = object
+        self._annotation = annotation
         self._kind: tuple[type, bool] | None = None
 
     def __set_name__(self, owner: type, attribute: str) -> None:
@@ -79,6 +60,7 @@ class PropertyDeclaration:
     def __set__(self, instance: Any, value: Any) -> None:
         checked = self.check(value, getattr(instance, "name", ""))
         instance.__dict__[self.attribute] = checked
+        instance.__dict__.pop(SNAPSHOTS, None)
         changed = getattr(instance, "property_changed", None)
         if changed is not None:
             changed(self.attribute)
@@ -100,7 +82,9 @@ class PropertyDeclaration:
 
     def _resolved(self) -> tuple[type, bool]:
         if self._kind is None:
-            annotation = self.owner.__annotations__.get(self.attribute, type(self.default))
+            annotation = self._annotation
+            if annotation is None:
+                annotation = self.owner.__annotations__.get(self.attribute, type(self.default))
             if isinstance(annotation, str):
                 names = vars(sys.modules[self.owner.__module__])
                 annotation = eval(annotation, dict(names))  # the author's own annotation
@@ -203,6 +187,7 @@ def Property(  # noqa: N802  reads as a declaration, like dataclasses.field
     secret: bool = False,
     readonly: bool = False,
     read: Callable[[Any], T] | None = None,
+    aliases: tuple[str, ...] = (),
 ) -> T:
     """Declares a property in the body of an element class; its type is the annotation.
 
@@ -217,10 +202,74 @@ def Property(  # noqa: N802  reads as a declaration, like dataclasses.field
         secret: whether its value must never be shown.
         readonly: users can only read it; the element sets the attribute.
         read: makes it read only, and works the value out of the element each time.
+        aliases: older names, accepted with a warning.
     """
-    traits = Traits(min, max, unit, doc, live, secret, readonly or read is not None, read)
+    traits = Traits(min, max, unit, doc, live, secret, readonly or read is not None, read, aliases)
     kind = PropertyDeclaration if read is None else ComputedProperty
     return cast("T", kind(default, name, traits))
+
+
+class SettingsOf(Generic[T]):
+    """Declares a property for each `setting` of a frozen dataclass, and reads as a snapshot of their values.
+
+    A field whose default is such a dataclass itself adds its own settings; other fields keep their defaults.
+    On the element the snapshot is made once and kept until a property is set.
+
+    Args:
+        kind: the dataclass.
+    """
+
+    def __init__(self, kind: type[T]) -> None:
+        self.kind = kind
+
+    def __set_name__(self, owner: type, attribute: str) -> None:
+        for name, declaration in _declarations(self.kind).items():
+            declaration.__set_name__(owner, name)
+            setattr(owner, name, declaration)
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> SettingsOf[T]: ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> T: ...
+    def __get__(self, instance: object | None, owner: type) -> SettingsOf[T] | T:
+        if instance is None:
+            return self
+        snapshots = vars(instance).setdefault(SNAPSHOTS, {})
+        found: T | None = snapshots.get(self.kind)
+        if found is None:
+            found = snapshots[self.kind] = _snapshot(self.kind, vars(instance))
+        return found
+
+
+def _declarations(kind: Any) -> dict[str, PropertyDeclaration]:
+    """The properties that the settings of a dataclass declare, those of nested ones included."""
+    found: dict[str, PropertyDeclaration] = {}
+    kinds = typing.get_type_hints(kind)
+    for field in dataclasses.fields(kind):
+        traits, default = traits_of(field), _default(field)
+        if traits is not None:
+            found[field.name] = PropertyDeclaration(default, "", traits, kinds[field.name])
+        elif dataclasses.is_dataclass(default):
+            found.update(_declarations(type(default)))
+    return found
+
+
+def _snapshot(kind: Any, values: dict[str, Any]) -> Any:
+    """An instance of a settings dataclass with the values of an element's properties."""
+    given = {}
+    for field in dataclasses.fields(kind):
+        default = _default(field)
+        if traits_of(field) is not None:
+            given[field.name] = values[field.name]
+        elif dataclasses.is_dataclass(default):
+            given[field.name] = _snapshot(type(default), values)
+    return kind(**given)
+
+
+def _default(field: dataclasses.Field[Any]) -> Any:
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return field.default
 
 
 def declared_properties(owner: type) -> dict[str, PropertyDeclaration]:

@@ -88,7 +88,7 @@ class Shape:
         self._top = roots[0] if len(roots) == 1 else None
         inside = [m for m in members if not (m is self._top and isinstance(m, Bin))]
         self.elements = {self.path(member): member.factory for member in inside}
-        self.settings = {self.path(member): member.settings() for member in members}
+        self.settings = {self.path(member): member.properties_set() for member in members}
         self.links = {
             f"{self.path(src.element)}.{src.name} -> {self.path(sink.element)}.{sink.name}"
             for src, sink in graph.links()

@@ -85,9 +85,9 @@ class RtspEndpoint(Element):
             )
         self._tls_options = self._secured() if parts.scheme == SECURE else {}
 
-    def settings(self) -> dict[str, Any]:
+    def properties_set(self) -> dict[str, Any]:
         """The properties set in the text, the location without passwords."""
-        found = super().settings()
+        found = super().properties_set()
         if "location" in found:
             found["location"] = redact(str(found["location"]))
         return found

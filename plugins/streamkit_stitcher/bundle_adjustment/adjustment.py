@@ -5,10 +5,10 @@ from typing import Final
 
 import numpy as np
 
+from streamkit.geometry.homography import FloatArray
 from streamkit_stitcher.bundle_adjustment.normal_equations import form, point_steps, solve
 from streamkit_stitcher.bundle_adjustment.problem import BASES, CameraModel, IndexArray, PlaneProblem, layout
 from streamkit_stitcher.bundle_adjustment.projection import Views, projected, robust_cost, view
-from streamkit_stitcher.homographies import FloatArray
 
 _FIRST_DAMPING: Final = 1e-5
 _LARGEST_DAMPING: Final = 1e6

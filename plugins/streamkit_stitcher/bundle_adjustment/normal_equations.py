@@ -9,9 +9,9 @@ import scipy.linalg.lapack
 import scipy.sparse
 import scipy.sparse.linalg
 
+from streamkit.geometry.homography import FloatArray
 from streamkit_stitcher.bundle_adjustment.problem import IndexArray, Layout
 from streamkit_stitcher.bundle_adjustment.projection import Views
-from streamkit_stitcher.homographies import FloatArray
 
 _DENSE_LIMIT: Final = 1000
 _SMALLEST_PIVOT: Final = 1e-12

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import FloatArray, MaskArray
+from streamkit.geometry.homography import FloatArray, MaskArray
 
 IndexArray = npt.NDArray[np.int64]
 

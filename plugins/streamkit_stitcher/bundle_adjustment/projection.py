@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray
+from streamkit.geometry.homography import FloatArray
 
 
 def projected(cameras: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray
+from streamkit.geometry.homography import FloatArray
 
 STRAIGHT_DOWN = (0.0, -math.pi / 2, 0.0)
 """Azimuth, elevation and roll of a sensor that looks down from its platform."""

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import FloatArray, corners, normalised, project
+from streamkit.geometry.homography import FloatArray, corners, normalised, project
 
 MapArray = npt.NDArray[np.float32]
 

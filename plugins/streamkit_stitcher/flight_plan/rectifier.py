@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from streamkit.geometry.homography import FloatArray
 from streamkit_stitcher.flight_plan.rectification import (
     Camera,
     MapArray,
@@ -16,7 +17,6 @@ from streamkit_stitcher.flight_plan.rectification import (
     rectification_maps,
     rectified_border,
 )
-from streamkit_stitcher.homographies import FloatArray
 
 PixelArray = npt.NDArray[np.uint8]
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from streamkit_stitcher.homographies import IDENTITY, FloatArray, inverse, normalised
+from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised
 from streamkit_stitcher.mosaic.composition import Composition, PlacedPicture, compose
 from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix, georeference
 from streamkit_stitcher.mosaic.geotiff import north_up

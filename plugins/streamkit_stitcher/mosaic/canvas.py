@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import IDENTITY, FloatArray, inverse, normalised
+from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised
 from streamkit_stitcher.mosaic.tiles import REDUCTION, TILE, PictureArray, Tile, TileStore
 
 CellArray = npt.NDArray[np.int64]

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import FloatArray, MaskArray, corners, normalised, project
+from streamkit.geometry.homography import FloatArray, MaskArray, corners, normalised, project
 from streamkit_stitcher.mosaic.exposure import gains
 from streamkit_stitcher.mosaic.mosaic import is_placeable, like, shrunk
 from streamkit_stitcher.mosaic.picture_store import thumbnail_factor

@@ -5,7 +5,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray, corners, normalised, project, to_reduced
+from streamkit.geometry.homography import FloatArray, corners, normalised, project, to_reduced
 from streamkit_stitcher.mosaic.mosaic import Mosaic, is_placeable
 
 _FACTOR: Final = 4

@@ -6,7 +6,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray
+from streamkit.geometry.homography import FloatArray
 from streamkit_stitcher.mosaic.seams import Footprint
 
 _FEWEST_CELLS: Final = 20

@@ -1,16 +1,14 @@
 """A mosaic laid onto the earth by the positions of its pictures."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray, centre, project
+from streamkit.geometry.earth import metres_per_degree
+from streamkit.geometry.homography import FloatArray, centre, project
 
-_EARTH_RADIUS_M: Final = 6_378_137.0
-_FLATTENING: Final = 1 / 298.257223563
 _FEWEST: Final = 3
 _ITERATIONS: Final = 20
 _LEAST_SPREAD_M: Final = 1.0
@@ -56,11 +54,7 @@ def local_metres(fixes: Sequence[PositionFix], origin: PositionFix) -> FloatArra
 
     The ellipsoid's radii of curvature at the origin turn the angles into lengths.
     """
-    latitude = math.radians(origin.latitude)
-    squared = _FLATTENING * (2 - _FLATTENING)
-    bend = 1 - squared * math.sin(latitude) ** 2
-    north_m = math.radians(1) * _EARTH_RADIUS_M * (1 - squared) / bend**1.5
-    east_m = math.radians(1) * _EARTH_RADIUS_M * math.cos(latitude) / math.sqrt(bend)
+    north_m, east_m = metres_per_degree(origin.latitude)
     return np.array(
         [
             [(fix.longitude - origin.longitude) * east_m, (fix.latitude - origin.latitude) * north_m]

@@ -7,7 +7,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray
+from streamkit.geometry.homography import FloatArray
 from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix
 from streamkit_stitcher.mosaic.tiles import PictureArray
 

@@ -6,7 +6,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray, corners, normalised, project, scale_change
+from streamkit.geometry.homography import FloatArray, corners, normalised, project, scale_change
 from streamkit_stitcher.mosaic.canvas import Canvas
 from streamkit_stitcher.mosaic.tiles import PictureArray
 from streamkit_stitcher.plane.placement import drawn_out

@@ -6,13 +6,13 @@ from functools import partial
 from threading import Event
 from typing import Final
 
-from streamkit_stitcher.homographies import FloatArray
+from streamkit.geometry.homography import FloatArray
+from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.mosaic.album import Album, ChosenPicture, RecorderSettings, WrittenMosaic
 from streamkit_stitcher.mosaic.coverage import Coverage
 from streamkit_stitcher.mosaic.georeference import PositionFix
 from streamkit_stitcher.mosaic.mosaic import Mosaic
 from streamkit_stitcher.mosaic.tiles import PictureArray
-from streamkit_stitcher.mosaic.worker import Worker
 from streamkit_stitcher.plane.placement import Placement
 
 _WORTH_ADDING: Final = 0.08
@@ -37,12 +37,15 @@ class MosaicRecorder:
     """
 
     def __init__(
-        self, settings: RecorderSettings, worker: Worker | None = None, cancelled: Event | None = None
+        self,
+        settings: RecorderSettings,
+        worker: BackgroundExecutor | None = None,
+        cancelled: Event | None = None,
     ) -> None:
         self._settings = settings
         self._worker = worker
         self._cancelled = cancelled
-        self.album = Album(settings) if worker is None else Album(settings, worker.breathe)
+        self.album = Album(settings) if worker is None else Album(settings, worker.report_progress)
         self._refused = 0
         self._ground = Coverage(settings.memory_px)
         self._reference = 0

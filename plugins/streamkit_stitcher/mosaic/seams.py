@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import FloatArray, corners, normalised, project
+from streamkit.geometry.homography import FloatArray, corners, normalised, project
 from streamkit_stitcher.mosaic.mosaic import depth_inside
 from streamkit_stitcher.mosaic.tiles import PictureArray
 

@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
+from streamkit.geometry.homography import FloatArray, GreyArray, inverse, scale_change
 from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings, adjust
 from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem
-from streamkit_stitcher.homographies import FloatArray, GreyArray, inverse, scale_change
 from streamkit_stitcher.plane.graph import Tie
 from streamkit_stitcher.plane.keyframes import Keyframe
 from streamkit_stitcher.plane.loop_closure import LoopCloser

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from streamkit_stitcher.homographies import (
+from streamkit.geometry.homography import (
     FloatArray,
     GreyArray,
     corner_shift,

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray, project, scale_change
+from streamkit.geometry.homography import FloatArray, project, scale_change
 from streamkit_stitcher.plane.graph import Tie
 
 # How far two key pictures may lie from their true places to each other, as a part of the width: errors of

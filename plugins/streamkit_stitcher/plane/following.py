@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from streamkit_stitcher.homographies import (
+from streamkit.geometry.homography import (
     FloatArray,
     GreyArray,
     from_reduced,

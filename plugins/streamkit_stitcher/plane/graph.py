@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from streamkit.geometry.homography import FloatArray, inverse, normalised, project
 from streamkit_stitcher.bundle_adjustment.problem import IndexArray, PlaneProblem
-from streamkit_stitcher.homographies import FloatArray, inverse, normalised, project
 
 _PATCHES = 1 << 20
 

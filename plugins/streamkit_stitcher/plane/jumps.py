@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import FloatArray, GreyArray, translation
+from streamkit.geometry.homography import FloatArray, GreyArray, translation
 
 _WIDTH: Final = 160
 _SMALLEST_SIDE: Final = 16

@@ -8,7 +8,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray, GreyArray
+from streamkit.geometry.homography import FloatArray, GreyArray
 from streamkit_stitcher.registration.corners import even_corners
 from streamkit_stitcher.registration.patches import cut_patches, pyramid
 

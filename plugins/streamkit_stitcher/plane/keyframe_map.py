@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
+from streamkit.geometry.homography import IDENTITY, FloatArray, GreyArray, inverse, normalised
 from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings
 from streamkit_stitcher.bundle_adjustment.problem import CameraModel
-from streamkit_stitcher.homographies import IDENTITY, FloatArray, GreyArray, inverse, normalised
 from streamkit_stitcher.plane.adjuster import Adjuster, AdjustmentJob, adjusted_places
 from streamkit_stitcher.plane.closures import FEW_STEPS, ClosureEvidence
 from streamkit_stitcher.plane.graph import KeyframeGraph, Tie

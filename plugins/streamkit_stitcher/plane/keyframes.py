@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import (
+from streamkit.geometry.homography import (
     FloatArray,
     GreyArray,
     centre,

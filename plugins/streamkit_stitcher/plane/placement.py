@@ -5,7 +5,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from streamkit_stitcher.homographies import IDENTITY, FloatArray, corners
+from streamkit.geometry.homography import IDENTITY, FloatArray, corners
 
 
 class Status(StrEnum):

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from streamkit_stitcher.homographies import (
+from streamkit.geometry.homography import (
     IDENTITY,
     FloatArray,
     GreyArray,

@@ -5,7 +5,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray, GreyArray
+from streamkit.geometry.homography import FloatArray, GreyArray
 
 _COLUMNS: Final = 16
 _ROWS: Final = 9

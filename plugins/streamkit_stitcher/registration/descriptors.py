@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import FloatArray, GreyArray
+from streamkit.geometry.homography import FloatArray, GreyArray
 from streamkit_stitcher.registration.motion_models import MotionFit
 from streamkit_stitcher.registration.wide_baseline import fit_wide_baseline
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray, corners, normalised, project
+from streamkit.geometry.homography import FloatArray, corners, normalised, project
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import FloatArray, GreyArray, MaskArray, corners, inverse, project
+from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray, corners, inverse, project
 from streamkit_stitcher.registration.gauss_newton import Scaling, monomials
 from streamkit_stitcher.registration.joint_level import JointLevel
 from streamkit_stitcher.registration.patch_steps import improve, settle

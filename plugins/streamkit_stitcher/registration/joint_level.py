@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import FloatArray, GreyArray, MaskArray
+from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray
 from streamkit_stitcher.registration.gauss_newton import Scaling
 from streamkit_stitcher.registration.patches import PatchLevel, prepare
 

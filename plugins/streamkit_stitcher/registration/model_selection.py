@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray, project
+from streamkit.geometry.homography import FloatArray, project
 from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel, least_squares, restricted
 
 _MODELS: Final = (MotionModel.HOMOGRAPHY, MotionModel.AFFINE, MotionModel.SIMILARITY)

@@ -9,7 +9,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import IDENTITY, FloatArray, MaskArray, is_plausible, project
+from streamkit.geometry.homography import IDENTITY, FloatArray, MaskArray, is_plausible, project
 from streamkit_stitcher.registration.gauss_newton import Scaling, stepped
 
 _MAX_ITERATIONS: Final = 500

@@ -7,7 +7,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import (
+from streamkit.geometry.homography import (
     IDENTITY,
     FloatArray,
     GreyArray,

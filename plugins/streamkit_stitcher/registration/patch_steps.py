@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray
 from streamkit_kernels import FLAGS, INPUT, TABLE, compiled, kernel
-from streamkit_stitcher.homographies import FloatArray, GreyArray, MaskArray
 from streamkit_stitcher.registration.patch_types import COUNT, NUMBER, PATCHES, SHAPES, VALUES
 from streamkit_stitcher.registration.patches import RADIUS
 

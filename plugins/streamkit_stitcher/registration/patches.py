@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_stitcher.homographies import FloatArray, GreyArray, MaskArray, project, to_reduced
+from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray, project, to_reduced
 
 RADIUS: Final = 7
 _ITERATIONS: Final = 6

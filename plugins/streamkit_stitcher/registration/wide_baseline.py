@@ -6,7 +6,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import FloatArray, project
+from streamkit.geometry.homography import FloatArray, project
 from streamkit_stitcher.registration.gauss_newton import Scaling, stepped
 from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel, fit_homography, judged
 

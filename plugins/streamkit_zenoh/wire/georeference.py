@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit.geometry.earth import metres_per_degree
+
 FloatArray = NDArray[np.float64]
 
-EQUATOR_RADIUS_M = 6_378_137.0
-ECCENTRICITY_SQUARED = 6.694379990141e-3
 # Nearer to the horizon than this (3 deg) a pixel is hundreds of metres long, and ground is not flat.
 LEAST_DESCENT = math.sin(math.radians(3.0))
 
@@ -63,7 +63,8 @@ def ground_places(camera: Camera, pixels: FloatArray) -> FloatArray:
     directions = rays @ (_rotation(*camera.platform) @ _rotation(*camera.sensor)).T
     descent = np.where(directions[:, 2] >= LEAST_DESCENT, directions[:, 2], math.nan)
     metres = directions[:, :2] * (camera.height_m / descent)[:, np.newaxis]
-    return np.array([camera.latitude, camera.longitude]) + metres / _metres_per_degree(camera.latitude)
+    degrees = metres / np.array(metres_per_degree(camera.latitude))
+    return np.asarray(degrees + (camera.latitude, camera.longitude), dtype=np.float64)
 
 
 def _rotation(yaw: float, pitch: float, roll: float) -> FloatArray:
@@ -73,12 +74,3 @@ def _rotation(yaw: float, pitch: float, roll: float) -> FloatArray:
     about_right = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     about_forward = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     return np.asarray(about_down @ about_right @ about_forward)
-
-
-def _metres_per_degree(latitude: float) -> FloatArray:
-    """Of latitude and of longitude."""
-    sine = math.sin(math.radians(latitude))
-    bend = 1 - ECCENTRICITY_SQUARED * sine * sine
-    meridian = EQUATOR_RADIUS_M * (1 - ECCENTRICITY_SQUARED) / bend**1.5
-    parallel = EQUATOR_RADIUS_M / math.sqrt(bend) * math.cos(math.radians(latitude))
-    return np.radians([meridian, parallel])

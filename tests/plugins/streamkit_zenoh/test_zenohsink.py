@@ -232,8 +232,8 @@ def test_graphs_show_no_secret(key: str) -> None:
     pipeline = Pipeline.parse(
         f'fakesrc ! zenohsink name=z key={key} connect="tls/h:1#connect_private_key_base64=SECRET"'
     )
-    assert "SECRET" not in str(pipeline["z"].settings())
-    assert pipeline["z"].settings()["connect"] == "tls/h:1#***"
+    assert "SECRET" not in str(pipeline["z"].properties_set())
+    assert pipeline["z"].properties_set()["connect"] == "tls/h:1#***"
 
 
 def test_no_thread_is_left(key: str) -> None:

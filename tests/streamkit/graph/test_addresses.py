@@ -68,7 +68,7 @@ def test_the_element_for_an_address(register: Register, text: str, factory: str,
         uploadsink=Upload,
         gophersrc=Reader,
     )
-    found = {element.factory: element.settings() for element in build(text, {}).elements}
+    found = {element.factory: element.properties_set() for element in build(text, {}).elements}
     assert found[factory] == {"location": location}
 
 

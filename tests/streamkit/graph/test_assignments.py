@@ -41,7 +41,7 @@ class Coder(Element):
 def test_a_preset_goes_over_the_properties(register: Register, text: str) -> None:
     """s07: wherever it is written, it is set last; what it sets is shown."""
     register(coder=Coder)
-    assert build(text, {}).elements[0].settings() == {"quality": "low", "speed": 9}
+    assert build(text, {}).elements[0].properties_set() == {"quality": "low", "speed": 9}
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_a_preset_that_cannot_be(register: Register, text: str, message: str) ->
 def test_a_choice_by_word_number_or_label(register: Register, value: str) -> None:
     """v17-v20: what is shown is the word."""
     register(coder=Coder)
-    assert build(f"coder quality={value}", {}).elements[0].settings() == {"quality": "high"}
+    assert build(f"coder quality={value}", {}).elements[0].properties_set() == {"quality": "high"}
 
 
 @pytest.mark.parametrize("value", ["HIGH", "High", "0", "2", "Quality.HIGH", '"good pictures"'])
@@ -82,14 +82,14 @@ def test_no_text_at_all(register: Register) -> None:
     """NULL is how GStreamer writes a text that is not there."""
     register(coder=Coder)
     coder = build("coder place=NULL label=NULL name=NULL", {}).elements[0]
-    assert (coder.name, coder.settings()) == ("coder0", {"place": None, "label": ""})
+    assert (coder.name, coder.properties_set()) == ("coder0", {"place": None, "label": ""})
 
 
 def test_what_can_only_be_read_is_ignored_with_a_warning(register: Register) -> None:
     """v36: the element is made; the graph tells it."""
     register(coder=Coder)
     graph = build("coder frames-coded=3 speed=2", {})
-    assert graph.elements[0].settings() == {"speed": 2}
+    assert graph.elements[0].properties_set() == {"speed": 2}
     assert graph.warnings == [
         ("read-only-property", "coder0: frames-coded can only be read; 3 is ignored"),
     ]  # fmt: skip

@@ -41,7 +41,7 @@ def test_names_given_automatically_count_per_type() -> None:
 def test_a_filter_stands_between_its_neighbours() -> None:
     """It has the caps of the text, escapes resolved."""
     graph = build(r'fakesrc ! a/b, s=(string)"x\!y" ! fakesink', {})
-    assert graph.element("capsfilter0").settings() == {"caps": r'a/b, s=(string)"x\!y"'}
+    assert graph.element("capsfilter0").properties_set() == {"caps": r'a/b, s=(string)"x\!y"'}
     assert {f"{src.path} -> {sink.path}" for src, sink in graph.links()} == {
         "fakesrc0.src -> capsfilter0.sink", "capsfilter0.src -> fakesink0.sink",
     }  # fmt: skip
@@ -64,19 +64,19 @@ def test_the_first_name_and_the_last_value_win() -> None:
     """n04, v30: as gst-launch has it."""
     graph = build("queue name=a name=b max-size-buffers=1 max-size-buffers=2", {})
     assert graph.elements[0].name == "a"
-    assert graph.elements[0].settings() == {"max-size-buffers": 2}
+    assert graph.elements[0].properties_set() == {"max-size-buffers": 2}
 
 
 def test_settings_are_those_of_the_text_only() -> None:
     """Defaults are not repeated; values are JSON values, names have dashes."""
     (element,) = build("queue leaky=1 max_size_time=0x10", {}).elements
-    assert element.settings() == {"leaky": "upstream", "max-size-time": 16}
+    assert element.properties_set() == {"leaky": "upstream", "max-size-time": 16}
 
 
 def test_variables_are_filled_in() -> None:
     """A value with blanks stays one value."""
     graph = build("fakesrc num-buffers=${N:-3} ! identity name=${NAME} ! fakesink", {"NAME": "x"})
-    assert graph.elements[0].settings() == {"num-buffers": 3}
+    assert graph.elements[0].properties_set() == {"num-buffers": 3}
     assert graph.elements[1].name == "x"
 
 
@@ -110,7 +110,7 @@ def test_texts_are_unquoted_twice(register: Register, written: str, value: str) 
     """q30, q39: once as the launch line has it, once as a string value."""
     register(texts=Texts)
     element = build(f"texts text={written}", {}).elements[0]
-    assert element.settings() == {"text": value}
+    assert element.properties_set() == {"text": value}
 
 
 def test_bins_group_elements() -> None:
@@ -140,7 +140,7 @@ def test_a_bin_is_linked_by_its_last_chain() -> None:
 def test_a_bin_may_set_properties_of_its_children() -> None:
     """Child properties are written `child::property`."""
     graph = build("bin.( s::num-buffers=3 fakesrc name=s )", {})
-    assert graph.element("s").settings() == {"num-buffers": 3}
+    assert graph.element("s").properties_set() == {"num-buffers": 3}
 
 
 def test_an_address_is_a_source_or_a_sink(register: Register) -> None:
@@ -153,7 +153,9 @@ def test_an_address_is_a_source_or_a_sink(register: Register) -> None:
         location: str = Property("")
 
     register(filesrc=Fetch, httpsrc=Fetch)
-    assert build("http://h/a%20b ! fakesink", {}).elements[0].settings() == {"location": "http://h/a%20b"}
+    assert build("http://h/a%20b ! fakesink", {}).elements[0].properties_set() == {
+        "location": "http://h/a%20b"
+    }
     with pytest.raises(DescriptionError, match="no sink element for scheme 'gopher'"):
         build("fakesrc ! gopher://x", {})
     with pytest.raises(DescriptionError, match=r"no source element for the path './a'; write file:///PATH"):
@@ -170,7 +172,7 @@ def test_backslashes_of_an_address_are_resolved(register: Register) -> None:
         location: str = Property("")
 
     register(xsrc=Fetch)
-    assert build(r"x://h/a\ b\"c ! fakesink", {}).elements[0].settings() == {"location": 'x://h/a b"c'}
+    assert build(r"x://h/a\ b\"c ! fakesink", {}).elements[0].properties_set() == {"location": 'x://h/a b"c'}
 
 
 @pytest.mark.parametrize(
@@ -234,7 +236,7 @@ def test_secrets_are_masked_in_the_graph(register: Register) -> None:
     """What is exported shows that a secret is set, not what it is."""
     register(texts=Texts)
     (element,) = build("texts secret=hunter2", {}).elements
-    assert element.settings() == {"secret": "***"}
+    assert element.properties_set() == {"secret": "***"}
     assert element.secret == "hunter2"  # type: ignore[attr-defined]
 
 

@@ -20,7 +20,7 @@ from streamkit.graph.build import build
 )
 def test_brackets_set_properties_of_children(text: str, name: str, settings: dict[str, object]) -> None:
     """b17: at any depth, over what the child's own text says, and on what links bring later."""
-    assert build(text, {}).element(name).settings() == settings
+    assert build(text, {}).element(name).properties_set() == settings
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_a_child_that_never_comes_is_a_warning(text: str) -> None:
 def test_a_bins_own_properties_are_kept_and_change_nothing() -> None:
     """They are shown, with a warning that they have no effect."""
     graph = build("pipeline.( name=a message-forward=true latency=5 name=b fakesrc )", {})
-    assert [(group.name, group.settings()) for group in graph.bins] == [
+    assert [(group.name, group.properties_set()) for group in graph.bins] == [
         ("b", {"message-forward": True, "latency": 5}),
     ]  # fmt: skip
     assert [code for code, _ in graph.warnings] == ["no-effect", "no-effect"]

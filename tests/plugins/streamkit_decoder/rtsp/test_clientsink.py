@@ -249,7 +249,7 @@ def test_no_password_is_in_the_list_of_processes(serve: Serve) -> None:
         for name in ("cmdline", "environ"):
             assert b"hidden-word" not in Path(f"/proc/{child}/{name}").read_bytes()
     graph = Pipeline.parse(f"{NOT_PACED} location={location}")
-    assert str(graph["out"].settings()["location"]).startswith("rtsp://***@")
+    assert str(graph["out"].properties_set()["location"]).startswith("rtsp://***@")
 
 
 def test_starts_and_stops_leave_nothing(closing_server: Close) -> None:

@@ -75,7 +75,7 @@ def test_stopping_while_connecting_is_quick(serve: Serve, transport: str, after_
 def test_the_location_is_shown_without_password() -> None:
     """A graph's settings hold the address, not the password."""
     element = Pipeline.parse("rtspsrc name=r location=rtsp://me:secret@cam/live ! decode ! fakesink")["r"]
-    assert element.settings()["location"] == "rtsp://***@cam/live"
+    assert element.properties_set()["location"] == "rtsp://***@cam/live"
 
 
 @pytest.mark.parametrize("transport", ["tcp", "udp"])

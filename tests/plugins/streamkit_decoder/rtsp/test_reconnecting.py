@@ -185,7 +185,7 @@ def test_credentials(start_server: StartServer) -> None:
             pipeline.run(timeout_s=5)
         assert "hunter" not in str(caught.value)
     element = Pipeline.parse(f"rtspsrc name=r location={server.url} user-pw=hunter2 {rest}")["r"]
-    assert "hunter2" not in str(element.settings())
+    assert "hunter2" not in str(element.properties_set())
 
 
 @pytest.mark.parametrize(

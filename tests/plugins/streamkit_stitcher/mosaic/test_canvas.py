@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import project, translation
+from streamkit.geometry.homography import project, translation
 from streamkit_stitcher.mosaic.canvas import Canvas
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import translation
+from streamkit.geometry.homography import translation
 from streamkit_stitcher.mosaic.coverage import Coverage
 
 SMALL = (360, 640)

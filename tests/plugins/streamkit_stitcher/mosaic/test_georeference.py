@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import translation
+from streamkit.geometry.homography import translation
 from streamkit_stitcher.mosaic.georeference import PositionFix, georeference, local_metres
 from streamkit_stitcher.mosaic.geotiff import north_up, to_utm, utm_code, write_geotiff
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import inverse, project, translation
+from streamkit.geometry.homography import inverse, project, translation
 from streamkit_stitcher.mosaic.mosaic import Mosaic
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 from streamkit_stitcher.plane.tracker import PlaneTracker

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import IDENTITY, normalised, translation
+from streamkit.geometry.homography import IDENTITY, normalised, translation
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.settings import PlaneSettings
 

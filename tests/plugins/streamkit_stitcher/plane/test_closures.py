@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import translation
+from streamkit.geometry.homography import translation
 from streamkit_stitcher.plane.closures import ClosureEvidence
 from streamkit_stitcher.plane.graph import Tie
 

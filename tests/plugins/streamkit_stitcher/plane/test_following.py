@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import IDENTITY, project, translation
+from streamkit.geometry.homography import IDENTITY, project, translation
 from streamkit_stitcher.plane.following import LEVEL_PATCHES, KeyframeFollower, following_level
 from streamkit_stitcher.plane.key_picture import LEVELS, Beside, key_picture
 from streamkit_stitcher.plane.keyframes import KeyframeStore

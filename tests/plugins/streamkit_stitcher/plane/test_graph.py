@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from streamkit.geometry.homography import project, translation
 from streamkit_stitcher.bundle_adjustment.adjustment import adjust
-from streamkit_stitcher.homographies import project, translation
 from streamkit_stitcher.plane.graph import KeyframeGraph, Tie
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import IDENTITY, normalised, translation
+from streamkit.geometry.homography import IDENTITY, normalised, translation
 from streamkit_stitcher.plane.graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.settings import PlaneSettings

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import IDENTITY, inverse, translation
+from streamkit.geometry.homography import IDENTITY, inverse, translation
 from streamkit_stitcher.plane.key_picture import LEVELS, patches_around
 from streamkit_stitcher.plane.keyframes import KeyframeMatcher, KeyframeStore, pooled_placement
 from streamkit_stitcher.registration.corners import CornerDetector

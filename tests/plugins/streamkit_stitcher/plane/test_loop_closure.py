@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from streamkit_stitcher.homographies import IDENTITY, translation
+from streamkit.geometry.homography import IDENTITY, translation
 from streamkit_stitcher.plane.key_picture import key_picture
 from streamkit_stitcher.plane.keyframes import KeyframeStore
 from streamkit_stitcher.plane.loop_closure import likeness

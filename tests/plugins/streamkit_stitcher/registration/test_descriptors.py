@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from streamkit_stitcher.homographies import corners, project
+from streamkit.geometry.homography import corners, project
 from streamkit_stitcher.registration.descriptors import describe, recognise
 
 

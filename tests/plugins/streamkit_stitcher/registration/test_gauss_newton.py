@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import corners, project
+from streamkit.geometry.homography import corners, project
 from streamkit_stitcher.registration.gauss_newton import Scaling, corner_deviation, stepped
 
 TRUE = np.array([[0.98, 0.06, 12.0], [-0.05, 1.02, -7.0], [3e-5, -2e-5, 1.0]])

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import corners, project, translation
+from streamkit.geometry.homography import corners, project, translation
 from streamkit_stitcher.registration.corners import even_corners
 from streamkit_stitcher.registration.joint_alignment import align_coarsely, align_jointly
 from streamkit_stitcher.registration.joint_level import joint_level, spread_order

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import project
+from streamkit.geometry.homography import project
 from streamkit_stitcher.registration.motion_models import (
     FitLimits,
     MotionModel,

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import project, translation
+from streamkit.geometry.homography import project, translation
 from streamkit_stitcher.registration.gauss_newton import Scaling
 from streamkit_stitcher.registration.joint_alignment import align_coarsely
 from streamkit_stitcher.registration.joint_level import joint_level

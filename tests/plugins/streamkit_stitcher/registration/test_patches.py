@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import project, translation
+from streamkit.geometry.homography import project, translation
 from streamkit_stitcher.registration.corners import CornerDetector
 from streamkit_stitcher.registration.patches import align, cut_patches, prepare, pyramid, reduced_motion
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.homographies import corners, project
+from streamkit.geometry.homography import corners, project
 from streamkit_stitcher.registration.motion_models import MotionModel, least_squares
 from streamkit_stitcher.registration.wide_baseline import fit_wide_baseline
 

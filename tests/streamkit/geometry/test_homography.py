@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher import homographies as h
+from streamkit.geometry import homography as h
 
 SHAPE = (720, 1280)
 TILTED = np.array([[1.02, 0.03, 12.0], [-0.02, 0.99, -7.0], [1e-5, -2e-5, 1.0]])

@@ -1,13 +1,15 @@
-"""A thread that does one thing after the other, so that whoever hands the work over can go on."""
+"""BackgroundExecutor: one thread that does pieces of work in order, so that the caller can go on."""
+
+from __future__ import annotations
 
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
-_LOOK_S: Final = 0.5
+LOOK_S = 0.5  # longest sleep between looks, should a wake-up be missed
 
 Result = TypeVar("Result")
 
@@ -16,18 +18,21 @@ class Abandoned(Exception):
     """The work is not wanted any more."""
 
 
-class Worker:
-    """Does what it is handed, in order, in a thread that begins with the first work.
+class BackgroundExecutor:
+    """Does the work it is given, in order, in a thread that begins with the first piece.
+
+    `concurrent.futures.ThreadPoolExecutor` has no bound on the work that waits, and waits for all of it when
+    it is closed; this one bounds the bytes that waiting work holds, and abandons what is not done.
 
     Args:
         name: of the thread.
-        capacity: most bytes that wait; who would hand over more waits for room. One piece always fits.
-        failed: called in the worker's thread with what work raised for whose result nobody asks.
+        max_bytes: most bytes that work not done may hold; `do` then waits for room. One piece always fits.
+        failed: called in the thread with what work raised whose result nobody has asked for.
     """
 
-    def __init__(self, name: str, capacity: int, failed: Callable[[Exception], None]) -> None:
+    def __init__(self, name: str, max_bytes: int, failed: Callable[[Exception], None]) -> None:
         self._name = name
-        self._capacity = capacity
+        self._max_bytes = max_bytes
         self._failed = failed
         self._waiting: deque[tuple[Callable[[], Any], Future[Any] | None, int]] = deque()
         self._changed = threading.Condition()
@@ -38,33 +43,31 @@ class Worker:
 
     @property
     def waiting(self) -> int:
-        """Pieces of work that were handed over and have not begun."""
+        """Pieces of work that have not begun."""
         return len(self._waiting)
 
     def do(self, work: Callable[[], object], size: int = 0, cancelled: threading.Event | None = None) -> None:
-        """Hands over work that gives nothing back.
+        """Adds work that gives nothing back; waits for room.
 
         Args:
-            work: called once, in the worker's thread.
+            work: called once, in the thread.
             size: bytes that it holds until it is done.
-            cancelled: ends the wait for room; the work is lined up all the same.
+            cancelled: ends the wait for room; the work is added all the same.
         """
         with self._changed:
-            while self._waiting and self._bytes + size > self._capacity and not self._is_closed:
+            while self._waiting and self._bytes + size > self._max_bytes and not self._is_closed:
                 if cancelled is not None and cancelled.is_set():
                     break
-                self._changed.wait(_LOOK_S)
-        self._line_up(work, None, size)
+                self._changed.wait(LOOK_S)
+        self._append(work, None, size)
 
-    def ask(self, work: Callable[[], Result]) -> "Future[Result]":
-        """Hands over work whose result, or exception, the future has; cancelled where it is abandoned."""
+    def ask(self, work: Callable[[], Result]) -> Future[Result]:
+        """Adds work whose result, or exception, the future gets; it is cancelled where it is abandoned."""
         future: Future[Result] = Future()
-        self._line_up(work, future, 0)
+        self._append(work, future, 0)
         return future
 
-    def wait(
-        self, future: "Future[Any]", patience_s: float, cancelled: threading.Event | None = None
-    ) -> bool:
+    def wait(self, future: Future[Any], patience_s: float, cancelled: threading.Event | None = None) -> bool:
         """Waits until a future is done, for as long as there is progress every `patience_s`.
 
         Returns:
@@ -77,14 +80,14 @@ class Worker:
                     progress, deadline = self._progress, time.monotonic() + patience_s
                 if time.monotonic() >= deadline:
                     break
-                self._changed.wait(_LOOK_S)
+                self._changed.wait(LOOK_S)
         return future.done()
 
-    def breathe(self) -> None:
-        """Called by work now and then: it is getting on.
+    def report_progress(self) -> None:
+        """Called by work now and then, so that `wait` goes on waiting.
 
         Raises:
-            Abandoned: nobody wants its result any more.
+            Abandoned: the executor was closed, and the result is not wanted any more.
         """
         self._progress += 1
         if self._is_closed:
@@ -104,7 +107,7 @@ class Worker:
         self._thread.join(limit_s)
         return not self._thread.is_alive()
 
-    def _line_up(self, work: Callable[[], Any], future: "Future[Any] | None", size: int) -> None:
+    def _append(self, work: Callable[[], Any], future: Future[Any] | None, size: int) -> None:
         with self._changed:
             if not self._is_closed:
                 self._waiting.append((work, future, size))
@@ -121,19 +124,18 @@ class Worker:
         while True:
             with self._changed:
                 while not self._waiting and not self._is_closed:
-                    self._changed.wait(_LOOK_S)
+                    self._changed.wait(LOOK_S)
                 if self._is_closed:
                     return
                 work, future, size = self._waiting.popleft()
             self._perform(work, future)
-            # Let go of before the next wait, with what it holds.
-            del work, future
+            del work, future  # with what they hold, before the next wait
             with self._changed:
                 self._bytes -= size
                 self._progress += 1
                 self._changed.notify_all()
 
-    def _perform(self, work: Callable[[], Any], future: "Future[Any] | None") -> None:
+    def _perform(self, work: Callable[[], Any], future: Future[Any] | None) -> None:
         try:
             result = work()
         except Abandoned:

@@ -3,7 +3,6 @@
 import math
 from typing import Final
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -15,6 +14,7 @@ IDENTITY: Final[FloatArray] = np.eye(3)
 IDENTITY.setflags(write=False)
 
 _SMALLEST: Final = 1e-12
+_EPSILON: Final = float(np.finfo(np.float64).eps)
 _AREA_RANGE: Final = (0.5, 2.0)
 _MAX_TILT: Final = 0.1
 
@@ -60,10 +60,11 @@ def project(matrix: FloatArray, points: FloatArray) -> FloatArray:
     Returns:
         float64[n, 2]; points that go to infinity come out as zeros.
     """
-    if not len(points):
-        return np.empty((0, 2))
-    mapped = cv2.perspectiveTransform(points.reshape(1, -1, 2), matrix)
-    return np.asarray(mapped, dtype=np.float64).reshape(-1, 2)
+    x, y = points[:, 0], points[:, 1]
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    depth = g * x + h * y + i
+    scale = np.divide(1.0, depth, out=np.zeros_like(depth), where=np.abs(depth) > _EPSILON)
+    return np.stack([(a * x + b * y + c) * scale, (d * x + e * y + f) * scale], axis=1)
 
 
 def translation(shift: FloatArray) -> FloatArray:
@@ -180,9 +181,8 @@ def overlap(matrix: FloatArray, shape: tuple[int, int]) -> float:
     footprint = project(matrix, frame)
     if not is_convex(footprint):
         return 0.0
-    area, _ = cv2.intersectConvexConvex(footprint.astype(np.float32), frame.astype(np.float32))
-    own = float(cv2.contourArea(footprint.astype(np.float32)))
-    return min(1.0, float(area) / own) if own > 0 else 0.0
+    own = polygon_area(footprint)
+    return min(1.0, polygon_area(_clipped(footprint, shape)) / own) if own > 0 else 0.0
 
 
 def scale_change(matrix: FloatArray, shape: tuple[int, int]) -> float:
@@ -190,5 +190,32 @@ def scale_change(matrix: FloatArray, shape: tuple[int, int]) -> float:
     footprint = project(matrix, corners(shape))
     if not is_convex(footprint):
         return 0.0
-    area = float(cv2.contourArea(footprint.astype(np.float32)))
-    return float(np.sqrt(area / ((shape[0] - 1) * (shape[1] - 1))))
+    return float(np.sqrt(polygon_area(footprint) / ((shape[0] - 1) * (shape[1] - 1))))
+
+
+def polygon_area(polygon: FloatArray) -> float:
+    """Area of a polygon without crossings, float64[n, 2], by the shoelace formula."""
+    x, y = polygon[:, 0], polygon[:, 1]
+    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+
+
+def _clipped(polygon: FloatArray, shape: tuple[int, int]) -> FloatArray:
+    """The part of a convex polygon within the pixel centres of an image.
+
+    Source: Sutherland and Hodgman, Reentrant polygon clipping, Communications of the ACM 17 (1974).
+    """
+    points = [(float(x), float(y)) for x, y in polygon]
+    for axis, size in ((0, shape[1]), (1, shape[0])):
+        for sign, limit in ((1.0, 0.0), (-1.0, -(size - 1.0))):
+            depths = [sign * point[axis] - limit for point in points]
+            kept: list[tuple[float, float]] = []
+            for index, (point, depth) in enumerate(zip(points, depths, strict=True)):
+                before, depth_before = points[index - 1], depths[index - 1]
+                if (depth >= 0) != (depth_before >= 0):
+                    share = depth_before / (depth_before - depth)
+                    crossing = [a + (b - a) * share for a, b in zip(before, point, strict=True)]
+                    kept.append((crossing[0], crossing[1]))
+                if depth >= 0:
+                    kept.append(point)
+            points = kept
+    return np.array(points, dtype=np.float64).reshape(-1, 2)

@@ -1,10 +1,10 @@
-"""The thread that keeps, paints and writes."""
+"""BackgroundExecutor: order, bounds, results, and an end that waits for nothing."""
 
 import threading
 
 import pytest
 
-from streamkit_stitcher.mosaic.worker import Worker
+from streamkit.handoff.background_executor import BackgroundExecutor
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def failures():
 @pytest.fixture
 def worker(failures):
     """A worker with room for ten bytes."""
-    worker = Worker("test mosaic", 10, failures.append)
+    worker = BackgroundExecutor("test mosaic", 10, failures.append)
     yield worker
     assert worker.close(10.0)
 
@@ -95,13 +95,13 @@ def test_a_wait_ends_when_cancelled(worker):
 
 def test_closing_abandons_what_is_not_done(failures):
     """Work that breathes ends at once, what waits never begins, and the thread ends."""
-    worker = Worker("test mosaic", 10, failures.append)
+    worker = BackgroundExecutor("test mosaic", 10, failures.append)
     begun, done = threading.Event(), []
 
     def breathing():
         begun.set()
         while True:
-            worker.breathe()
+            worker.report_progress()
 
     running, waiting = worker.ask(breathing), worker.ask(lambda: done.append(1))
     assert begun.wait(10)

@@ -1,0 +1,74 @@
+"""Settings: one declaration of a number that an algorithm works with and users set.
+
+An algorithm declares a frozen dataclass whose fields are `setting(...)`. The element that runs it says
+`settings = SettingsOf(ThatClass)`: each field is then a property of the element, of the same name, and
+`self.settings` is a snapshot of their values. This module needs nothing of the engine, so that algorithms can
+be used without it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+TRAITS = "streamkit.traits"
+
+
+@dataclass(frozen=True, slots=True)
+class Traits:
+    """What is told about a property besides its default.
+
+    Attributes:
+        minimum: smallest value allowed, or None.
+        maximum: largest value allowed, or None.
+        unit: of the number, or "".
+        doc: one sentence.
+        live: whether it may change while the pipeline plays.
+        secret: whether its value is never shown.
+        readonly: whether only the element itself sets it.
+        read: works the value out of the element, or None where it is stored.
+        aliases: older names, accepted with a warning.
+    """
+
+    minimum: Any = None
+    maximum: Any = None
+    unit: str = ""
+    doc: str = ""
+    live: bool = False
+    secret: bool = False
+    readonly: bool = False
+    read: Callable[[Any], Any] | None = None
+    aliases: tuple[str, ...] = ()
+
+
+def setting(
+    default: Any,
+    *,
+    min: float | Fraction | None = None,
+    max: float | Fraction | None = None,
+    unit: str = "",
+    doc: str = "",
+    live: bool = False,
+    aliases: tuple[str, ...] = (),
+) -> Any:
+    """Declares a field of a settings dataclass that is a property of the element, too.
+
+    Args:
+        default: value of a new element.
+        min: smallest value allowed.
+        max: largest value allowed.
+        unit: unit of a number, for example "px".
+        doc: one sentence for `inspect` and the documentation.
+        live: whether it may be changed while the pipeline plays.
+        aliases: older names of the property, accepted with a warning.
+    """
+    traits = Traits(min, max, unit, doc, live, aliases=aliases)
+    return dataclasses.field(default=default, metadata={TRAITS: traits})
+
+
+def traits_of(field: dataclasses.Field[Any]) -> Traits | None:
+    """What is told about a field, or None for one that is no property."""
+    return field.metadata.get(TRAITS)

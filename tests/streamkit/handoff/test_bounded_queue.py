@@ -1,0 +1,100 @@
+"""BoundedQueue: order, bounds, waits that end, and losses that are counted."""
+
+import threading
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from streamkit.handoff.bounded_queue import BoundedQueue, QueueStatistics
+
+
+def in_thread(work: Callable[[], object]) -> tuple[threading.Thread, list[object]]:
+    """Runs work beside the test; the list gets its result."""
+    results: list[object] = []
+    thread = threading.Thread(target=lambda: results.append(work()))
+    thread.start()
+    return thread, results
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 9), st.booleans()), max_size=60), st.integers(0, 4), st.integers(0, 20)
+)
+def test_every_item_is_taken_held_or_dropped(
+    steps: list[tuple[int, bool]], capacity: int, limit: int
+) -> None:
+    """Whatever comes and goes: order stays, the bounds hold, and the counts add up."""
+    queue: BoundedQueue[int] = BoundedQueue(capacity, limit)
+    taken: list[int] = []
+    for number, (size, takes) in enumerate(steps):
+        queue.put(number, size)
+        assert capacity == 0 or len(queue) <= capacity
+        assert limit == 0 or len(queue) == 1 or queue.statistics.bytes <= limit
+        if takes:
+            item = queue.get()
+            assert item is not None
+            taken.append(item)
+    found = queue.statistics
+    assert taken == sorted(taken)
+    assert (found.received, found.taken) == (len(steps), len(taken))
+    assert found.received == found.taken + found.dropped + found.items
+
+
+def test_a_full_queue_drops_what_it_is_told_to() -> None:
+    """Errors stay, chatter goes."""
+    queue: BoundedQueue[str] = BoundedQueue(2, choose_dropped=lambda items: items.index("chatter"))
+    assert [queue.put(word) for word in ("error", "chatter", "last")] == [0, 0, 1]
+    assert [queue.get(), queue.get(), queue.get()] == ["error", "last", None]
+
+
+def test_a_full_queue_waits_for_room() -> None:
+    """As long as is asked; what is taken meanwhile makes room."""
+    queue: BoundedQueue[int] = BoundedQueue(1)
+    queue.put(0)
+    thread, dropped = in_thread(lambda: queue.put(1, wait_s=None))
+    assert queue.get(10) == 0
+    thread.join(10)
+    assert dropped == [0]
+    assert queue.get() == 1
+
+
+def test_waits_end_when_cancelled_or_closed() -> None:
+    """Both sides, each with nothing."""
+    queue: BoundedQueue[int] = BoundedQueue(1)
+    cancelled = threading.Event()
+    thread, results = in_thread(lambda: queue.get(None, cancelled))
+    cancelled.set()
+    queue.wake()
+    thread.join(10)
+    queue.put(0)
+    putting, dropped = in_thread(lambda: queue.put(1, wait_s=None))
+    assert queue.close() == 1
+    putting.join(10)
+    assert (results, dropped, queue.get()) == ([None], [0], None)
+
+
+def test_an_end_comes_behind_the_last_item() -> None:
+    """With its error, if there is one; and can be taken back."""
+    queue: BoundedQueue[int] = BoundedQueue()
+    queue.put(0)
+    queue.end(OSError("lens cap on"))
+    assert not queue.is_over
+    assert queue.get(None) == 0
+    assert queue.is_over
+    with pytest.raises(OSError, match="lens cap on"):
+        queue.get(None)
+    queue.reopen()
+    assert queue.get(0.0) is None
+
+
+def test_waiting_until_empty_ends_without_progress() -> None:
+    """As long as items are taken it goes on; then the time is over."""
+    queue: BoundedQueue[int] = BoundedQueue()
+    queue.put(0)
+    assert not queue.wait_empty(0.05)
+    thread, results = in_thread(lambda: queue.wait_empty(10))
+    queue.get()
+    thread.join(10)
+    assert results == [True]
+    assert queue.statistics == QueueStatistics(0, 0, 1, 1, 0)
