@@ -11,7 +11,7 @@ from streamkit_zenoh.endpoints import is_local, is_secure, redact
 
 # Sessions of one machine find each other here without a router and without multicast: each listens on the
 # first free port and connects to those below it, which are taken by the ones before.
-MEETING_PORTS = range(7450, 7466)
+MEETING_PORTS = range(7450, 7514)
 CLIENT_CONNECT_LIMIT_MS = 5_000
 CONNECT_RETRY = {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2}
 # How long the other side takes a silent one for alive: with zenoh's own 10 s, a dead link is seen too late.
@@ -74,23 +74,23 @@ def plain(error: Exception) -> str:
     return redact(SOURCE_PLACE.sub("", str(error)).strip())
 
 
-def local_configuration(settings: SessionSettings, port: int | None, multicast: bool) -> zenoh.Config:
+def local_configuration(settings: SessionSettings, port: int | None) -> zenoh.Config:
     """The configuration of a session on this machine that listens at a meeting port, or at any.
 
     Raises:
         SessionFailure: the configuration file cannot be read.
     """
     config = base_configuration(settings)
-    ports = MEETING_PORTS if port is None else range(MEETING_PORTS.start, port)
-    if not settings.is_client:
+    if mode_of(config) == "client":
+        _put(config, "connect/timeout_ms", CLIENT_CONNECT_LIMIT_MS)
+    else:
         _put(config, "listen/endpoints", [f"tcp/127.0.0.1:{port or 0}"])
         _put(config, "listen/exit_on_failure", True)
-        _put(config, "connect/endpoints", [f"tcp/127.0.0.1:{lower}" for lower in ports])
+    ports = MEETING_PORTS if port is None else range(MEETING_PORTS.start, port)
+    _put(config, "connect/endpoints", [f"tcp/127.0.0.1:{lower}" for lower in ports])
+    _close_scouting(config)
     # Gossip would make this session known to, and connect it with, machines that a local one knows.
     _put(config, "scouting/gossip/enabled", False)
-    _put(config, "scouting/multicast/enabled", multicast)
-    if multicast:
-        _put(config, "scouting/multicast/interface", "lo")
     return config
 
 
@@ -106,7 +106,7 @@ def meets_locally(settings: SessionSettings) -> bool:
         return True
     config = base_configuration(settings)
     told = connected(config, settings) or _told(config, "listen/endpoints")
-    return not told and not _told(config, "scouting/multicast/enabled") and _mode(config) != "router"
+    return not told and not _scouts(config) and mode_of(config) != "router"
 
 
 def configuration(settings: SessionSettings) -> zenoh.Config:
@@ -116,7 +116,7 @@ def configuration(settings: SessionSettings) -> zenoh.Config:
         SessionFailure: the configuration file cannot be read.
     """
     config = base_configuration(settings)
-    endpoints, mode = connected(config, settings), _mode(config)
+    endpoints, mode = connected(config, settings), mode_of(config)
     if settings.connect:
         _put(config, "connect/endpoints", list(settings.connect))
     if endpoints and mode == "client":
@@ -128,9 +128,31 @@ def configuration(settings: SessionSettings) -> zenoh.Config:
         return config
     if not settings.listen and not _told(config, "listen/endpoints"):
         _put(config, "listen/endpoints", _reachable(endpoints, mode))
-    if not _told(config, "scouting/multicast/enabled"):
-        _put(config, "scouting/multicast/enabled", False)
+    _close_scouting(config)
+    # A router brings the peers that connect to it together by gossip. Who only listens needs no introduction:
+    # everybody comes to it, and a stranger could name any place.
+    if not endpoints and not _told(config, "scouting/gossip/autoconnect"):
+        _put(config, "scouting/gossip/autoconnect", {"router": [], "peer": []})
+    named = (*endpoints, *_endpoints(config, "listen/endpoints"))
+    if any(is_secure(endpoint) for endpoint in named) and not _told(config, "transport/link/protocols"):
+        # A partner that is introduced over an encrypted link is not to be connected to in clear.
+        _put(config, "transport/link/protocols", sorted({name.partition("/")[0] for name in named}))
     return config
+
+
+def _close_scouting(config: zenoh.Config) -> None:
+    """Opens no scouting socket unless the file asks for one.
+
+    A session with a scouting socket connects to whatever place a forged HELLO names, and hands over all it
+    publishes. zenoh binds that socket to all interfaces, whatever `scouting/multicast/interface` says.
+    """
+    if not _scouts(config):
+        _put(config, "scouting/multicast/enabled", False)
+
+
+def _scouts(config: zenoh.Config) -> bool:
+    """Whether the configuration file asks for multicast scouting; zenoh's own default does not count."""
+    return bool(json.loads(config.get_json("scouting/multicast/enabled")))
 
 
 def _reachable(endpoints: tuple[str, ...], mode: str) -> list[str]:
@@ -166,6 +188,9 @@ def base_configuration(settings: SessionSettings) -> zenoh.Config:
     _put(config, "transport/link/rx/max_message_size", MESSAGE_LIMIT_BYTES)
     # A record that lies in shared memory is lost when its publisher closes before it has been read.
     _put(config, "transport/shared_memory/enabled", False)
+    if not _told(config, "adminspace/enabled"):
+        # It tells configuration and partners to whoever asks.
+        _put(config, "adminspace/enabled", False)
     patience_us = round(settings.patience_s * 1e6)
     _put(config, "transport/link/tx/queue/congestion_control/block/wait_before_close", patience_us)
     return config
@@ -173,13 +198,18 @@ def base_configuration(settings: SessionSettings) -> zenoh.Config:
 
 def connected(config: zenoh.Config, settings: SessionSettings) -> tuple[str, ...]:
     """The endpoints that a session connects to, from the settings, else from the file."""
-    found = json.loads(config.get_json("connect/endpoints"))
+    return settings.connect or _endpoints(config, "connect/endpoints")
+
+
+def _endpoints(config: zenoh.Config, key: str) -> tuple[str, ...]:
+    found = json.loads(config.get_json(key))
     if isinstance(found, dict):
         found = [endpoint for endpoints in found.values() for endpoint in endpoints]
-    return settings.connect or tuple(str(endpoint) for endpoint in found or ())
+    return tuple(str(endpoint) for endpoint in found or ())
 
 
-def _mode(config: zenoh.Config) -> str:
+def mode_of(config: zenoh.Config) -> str:
+    """How a session of this configuration takes part: peer, client or router."""
     return str(json.loads(config.get_json("mode")) or "peer")
 
 

@@ -13,10 +13,12 @@ from streamkit_zenoh.configuration import (
     Reach,
     SessionFailure,
     SessionSettings,
+    base_configuration,
     configuration,
     connected,
     local_configuration,
     meets_locally,
+    mode_of,
     plain,
 )
 from streamkit_zenoh.endpoints import redact
@@ -35,8 +37,8 @@ def open_session(settings: SessionSettings, limit_s: float = OPEN_LIMIT_S) -> ze
     """
     if not meets_locally(settings):
         return _opened(configuration(settings), settings, limit_s)
-    if settings.is_client:
-        return _opened(local_configuration(settings, None, multicast=True), settings, limit_s)
+    if mode_of(base_configuration(settings)) == "client":
+        return _open_local_client(settings, limit_s)
     return _open_at_meeting_port(settings, limit_s)
 
 
@@ -131,16 +133,23 @@ def _certificate_fault(endpoints: tuple[str, ...], config: zenoh.Config) -> str 
     return None
 
 
+def _open_local_client(settings: SessionSettings, limit_s: float) -> zenoh.Session:
+    """A client of the first session that answers at a meeting port."""
+    try:
+        return _opened(local_configuration(settings, None), settings, limit_s)
+    except SessionFailure:
+        raise SessionFailure(
+            f"zenoh (mode=client): nobody answers at tcp/127.0.0.1:{MEETING_PORTS[0]} to "
+            f"{MEETING_PORTS[-1]}; start a publisher or a router, or name an endpoint with connect"
+        ) from None
+
+
 def _open_at_meeting_port(settings: SessionSettings, limit_s: float) -> zenoh.Session:
-    """A session at the first free meeting port; beyond the last one, multicast on loopback must do."""
-    for multicast in (True, False):
-        for port in (*MEETING_PORTS, None):
-            try:
-                return _opened(local_configuration(settings, port, multicast), settings, limit_s)
-            except SessionFailure as failure:
-                # Any other trouble than a taken port may come from multicast, which some containers forbid.
-                if "in use" not in str(failure):
-                    if not multicast:
-                        raise
-                    break
-    raise SessionFailure("zenoh: no port of 127.0.0.1 can be listened on; name one with listen")
+    """A session at the first free meeting port; beyond the last one, it meets those that have one."""
+    for port in MEETING_PORTS:
+        try:
+            return _opened(local_configuration(settings, port), settings, limit_s)
+        except SessionFailure as failure:
+            if "in use" not in str(failure):
+                raise
+    return _opened(local_configuration(settings, None), settings, limit_s)

@@ -8,12 +8,14 @@ import pytest
 
 from streamkit_zenoh.configuration import (
     LEASE_MS,
+    MEETING_PORTS,
     MESSAGE_LIMIT_BYTES,
     Mode,
     Reach,
     SessionFailure,
     SessionSettings,
     configuration,
+    local_configuration,
     meets_locally,
 )
 
@@ -35,6 +37,7 @@ def _found(settings: SessionSettings, key: str) -> Any:
         ({"connect": {"endpoints": ["tcp/10.0.0.1:7447"]}}, False),
         ({"listen": {"endpoints": ["tcp/10.0.0.1:7447"]}}, False),
         ({"scouting": {"multicast": {"enabled": True}}}, False),
+        ({"scouting": {"multicast": {"enabled": False}}}, True),
         ({"mode": "router"}, False),
     ],
 )
@@ -63,6 +66,47 @@ def test_who_is_not_told_to_listen_does_so_in_bounds(
     settings = _settings(tmp_path / "z.json5", content)
     assert _found(settings, "listen/endpoints") == listens
     assert _found(settings, "scouting/multicast/enabled") is False
+
+
+@pytest.mark.parametrize("settings", [SessionSettings(), SessionSettings(mode=Mode.CLIENT)])
+def test_a_local_session_neither_scouts_nor_gossips(settings: SessionSettings) -> None:
+    """It meets others by their ports alone."""
+    config = local_configuration(settings, MEETING_PORTS[3])
+    assert json.loads(config.get_json("scouting/multicast/enabled")) is False
+    assert json.loads(config.get_json("scouting/gossip/enabled")) is False
+    assert json.loads(config.get_json("adminspace/enabled")) is False
+    expected = [f"tcp/127.0.0.1:{port}" for port in MEETING_PORTS[:3]]
+    assert json.loads(config.get_json("connect/endpoints")) == expected
+
+
+@pytest.mark.parametrize(
+    ("settings", "autoconnect"),
+    [
+        (SessionSettings(listen=("tcp/0.0.0.0:1",)), {"router": [], "peer": []}),
+        (SessionSettings(connect=("tcp/127.0.0.1:1",)), None),
+        (SessionSettings(reach=Reach.NETWORK), None),
+    ],
+)
+def test_only_a_named_partner_introduces_others(settings: SessionSettings, autoconnect: object) -> None:
+    """Who only listens connects to nobody that a stranger names."""
+    assert _found(settings, "scouting/gossip/autoconnect") == autoconnect
+
+
+@pytest.mark.parametrize(
+    ("connect", "protocols"),
+    [
+        (("tls/10.0.0.1:1",), ["tls"]),
+        (("tls/10.0.0.1:1", "quic/10.0.0.2:1"), ["quic", "tls"]),
+        (("tls/10.0.0.1:1", "tcp/127.0.0.1:1"), ["tcp", "tls"]),
+        (("tcp/10.0.0.1:1",), None),
+    ],
+)
+def test_beside_an_encrypted_link_no_other_kind_is_opened(
+    connect: tuple[str, ...], protocols: list[str] | None
+) -> None:
+    """A router may name partners in clear: they are not connected to."""
+    settings = SessionSettings(connect=connect, mode=Mode.PEER)
+    assert _found(settings, "transport/link/protocols") == protocols
 
 
 def test_what_the_file_says_holds(tmp_path: Path) -> None:

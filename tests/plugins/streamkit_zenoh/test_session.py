@@ -45,6 +45,37 @@ def test_sessions_meet_without_endpoints(open_test_session: Opener) -> None:
         assert _wait_for(lambda session=session, expected=expected: _peers(session) >= expected)
 
 
+def test_many_sessions_meet_without_multicast(open_test_session: Opener) -> None:
+    """A machine with twenty feeds: the first one knows all the others."""
+    first, *others = [open_test_session() for _ in range(20)]
+    names = {str(session.info.zid()) for session in others}
+    assert _wait_for(lambda: _peers(first) >= names, 30)
+
+
+def test_a_client_without_endpoints_finds_a_session_of_this_machine(
+    open_test_session: Opener, key: str
+) -> None:
+    """By the meeting ports, as peers do."""
+    open_test_session()
+    publisher = open_test_session().declare_publisher(key)
+    client = open_test_session(mode=Mode.CLIENT)
+    came = threading.Event()
+    client.declare_subscriber(key, zenoh.handlers.Callback(lambda _: came.set(), indirect=False))
+    assert _wait_for(lambda: publisher.matching_status.matching)
+    publisher.put(b"x")
+    assert came.wait(5)
+
+
+def test_a_client_alone_is_told_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It needs somebody; the error stays short however many ports were tried."""
+    monkeypatch.setattr("streamkit_zenoh.configuration.CLIENT_CONNECT_LIMIT_MS", 200)
+    ports = range(1, 3)
+    monkeypatch.setattr("streamkit_zenoh.configuration.MEETING_PORTS", ports)
+    monkeypatch.setattr("streamkit_zenoh.session.MEETING_PORTS", ports)
+    with pytest.raises(SessionFailure, match=r"nobody answers at tcp/127\.0\.0\.1:1 to 2; start a publisher"):
+        open_session(SessionSettings(mode=Mode.CLIENT))
+
+
 def test_sessions_that_open_at_once_meet(open_test_session: Opener) -> None:
     """Two that start in the same moment do not miss each other."""
     together = threading.Barrier(2)
