@@ -14,6 +14,8 @@ ALIVE = "alive"
 STREAMS = (RECORDS, FRAME, MOSAIC, STATUS)
 # Receivers' tokens lie apart from the users' keys: a receiver's key may have wildcards, a token's not.
 LISTENING = "streamkit/listening"
+# By this parameter of a query a receiver says which token is its own.
+RECEIVER = "receiver"
 
 
 class InvalidKey(ValueError):
@@ -81,9 +83,14 @@ def alive_key(expression: str) -> str:
     return f"{root}/{ALIVE}" if root else ALIVE
 
 
+def receiver_name(session: str, records: str) -> str:
+    """A receiver's name: its session, and its key expression escaped into one word."""
+    return f"{session}/{quote(records, safe='')}"
+
+
 def listening_key(session: str, records: str) -> str:
-    """Where a receiver shows that it listens; carries its key expression, escaped into one word."""
-    return f"{LISTENING}/{session}/{quote(records, safe='')}"
+    """Where a receiver shows that it listens: its token ends in its name."""
+    return f"{LISTENING}/{receiver_name(session, records)}"
 
 
 def listens_to(token: str, records: str) -> bool:

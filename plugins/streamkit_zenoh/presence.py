@@ -24,10 +24,15 @@ class Watch:
         session: an open session.
         expression: which tokens.
         changed: called from zenoh's thread with the number of tokens there, after each change.
+        appeared: called from zenoh's thread with each token that is there, before it is counted.
     """
 
     def __init__(
-        self, session: zenoh.Session, expression: str, changed: Callable[[int], None] | None = None
+        self,
+        session: zenoh.Session,
+        expression: str,
+        changed: Callable[[int], None] | None = None,
+        appeared: Callable[[str], None] | None = None,
     ) -> None:
         self._session = session
         self._tokens: set[str] = set()
@@ -35,6 +40,7 @@ class Watch:
         self._closed = False
         self._lock = threading.Lock()
         self._changed = changed
+        self._appeared = appeared
         # Called in zenoh's own thread, so that a token's end is seen behind the records sent before it.
         handler = zenoh.handlers.Callback(self._take, indirect=False)
         self._subscriber = session.liveliness().declare_subscriber(expression, handler, history=True)
@@ -52,6 +58,8 @@ class Watch:
 
     def _appears(self, token: str, ends: int) -> bool:
         """Notes a token that is there; False where it has ended more often than said."""
+        if self._appeared is not None:
+            self._appeared(token)
         with self._lock:
             if self._closed or self._ended.get(token, 0) != ends:
                 return False
@@ -154,9 +162,9 @@ def wait_until_taken(
     return answered == len(asked)
 
 
-def watch_receivers(session: zenoh.Session) -> Watch:
-    """Watches every receiver that shows itself."""
-    return Watch(session, f"{LISTENING}/**")
+def watch_receivers(session: zenoh.Session, appeared: Callable[[str], None] | None = None) -> Watch:
+    """Watches every receiver that shows itself; see `Watch` for `appeared`."""
+    return Watch(session, f"{LISTENING}/**", appeared=appeared)
 
 
 def wait_for_receivers(

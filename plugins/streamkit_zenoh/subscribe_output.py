@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from streamkit import TrackRecord, TrackState, encode_record
+from streamkit_zenoh.wire.sequence import JUMP_WARNING
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -36,6 +37,7 @@ class Printer:
         self.age = age
         self._subscriber = subscriber
         self._missed = 0
+        self._has_warned = False
         self._ages_ms: list[float] = []
 
     def show(self, record: TrackRecord) -> None:
@@ -51,12 +53,19 @@ class Printer:
         return as_text(record, age_ms)
 
     def look(self) -> None:
-        """Tells what was missed since the last look."""
+        """Tells what was missed since the last look, and once that numbers jump."""
+        self._warn_of_jumps()
         missed = self.missed()
         if self.gaps and missed > self._missed:
             sys.stderr.write(f"gap: {missed - self._missed} records missed, {missed} in all\n")
             sys.stderr.flush()
         self._missed = missed
+
+    def _warn_of_jumps(self) -> None:
+        if self._subscriber.counts.jumps and not self._has_warned:
+            self._has_warned = True
+            sys.stderr.write(f"warning: {JUMP_WARNING}\n")
+            sys.stderr.flush()
 
     def missed(self) -> int:
         """Records lost on the way or dropped here."""
@@ -70,7 +79,7 @@ class Printer:
             counts = self._subscriber.counts
             words.append(
                 f"received {counts.received}, lost {counts.lost}, overwritten {counts.overwritten}, "
-                f"bad {counts.bad}, restarts {counts.restarts}"
+                f"bad {counts.bad}, restarts {counts.restarts}, jumps {counts.jumps}"
             )
         if self.age and len(self._ages_ms) > 1:
             last = quantiles(self._ages_ms, n=100)[98]
@@ -144,6 +153,7 @@ class TablePrinter(Printer):
             if self._record is not None:
                 self._live.update(self._table(self._record), refresh=True)
             self._live.stop()
+            self._warn_of_jumps()
         if sums := self.sums():
             sys.stderr.write(sums + "\n")
 

@@ -19,6 +19,7 @@ from streamkit_zenoh.wire.frame_header import picture_frame, read_header
 from streamkit_zenoh.wire.numbering import remember
 from streamkit_zenoh.wire.pictures import PICTURE_LIMIT_BYTES, decode_picture, picture_size
 from streamkit_zenoh.wire.records import TRACKS_CAPS, TRACKS_NAME, record_frame
+from streamkit_zenoh.wire.sequence import JUMP_WARNING
 
 LOOK_EVERY_S = 0.2
 STOP_LIMIT_S = 2.0
@@ -73,6 +74,7 @@ class ZenohSrc(Connection, Source):
         self._runs: OrderedDict[str, int] = OrderedDict()
         self._decoder = RecordDecoder()
         self._counted: dict[str, int] = {}
+        self._has_warned_of_jumps = False
         self._box: Mailbox[Received] = Mailbox(self.max_records, HELD_LIMIT_BYTES, self.newest)
         is_frame = self.receive is Content.FRAME
         try:
@@ -144,6 +146,9 @@ class ZenohSrc(Connection, Source):
             if count > self._counted.get(reason, 0):
                 self.count_drop(reason, count - self._counted.get(reason, 0))
                 self._counted[reason] = count
+        if counts.jumps and not self._has_warned_of_jumps:
+            self._has_warned_of_jumps = True
+            self.post_warning(f"{self._expression}: {JUMP_WARNING}")
 
     def _frame(self, item: Received) -> Frame | None:
         if item.is_deleted or self._reception is None:

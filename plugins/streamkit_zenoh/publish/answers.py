@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import zenoh
 
+from streamkit_zenoh.keys import RECEIVER
 from streamkit_zenoh.wire.schemas import schema_files, schema_index
 
 
@@ -18,6 +19,7 @@ class Answer(NamedTuple):
 
 
 Provider = Callable[[zenoh.KeyExpr], Iterable[Answer]]
+Asking = Callable[[zenoh.KeyExpr, str | None], Iterable[Answer]]
 
 
 class Answers:
@@ -32,13 +34,17 @@ class Answers:
     def __init__(
         self, session: zenoh.Session, root: str, failed: Callable[[Exception], None] = lambda error: None
     ) -> None:
-        self._providers: list[Provider] = []
+        self._providers: list[Asking] = []
         self._failed = failed
         handler = zenoh.handlers.Callback(self._answer, indirect=False)
         self._queryable = session.declare_queryable(f"{root}/**", handler)
 
     def add(self, provider: Provider) -> None:
         """Adds a provider: asked with the key expression of a query, it gives what it has there."""
+        self._providers.append(lambda asked, receiver: provider(asked))
+
+    def add_personal(self, provider: Asking) -> None:
+        """Adds a provider that is told, too, who asks: the end of the receiver's token, where it says so."""
         self._providers.append(provider)
 
     def close(self) -> None:
@@ -47,9 +53,10 @@ class Answers:
 
     def _answer(self, query: zenoh.Query) -> None:
         with query:
+            receiver = query.parameters.get(RECEIVER)
             for provider in self._providers:
                 try:
-                    for key, payload, encoding, attachment in provider(query.key_expr):
+                    for key, payload, encoding, attachment in provider(query.key_expr, receiver):
                         query.reply(key, payload, encoding=encoding, attachment=attachment)
                 except Exception as error:
                     self._failed(error)

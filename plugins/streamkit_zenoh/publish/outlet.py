@@ -2,12 +2,12 @@
 
 import threading
 import time
-from collections import Counter
+from collections import Counter, OrderedDict
 
 import zenoh
 
 from streamkit_zenoh.publish.quality import Quality
-from streamkit_zenoh.wire.numbering import Stamp
+from streamkit_zenoh.wire.numbering import Stamp, remember
 from streamkit_zenoh.wire.status import DropCount, StreamStatus
 
 
@@ -53,6 +53,8 @@ class Outlet:
         self._cut_off_s = cut_off_s
         self._next_number = self._settled_number = 0
         self._published = self._bytes = 0
+        self._first_numbers: OrderedDict[str, int] = OrderedDict()
+        self._closed = False
         self._lock = threading.Lock()
         self.publisher = session.declare_publisher(
             key,
@@ -71,9 +73,14 @@ class Outlet:
 
     @property
     def is_matching(self) -> bool:
-        """Whether zenoh knows of a subscriber now."""
-        # zenoh's stub says bool, the library gives an object that is always true.
-        return bool(getattr(self.publisher.matching_status, "matching", False))
+        """Whether zenoh knows of a subscriber now; nobody listens to a publisher that is taken back."""
+        # zenoh may still call a listener while another thread closes, and refuses to take a publisher back
+        # that is being asked.
+        with self._lock:
+            if self._closed:
+                return False
+            # zenoh's stub says bool, the library gives an object that is always true.
+            return bool(getattr(self.publisher.matching_status, "matching", False))
 
     def stamp(self) -> Stamp:
         """The stamp of the next message; whoever takes one sends it, or counts it as dropped."""
@@ -109,8 +116,14 @@ class Outlet:
         with self._lock:
             self.drops[reason] += count
 
-    def status(self) -> StreamStatus:
-        """How it is doing."""
+    def receiver_appeared(self, name: str) -> None:
+        """Notes from which number on everything is sent to a receiver whose subscription is known."""
+        self.look()
+        if name not in self._first_numbers:
+            remember(self._first_numbers, name, self._next_number)
+
+    def status(self, receiver: str | None = None) -> StreamStatus:
+        """How it is doing; for a receiver that has appeared, what it is sent, too."""
         return StreamStatus(
             name=self.name,
             run=self._run,
@@ -119,6 +132,7 @@ class Outlet:
             bytes=self._bytes,
             has_subscriber=int(self.is_wanted),
             next_number=self._next_number,
+            first_number=None if receiver is None else self._first_numbers.get(receiver),
         )
 
     def drop_counts(self) -> list[DropCount]:
@@ -131,6 +145,8 @@ class Outlet:
 
     def close(self) -> None:
         """Takes the publisher back."""
+        with self._lock:
+            self._closed = True
         self._listener.undeclare()  # type: ignore[no-untyped-call]
         self.publisher.undeclare()  # type: ignore[no-untyped-call]
 

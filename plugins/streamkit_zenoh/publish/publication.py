@@ -9,7 +9,7 @@ from typing import Literal
 import zenoh
 
 from streamkit import TrackRecord
-from streamkit_zenoh.keys import FRAME, MOSAIC, RECORDS, SCHEMA, STATUS, TRACK
+from streamkit_zenoh.keys import FRAME, LISTENING, MOSAIC, RECORDS, SCHEMA, STATUS, TRACK, listens_to
 from streamkit_zenoh.presence import show_publisher, wait_until_taken, watch_receivers
 from streamkit_zenoh.publish.answers import Answer, Answers, schema_answers
 from streamkit_zenoh.publish.outlet import Outlet
@@ -90,7 +90,7 @@ class Publication:
         )
         self.pictures = self._picture_feed(FRAME, failed) if settings.has_frame else None
         self.mosaics = self._picture_feed(MOSAIC, failed) if settings.has_mosaic else None
-        self.receivers = watch_receivers(session)
+        self.receivers = watch_receivers(session, self._receiver_appeared)
         self._answers = self._answer(failed)
         # The token is left to the session's close: its end must not overtake the last records.
         self._alive = show_publisher(session, self.tracks.key)
@@ -186,16 +186,22 @@ class Publication:
         for feed in (self.pictures, self.mosaics):
             if feed is not None:
                 answers.add(feed.answers)
-        answers.add(self._status_answer)
+        answers.add_personal(self._status_answer)
         root = f"{self._settings.root}/{SCHEMA}"
         answers.add(lambda asked: schema_answers(asked, root))
         return answers
 
-    def _status_answer(self, asked: zenoh.KeyExpr) -> Iterable[Answer]:
+    def _receiver_appeared(self, token: str) -> None:
+        name = token.removeprefix(f"{LISTENING}/")
+        for outlet in self._outlets():
+            if listens_to(token, outlet.key):
+                outlet.receiver_appeared(name)
+
+    def _status_answer(self, asked: zenoh.KeyExpr, receiver: str | None) -> Iterable[Answer]:
         if self._status is not None and asked.intersects(self._status.key):
             # Whoever asks listens already: from the next number on, everything is sent to it.
             self.tracks.look()
-            payload = self._status_codec.encode(self._status_record())
+            payload = self._status_codec.encode(self._status_record(receiver))
             yield Answer(self._status.key, payload, self._status.encoding)
 
     def _tick(self) -> None:
@@ -206,7 +212,7 @@ class Publication:
             payload = self._status_codec.encode(self._status_record())
             self._status.put(payload, self._status.stamp().attachment())
 
-    def _status_record(self) -> StatusRecord:
+    def _status_record(self, receiver: str | None = None) -> StatusRecord:
         frame, frames = self.records.last_frame, self.records.frames
         playing: Literal["starting", "playing"] = "playing" if frames else "starting"
         return StatusRecord(
@@ -221,6 +227,6 @@ class Publication:
             epoch=None if frame is None else frame.epoch,
             tracks=self.records.targets,
             age_ms=self.records.age_ms,
-            streams=tuple(outlet.status() for outlet in self._outlets()),
+            streams=tuple(outlet.status(receiver) for outlet in self._outlets()),
             drops=tuple(drop for outlet in self._outlets() for drop in outlet.drop_counts()),
         )

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import msgspec
 import zenoh
 
-from streamkit_zenoh.keys import STATUS, alive_key, root_of
+from streamkit_zenoh.keys import RECEIVER, STATUS, alive_key, receiver_name, root_of
 from streamkit_zenoh.presence import Watch, confirm_receiver, show_receiver
 from streamkit_zenoh.receive.mailbox import Mailbox
 from streamkit_zenoh.wire.forms import BadPayload, Codec, form_of
@@ -49,6 +49,7 @@ class Counts(msgspec.Struct, frozen=True):
         repeated: arrived once more; passed on once.
         bad: larger than allowed, or not what they should be; skipped.
         restarts: how often a publisher took over from another.
+        jumps: steps of more than ten million numbers, which count as no losses: see `wire.sequence`.
         publishers: alive now.
     """
 
@@ -58,6 +59,7 @@ class Counts(msgspec.Struct, frozen=True):
     repeated: int
     bad: int
     restarts: int
+    jumps: int
     publishers: int
 
 
@@ -98,12 +100,15 @@ class Reception:
         # Called in zenoh's own thread: what waits in the box is all that waits.
         direct = zenoh.handlers.Callback
         self._status_key = f"{root_of(expression)}/{STATUS}"
+        name = receiver_name(str(session.info.zid()), expression)
+        self._status_question = f"{self._status_key}?{RECEIVER}={name}"
         # First: a publisher that sees a receiver of its records must know that its end is listened to.
         status = session.declare_subscriber(self._status_key, direct(self._status_arrived, indirect=False))
-        subscriber = session.declare_subscriber(expression, direct(self._arrived, indirect=False))
-        alive = Watch(session, alive_key(expression), self._alive_changed)
         confirms = confirm_receiver(session, expression)
+        subscriber = session.declare_subscriber(expression, direct(self._arrived, indirect=False))
+        # At once behind the subscription: from here on publishers count what they send this receiver.
         shown = show_receiver(session, expression)
+        alive = Watch(session, alive_key(expression), self._alive_changed)
         self.declared: list[Callable[[], object]] = [
             shown.undeclare,
             confirms.undeclare,
@@ -123,6 +128,7 @@ class Reception:
                 repeated=found["repeated"],
                 bad=found["bad"],
                 restarts=found["restarts"],
+                jumps=found["jumps"],
                 publishers=self._publishers,
             )
 
@@ -147,6 +153,7 @@ class Reception:
             self._counts["received"] += arrival.is_new
             self._counts["lost"] += arrival.lost
             self._counts["restarts"] += arrival.is_restart
+            self._counts["jumps"] += arrival.is_jump
             self._counts["repeated"] += live and not arrival.is_new
             self._counts["bad"] += arrival.is_new and size > self._limit_bytes
         if not arrival.is_new or size > self._limit_bytes:
@@ -167,7 +174,7 @@ class Reception:
         if appeared:
             # The status first: it tells which records come by themselves.
             handler = zenoh.handlers.Callback(self._status_answered, indirect=False)
-            self._session.get(self._status_key, handler, timeout=LAST_LIMIT_S)
+            self._session.get(self._status_question, handler, timeout=LAST_LIMIT_S)
         if appeared and self._ask_last:
             handler = zenoh.handlers.Callback(self._answered, indirect=False)
             # Behind all that comes by itself, whatever its priority.
@@ -197,8 +204,9 @@ class Reception:
             self._note_state(status)
             for stream in status.streams:
                 if stream.name == name and is_answer:
-                    begins = max(stream.next_number, stream.settled_number)
-                    self._numbering.begins(key, stream.run, begins)
+                    untold = max(stream.next_number, stream.settled_number)
+                    begins = untold if stream.first_number is None else stream.first_number
+                    self._counts["lost"] += self._numbering.begins(key, stream.run, begins)
                 if stream.name == name:
                     # A status may overtake records: what it says counts when the next one comes.
                     said = self._settled.get((key, stream.run), 0)

@@ -8,6 +8,8 @@ import re
 from collections import OrderedDict
 from typing import NamedTuple, TypeVar
 
+from streamkit_zenoh.wire.sequence import Sequence
+
 # Keys come from the network: those heard longest ago are forgotten.
 KEY_LIMIT = 1024
 ATTACHMENT_LIMIT_BYTES = 4 * 1024 * 1024
@@ -42,87 +44,65 @@ class Arrival(NamedTuple):
     """What a stamp tells on arrival.
 
     Attributes:
-        lost: messages of this key that were missed just before this one.
-        is_new: False for a message that was here before, or is older than one that was.
+        lost: by how much the number of lost messages changes; -1 where this one had been taken for lost.
+        is_new: False for a message that was here before, or is older than the first one that was.
         is_restart: whether its publisher has taken over from another.
+        is_jump: whether its number is too far from those before: a forged one, or a very long outage.
     """
 
     lost: int = 0
     is_new: bool = True
     is_restart: bool = False
+    is_jump: bool = False
 
 
 class Numbering:
     """Follows the numbers of each publisher at each key."""
 
     def __init__(self) -> None:
-        self._last: OrderedDict[tuple[str, int], int] = OrderedDict()
+        self._sequences: OrderedDict[tuple[str, int], Sequence] = OrderedDict()
         self._runs: OrderedDict[str, int] = OrderedDict()
-        self._begins: OrderedDict[tuple[str, int], int] = OrderedDict()
-        self._answered: OrderedDict[tuple[str, int], int] = OrderedDict()
 
     def arrived(self, key: str, stamp: Stamp | None) -> Arrival:
         """Takes note of a message; one without stamp tells nothing.
 
-        What a publisher sent before the first message that arrived here is not missed, unless `begins` was
+        What a publisher sent before the first message that arrived here is not missed, unless `begins` is
         told, or it took over from another one heard before: then this receiver was there from its first
         number on.
         """
         if stamp is None:
             return Arrival()
         run, number = stamp
-        last, heard, answered = (
-            self._last.get((key, run)),
-            self._runs.get(key),
-            self._answered.get((key, run)),
-        )
-        if last is not None and number <= last:
-            return Arrival(is_new=False)
-        first = self._first_missed(key, run, number)
-        remember(self._last, (key, run), number)
-        remember(self._runs, key, run)
-        is_restart = last is None and heard is not None
-        lost = max(0, number - first)
-        if answered is not None and first <= answered < number:
-            lost -= 1
-        return Arrival(lost, is_new=number != answered, is_restart=is_restart)
+        sequence, heard = self._sequence(key, run), self._runs.get(key)
+        is_restart = heard is not None and not sequence.is_heard
+        if is_restart and heard is not None and run > heard:
+            sequence.begins(0)
+        found = sequence.arrived(number)
+        if found.is_new or is_restart:
+            remember(self._runs, key, run)
+        return Arrival(found.lost, found.is_new, is_restart, found.is_jump)
 
     def answered(self, key: str, stamp: Stamp | None) -> Arrival:
         """Takes note of the last message, asked for: it may overtake those that come by themselves."""
         if stamp is None:
             return Arrival()
         run, number = stamp
-        last, heard, begins = self._last.get((key, run)), self._runs.get(key), self._begins.get((key, run))
-        known = max(-1 if last is None else last, self._answered.get((key, run), -1))
-        of_the_past = last is None and heard is not None and run < heard
-        comes_by_itself = last is None and begins is not None and number >= begins
-        if number <= known or of_the_past or comes_by_itself:
-            return Arrival(is_new=False)
-        remember(self._answered, (key, run), number)
-        return Arrival()
+        sequence, heard = self._sequence(key, run), self._runs.get(key)
+        of_the_past = not sequence.is_heard and heard is not None and run < heard
+        return Arrival(is_new=not of_the_past and sequence.answered(number))
 
-    def begins(self, key: str, run: int, next_number: int) -> None:
-        """A publisher says which number comes next, now that this receiver is there."""
-        if (key, run) not in self._last and (key, run) not in self._begins:
-            remember(self._begins, (key, run), next_number)
+    def begins(self, key: str, run: int, number: int) -> int:
+        """A publisher says from which number on it has sent everything here: how many losses that shows."""
+        return self._sequence(key, run).begins(number)
 
     def catch_up(self, key: str, run: int, next_number: int) -> int:
         """How many were missed at the end, when a publisher says which number comes next."""
-        first = self._first_missed(key, run, next_number)
-        if (key, run) not in self._last or next_number <= first:
-            return 0
-        self._last[key, run] = next_number - 1
-        return next_number - first - (first <= self._answered.get((key, run), -1) < next_number)
+        return self._sequence(key, run).caught_up(next_number)
 
-    def _first_missed(self, key: str, run: int, number: int) -> int:
-        """The first number that is missing if this one comes next."""
-        last, heard = self._last.get((key, run)), self._runs.get(key)
-        if last is not None:
-            return last + 1
-        if heard is not None:
-            return 0 if run > heard else number
-        answered = self._answered.get((key, run), number)
-        return self._begins.get((key, run), min(answered, number))
+    def _sequence(self, key: str, run: int) -> Sequence:
+        sequence = self._sequences.get((key, run)) or Sequence()
+        remember(self._sequences, (key, run), sequence)
+        return sequence
 
 
 Key = TypeVar("Key")

@@ -105,6 +105,7 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         Field("bytes", "uint64"),
         Field("has_subscriber", "uint64", note="0 or 1"),
         Field("next_number", "uint64", note="of the message that comes next"),
+        Field("first_number", "uint64", "optional", note="of those that the receiver who asked is sent"),
     ),
     "DropCount": (
         Field("stream", "string"),

@@ -21,6 +21,7 @@ class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):
         bytes: their size together.
         has_subscriber: 1 while anybody listens, else 0.
         next_number: the next message gets it; whoever asked for this and listened is sent all from there on.
+        first_number: in an answer to a receiver that shows itself: it is sent all from there on.
     """
 
     name: str
@@ -30,6 +31,7 @@ class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):
     bytes: int
     has_subscriber: int
     next_number: int = 0
+    first_number: int | None = None
 
 
 class DropCount(msgspec.Struct, frozen=True, kw_only=True):

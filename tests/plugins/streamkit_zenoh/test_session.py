@@ -253,6 +253,21 @@ def test_declarations_are_taken_back_before_the_close() -> None:
     assert calls == ["one", "two", "close"]
 
 
+def test_a_declaration_that_cannot_be_taken_back_keeps_nothing_open() -> None:
+    """Zenoh refuses to take back what is in use: the session is closed all the same, and the caller told."""
+    calls: list[str] = []
+
+    class _Session:
+        def close(self) -> None:
+            calls.append("close")
+
+    def refuse() -> None:
+        raise RuntimeError("Already borrowed")
+
+    assert not close_session(_Session(), 5.0, undeclare=(refuse,))  # type: ignore[arg-type]
+    assert calls == ["close"]
+
+
 def test_a_configuration_file_is_the_base(open_test_session: Opener, endpoint: str, tmp_path: Path) -> None:
     """What the file says holds where no setting says otherwise."""
     path = tmp_path / "zenoh.json5"

@@ -22,7 +22,9 @@ from streamkit.testing import Harness
 from streamkit_zenoh.keys import InvalidKey
 from streamkit_zenoh.presence import show_publisher
 from streamkit_zenoh.subscriber import TrackSubscriber
+from streamkit_zenoh.wire.forms import Codec, Form
 from streamkit_zenoh.wire.numbering import Stamp
+from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord, StreamStatus
 
 Opener = Callable[..., zenoh.Session]
 
@@ -181,25 +183,61 @@ def test_bad_data_is_counted(open_test_session: Opener, key: str, endpoint: str)
         assert (record.seq, subscriber.counts.bad) == (7, 4)
 
 
+def _status(
+    key: str, settled_number: int, first_number: int | None = None, state: str = "playing"
+) -> StatusRecord:
+    stream = StreamStatus(
+        name="tracks", run=5, settled_number=settled_number, published=1, bytes=2, has_subscriber=1,
+        first_number=first_number,
+    )  # fmt: skip
+    return StatusRecord(
+        schema=STATUS_SCHEMA, source=key, state=state, run=5, published_ns=1, uptime_s=1.0,
+        frames=4, tracks=0, streams=(stream,), drops=(),
+    )  # fmt: skip
+
+
 def test_tail_losses_are_told_by_the_status(open_test_session: Opener, key: str, endpoint: str) -> None:
     """A publisher that ends says how far it was: what did not come counts as lost, with no record behind."""
-    from streamkit_zenoh.wire.forms import Codec, Form
-    from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord, StreamStatus
-
     codec = Codec(StatusRecord, STATUS_SCHEMA, Form.JSON)
     with TrackSubscriber(key, listen=endpoint, ring=8) as subscriber:
         session = open_test_session(connect=(endpoint,))
         publisher = session.declare_publisher(f"{key}/tracks")
         _wait_for(lambda: publisher.matching_status.matching)
         publisher.put(b"{}", attachment=Stamp(5, 0).attachment())
-        stream = StreamStatus(name="tracks", run=5, settled_number=4, published=1, bytes=2, has_subscriber=1)
         for state, lost in (("playing", 0), ("playing", 3), ("ended", 3)):
-            status = StatusRecord(
-                schema=STATUS_SCHEMA, source=key, state=state, run=5, published_ns=1, uptime_s=1.0,
-                frames=4, tracks=0, streams=(stream,), drops=(),
-            )  # fmt: skip
+            status = _status(key, settled_number=4, state=state)
             session.put(f"{key}/status", codec.encode(status), encoding=codec.encoding)
             _wait_for(lambda lost=lost: subscriber.counts.lost == lost)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.1, 0.5])
+def test_a_late_status_shows_what_was_lost_before_the_first_record(
+    open_test_session: Opener, key: str, endpoint: str, delay_s: float
+) -> None:
+    """The answer to the receiver's question may come long behind the first record."""
+    codec = Codec(StatusRecord, STATUS_SCHEMA, Form.JSON)
+    payload = codec.encode(_status(key, settled_number=0, first_number=0))
+    asked, release = threading.Event(), threading.Event()
+
+    def answer_late(query: zenoh.Query) -> None:
+        asked.set()
+        release.wait(delay_s)
+        with query:
+            query.reply(f"{key}/status", payload, encoding=codec.encoding)
+
+    session = open_test_session(listen=(endpoint,))
+    session.declare_queryable(f"{key}/status", zenoh.handlers.Callback(answer_late, indirect=True))
+    publisher = session.declare_publisher(f"{key}/tracks")
+    with TrackSubscriber(key, connect=endpoint, ring=64) as subscriber:
+        _wait_for(lambda: publisher.matching_status.matching)
+        token = show_publisher(session, f"{key}/tracks")
+        assert asked.wait(10)
+        for number in (5, 6, 9):
+            publisher.put(b"{}", attachment=Stamp(5, number).attachment())
+        _wait_for(lambda: subscriber.counts.lost == 7)
+        _wait_for(lambda: subscriber.counts.received == 3)
+        assert subscriber.counts.lost == 7
+        token.undeclare()
 
 
 def test_presence_is_known(open_test_session: Opener, key: str, endpoint: str) -> None:

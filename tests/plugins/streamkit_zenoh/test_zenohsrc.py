@@ -16,6 +16,7 @@ from streamkit import (
     Detections,
     ElementFailure,
     Frame,
+    MessageKind,
     Pipeline,
     Registration,
     ResourceError,
@@ -179,6 +180,20 @@ def test_lost_records_are_counted(publisher: _Publisher, receive: Callable[..., 
     publisher.close()
     assert len(list(pipeline["out"])) == 4
     assert pipeline["source"].drops["lost on the way"] == 2
+
+
+def test_a_forged_number_does_not_blind(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
+    """One message with the publisher's run and the largest number: all others still pass, and a warning."""
+    pipeline = receive()
+    publisher.wait()
+    for seq, number in ((0, 0), (1, 10**19 - 1), (2, 1), (3, 2)):
+        publisher.put(_payload(seq), number)
+    publisher.close()
+    assert [frame.seq for frame in pipeline["out"]] == [0, 1, 2, 3]
+    assert pipeline["source"].drops["lost on the way"] == 0
+    warning = pipeline.bus.pop(5, (MessageKind.WARNING,))
+    assert warning is not None
+    assert "message numbers jump by more than ten million" in warning.text
 
 
 def test_a_new_publisher_is_a_new_epoch(
