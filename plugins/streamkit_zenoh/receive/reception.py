@@ -225,7 +225,9 @@ class Reception:
         if form is None:
             return None
         try:
-            codec = self._codecs.setdefault(form, Codec(StatusRecord, STATUS_SCHEMA, form))
+            codec = self._codecs.get(form)
+            if codec is None:
+                codec = self._codecs[form] = Codec(StatusRecord, STATUS_SCHEMA, form)
             return codec.decode(sample.payload.to_bytes())
         except (BadPayload, ImportError):
             return None

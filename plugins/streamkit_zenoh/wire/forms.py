@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 # A record of ten thousand tracks has 3 MB; more is no record.
 RECORD_LIMIT_BYTES = 4 * 1024 * 1024
+REPLACEMENT = "\ufffd".encode()
 
 
 class Form(enum.StrEnum):
@@ -100,9 +101,15 @@ class Codec(Generic[Record]):
             import cbor2
         except ImportError:
             raise _missing("cbor", "cbor2") from None
-        return lambda record: cbor2.dumps(msgspec.to_builtins(record)), lambda data: self._converted(
-            cbor2.loads(data)
-        )
+
+        def decode(data: bytes) -> Record:
+            # With strict errors cbor2 5.9 never frees an error about bad text, nor the stack it carries.
+            record = self._converted(cbor2.loads(data, str_errors="replace"))
+            if REPLACEMENT in msgspec.json.encode(record) and REPLACEMENT not in data:
+                raise ValueError("a text is no UTF-8")
+            return record
+
+        return lambda record: cbor2.dumps(msgspec.to_builtins(record)), decode
 
     def _protobuf(self) -> tuple[Callable[[Any], bytes], Callable[[Any], Record]]:
         try:

@@ -1,5 +1,6 @@
 """A record is the same in every form, and what is none is refused in every form."""
 
+import gc
 import random
 from typing import Any
 
@@ -124,6 +125,23 @@ def test_bombs_are_refused(form: Form) -> None:
             codec.decode(data)
     with pytest.raises(BadPayload, match="too many"):
         codec.decode(bytes(RECORD_LIMIT_BYTES + 1))
+
+
+@pytest.mark.parametrize("form", [Form.CBOR, Form.MSGPACK, Form.JSON])
+def test_text_that_is_none_is_refused_and_not_kept(form: Form) -> None:
+    """Bytes that are no UTF-8 where text stands: an error each, of which nothing stays in memory."""
+    codec = _codec(form)
+    damaged = codec.encode(decode_record(FULL)).replace(b"uav/1", b"ua\xff\xfe1")
+
+    def objects_after(count: int) -> int:
+        for _ in range(count):
+            with pytest.raises(BadPayload):
+                codec.decode(damaged)
+        gc.collect()
+        return len(gc.get_objects())
+
+    before = objects_after(10)
+    assert objects_after(300) - before < 100
 
 
 @pytest.mark.parametrize(

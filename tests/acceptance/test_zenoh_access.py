@@ -1,0 +1,133 @@
+"""The documented router lets in who has a certificate, and from each only what it is there for."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from streamkit_zenoh.session import SessionFailure, SessionSettings, close_session, open_session
+from streamkit_zenoh.subscriber import TrackSubscriber
+from streamkit_zenoh.wire.numbering import Stamp
+from tests.acceptance.zenoh_links import BINARY, free_port, router, wait_for
+
+FOLDER = Path(__file__).parents[2] / "docs" / "examples" / "zenoh"
+KEY = "uav/1"
+COUNT = 20
+Configured = Callable[[str], str]
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Those of the documented command."""
+    folder = tmp_path_factory.mktemp("certificates")
+    subprocess.run(["sh", str(FOLDER / "make-test-certificates.sh"), str(folder)], check=True, timeout=60)
+    return folder
+
+
+@pytest.fixture
+def configured(certificates: Path, tmp_path: Path) -> Iterator[Configured]:
+    """The documented router, at another port; gives the configuration file of who has a certificate."""
+    documented = zenoh.Config.from_file(str(FOLDER / "router-access.json5"))
+    endpoint = f"tls/127.0.0.1:{free_port()}"
+    tls = {
+        "root_ca_certificate": str(certificates / "ca.pem"),
+        "listen_certificate": str(certificates / "server.pem"),
+        "listen_private_key": str(certificates / "server.key"),
+        "enable_mtls": json.loads(documented.get_json("transport/link/tls/enable_mtls")),
+    }
+
+    def configuration(name: str) -> str:
+        path = tmp_path / f"{name}.json5"
+        own = {
+            "root_ca_certificate": str(certificates / "ca.pem"),
+            "connect_certificate": str(certificates / f"{name}.pem"),
+            "connect_private_key": str(certificates / f"{name}.key"),
+            "enable_mtls": True,
+        }
+        if name == "nobody":
+            own = {"root_ca_certificate": own["root_ca_certificate"]}
+        content = {"connect": {"endpoints": [endpoint]}, "transport": {"link": {"tls": own}}}
+        path.write_text(json.dumps(content), encoding="utf-8")
+        return str(path)
+
+    access = json.loads(documented.get_json("access_control"))
+    with router(endpoint, transport__link__tls=tls, access_control=access):
+        yield configuration
+
+
+def _forge(session: zenoh.Session, key: str) -> None:
+    """What a stranger would send: a record with a stamp that is far ahead, and a status that ends all."""
+    for stream in ("tracks", "status"):
+        session.put(
+            f"{key}/{stream}",
+            b"{}",
+            attachment=Stamp(1, 10**18).attachment(),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+
+
+def test_only_the_drone_publishes(configured: Configured) -> None:
+    """The ground receives every record, in order and to the end; what it forges reaches nobody."""
+    forger = open_session(SessionSettings(config=configured("ground")))
+    try:
+        with TrackSubscriber(
+            KEY, config=configured("ground"), ring=100, ends_with_publisher=True
+        ) as subscriber:
+            _forge(forger, KEY)
+            text = (
+                f"videotestsrc num-buffers={COUNT} ! zenohsink key={KEY} config={configured('drone')} "
+                "wait-subscribers=1 wait-timeout-s=20 patience-s=5"
+            )
+            done = subprocess.run(
+                [str(BINARY), "launch", "-q", text], capture_output=True, text=True, timeout=60, check=False
+            )
+            assert done.returncode == 0, done.stderr
+            assert [record.seq for record in subscriber] == list(range(COUNT))
+            counts = subscriber.counts
+            assert (counts.bad, counts.lost, counts.jumps, counts.restarts) == (0, 0, 0, 0)
+            assert not subscriber.has_vanished
+    finally:
+        close_session(forger, 5.0)
+
+
+def test_the_drone_publishes_below_its_key_only(configured: Configured) -> None:
+    """A drone that was taken over cannot speak for another one; for itself it can: the test is a true one."""
+    drone = open_session(SessionSettings(config=configured("drone")))
+    try:
+        with (
+            TrackSubscriber("uav/2", config=configured("ground"), ring=100) as other,
+            TrackSubscriber(KEY, config=configured("ground"), ring=100) as own,
+        ):
+            publisher = drone.declare_publisher(f"{KEY}/tracks")
+            assert wait_for(lambda: bool(getattr(publisher.matching_status, "matching", False)))
+            _forge(drone, "uav/2")
+            _forge(drone, KEY)
+            assert wait_for(lambda: own.counts.received == 1)
+            assert other.counts.received == 0
+    finally:
+        close_session(drone, 5.0)
+
+
+def test_who_has_no_certificate_stays_outside(configured: Configured) -> None:
+    """The error says so; nobody reads or writes anything without one."""
+    with pytest.raises(SessionFailure, match=r"TLS is refused|Unable to connect"):
+        open_session(SessionSettings(config=configured("nobody")))
+    # One that is trusted, but has no part in any policy, is let in and gets nothing.
+    with (
+        TrackSubscriber(KEY, config=configured("client"), ring=100) as outsider,
+        TrackSubscriber(KEY, config=configured("ground"), ring=100) as insider,
+    ):
+        drone = open_session(SessionSettings(config=configured("drone")))
+        try:
+            publisher = drone.declare_publisher(f"{KEY}/tracks")
+            assert wait_for(lambda: bool(getattr(publisher.matching_status, "matching", False)))
+            _forge(drone, KEY)
+            assert wait_for(lambda: insider.counts.received == 1)
+            assert outsider.counts.received == 0
+        finally:
+            close_session(drone, 5.0)
