@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict, replace
 from urllib.parse import urlsplit, urlunsplit
 
@@ -16,7 +17,7 @@ from streamkit_decoder.doctor.watch import Seen, watch
 from streamkit_decoder.location import is_network, local_path, redact
 from streamkit_decoder.rtsp.address import DEFAULT_PORTS, port_of
 from streamkit_decoder.rtsp.connections import refusal
-from streamkit_decoder.telemetry.files import NoTelemetry, read_telemetry
+from streamkit_decoder.telemetry.files import NoTelemetry, TelemetryFile
 
 TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"
 
@@ -144,15 +145,24 @@ def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
     """What is no video may be the telemetry beside one."""
     where = redact(location)
     try:
-        samples = read_telemetry(local_path(location))
+        with closing(TelemetryFile(local_path(location))) as file:
+            first = last = file.next()
+            while (sample := file.next()) is not None:
+                last = sample
     except (NoTelemetry, OSError, ValueError):
         return Report(where, (*checks, Check("stream", Verdict.BAD, error)), "")
-    length = (samples[-1].pts - samples[0].pts) / 1e9
-    text = f"{len(samples)} positions over {length:.1f} s, {samples[0].source}"
-    facts = {"positions": len(samples), "seconds": length, "source": samples[0].source}
+    assert first is not None
+    assert last is not None
+    counts = file.reader.counts()
+    length = (last.pts - first.pts) / 1e9
+    text = f"{counts['poses']} positions over {length:.1f} s, {first.source}"
+    facts = {"positions": counts["poses"], "seconds": length, "source": first.source, **counts}
+    complaint = file.reader.complaint()
+    verdict = Verdict.NOTE if complaint else Verdict.GOOD
+    check = Check("telemetry", verdict, f"{text}; {complaint}" if complaint else text, facts)
     pose = f"posesync location={in_description(location)}"
     line = f'streamkit launch "filesrc location=VIDEO ! decode ! {pose} ! fakesink"'
-    return Report(where, (*checks, Check("telemetry", Verdict.GOOD, text, facts)), line)
+    return Report(where, (*checks, check), line)
 
 
 def _pose_parts(seen: Seen) -> tuple[str, str]:

@@ -46,7 +46,7 @@ class Seen:
 
     def add_telemetry(self, frame: Frame) -> None:
         """Takes a packet of telemetry."""
-        self.telemetry.decode(frame.data, frame.pts or 0, frame.caps)
+        self.telemetry.decode(frame)
 
 
 def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: float | None) -> Seen:

@@ -5,6 +5,7 @@
     GPS(149.0251,-20.2533,16) BAROMETER:1.9                                 longitude, latitude, satellites
     GPS(36.6146,-6.1120,0.0M) BAROMETER:0.3M                                latitude, longitude, altitude
     GPS (-58.85, -34.23, 15), H 85.80m, F.PRY (2.7, -7.0, 110.1), G.PRY (-24.4, 0.0, 110.4)
+    GPS(149.0251,-20.2533,16) Hb:1.9 Hs:0.0                                 barometer, sonar; the oldest
 
 Heights are above the place of take-off where the aircraft tells no other; the sample's source says which.
 The dialects that tell local time do not tell its zone, so there is no UTC.
@@ -14,31 +15,76 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit_decoder.telemetry.aircraftclock import AircraftClock
 from streamkit_decoder.telemetry.sample import Sample
-from streamkit_decoder.telemetry.subrip import read_cues
+from streamkit_decoder.telemetry.subrip import Cue, SubtitleReader
 
-NUMBER = r"([-+]?\d+(?:\.\d+)?)"
+# No more digits than a quantity has: a longer row of them is damage, and would be infinite as a number.
+NUMBER = r"([-+]?\d{1,9}(?:\.\d{1,20})?)(?!\d)"
 FIELD = re.compile(r"\b([a-zA-Z_]+)\s*:\s*" + NUMBER)
 GPS = re.compile(rf"GPS\s*\(\s*{NUMBER}\s*,\s*{NUMBER}\s*,\s*{NUMBER}\s*(M?)\s*\)")
 HEIGHT = re.compile(rf"(?:\bH\s+|BAROMETER\s*:\s*){NUMBER}\s*m?", re.IGNORECASE)
 ANGLES = re.compile(rf"([FG])\.PRY\s*\(\s*{NUMBER}°?\s*,\s*{NUMBER}°?\s*,\s*{NUMBER}°?\s*\)")
+POSITION = re.compile(r"\bGPS\s*\(|\b(?:latitude|longt?itude)\b", re.IGNORECASE)
+NO_FIX = re.compile(
+    r"n/a|\(\s*[-+]?0[.0]*\s*,\s*[-+]?0[.0]*\s*,|latitude\s*:\s*[-+]?0[.0]*[\s\]]", re.IGNORECASE
+)
 ABOVE_TAKE_OFF, ABOVE_SEA, UNKNOWN_HEIGHT = "dji above take-off", "dji above sea level", "dji"
+ABOVE_GROUND = "dji above ground"
 LATITUDES = ("latitude",)
 LONGITUDES = ("longitude", "longtitude")  # the second is how several models spell it
 Attitude = tuple[float, float, float]
 
 
+class DjiTelemetry:
+    """Subtitles to samples.
+
+    Attributes:
+        subtitles: seen.
+        without_position: of them, those that tell no position, or that there is none yet.
+    """
+
+    def __init__(self) -> None:
+        self.subtitles = 0
+        self.without_position = 0
+        self._unreadable = 0
+        self._reader = SubtitleReader()
+        self._clock = AircraftClock()
+
+    @property
+    def broken(self) -> int:
+        """Subtitles whose times or position cannot be read."""
+        return self._unreadable + self._reader.broken
+
+    def read(self, lines: Iterable[str]) -> Iterator[Sample]:
+        """The samples of a file's lines; subtitles without a position are passed over."""
+        for cue in self._reader.cues(lines):
+            begin = self._clock.place(cue.text, cue.begin if isinstance(cue, Cue) else None)
+            if begin is None:
+                self.subtitles += 1
+                self._unreadable += 1
+            elif (sample := self.sample(cue.text, begin)) is not None:
+                yield sample
+
+    def sample(self, text: str, pts: int) -> Sample | None:
+        """The sample of one subtitle; None without a valid position."""
+        self.subtitles += 1
+        sample = sample_of(text, pts)
+        if sample is None and POSITION.search(text) and not NO_FIX.search(text):
+            self._unreadable += 1
+        elif sample is None:
+            self.without_position += 1
+        return sample
+
+
 def read_samples(text: str) -> Iterator[Sample]:
-    """The samples of a subtitle file; subtitles without a position are passed over."""
-    for cue in read_cues(text):
-        sample = sample_of(cue.text, cue.begin)
-        if sample is not None:
-            yield sample
+    """The samples of a whole subtitle file."""
+    return DjiTelemetry().read(text.split("\n"))
 
 
 def sample_of(text: str, pts: int) -> Sample | None:
@@ -123,7 +169,11 @@ def _altitude(text: str, fields: dict[str, float]) -> tuple[float | None, str]:
     if "altitude" in fields:
         return fields["altitude"], UNKNOWN_HEIGHT
     height = HEIGHT.search(text)
-    return (float(height[1]), ABOVE_TAKE_OFF) if height is not None else (None, UNKNOWN_HEIGHT)
+    if height is not None:
+        return float(height[1]), ABOVE_TAKE_OFF
+    if "hb" in fields:
+        return fields["hb"], ABOVE_TAKE_OFF
+    return fields.get("hs"), ABOVE_GROUND if "hs" in fields else UNKNOWN_HEIGHT
 
 
 def _gimbal(fields: dict[str, float]) -> Attitude | None:

@@ -2,52 +2,95 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
+from typing import IO
 
-from streamkit_decoder.telemetry import dji
-from streamkit_decoder.telemetry.klv import KEY_PREFIX
-from streamkit_decoder.telemetry.misb import MisbTelemetry
+from streamkit_decoder.telemetry.klv import SET_KEY
 from streamkit_decoder.telemetry.sample import Sample
+from streamkit_decoder.telemetry.telemetryreader import TelemetryReader
 
 CHUNK_BYTES = 1 << 16
-LARGEST_TEXT = 64 << 20
 
 
 class NoTelemetry(ValueError):
     """A file holds nothing that tells a position."""
 
 
-def read_telemetry(path: Path) -> list[Sample]:
-    """The samples of a file, in its order, times from its beginning.
+def holds_klv(path: Path, at_once: bool = False) -> bool:
+    """Whether a key of a telemetry set stands in the first 64 KB of a file.
+
+    Args:
+        path: of the file.
+        at_once: whether the file has to begin with it.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        head = file.read(CHUNK_BYTES)
+    return (SET_KEY.match(head) if at_once else SET_KEY.search(head)) is not None
+
+
+class TelemetryFile:
+    """The samples of a file, in its order, times from its beginning; read as they are asked for.
+
+    Attributes:
+        path: of the file.
+        reader: counts what was read and refused since the beginning.
 
     Raises:
         NoTelemetry: there is not one position in it.
         OSError: it cannot be read.
     """
-    with path.open("rb") as file:
-        is_klv = KEY_PREFIX in file.read(CHUNK_BYTES)
-    samples = _klv_samples(path) if is_klv else _subtitle_samples(path)
-    if not samples:
-        raise NoTelemetry(
-            f"{path}: no position in it; it must hold MISB ST 0601 packets with good checksums, "
-            "or DJI subtitles"
-        )
-    return samples
 
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file: IO[bytes] | None = None
+        self.rewind()
 
-def _subtitle_samples(path: Path) -> list[Sample]:
-    with path.open("rb") as file:
-        return list(dji.read_samples(file.read(LARGEST_TEXT).decode("utf-8", "replace")))
+    def rewind(self) -> None:
+        """Begins again; the same errors as at first."""
+        self.close()
+        self.reader = TelemetryReader()
+        is_klv = holds_klv(self.path)
+        self._file = self.path.open("rb")
+        samples = self._klv(self._file) if is_klv else self.reader.subtitles(_lines(self._file))
+        try:
+            first = next(samples, None)
+        except BaseException:
+            self.close()
+            raise
+        if first is None:
+            self.close()
+            raise NoTelemetry(
+                f"{self.path}: no position in it; it must hold MISB ST 0601 packets with good checksums, "
+                "or DJI subtitles"
+            )
+        self._samples = chain([first], samples)
 
+    def next(self) -> Sample | None:
+        """The next sample; None at the end.
 
-def _klv_samples(path: Path) -> list[Sample]:
-    """Packets have no time of their own in a raw file but the platform's clock: the first one's is zero."""
-    telemetry, samples = MisbTelemetry(), list[Sample]()
-    with path.open("rb") as file:
+        Raises:
+            OSError: reading failed.
+        """
+        return None if self._file is None else next(self._samples, None)
+
+    def close(self) -> None:
+        """Closes the file. Safe to call twice."""
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
+
+    def _klv(self, file: IO[bytes]) -> Iterator[Sample]:
+        """Packets of a raw file have no time but the platform's clock: the first one's is zero."""
         while data := file.read(CHUNK_BYTES):
-            samples += telemetry.feed(data, 0)
-    samples += telemetry.finish(0)
-    clocked = [sample for sample in samples if sample.utc_ns is not None]
-    zero = clocked[0].utc_ns if clocked else 0
-    return [replace(sample, pts=(sample.utc_ns or 0) - (zero or 0)) for sample in clocked]
+            yield from self.reader.klv(data, None)
+        yield from self.reader.klv_end(None)
+
+
+def _lines(file: IO[bytes]) -> Iterator[str]:
+    while line := file.readline(CHUNK_BYTES):
+        yield line.decode("utf-8", "replace")

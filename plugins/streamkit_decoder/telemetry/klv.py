@@ -1,19 +1,32 @@
 """KLV framing: packets found in a stream of bytes that may be cut anywhere, and may be damaged.
 
-Source: SMPTE ST 336 (key, BER length, value); MISB ST 0601, "Checksum".
+Source: SMPTE ST 336 (key, BER length, value); MISB ST 0601, "Checksum"; MISB EG 0104.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 KEY_PREFIX = bytes.fromhex("060e2b34")
 KEY_BYTES = 16
 UAS_LOCAL_SET = bytes.fromhex("060e2b34020b01010e01030101000000")
+UNIVERSAL_SET = bytes.fromhex("060e2b34020101010e01010201010000")
+# The two sets that are read; the registry's version (byte 8) and the last three bytes may differ.
+LOCAL_SET_KEY = rb"\x02\x0b\x01.\x0e\x01\x03\x01\x01..."
+UNIVERSAL_SET_KEY = rb"\x02\x01\x01.\x0e\x01\x01\x02\x01..."
+SET_KEY = re.compile(
+    re.escape(KEY_PREFIX) + b"(?:" + LOCAL_SET_KEY + b"|" + UNIVERSAL_SET_KEY + b")", re.DOTALL
+)
 # A damaged length must not make us wait for a gigabyte.
 LONGEST_VALUE = 1 << 16
 CHECKSUM_HEAD = b"\x01\x02"
+# The universal set has 29 elements; without a limit a hostile stream makes each search long.
+MOST_UNIVERSAL_ELEMENTS = 64
 
 
 class BadKlv(ValueError):
@@ -35,11 +48,9 @@ class KlvPacket:
     data: bytes
 
     @property
-    def checksum_is_good(self) -> bool:
-        """Whether the packet ends in a checksum element (tag 1) that fits."""
-        if len(self.value) < 4 or self.value[-4:-2] != CHECKSUM_HEAD:
-            return False
-        return checksum(self.data[:-2]) == int.from_bytes(self.data[-2:], "big")
+    def is_universal_set(self) -> bool:
+        """Whether it is the older universal set, whose elements have whole keys and which has no checksum."""
+        return self.key[4:6] == UNIVERSAL_SET[4:6]
 
 
 def checksum(data: bytes) -> int:
@@ -48,6 +59,25 @@ def checksum(data: bytes) -> int:
     Source: MISB ST 0601, "Checksum": bytes at even places count 256-fold, modulo 65536.
     """
     return (sum(data[0::2]) * 256 + sum(data[1::2])) & 0xFFFF
+
+
+def second_byte_sums(data: bytes) -> NDArray[np.int64]:
+    """int64[n + 2]: entry i + 2 is the sum of the bytes i, i - 2, i - 4, ... of n bytes.
+
+    With it the checksum of any part is worked out in a moment, however many parts begin in the same bytes.
+    """
+    values = np.frombuffer(data, np.uint8)
+    sums = np.zeros(len(values) + 2, np.int64)
+    for parity in (0, 1):
+        np.cumsum(values[parity::2], out=sums[2 + parity :: 2])
+    return sums
+
+
+def checksum_from_sums(sums: NDArray[np.int64], begin: int, end: int) -> int:
+    """The checksum of the bytes from `begin` to before `end`, out of all `second_byte_sums`; end > begin."""
+    last, other = (end + 1, end) if (end - begin) % 2 else (end, end + 1)
+    high, low = sums[last] - sums[begin], sums[other] - sums[begin + 1]
+    return int(high * 256 + low) & 0xFFFF
 
 
 def read_length(data: bytes, at: int) -> tuple[int, int] | None:
@@ -101,11 +131,31 @@ def elements(value: bytes) -> Iterator[tuple[int, bytes]]:
         at = length[1] + length[0]
 
 
+def universal_elements(value: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """The keys (16 bytes) and values of a universal set.
+
+    Raises:
+        BadKlv: an element has no key or reaches beyond the set's end, or there are too many.
+    """
+    at = count = 0
+    while at < len(value):
+        count += 1
+        length = read_length(value, at + KEY_BYTES)
+        is_cut = length is None or length[1] + length[0] > len(value)
+        if is_cut or value[at : at + len(KEY_PREFIX)] != KEY_PREFIX or count > MOST_UNIVERSAL_ELEMENTS:
+            raise BadKlv(f"byte {at} of the universal set is no element, or the one there does not end in it")
+        assert length is not None
+        yield value[at : at + KEY_BYTES], value[length[1] : length[1] + length[0]]
+        at = length[1] + length[0]
+
+
 class KlvReader:
     """Finds packets in bytes as they come; joins split ones, and finds its way again after damage.
 
+    Looked for are the keys of the UAS local set and the universal set; other packets are passed over.
+
     Attributes:
-        good: packets with a checksum that fits.
+        good: packets with a checksum that fits, and universal sets whose elements fit.
         bad: keys that began a packet whose checksum or form is wrong; nothing of them is used.
         skipped: bytes that belong to no good packet.
     """
@@ -123,54 +173,93 @@ class KlvReader:
 
     def finish(self) -> list[KlvPacket]:
         """No bytes follow: what hides behind a packet that was cut short comes out."""
-        found = self._packets(is_end=True)
-        self._skip(len(self._buffer))
-        return found
+        return self._packets(is_end=True)
 
     def _packets(self, is_end: bool) -> list[KlvPacket]:
-        found = []
-        while self._find_key():
-            packet = self._packet_here()
+        data, found = self._buffer, list[KlvPacket]()
+        candidates = _Candidates(data)
+        at = 0
+        while (begin := candidates.next_key(at)) is not None:
+            self.skipped += begin - at
+            at = begin
+            end = candidates.end_of(at)
             # A key within a packet that never ends: its length is damaged, nothing is worth waiting for.
-            if packet is None and not is_end and self._buffer.find(UAS_LOCAL_SET, 1) < 0:
+            if end is None and not is_end and candidates.last_key <= at:
                 break
-            if packet is not None and packet.checksum_is_good:
+            packet = None if end is None else candidates.packet(at, end)
+            if packet is not None:
                 self.good += 1
-                self._buffer = self._buffer[len(packet.data) :]
                 found.append(packet)
-                continue
-            # Not the length but the next key tells where to go on: the length may be what is damaged.
-            self.bad += 1
-            self._skip(1)
+                at += len(packet.data)
+            else:
+                # Not the length but the next key tells where to go on: the length may be what is damaged.
+                self.bad += 1
+                self.skipped += 1
+                at += 1
+        else:
+            # The end may hold the beginning of a key.
+            kept = 0 if is_end else min(len(data) - at, KEY_BYTES - 1)
+            self.skipped += len(data) - kept - at
+            at = len(data) - kept
+        self._buffer = data[at:]
         return found
 
-    def _find_key(self) -> bool:
-        """Drops what lies before the next key; False where none is there."""
-        at = self._buffer.find(KEY_PREFIX)
-        if at < 0:
-            self._skip(max(0, len(self._buffer) - len(KEY_PREFIX) + 1))
-            return False
-        self._skip(at)
-        return True
 
-    def _packet_here(self) -> KlvPacket | None:
-        """The packet at the buffer's start; None while bytes are missing. One too long counts as broken."""
-        data = self._buffer
-        if len(data) <= KEY_BYTES:
-            return None
+class _Candidates:
+    """The places of some bytes where a packet may begin; each is looked at without going through the bytes.
+
+    Attributes:
+        last_key: where the last key of a set stands; -1 if there is none.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._sums: NDArray[np.int64] | None = None
+        self.last_key = max(data.rfind(UAS_LOCAL_SET[:7]), data.rfind(UNIVERSAL_SET[:7]))
+
+    def next_key(self, at: int) -> int | None:
+        """Where the next key of a set stands."""
+        found = SET_KEY.search(self._data, at)
+        return None if found is None else found.start()
+
+    def end_of(self, at: int) -> int | None:
+        """Where the packet ends that begins here: `at` if its length is not allowed, None if beyond."""
         try:
-            length = read_length(data, KEY_BYTES)
+            length = read_length(self._data, at + KEY_BYTES)
         except BadKlv:
-            return KlvPacket(data[:KEY_BYTES], b"", data[:KEY_BYTES])
+            return at
         if length is None:
             return None
-        size, begin = length
-        if size > LONGEST_VALUE:
-            return KlvPacket(data[:KEY_BYTES], b"", data[:KEY_BYTES])
-        if begin + size > len(data):
-            return None
-        return KlvPacket(data[:KEY_BYTES], data[begin : begin + size], data[: begin + size])
+        if length[0] > LONGEST_VALUE:
+            return at
+        end = length[0] + length[1]
+        return end if end <= len(self._data) else None
 
-    def _skip(self, count: int) -> None:
-        self.skipped += count
-        self._buffer = self._buffer[count:]
+    def packet(self, begin: int, end: int) -> KlvPacket | None:
+        """The packet of this place; None where its checksum or form is wrong."""
+        length = read_length(self._data, begin + KEY_BYTES) if end > begin else None
+        if length is None or end == length[1]:
+            return None
+        packet = KlvPacket(
+            self._data[begin : begin + KEY_BYTES], self._data[length[1] : end], self._data[begin:end]
+        )
+        is_good = (
+            self._elements_fit(packet)
+            if packet.is_universal_set
+            else self._checksum_fits(begin, end, length[0])
+        )
+        return packet if is_good else None
+
+    def _checksum_fits(self, begin: int, end: int, size: int) -> bool:
+        data = self._data
+        if size < 4 or data[end - 4 : end - 2] != CHECKSUM_HEAD:
+            return False
+        if self._sums is None:
+            self._sums = second_byte_sums(data)
+        return checksum_from_sums(self._sums, begin, end - 2) == int.from_bytes(data[end - 2 : end], "big")
+
+    def _elements_fit(self, packet: KlvPacket) -> bool:
+        try:
+            return bool(list(universal_elements(packet.value)))
+        except BadKlv:
+            return False

@@ -1,14 +1,13 @@
-"""Samples of telemetry out of UAS local sets, whose tags may come at different rates."""
+"""Samples of telemetry out of UAS local sets and universal sets, whose tags may come at different rates."""
 
 from __future__ import annotations
 
-from streamkit_decoder.telemetry.klv import UAS_LOCAL_SET, BadKlv, KlvPacket, KlvReader
+from streamkit_decoder.telemetry.eg0104 import decode_universal_set
+from streamkit_decoder.telemetry.klv import BadKlv, KlvPacket, KlvReader
 from streamkit_decoder.telemetry.sample import Position, Sample
 from streamkit_decoder.telemetry.st0601 import LocalSet, decode_local_set
 
 HOLD_NS = 5_000_000_000  # a tag that is not sent again stays good this long
-# Bytes of the key that tell what follows; the registry version in between may differ.
-KEY_PARTS = ((0, 7), (8, 13))
 ABOVE_ELLIPSOID, ABOVE_SEA = "misb", "misb above sea level"
 
 
@@ -18,43 +17,57 @@ class MisbTelemetry:
     Attributes:
         reader: counts good and bad packets.
         without_position: good packets with no position to make a sample of.
+        broken_tags: values left out because they have not the length or the range that the standard gives.
     """
 
     def __init__(self) -> None:
         self.reader = KlvReader()
         self.without_position = 0
+        self.broken_tags = 0
         self._held: dict[int, tuple[int, int | float | str | bytes]] = {}
+        self._clock_zero: int | None = None
 
-    def feed(self, data: bytes, pts: int) -> list[Sample]:
+    def feed(self, data: bytes, pts: int | None) -> list[Sample]:
         """The samples of the packets that are complete with these bytes, which came for a time.
 
         Args:
             data: any piece of the stream.
-            pts: on the video's line of time, ns.
+            pts: on the video's line of time, ns. None where the stream has none: then the platform's clock
+                tells the time from the first packet on, and packets without it are left out.
         """
         return self._samples(self.reader.feed(data), pts)
 
-    def finish(self, pts: int) -> list[Sample]:
+    def finish(self, pts: int | None) -> list[Sample]:
         """What is left at the end."""
         return self._samples(self.reader.finish(), pts)
 
-    def _samples(self, packets: list[KlvPacket], pts: int) -> list[Sample]:
+    def _samples(self, packets: list[KlvPacket], pts: int | None) -> list[Sample]:
         found = []
         for packet in packets:
-            if any(packet.key[a:b] != UAS_LOCAL_SET[a:b] for a, b in KEY_PARTS):
-                continue
+            decode = decode_universal_set if packet.is_universal_set else decode_local_set
             try:
-                local_set = decode_local_set(packet.value)
+                local_set = decode(packet.value)
             except BadKlv:
                 self.reader.bad += 1
                 self.reader.good -= 1
                 continue
-            sample = self._sample(local_set, pts)
+            self.broken_tags += len(local_set.broken)
+            shown = self._clock_time(local_set) if pts is None else pts
+            sample = None if shown is None else self._sample(local_set, shown)
             if sample is None:
                 self.without_position += 1
             else:
                 found.append(sample)
         return found
+
+    def _clock_time(self, local_set: LocalSet) -> int | None:
+        """Time since the first packet by the platform's clock, ns."""
+        time_ns = local_set.values.get(2)
+        if not isinstance(time_ns, int):
+            return None
+        if self._clock_zero is None:
+            self._clock_zero = time_ns
+        return time_ns - self._clock_zero
 
     def _sample(self, local_set: LocalSet, pts: int) -> Sample | None:
         self._held.update({tag: (pts, value) for tag, value in local_set.values.items()})

@@ -14,6 +14,9 @@ CAPACITY = 4096
 class PoseLine:
     """Holds the newest samples; finds or interpolates the one for a time.
 
+    Attributes:
+        has_forgotten: whether samples had to make room for newer ones.
+
     Args:
         longest_gap_ns: a sample further from its frame is stale; two more than twice as far apart are not
             interpolated.
@@ -22,6 +25,7 @@ class PoseLine:
     def __init__(self, longest_gap_ns: int) -> None:
         self._longest_gap_ns = longest_gap_ns
         self._samples: deque[Sample] = deque(maxlen=CAPACITY)
+        self.has_forgotten = False
 
     def __len__(self) -> int:
         return len(self._samples)
@@ -30,6 +34,7 @@ class PoseLine:
         """Takes a sample; one of a time that is held already replaces it."""
         samples = self._samples
         if not samples or sample.pts > samples[-1].pts:
+            self.has_forgotten |= len(samples) == CAPACITY
             samples.append(sample)
             return
         at = bisect.bisect_left(samples, sample.pts, key=_time)
@@ -41,10 +46,15 @@ class PoseLine:
     def clear(self) -> None:
         """Forgets everything: another line of time begins."""
         self._samples.clear()
+        self.has_forgotten = False
 
     def reaches(self, pts: int) -> bool:
         """Whether a sample of this time or later is held, so that waiting brings nothing nearer."""
         return bool(self._samples) and self._samples[-1].pts >= pts
+
+    def is_before(self, pts: int) -> bool:
+        """Whether a time lies before all samples that are still held, others having been forgotten."""
+        return self.has_forgotten and pts < self._samples[0].pts
 
     def at(self, pts: int) -> tuple[Sample, int, bool] | None:
         """The sample for a time.

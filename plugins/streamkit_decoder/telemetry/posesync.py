@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -24,14 +25,16 @@ from streamkit import (
     Source,
 )
 from streamkit_decoder.location import local_path
-from streamkit_decoder.telemetry.files import NoTelemetry, read_telemetry
+from streamkit_decoder.telemetry.files import NoTelemetry, TelemetryFile
 from streamkit_decoder.telemetry.poseline import PoseLine
 from streamkit_decoder.telemetry.sample import Sample
 from streamkit_decoder.telemetry.telemetrydecoder import TELEMETRY_CAPS, TelemetryDecoder
+from streamkit_decoder.telemetry.telemetryreader import TelemetryReader
 
 SECOND_NS = 1_000_000_000
 HELD_LIMIT = 32
-FIRST_NOTICE = 1
+LONGEST_S = 1e9
+FOREVER_NS = 1 << 62
 
 
 class PoseSync(Combine):
@@ -50,35 +53,67 @@ class PoseSync(Combine):
 
     location: str = Property("", doc="File with telemetry beside the video: DJI .SRT or raw KLV.")
     max_gap_s: float = Property(
-        1.0, min=0.0, unit="s", doc="A pose whose nearest measurement is further away is stale."
+        1.0,
+        min=0.0,
+        max=LONGEST_S,
+        unit="s",
+        doc="A pose whose nearest measurement is further away is stale.",
     )
-    offset_s: float = Property(0.0, unit="s", doc="Added to the telemetry's times.")
+    offset_s: float = Property(
+        0.0, min=-LONGEST_S, max=LONGEST_S, unit="s", doc="Added to the telemetry's times."
+    )
     wait_ms: int = Property(200, min=0, unit="ms", doc="Longest time a live frame waits for telemetry.")
 
     def start(self) -> None:
-        """Reads the file beside the video, where there is one."""
+        """Opens the file beside the video, where there is one; it is read as far as the frames have come."""
         self._line = PoseLine(round(self.max_gap_s * SECOND_NS))
         self._decoder = TelemetryDecoder()
         self._held: deque[Frame] = deque()
         self._epoch = 0
         self._counts = {"frames": 0, "paired": 0, "stale": 0, "without": 0}
         self._largest_gap_ns = 0
-        self._told_bad = 0
         self._telemetry_has_ended = "telemetry" not in self.pads
         self._is_live = self._finds_live_source()
+        self._file: TelemetryFile | None = None
+        self._read_pts = -FOREVER_NS
         if self.location:
-            self._read_file()
+            with self._reading():
+                self._file = TelemetryFile(local_path(self.location))
 
-    def _read_file(self) -> None:
+    def stop(self) -> None:
+        """Closes the file."""
+        if self._file is not None:
+            self._file.close()
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Errors of the file in the user's words."""
         try:
-            samples = read_telemetry(local_path(self.location))
+            yield
         except NoTelemetry as error:
             raise ResourceError(str(error)) from None
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise ResourceError(f"{self.location}: cannot be read: {reason}; check the path") from None
-        for sample in samples:
-            self._add(sample)
+
+    def _read_up_to(self, pts: int) -> None:
+        """Takes what the file has up to a time, ns; from its beginning where that is not held any more."""
+        if self._file is None:
+            return
+        if self._line.is_before(pts):
+            self._forget()
+        with self._reading():
+            while self._read_pts < pts and (sample := self._file.next()) is not None:
+                self._read_pts = max(self._read_pts, self._add(sample))
+        self._complain(self._file.reader)
+
+    def _forget(self) -> None:
+        """Begins again with another line of time."""
+        self._line.clear()
+        self._read_pts = -FOREVER_NS
+        if self._file is not None:
+            with self._reading():
+                self._file.rewind()
 
     # Negotiation: the video passes as it is.
 
@@ -100,11 +135,11 @@ class PoseSync(Combine):
         if frame.epoch != self._epoch:
             yield from self._released(everything=True)
             self._epoch = frame.epoch
-            self._line.clear()
+            self._forget()
         if pad_name == "telemetry":
-            for sample in self._decoder.decode(frame.data, frame.pts or 0, frame.caps):
+            for sample in self._decoder.decode(frame):
                 self._add(sample)
-            self._tell_bad()
+            self._complain(self._decoder)
         else:
             self._held.append(frame)
         yield from self._released()
@@ -126,12 +161,16 @@ class PoseSync(Combine):
     def drain(self) -> Iterator[Frame]:
         """The last frames, with the poses there are; the counts are posted."""
         yield from self._released(everything=True)
-        self._tell_bad()
-        counts = self._decoder.counts()
+        counts, described = self._decoder.counts(), self._decoder.describe()
+        self._complain(self._decoder, at_end=True)
+        if self._file is not None:
+            self._complain(self._file.reader, at_end=True)
+            counts = {name: count + counts[name] for name, count in self._file.reader.counts().items()}
+            described = f"in the file {self._file.reader.describe()}"
         self.post_message("telemetry", **self._counts, **counts, largest_gap_ns=self._largest_gap_ns)
         if not self._counts["paired"]:
             self.post_warning(
-                f"no frame of {self._counts['frames']} has got a pose: {self._decoder.describe()}; check "
+                f"no frame of {self._counts['frames']} has got a pose: {described}; check "
                 "that the telemetry is of this flight and its times fit (offset-s=)"
             )
 
@@ -147,6 +186,7 @@ class PoseSync(Combine):
     def _need_not_wait(self, frame: Frame) -> bool:
         if self._telemetry_has_ended or len(self._held) > HELD_LIMIT or frame.pts is None:
             return True
+        self._read_up_to(frame.pts)
         if self._line.reaches(frame.pts):
             return True
         waited_ns = self.clock_ns() - frame.arrival_ns
@@ -154,7 +194,7 @@ class PoseSync(Combine):
 
     def _paired(self, frame: Frame) -> Frame:
         self._counts["frames"] += 1
-        found = None if frame.pts is None else self._line.at(frame.pts)
+        found = None if frame.pts is None else self._pose_at(frame.pts)
         if found is None:
             self._counts["without"] += 1
             return frame
@@ -166,16 +206,22 @@ class PoseSync(Combine):
             return frame
         return frame.replace(capture=Capture(sample.utc_ns, "misb"))
 
-    def _add(self, sample: Sample) -> None:
-        shift = round(self.offset_s * SECOND_NS)
-        self._line.add(replace(sample, pts=sample.pts + shift) if shift else sample)
+    def _pose_at(self, pts: int) -> tuple[Sample, int, bool] | None:
+        self._read_up_to(pts)
+        return self._line.at(pts)
 
-    def _tell_bad(self) -> None:
-        """The bus hears of damage when it is first seen and then each time it has doubled."""
-        bad = self._decoder.bad
-        if bad >= max(FIRST_NOTICE, 2 * self._told_bad):
-            self._told_bad = bad
-            self.post_warning(f"{bad} telemetry packets refused so far: checksum or form is wrong")
+    def _add(self, sample: Sample) -> int:
+        """Takes a sample; its time with the offset, ns."""
+        shift = round(self.offset_s * SECOND_NS)
+        if shift:
+            sample = replace(sample, pts=sample.pts + shift)
+        self._line.add(sample)
+        return sample.pts
+
+    def _complain(self, reader: TelemetryReader, at_end: bool = False) -> None:
+        """The bus hears of damage when it is first seen, each time it has doubled, and at the end."""
+        if complaint := reader.complaint(at_end):
+            self.post_warning(complaint)
 
     def _finds_live_source(self) -> bool:
         pad = self.pads["sink"]

@@ -17,6 +17,7 @@ from streamkit_decoder.telemetry.klv import BadKlv, elements
 Value = int | float | str | bytes | None
 Decoder = Callable[[bytes], Value]
 LONGEST_TEXT = 4096
+LATEST_TIME_NS = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +35,13 @@ class Tag:
     decode: Decoder
 
 
-def unsigned(low: float = 0.0, high: float | None = None, size: int = 0, scale: float = 1.0) -> Decoder:
-    """An unsigned integer, as it is or mapped linearly onto low..high; `size` bytes, 0 for any number."""
+def unsigned(
+    low: float = 0.0, high: float | None = None, size: int = 0, scale: float = 1.0, most: int = 8
+) -> Decoder:
+    """An unsigned integer, as it is or mapped linearly onto low..high; `size` bytes, 0 for one to `most`."""
 
     def decode(data: bytes) -> Value:
-        _demand_size(data, size)
+        _demand_size(data, size, most)
         number = int.from_bytes(data, "big")
         if high is None:
             return number if scale == 1.0 else number * scale
@@ -47,11 +50,11 @@ def unsigned(low: float = 0.0, high: float | None = None, size: int = 0, scale: 
     return decode
 
 
-def signed(bound: float | None = None, size: int = 0, scale: float = 1.0) -> Decoder:
+def signed(bound: float | None = None, size: int = 0, scale: float = 1.0, most: int = 8) -> Decoder:
     """A signed integer, as it is or mapped onto -bound..bound; its lowest number then means "no value"."""
 
     def decode(data: bytes) -> Value:
-        _demand_size(data, size)
+        _demand_size(data, size, most)
         number = int.from_bytes(data, "big", signed=True)
         if bound is None:
             return number if scale == 1.0 else number * scale
@@ -61,21 +64,32 @@ def signed(bound: float | None = None, size: int = 0, scale: float = 1.0) -> Dec
     return decode
 
 
-def imapb(low: float, high: float, scale: float = 1.0) -> Decoder:
-    """A floating-point number mapped onto an integer of any length (ST 1201)."""
+def time(size: int = 0) -> Decoder:
+    """Microseconds since 1970 as ns; a time after the year 2262 is no 64-bit number of them."""
+    microseconds = unsigned(size=size)
 
     def decode(data: bytes) -> Value:
-        _demand_size(data, 0)
-        if len(data) > 8:
-            raise BadKlv(f"an IMAPB value has at most 8 bytes, got {len(data)}")
+        number = microseconds(data)
+        assert isinstance(number, int)
+        if number > LATEST_TIME_NS // 1000:
+            raise BadKlv(f"a time lies before the year 2263, got {number} us")
+        return number * 1000
+
+    return decode
+
+
+def imapb(low: float, high: float, scale: float = 1.0, most: int = 8) -> Decoder:
+    """A floating-point number mapped onto an integer of one to `most` bytes (ST 1201)."""
+
+    def decode(data: bytes) -> Value:
+        _demand_size(data, 0, most)
         number = int.from_bytes(data, "big")
         span_bits, data_bits = math.ceil(math.log2(high - low)), 8 * len(data) - 1
         forward = 2.0 ** (data_bits - span_bits)
         offset = forward * low - math.floor(forward * low) if low < 0 < high else 0.0
         # The highest bit alone is the upper end; with more bits it stands for infinities and the like.
-        if number > 1 << data_bits:
-            return None
-        return ((number - offset) / forward + low) * scale
+        value = (number - offset) / forward + low
+        return None if number > 1 << data_bits or value > high else value * scale
 
     return decode
 
@@ -92,22 +106,21 @@ def nested(data: bytes) -> Value:
     return data
 
 
-def _demand_size(data: bytes, size: int) -> None:
-    if not data or (size and len(data) != size):
-        raise BadKlv(f"a value of {size or 'one or more'} bytes is needed, got {len(data)}")
+def _demand_size(data: bytes, size: int, most: int = 8) -> None:
+    if not data or len(data) > (size or most) or (size and len(data) != size):
+        raise BadKlv(f"a value of {size or f'1 to {most}'} bytes is needed, got {len(data)}")
 
 
 RAD = math.pi / 180
 HPA = 100.0
-MICROSECONDS = 1000
 
 _LATITUDE, _LONGITUDE = signed(90, 4), signed(180, 4)
 _ALTITUDE = unsigned(-900, 19_000, 2)
 _HEIGHT = imapb(-900, 40_000)
 _OFFSET = signed(0.075, 2)
 _CIRCLE = unsigned(0, 360, 2, RAD)
-_TIME = unsigned(size=8, scale=MICROSECONDS)
-_NUMBER = unsigned()
+_TIME = time(size=8)
+_BYTE, _WORD = unsigned(size=1), unsigned(size=2)
 
 TAGS: dict[int, Tag] = {
     1: Tag("Checksum", "", unsigned(size=2)),
@@ -117,8 +130,8 @@ TAGS: dict[int, Tag] = {
     5: Tag("Platform Heading Angle", "rad", _CIRCLE),
     6: Tag("Platform Pitch Angle", "rad", signed(20, 2, RAD)),
     7: Tag("Platform Roll Angle", "rad", signed(50, 2, RAD)),
-    8: Tag("Platform True Airspeed", "m/s", _NUMBER),
-    9: Tag("Platform Indicated Airspeed", "m/s", _NUMBER),
+    8: Tag("Platform True Airspeed", "m/s", _BYTE),
+    9: Tag("Platform Indicated Airspeed", "m/s", _BYTE),
     10: Tag("Platform Designation", "", text),
     11: Tag("Image Source Sensor", "", text),
     12: Tag("Image Coordinate System", "", text),
@@ -143,7 +156,7 @@ TAGS: dict[int, Tag] = {
     31: Tag("Offset Corner Longitude Point 3", "deg", _OFFSET),
     32: Tag("Offset Corner Latitude Point 4", "deg", _OFFSET),
     33: Tag("Offset Corner Longitude Point 4", "deg", _OFFSET),
-    34: Tag("Icing Detected", "", _NUMBER),
+    34: Tag("Icing Detected", "", _BYTE),
     35: Tag("Wind Direction", "rad", _CIRCLE),
     36: Tag("Wind Speed", "m/s", unsigned(0, 100, 1)),
     37: Tag("Static Pressure", "Pa", unsigned(0, 5000, 2, HPA)),
@@ -156,7 +169,7 @@ TAGS: dict[int, Tag] = {
     44: Tag("Target Track Gate Height", "px", unsigned(size=1, scale=2)),
     45: Tag("Target Error Estimate CE90", "m", unsigned(0, 4095, 2)),
     46: Tag("Target Error Estimate LE90", "m", unsigned(0, 4095, 2)),
-    47: Tag("Generic Flag Data", "", _NUMBER),
+    47: Tag("Generic Flag Data", "", _BYTE),
     48: Tag("Security Local Set", "", nested),
     49: Tag("Differential Pressure", "Pa", unsigned(0, 5000, 2, HPA)),
     50: Tag("Platform Angle of Attack", "rad", signed(20, 2, RAD)),
@@ -165,16 +178,16 @@ TAGS: dict[int, Tag] = {
     53: Tag("Airfield Barometric Pressure", "Pa", unsigned(0, 5000, 2, HPA)),
     54: Tag("Airfield Elevation", "m", _ALTITUDE),
     55: Tag("Relative Humidity", "%", unsigned(0, 100, 1)),
-    56: Tag("Platform Ground Speed", "m/s", _NUMBER),
+    56: Tag("Platform Ground Speed", "m/s", _BYTE),
     57: Tag("Ground Range", "m", unsigned(0, 5_000_000, 4)),
     58: Tag("Platform Fuel Remaining", "kg", unsigned(0, 10_000, 2)),
     59: Tag("Platform Call Sign", "", text),
-    60: Tag("Weapon Load", "", _NUMBER),
-    61: Tag("Weapon Fired", "", _NUMBER),
-    62: Tag("Laser PRF Code", "", _NUMBER),
-    63: Tag("Sensor Field of View Name", "", _NUMBER),
+    60: Tag("Weapon Load", "", _WORD),
+    61: Tag("Weapon Fired", "", _BYTE),
+    62: Tag("Laser PRF Code", "", _WORD),
+    63: Tag("Sensor Field of View Name", "", _BYTE),
     64: Tag("Platform Magnetic Heading", "rad", _CIRCLE),
-    65: Tag("UAS Datalink LS Version Number", "", _NUMBER),
+    65: Tag("UAS Datalink LS Version Number", "", _BYTE),
     66: Tag("Target Location Covariance Matrix", "", nested),
     67: Tag("Alternate Platform Latitude", "deg", _LATITUDE),
     68: Tag("Alternate Platform Longitude", "deg", _LONGITUDE),
@@ -186,7 +199,7 @@ TAGS: dict[int, Tag] = {
     74: Tag("VMTI Local Set", "", nested),
     75: Tag("Sensor Ellipsoid Height", "m", _ALTITUDE),
     76: Tag("Alternate Platform Ellipsoid Height", "m", _ALTITUDE),
-    77: Tag("Operational Mode", "", _NUMBER),
+    77: Tag("Operational Mode", "", _BYTE),
     78: Tag("Frame Center Height Above Ellipsoid", "m", _ALTITUDE),
     79: Tag("Sensor North Velocity", "m/s", signed(327, 2)),
     80: Tag("Sensor East Velocity", "m/s", signed(327, 2)),
@@ -218,35 +231,35 @@ TAGS: dict[int, Tag] = {
     106: Tag("Stream Designator", "", text),
     107: Tag("Operational Base", "", text),
     108: Tag("Broadcast Source", "", text),
-    109: Tag("Range To Recovery Location", "m", imapb(0, 21_000, 1000)),
-    110: Tag("Time Airborne", "s", _NUMBER),
-    111: Tag("Propulsion Unit Speed", "1/min", _NUMBER),
+    109: Tag("Range To Recovery Location", "m", imapb(0, 21_000, 1000, most=4)),
+    110: Tag("Time Airborne", "s", unsigned(most=4)),
+    111: Tag("Propulsion Unit Speed", "1/min", unsigned(most=4)),
     112: Tag("Platform Course Angle", "rad", imapb(0, 360, RAD)),
     113: Tag("Altitude Above Ground Level", "m", _HEIGHT),
     114: Tag("Radar Altimeter", "m", _HEIGHT),
     115: Tag("Control Command", "", nested),
     116: Tag("Control Command Verification List", "", nested),
-    117: Tag("Sensor Azimuth Rate", "rad/s", imapb(-1000, 1000, RAD)),
-    118: Tag("Sensor Elevation Rate", "rad/s", imapb(-1000, 1000, RAD)),
-    119: Tag("Sensor Roll Rate", "rad/s", imapb(-1000, 1000, RAD)),
-    120: Tag("On-board MI Storage Percent Full", "%", imapb(0, 100)),
+    117: Tag("Sensor Azimuth Rate", "rad/s", imapb(-1000, 1000, RAD, most=4)),
+    118: Tag("Sensor Elevation Rate", "rad/s", imapb(-1000, 1000, RAD, most=4)),
+    119: Tag("Sensor Roll Rate", "rad/s", imapb(-1000, 1000, RAD, most=4)),
+    120: Tag("On-board MI Storage Percent Full", "%", imapb(0, 100, most=4)),
     121: Tag("Active Wavelength List", "", nested),
     122: Tag("Country Codes", "", nested),
-    123: Tag("Number of NAVSATs in View", "", _NUMBER),
-    124: Tag("Positioning Method Source", "", _NUMBER),
-    125: Tag("Platform Status", "", _NUMBER),
-    126: Tag("Sensor Control Mode", "", _NUMBER),
+    123: Tag("Number of NAVSATs in View", "", _BYTE),
+    124: Tag("Positioning Method Source", "", _BYTE),
+    125: Tag("Platform Status", "", _BYTE),
+    126: Tag("Sensor Control Mode", "", _BYTE),
     127: Tag("Sensor Frame Rate Pack", "", nested),
     128: Tag("Wavelengths List", "", nested),
     129: Tag("Target ID", "", text),
     130: Tag("Airbase Locations", "", nested),
-    131: Tag("Take-off Time", "ns", unsigned(scale=MICROSECONDS)),
-    132: Tag("Transmission Frequency", "Hz", imapb(1, 99_999, 1e6)),
-    133: Tag("On-board MI Storage Capacity", "GB", _NUMBER),
-    134: Tag("Zoom Percentage", "%", imapb(0, 100)),
+    131: Tag("Take-off Time", "ns", time()),
+    132: Tag("Transmission Frequency", "Hz", imapb(1, 99_999, 1e6, most=4)),
+    133: Tag("On-board MI Storage Capacity", "GB", unsigned(most=4)),
+    134: Tag("Zoom Percentage", "%", imapb(0, 100, most=4)),
     135: Tag("Communications Method", "", text),
-    136: Tag("Leap Seconds", "s", signed()),
-    137: Tag("Correction Offset", "ns", signed(scale=MICROSECONDS)),
+    136: Tag("Leap Seconds", "s", signed(most=4)),
+    137: Tag("Correction Offset", "ns", signed(scale=1000)),
     138: Tag("Payload List", "", nested),
     139: Tag("Active Payloads", "", nested),
     140: Tag("Weapons Stores", "", nested),

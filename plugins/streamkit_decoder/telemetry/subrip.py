@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 # Some aircraft write 00:00:60,000 for the end of a minute.
 _TIME = r"(\d{1,3}):(\d{1,2}):(\d{1,2})[,.](\d{1,3})"
 TIMES = re.compile(rf"^\s*{_TIME}\s*-->\s*{_TIME}")
+ARROW = "-->"
 LONGEST_TEXT = 4096
 
 
@@ -27,25 +28,67 @@ class Cue:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class UntimedCue:
+    """A subtitle that has a number but no line of times.
+
+    Attributes:
+        text: its lines without the number.
+    """
+
+    text: str
+
+
 def read_cues(text: str) -> Iterator[Cue]:
-    """The subtitles of a file, in its order; what is none is passed over."""
-    times: re.Match[str] | None = None
-    lines: list[str] = []
-    for line in text.replace("\r\n", "\n").split("\n"):
-        found = TIMES.match(line)
-        if found is None and line.strip():
-            lines.append(line)
-            continue
+    """The subtitles of a text, in its order; what is none is passed over."""
+    return (cue for cue in SubtitleReader().cues(text.split("\n")) if isinstance(cue, Cue))
+
+
+class SubtitleReader:
+    """Reads subtitles line by line, in bounded memory.
+
+    Attributes:
+        broken: subtitles whose times cannot be read, and one that is cut short behind its times.
+    """
+
+    def __init__(self) -> None:
+        self.broken = 0
+        self._times: re.Match[str] | None = None
+        self._lines: list[str] = []
+        self._size = 0
+
+    def cues(self, lines: Iterable[str]) -> Iterator[Cue | UntimedCue]:
+        """The subtitles of some lines, in their order."""
+        for line in lines:
+            times = TIMES.match(line)
+            if times is None and (bare := line.strip("\ufeff\r\n")).strip():
+                self._keep(bare)
+                continue
+            if (cue := self._complete()) is not None:
+                yield cue
+            self._times = times
+        if self._times is not None and not self._lines:
+            self.broken += 1
+        elif (cue := self._complete()) is not None:
+            yield cue
+
+    def _keep(self, line: str) -> None:
+        if self._size <= LONGEST_TEXT:
+            self._lines.append(line)
+            self._size += len(line) + 1
+
+    def _complete(self) -> Cue | UntimedCue | None:
+        """The subtitle of the lines so far; None where they are none."""
+        times, lines = self._times, self._lines
+        self._times, self._lines, self._size = None, [], 0
         if times is not None:
-            yield _cue(times, lines)
-        times, lines = found, []
-    if times is not None and lines:
-        yield _cue(times, lines)
-
-
-def _cue(times: re.Match[str], lines: list[str]) -> Cue:
-    parts = times.groups()
-    return Cue(_ns(parts[:4]), _ns(parts[4:]), "\n".join(lines)[:LONGEST_TEXT])
+            parts = times.groups()
+            return Cue(_ns(parts[:4]), _ns(parts[4:]), "\n".join(lines)[:LONGEST_TEXT])
+        if any(ARROW in line for line in lines):
+            self.broken += 1
+            return None
+        is_numbered = len(lines) > 1 and lines[0].strip().isdecimal()
+        return UntimedCue("\n".join(lines[1:])[:LONGEST_TEXT]) if is_numbered else None
 
 
 def _ns(parts: tuple[str, ...]) -> int:

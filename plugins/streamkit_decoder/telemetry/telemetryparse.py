@@ -13,7 +13,7 @@ from streamkit_decoder.telemetry.telemetrydecoder import TELEMETRY_CAPS, Telemet
 
 
 class TelemetryParse(Transform):
-    """Decodes KLV (MISB ST 0601) and DJI subtitles to one JSON object for each position.
+    """Decodes KLV (MISB ST 0601, EG 0104) and DJI subtitles to one JSON object for each position.
 
     Angles are rad, latitudes and longitudes deg, heights m, times ns; what was not sent is left out.
 
@@ -33,8 +33,7 @@ class TelemetryParse(Transform):
     def transform(self, frame: Frame) -> Iterable[Frame]:
         """The samples that are complete with this packet."""
         self._last = frame
-        samples = self._decoder.decode(frame.data, frame.pts or 0, frame.caps)
-        return [self._line(frame, sample) for sample in samples]
+        return [self._line(frame, sample) for sample in self._decoder.decode(frame)]
 
     def drain(self) -> Iterable[Frame]:
         """What is left; damage is told."""
@@ -42,8 +41,10 @@ class TelemetryParse(Transform):
             yield from [self._line(self._last, sample) for sample in self._decoder.finish()]
         counts = self._decoder.counts()
         self.post_message("telemetry", **counts)
-        if self._decoder.bad:
-            self.post_warning(f"{self._decoder.bad} packets refused: checksum or form is wrong")
+        if complaint := self._decoder.complaint(at_end=True):
+            self.post_warning(complaint)
+        if not counts["poses"]:
+            self.post_warning(f"no position in the telemetry: {self._decoder.describe()}")
 
     def _line(self, frame: Frame, sample: Sample) -> Frame:
         return frame.replace(data=json.dumps(as_json(sample)), caps=self._caps, pts=sample.pts)

@@ -1,4 +1,5 @@
 import random
+import time
 from itertools import pairwise
 from pathlib import Path
 
@@ -7,13 +8,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from streamkit_decoder.telemetry.klv import (
+    KEY_PREFIX,
     UAS_LOCAL_SET,
+    UNIVERSAL_SET,
     BadKlv,
     KlvReader,
     checksum,
+    checksum_from_sums,
     elements,
     read_length,
     read_tag,
+    second_byte_sums,
 )
 
 
@@ -122,3 +127,46 @@ def test_an_element_beyond_its_set_is_refused() -> None:
     """A length that leads out of the set is an error, not a short value."""
     with pytest.raises(BadKlv, match="at byte 3 reaches beyond"):
         list(elements(b"\x41\x01\x07\x05\x09\x00"))
+
+
+def block_that_ends_others(keys: int = 2800) -> bytes:
+    """A packet with a wrong checksum whose length leads to the end of another such packet."""
+    size = keys * 23 - 19
+    return UAS_LOCAL_SET + b"\x82" + size.to_bytes(2, "big") + b"\x01\x02\x00\x00"
+
+
+@pytest.mark.parametrize(
+    "block",
+    [UAS_LOCAL_SET, KEY_PREFIX, block_that_ends_others(), UNIVERSAL_SET + b"\x83\x00\xff\xf0"],
+    ids=["keys", "prefixes", "checksums", "universal"],
+)
+def test_searching_after_damage_takes_linear_time(block: bytes) -> None:
+    """Four times as many broken packets take less than ten times as long (quadratic: sixteen times)."""
+
+    def seconds(size: int) -> float:
+        reader, data = KlvReader(), block * (size // len(block))
+        began = time.process_time()
+        assert reader.feed(data) + reader.finish() == []
+        assert reader.skipped == len(data)
+        return time.process_time() - began
+
+    short = min(seconds(1 << 18) for _ in range(3))
+    long = min(seconds(1 << 20) for _ in range(3))
+    assert long < 10 * max(short, 0.005)
+
+
+@settings(deadline=None, derandomize=True)
+@given(st.binary(min_size=1, max_size=64), st.data())
+def test_checksums_of_parts(data: bytes, draw: st.DataObject) -> None:
+    """The checksum out of the sums is that of the bytes themselves."""
+    begin = draw.draw(st.integers(0, len(data) - 1))
+    end = draw.draw(st.integers(begin + 1, len(data)))
+    assert checksum_from_sums(second_byte_sums(data), begin, end) == checksum(data[begin:end])
+
+
+def test_other_packets_are_passed_over() -> None:
+    """Packets of other sets in the stream are neither good nor bad."""
+    other = bytes.fromhex("060e2b34020b01010e01030306000000") + b"\x05\x04\x01\x04\x65\x00"
+    reader = KlvReader()
+    assert [p.data for p in reader.feed(other + packet() + other) + reader.finish()] == [packet()]
+    assert (reader.good, reader.bad, reader.skipped) == (1, 0, 2 * len(other))

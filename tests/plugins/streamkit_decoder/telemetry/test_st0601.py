@@ -4,7 +4,15 @@ from pathlib import Path
 import pytest
 
 from streamkit_decoder.telemetry.klv import BadKlv, KlvReader, elements
-from streamkit_decoder.telemetry.st0601 import TAGS, decode_local_set, imapb, signed
+from streamkit_decoder.telemetry.st0601 import (
+    LONGEST_TEXT,
+    TAGS,
+    decode_local_set,
+    imapb,
+    nested,
+    signed,
+    text,
+)
 
 klvdata = pytest.importorskip("klvdata", reason="klvdata, the independent decoder, is not installed")
 
@@ -106,3 +114,48 @@ def test_texts_are_bounded_and_never_fail() -> None:
     with pytest.raises(BadKlv, match="at most 4096 bytes"):
         TAGS[3].decode(bytes(5000))
     assert dict(elements(b"\x03\x01A")) == {3: b"A"}
+
+
+@pytest.mark.parametrize("tag", sorted(TAGS))
+def test_every_tag_has_its_length_rule(tag: int) -> None:
+    """Numbers take eight bytes at most and texts 4096; longer values are refused, whatever the tag."""
+    decode = TAGS[tag].decode
+    if decode is nested:
+        assert decode(b"any length") == b"any length"
+        return
+    limit = LONGEST_TEXT if decode is text else 8
+    with pytest.raises(BadKlv, match="bytes"):
+        decode(b"\x01" * (limit + 1))
+    if decode is not text:
+        with pytest.raises(BadKlv, match="bytes is needed"):
+            decode(b"")
+
+
+def test_lengths_the_standard_gives() -> None:
+    """One byte for an airspeed, two for a weapon load, one to four for a time in the air."""
+    good = {8: 1, 34: 1, 56: 1, 60: 2, 62: 2, 65: 1, 77: 1, 110: 3, 123: 1, 131: 5, 136: 2}
+    for tag, size in good.items():
+        assert isinstance(TAGS[tag].decode(b"\x01" * size), int), TAGS[tag].name
+        most = {110: 4, 131: 8, 136: 4}.get(tag, size)
+        with pytest.raises(BadKlv, match="bytes is needed"):
+            TAGS[tag].decode(b"\x01" * (most + 1))
+
+
+def test_times_are_64_bit_nanoseconds() -> None:
+    """A time that a signed 64-bit number of nanoseconds cannot hold is refused."""
+    latest = (2**63 - 1) // 1000
+    assert TAGS[2].decode(latest.to_bytes(8, "big")) == latest * 1000
+    with pytest.raises(BadKlv, match="before the year 2263"):
+        TAGS[2].decode((latest + 1).to_bytes(8, "big"))
+
+
+def test_imapb_stays_within_its_range() -> None:
+    """Numbers that the mapping has room for but the range has not are no value."""
+    assert imapb(0, 100)(b"\x64") == 100
+    assert imapb(0, 100)(b"\x65") is None
+
+
+def test_real_packets_break_no_rule(streamkit_data: Path) -> None:
+    """Not one value of 407 packets of an encoder in use is refused."""
+    data = (streamkit_data / "telemetry" / "Cheyenne.bin").read_bytes()
+    assert {decode_local_set(packet.value).broken for packet in KlvReader().feed(data)} == {()}
