@@ -26,7 +26,7 @@ from streamkit_decoder.telemetry.subrip import Cue, SubtitleReader
 
 # No more digits than a quantity has: a longer row of them is damage, and would be infinite as a number.
 NUMBER = r"([-+]?\d{1,9}(?:\.\d{1,20})?)(?!\d)"
-FIELD = re.compile(r"\b([a-zA-Z_]+)\s*:\s*" + NUMBER)
+FIELD = re.compile(rf"\b([a-zA-Z_]+)\s*:\s*{NUMBER}(?=m?(?![\w.]))")
 GPS = re.compile(rf"GPS\s*\(\s*{NUMBER}\s*,\s*{NUMBER}\s*,\s*{NUMBER}\s*(M?)\s*\)")
 HEIGHT = re.compile(rf"(?:\bH\s+|BAROMETER\s*:\s*){NUMBER}\s*m?", re.IGNORECASE)
 ANGLES = re.compile(rf"([FG])\.PRY\s*\(\s*{NUMBER}°?\s*,\s*{NUMBER}°?\s*,\s*{NUMBER}°?\s*\)")

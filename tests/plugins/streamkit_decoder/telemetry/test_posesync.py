@@ -3,9 +3,20 @@ from pathlib import Path
 
 import pytest
 
-from streamkit import Caps, ElementFailure, Frame, Message, MessageKind, Pipeline, Pose, raw_video_caps
+from streamkit import (
+    Caps,
+    ElementFailure,
+    Frame,
+    Message,
+    MessageKind,
+    Pipeline,
+    Pose,
+    PropertyError,
+    raw_video_caps,
+)
 from streamkit.testing import Harness
 from streamkit_decoder.telemetry.klv import UAS_LOCAL_SET, checksum
+from streamkit_decoder.telemetry.poseline import CAPACITY
 from streamkit_decoder.telemetry.sample import Sample
 
 VIDEO = raw_video_caps("GRAY8", 4, 2)
@@ -155,3 +166,74 @@ def test_bad_files_fail_before_playing(streamkit_data: Path, name: str, rule: st
     location = streamkit_data / "telemetry" / "dji" / name
     with pytest.raises(ElementFailure, match=rule):
         Pipeline.parse(f"fakesrc num-buffers=1 ! posesync location={location} ! fakesink").run(timeout_s=5)
+
+
+def subtitles(path: Path, count: int, period_ms: int = 33) -> Path:
+    """A file with a position every few milliseconds; the latitude tells which."""
+
+    def stamp(ms: int) -> str:
+        return f"{ms // 3600000:02}:{ms // 60000 % 60:02}:{ms // 1000 % 60:02},{ms % 1000:03}"
+
+    with path.open("w", encoding="ascii") as file:
+        for n in range(count):
+            file.write(f"{n + 1}\n{stamp(n * period_ms)} --> {stamp((n + 1) * period_ms)}\n")
+            file.write(f"[latitude: {n / 1000:.3f}] [longitude: 2.5] [altitude: 117.0]\n\n")
+    return path
+
+
+def test_the_whole_file_counts_in_bounded_memory(tmp_path: Path) -> None:
+    """Each of 10000 frames has its own pose, and no more samples are held than the line holds."""
+    count = 10_000
+    with Harness("posesync", location=str(subtitles(tmp_path / "long.SRT", count))) as harness:
+        for n in range(count):
+            (frame,) = harness.push(picture(n * 33 * MS))
+            assert latitudes([frame]) == [n / 1000]
+        assert len(harness.element._line) <= CAPACITY
+        harness.drain()
+        message = next(m for m in harness.messages if m.kind is MessageKind.ELEMENT)
+    assert (message.fields["poses"], message.fields["paired"], message.fields["stale"]) == (count, count, 0)
+
+
+def test_a_file_is_read_again_for_earlier_frames(tmp_path: Path) -> None:
+    """Frames before what is still held, and frames of a new epoch, find their poses in the file."""
+    count = 2 * CAPACITY
+    with Harness("posesync", location=str(subtitles(tmp_path / "long.SRT", count))) as harness:
+        for n in (count - 1, 3):
+            assert latitudes(harness.push(picture(n * 33 * MS))) == [n / 1000]
+        assert latitudes(harness.push(picture(7 * 33 * MS, epoch=1))) == [0.007]
+
+
+def test_broken_subtitles_are_warned_about(tmp_path: Path) -> None:
+    """The bus hears of them without being asked for details, and the counts tell how many."""
+    path = subtitles(tmp_path / "flight.SRT", 20)
+    path.write_text(path.read_text().replace("[latitude: 0.00", "[latitude: oo"))
+    with Harness("posesync", location=str(path)) as harness:
+        harness.push(picture(0))
+        harness.drain()
+        warnings = [m.text for m in harness.messages if m.kind is MessageKind.WARNING]
+        message = next(m for m in harness.messages if m.kind is MessageKind.ELEMENT)
+    assert warnings == ["10 subtitles left out so far: their times or position cannot be read"]
+    assert message.fields["broken_subtitles"] == 10
+
+
+@pytest.mark.parametrize("text", ["max_gap_s=1e300", "max_gap_s=inf", "offset_s=1e300", "offset_s=-inf"])
+def test_times_beyond_reason_are_refused(text: str) -> None:
+    """Seconds that no clock reaches are an error of the property, not of the arithmetic."""
+    name, _, value = text.partition("=")
+    with pytest.raises(PropertyError, match=r"property (max-gap|offset)-s cannot be"):
+        Harness("posesync", **{name: float(value)})
+
+
+def test_hostile_packets_leave_the_frames_alone() -> None:
+    """A packet with a good checksum and numbers of impossible lengths is paired without them, and told."""
+    number = b"\x08\x81\x80" + b"\xff" * 128
+    bare = klv_packet(10.0)[17:-4]
+    value = bare + number + b"\x01\x02"
+    data = UAS_LOCAL_SET + b"\x82" + (len(value) + 2).to_bytes(2, "big") + value
+    data += checksum(data).to_bytes(2, "big")
+    with Harness("posesync") as harness:
+        harness.push(Frame(data, KLV, pts=0), "telemetry")
+        assert latitudes(harness.push(picture(0))) == [10.0]
+        assert [m.text for m in harness.messages if m.kind is MessageKind.WARNING] == [
+            "1 telemetry values left out so far: not of the length or range of their tag"
+        ]
