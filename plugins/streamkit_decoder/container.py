@@ -46,7 +46,10 @@ class InvalidMedia(ResourceError):
 
 
 def open_container(
-    location: str, options: Mapping[str, str] | None = None, limits_s: tuple[float, float] | None = None
+    location: str,
+    options: Mapping[str, str] | None = None,
+    limits_s: tuple[float, float] | None = None,
+    form: str | None = None,
 ) -> InputContainer:
     """Opens a file or URL for reading.
 
@@ -54,6 +57,7 @@ def open_container(
         location: path, `file://` URL or any URL FFmpeg reads.
         options: FFmpeg options for the container.
         limits_s: time limits for opening and for each read, s; a generous one where None.
+        form: FFmpeg's name of the format; found out where None.
 
     Raises:
         ResourceError: missing, not a file, not readable, or not reachable.
@@ -69,7 +73,7 @@ def open_container(
     limits = limits_s or (LOCAL_LIMIT_S, LOCAL_LIMIT_S)
     began = time.monotonic()
     try:
-        container = av.open(name, "r", options=chosen, timeout=limits, metadata_errors="replace")
+        container = av.open(name, "r", format=form, options=chosen, timeout=limits, metadata_errors="replace")
     except MEDIA_ERRORS as error:
         raise open_failure(location, error, time.monotonic() - began, limits[0]) from None
     if container.format.name in UNWANTED_FORMATS:

@@ -16,6 +16,8 @@ from streamkit_decoder.codecs import coded_caps, stream_parameters, stream_rate
 KLV_CAPS = "meta/x-klv, parsed=(boolean)false"
 SUBTITLE_CAPS = "text/x-raw, format=utf8"
 AUDIO_CAPS = "audio/x-coded"
+BARE_PACKETS = "data"  # FFmpeg's format for a file that has no container
+UNNAMED_IN = frozenset({"rtsp", BARE_PACKETS})
 PLAIN_SUBTITLES = frozenset({"mov_text", "subrip", "text", "srt", "webvtt", "ass"})
 
 
@@ -24,12 +26,13 @@ class StreamKind(enum.StrEnum):
 
     VIDEO = "video"
     KLV = "klv"
+    SECOND_KLV = "klv_1"
     SUBTITLE = "subtitle"
     AUDIO = "audio"
 
 
 def streams_of(container: InputContainer, kinds: Collection[StreamKind]) -> list[tuple[Stream, StreamKind]]:
-    """The first stream of each kind wanted, in the order of kinds; those not there are left out."""
+    """The stream of each kind wanted, in the order of kinds; those not there are left out."""
     return [
         (stream, kind)
         for kind in StreamKind
@@ -43,13 +46,16 @@ def kinds_of(container: InputContainer) -> frozenset[StreamKind]:
 
 
 def _first(container: InputContainer, kind: StreamKind) -> Stream | None:
+    """The stream that goes out of a kind's pad: the best or first, of KLV also the second."""
     if kind is StreamKind.VIDEO:
         return container.streams.best("video")
     if kind is StreamKind.AUDIO:
         found = container.streams.best("audio")
         return found if isinstance(found, AudioStream) else None
-    wanted = "data" if kind is StreamKind.KLV else "subtitle"
-    return next((stream for stream in container.streams if _carries(stream, wanted)), None)
+    wanted = "subtitle" if kind is StreamKind.SUBTITLE else "data"
+    carrying = [stream for stream in container.streams if _carries(stream, wanted)]
+    place = 1 if kind is StreamKind.SECOND_KLV else 0
+    return carrying[place] if len(carrying) > place else None
 
 
 def _carries(stream: Stream, wanted: str) -> bool:
@@ -57,8 +63,9 @@ def _carries(stream: Stream, wanted: str) -> bool:
         return False
     if wanted == "subtitle":
         return stream.name in PLAIN_SUBTITLES
-    # Over RTSP FFmpeg does not name it (RFC 6597): what is something else has no keys and is passed over.
-    return stream.name == "klv" or (stream.name is None and stream.container.format.name == "rtsp")
+    # Over RTSP FFmpeg does not name it (RFC 6597), nor in a file of bare packets: what is something else has
+    # no keys and is passed over.
+    return stream.name == "klv" or (stream.name is None and stream.container.format.name in UNNAMED_IN)
 
 
 def stream_caps(stream: Stream, kind: StreamKind) -> Caps:
@@ -69,7 +76,7 @@ def stream_caps(stream: Stream, kind: StreamKind) -> Caps:
     if kind is StreamKind.AUDIO:
         assert isinstance(stream, AudioStream)
         return audio_caps(stream)
-    return Caps(KLV_CAPS if kind is StreamKind.KLV else SUBTITLE_CAPS)
+    return Caps(SUBTITLE_CAPS if kind is StreamKind.SUBTITLE else KLV_CAPS)
 
 
 def audio_caps(stream: AudioStream) -> Caps:

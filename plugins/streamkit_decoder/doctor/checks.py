@@ -14,6 +14,11 @@ LONG_KEYFRAME_INTERVAL_S = 2.0
 LARGE_JITTER_MS = 50.0
 RATE_TOLERANCE = 0.1
 HEADROOM = 1.5  # decoding is not the only work
+REFUSALS = {
+    "bad_packets": "damaged",
+    "broken_tags": "values not of the length or range of their tag",
+    "broken_subtitles": "of which times or position cannot be read",
+}
 ENOUGH_PICTURES = 10  # to speak of a rate
 
 
@@ -114,14 +119,18 @@ def _clock_check(seen: Seen) -> Check:
 
 
 def _telemetry_check(seen: Seen) -> Check:
-    counts = seen.telemetry.counts()
-    if counts["bad_packets"]:
-        total = counts["bad_packets"] + counts["good_packets"]
-        text = f"{counts['bad_packets']} of {total} KLV packets are damaged"
+    pad, counts = seen.best_telemetry
+    kind, total = f"MISB KLV, pad {pad}", counts["good_packets"] + counts["bad_packets"]
+    if pad == "subtitle":
+        kind, total = "DJI subtitles", counts["subtitles"]
+    refused = [f"{counts[name]} {words}" for name, words in REFUSALS.items() if counts[name]]
+    if total and (counts["poses"] or refused):
+        text = ", ".join([f"{kind}: {total} packets, {counts['poses']} with a position", *refused])
+        return Check("telemetry", Verdict.NOTE if refused else Verdict.GOOD, text, counts)
+    if total:
+        return Check("telemetry", Verdict.NOTE, f"{kind}: {total} packets, none with a position", counts)
+    if counts["skipped_bytes"]:
+        text = f"{counts['skipped_bytes']} bytes of KLV, but no packet of ST 0601 or EG 0104"
         return Check("telemetry", Verdict.NOTE, text, counts)
-    if counts["good_packets"]:
-        text = f"MISB KLV, {counts['good_packets']} packets, {counts['poses']} with a position"
-        return Check("telemetry", Verdict.GOOD, text, counts)
-    return Check(
-        "telemetry", Verdict.NOTE, "none inside; posesync location=FILE.SRT reads it from beside", counts
-    )
+    text = "none inside; posesync location=FILE.SRT reads it from beside"
+    return Check("telemetry", Verdict.NOTE, text, counts)

@@ -166,7 +166,8 @@ def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
 
 
 def _pose_parts(seen: Seen) -> tuple[str, str]:
-    return (" ! posesync name=p", "  s.klv ! p.telemetry") if seen.telemetry.counts()["poses"] else ("", "")
+    pad, counts = seen.best_telemetry
+    return (" ! posesync name=p", f"  s.{pad} ! p.telemetry") if counts["poses"] else ("", "")
 
 
 def in_description(value: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from streamkit import ElementFailure, Frame, FrameFlags, Pipeline, StreamkitError
@@ -12,6 +12,7 @@ from streamkit_decoder.telemetry.telemetrydecoder import TelemetryDecoder
 
 POLL_S = 0.1
 FILE_PACKETS = 3000
+TELEMETRY_PADS = {"filesrc": ("klv", "klv_1", "subtitle"), "rtspsrc": ("klv",)}
 KEPT_PACKETS, KEPT_BYTES = 150, 1 << 26
 
 
@@ -22,7 +23,7 @@ class Seen:
         packets: of the video.
         kept: the first of them whole, to try whether they decode.
         origins: of the capture times.
-        telemetry: decodes what came beside.
+        telemetry: decodes what came out of each of the pads beside the video.
         error: the one that ended it, or "".
     """
 
@@ -31,7 +32,7 @@ class Seen:
         self.kept: list[Frame] = []
         self._kept_bytes = 0
         self.origins: dict[str, int] = {}
-        self.telemetry = TelemetryDecoder()
+        self.telemetry: dict[str, TelemetryDecoder] = {}
         self.error = ""
 
     def add_video(self, frame: Frame) -> None:
@@ -44,9 +45,21 @@ class Seen:
         if frame.capture is not None:
             self.origins[frame.capture.origin] = self.origins.get(frame.capture.origin, 0) + 1
 
-    def add_telemetry(self, frame: Frame) -> None:
+    def add_telemetry(self, pad: str, frame: Frame) -> None:
         """Takes a packet of telemetry."""
-        self.telemetry.decode(frame)
+        self.telemetry.setdefault(pad, TelemetryDecoder()).decode(frame)
+
+    def end_telemetry(self) -> None:
+        """The end of a file: what was held back counts too."""
+        for decoder in self.telemetry.values():
+            decoder.finish()
+
+    @property
+    def best_telemetry(self) -> tuple[str, dict[str, int]]:
+        """The pad that gave most positions, or else most packets, and its counts."""
+        found = [(pad, decoder.counts()) for pad, decoder in self.telemetry.items()]
+        nothing = ("", TelemetryDecoder().counts())
+        return max(found, key=lambda item: (item[1]["poses"], item[1]["good_packets"]), default=nothing)
 
 
 def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: float | None) -> Seen:
@@ -60,7 +73,9 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
     """
     seen = Seen()
     full = "max-buffers=1000 drop=true" if seconds is not None else ""
-    text = f"{factory} name=s  s.src ! appsink name=video {full}  s.klv ! appsink name=klv {full}"
+    pads = TELEMETRY_PADS[factory]
+    beside = "  ".join(f"s.{pad} ! appsink name={pad} {full}" for pad in pads)
+    text = f"{factory} name=s  s.src ! appsink name=video {full}  {beside}"
     deadline, until = time.monotonic() + limit_s, None
     try:
         with Pipeline.parse(text) as pipeline:
@@ -75,14 +90,20 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
                     seen.add_video(frame)
                     if until is None and seconds is not None:
                         until = time.monotonic() + seconds
-                while (packet := _pull(pipeline["klv"], 0.0)) is not None:
-                    seen.add_telemetry(packet)
-            while (packet := _pull(pipeline["klv"], 0.0)) is not None:
-                seen.add_telemetry(packet)
+                _take_telemetry(pipeline, pads, seen)
+            _take_telemetry(pipeline, pads, seen)
+            if seconds is None:
+                seen.end_telemetry()
             seen.error = _bare(pipeline.error)
     except StreamkitError as error:
         seen.error = _bare(error)
     return seen
+
+
+def _take_telemetry(pipeline: Pipeline, pads: Sequence[str], seen: Seen) -> None:
+    for pad in pads:
+        while (packet := _pull(pipeline[pad], 0.0)) is not None:
+            seen.add_telemetry(pad, packet)
 
 
 def _bare(error: Exception | None) -> str:

@@ -21,12 +21,20 @@ from streamkit import (
     StreamError,
 )
 from streamkit_decoder.codecs import CODED_CAPS
-from streamkit_decoder.container import MEDIA_ERRORS, open_container, reason_of, rotation_of, video_stream
+from streamkit_decoder.container import (
+    MEDIA_ERRORS,
+    check_file,
+    open_container,
+    reason_of,
+    rotation_of,
+    video_stream,
+)
 from streamkit_decoder.files.playrange import PlayRange
-from streamkit_decoder.location import redact
+from streamkit_decoder.location import is_network, local_path, redact
 from streamkit_decoder.packets import SECOND_NS, DecodeOnly, packet_frame, read_packets
 from streamkit_decoder.streams import (
     AUDIO_CAPS,
+    BARE_PACKETS,
     KLV_CAPS,
     SUBTITLE_CAPS,
     StreamKind,
@@ -34,20 +42,25 @@ from streamkit_decoder.streams import (
     stream_caps,
     streams_of,
 )
+from streamkit_decoder.telemetry.files import holds_klv
 
 PAD_CAPS = {
     StreamKind.VIDEO: CODED_CAPS,
     StreamKind.KLV: KLV_CAPS,
+    StreamKind.SECOND_KLV: KLV_CAPS,
     StreamKind.SUBTITLE: SUBTITLE_CAPS,
     StreamKind.AUDIO: AUDIO_CAPS,
 }
+# Any other format in which keys of KLV stand is what FFmpeg takes bare packets for.
+KLV_CONTAINERS = frozenset({"mpegts", "mpeg", "mxf", "mov", "matroska", "avi"})
 
 
 class FileSrc(Source):
     """Reads any file FFmpeg knows, film or still picture, as coded packets.
 
-    The video comes out of `src`, or of `video` beside `klv` (MISB telemetry), `subtitle` (DJI telemetry) and
-    `audio`, where the file has them. Times are the file's own, exact to the nanosecond.
+    The video comes out of `src`, or of `video` beside `klv` and `klv_1` (first and second stream of MISB
+    telemetry), `subtitle` (DJI telemetry) and `audio`, where the file has them. Times are the file's own,
+    exact to the nanosecond. A file of bare KLV packets has none: they come out of `klv` without times.
 
     Example:
         filesrc location=flight.mp4 ! decode ! fakesink
@@ -79,7 +92,7 @@ class FileSrc(Source):
         self._caps: dict[StreamKind, Caps] = {}
         self._offset = self._end = 0
         self._rotation = 0
-        container = open_container(self.location)
+        container = self._open()
         try:
             self._kinds = kinds_of(container)
             if self._video_is_wanted():
@@ -90,6 +103,22 @@ class FileSrc(Source):
             container.close()
             raise
         self._container = container
+
+    def _open(self) -> InputContainer:
+        """The container; bare KLV packets have none, which FFmpeg has to be told."""
+        if is_network(self.location):
+            return open_container(self.location)
+        check_file(self.location)
+        if not holds_klv(local_path(self.location)):
+            return open_container(self.location)
+        try:
+            container = open_container(self.location)
+        except StreamError:
+            return open_container(self.location, form=BARE_PACKETS)
+        if KLV_CONTAINERS & set(container.format.name.split(",")):
+            return container
+        container.close()
+        return open_container(self.location, form=BARE_PACKETS)
 
     def duration_ns(self) -> int | None:
         """How long the part that is played is."""
@@ -120,7 +149,7 @@ class FileSrc(Source):
             if not self.loop or self._end <= self._offset:
                 return
             self._offset = self._end
-            container = open_container(self.location)
+            container = self._open()
 
     def stop(self) -> None:
         """Closes the file if its packets were never asked for."""
@@ -139,11 +168,15 @@ class FileSrc(Source):
                 self.pads[kind.value].is_eos = True
                 self.pads[kind.value].send_event(EosEvent())
         self.no_more_pads()
+        second = StreamKind.SECOND_KLV
+        if self._is_linked("klv") and second in self._kinds and not self._is_linked(second.value):
+            self.post_warning(
+                f"{redact(self.location)}: nothing reads its second KLV stream, the pad {second}"
+            )
 
     def _video_is_wanted(self) -> bool:
-        """Whether the video has a pad to go to, or might get one; not where only telemetry is asked for."""
-        others = {kind.value for kind in StreamKind} - {StreamKind.VIDEO.value}
-        return self._is_linked("src") or StreamKind.VIDEO in self._kinds or not others & self.pads.keys()
+        """Whether the video has a pad to go to, or might get one; not where there are other streams only."""
+        return self._is_linked("src") or StreamKind.VIDEO in self._kinds or not self._kinds
 
     def _is_linked(self, name: str) -> bool:
         return name in self.pads and self.pads[name].peer is not None

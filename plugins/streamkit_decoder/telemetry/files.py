@@ -18,19 +18,14 @@ class NoTelemetry(ValueError):
     """A file holds nothing that tells a position."""
 
 
-def holds_klv(path: Path, at_once: bool = False) -> bool:
+def holds_klv(path: Path) -> bool:
     """Whether a key of a telemetry set stands in the first 64 KB of a file.
-
-    Args:
-        path: of the file.
-        at_once: whether the file has to begin with it.
 
     Raises:
         OSError: it cannot be read.
     """
     with path.open("rb") as file:
-        head = file.read(CHUNK_BYTES)
-    return (SET_KEY.match(head) if at_once else SET_KEY.search(head)) is not None
+        return SET_KEY.search(file.read(CHUNK_BYTES)) is not None
 
 
 class TelemetryFile:

@@ -150,3 +150,40 @@ def real_server() -> Iterator[RealServer]:
     server = RealServer()
     yield server
     server.close()
+
+
+def local_set(latitude: float | None, time_us: int = 0) -> bytes:
+    """A UAS local set with time, latitude and longitude 0, or with the time alone, and a good checksum."""
+    value = b"\x02\x08" + time_us.to_bytes(8, "big")
+    if latitude is not None:
+        number = round(latitude / 90 * (2**31 - 1))
+        value += b"\x0d\x04" + number.to_bytes(4, "big", signed=True) + b"\x0e\x04" + bytes(4)
+    data = bytes.fromhex("060e2b34020b01010e01030101000000") + bytes([len(value) + 4]) + value + b"\x01\x02"
+    return data + ((sum(data[0::2]) * 256 + sum(data[1::2])) & 0xFFFF).to_bytes(2, "big")
+
+
+@pytest.fixture(scope="session")
+def klv_packet() -> Callable[..., bytes]:
+    """Makes a KLV packet; arguments: latitude (None for none), time_us."""
+    return local_set
+
+
+@pytest.fixture(scope="session")
+def two_klv_streams(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """12 pictures at 25/s in a transport stream; times in the first KLV stream, positions in the second."""
+    path = tmp_path_factory.mktemp("media") / "two.ts"
+    with av.open(str(path), "w", format="mpegts") as container:
+        video = container.add_stream("libx264", rate=Fraction(25), options={"bf": "0"})
+        video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
+        data = [container.add_data_stream("klv"), container.add_data_stream("klv")]
+        for index in range(12):
+            picture = av.VideoFrame.from_ndarray(grey_ramp(64, 48, index), "yuv420p")
+            picture.pts, picture.time_base = index, Fraction(1, 25)
+            container.mux(video.encode(picture))
+            for stream, latitude in zip(data, (None, 10.0 + index), strict=True):
+                packet = av.Packet(local_set(latitude, 10**15 + 40_000 * index))
+                packet.stream, packet.time_base = stream, Fraction(1, 90_000)
+                packet.pts = packet.dts = index * 3600
+                container.mux(packet)
+        container.mux(video.encode(None))
+    return path

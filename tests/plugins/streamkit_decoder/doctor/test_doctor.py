@@ -14,6 +14,7 @@ import pytest
 from streamkit import Pipeline
 from streamkit_decoder.doctor.examine import examine
 from streamkit_decoder.doctor.report import Report, Verdict
+from streamkit_decoder.telemetry.klv import UAS_LOCAL_SET, checksum
 
 BINARY = Path(sys.executable).with_name("streamkit")
 
@@ -139,3 +140,22 @@ def test_the_command(small_video: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 1
     assert "a file must be there" in done.stdout
+
+
+def test_telemetry_in_the_second_stream(two_klv_streams: Path) -> None:
+    """The stream with positions is named and put into the line."""
+    report = examine(str(two_klv_streams), 1, 5, "tcp")
+    assert "MISB KLV, pad klv_1: 12 packets, 12 with a position" in report.as_text()
+    assert "s.klv_1 ! p.telemetry" in report.pipeline
+
+
+def test_damaged_telemetry_alone(tmp_path: Path, klv_packet: Callable[..., bytes]) -> None:
+    """Values that break their tag's rule are told, and the others counted."""
+    value = klv_packet(10.0, 10**15)[17:-4] + b"\x08\x81\x80" + b"\xff" * 128 + b"\x01\x02"
+    data = UAS_LOCAL_SET + b"\x82" + (len(value) + 2).to_bytes(2, "big") + value
+    path = tmp_path / "s.klv"
+    path.write_bytes(data + checksum(data).to_bytes(2, "big"))
+    report = examine(str(path), 1, 5, "tcp")
+    check = report.checks[-1]
+    assert (check.name, check.verdict, check.facts["positions"]) == ("telemetry", Verdict.NOTE, 1)
+    assert "1 telemetry values left out" in check.text

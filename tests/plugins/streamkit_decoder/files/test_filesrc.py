@@ -1,3 +1,4 @@
+import json
 import random
 import resource
 import time
@@ -9,7 +10,7 @@ import av
 import numpy as np
 import pytest
 
-from streamkit import ElementFailure, Frame, MessageKind, Pipeline
+from streamkit import ElementFailure, Frame, MessageKind, Pipeline, Pose
 
 MakeVideo = Callable[..., Path]
 
@@ -201,3 +202,54 @@ def test_mutated_files_end_in_frames_or_one_error(streamkit_data: Path, tmp_path
         except ElementFailure as error:
             outcome = error.element
         assert outcome in ("filesrc0", "decode0") or pipeline["out"].count > 0
+
+
+def test_a_second_telemetry_stream_has_its_own_pad(two_klv_streams: Path) -> None:
+    """The pads klv and klv_1 give the packets of the two streams, and the second alone pairs all frames."""
+    text = f"filesrc name=s location={two_klv_streams}  s.klv ! appsink name=a  s.klv_1 ! appsink name=b"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        sizes = [{len(bytes(frame.data)) for frame in pipeline[name]} for name in ("a", "b")]
+    assert sizes == [{31}, {43}]
+    text = f"filesrc name=s location={two_klv_streams} ! decode ! posesync name=p ! appsink name=out"
+    with Pipeline.parse(f"{text}  s.klv_1 ! p.telemetry") as pipeline:
+        pipeline.play()
+        poses = [frame.get(Pose) for frame in pipeline["out"]]
+    assert [round(pose.latitude, 3) if pose else None for pose in poses] == [10.0 + n for n in range(12)]
+
+
+def test_a_second_telemetry_stream_that_nothing_reads_is_told(two_klv_streams: Path) -> None:
+    """Who takes the first stream hears that there is another."""
+    with Pipeline.parse(f"filesrc name=s location={two_klv_streams}  s.klv ! fakesink") as pipeline:
+        pipeline.play()
+        warning = pipeline.bus.pop(5, (MessageKind.WARNING,))
+    assert warning is not None
+    assert warning.text == f"{two_klv_streams}: nothing reads its second KLV stream, the pad klv_1"
+
+
+@pytest.mark.parametrize("head", [b"", b"rubbish before the first key"])
+def test_bare_klv_packets(tmp_path: Path, klv_packet: Callable[..., bytes], head: bytes) -> None:
+    """A file of packets without a container is read; their times are by the platform's clock."""
+    path = tmp_path / "s.klv"
+    path.write_bytes(head + b"".join(klv_packet(10.0 + n, 10**15 + 500_000 * n) for n in range(5)))
+    with Pipeline.parse(f"filesrc location={path} ! telemetryparse ! appsink name=out") as pipeline:
+        pipeline.play()
+        rows = [json.loads(frame.data) for frame in pipeline["out"]]
+    assert [row["pts_ns"] for row in rows] == [n * 500_000_000 for n in range(5)]
+    assert [round(row["latitude"], 3) for row in rows] == [10.0 + n for n in range(5)]
+
+
+def test_bare_klv_packets_are_no_video(tmp_path: Path, klv_packet: Callable[..., bytes]) -> None:
+    """Decoding such a file fails with the reason."""
+    path = tmp_path / "s.klv"
+    path.write_bytes(klv_packet(10.0))
+    with pytest.raises(ElementFailure, match="a video stream is needed, its streams are: data"):
+        Pipeline.parse(f"filesrc location={path} ! decode ! fakesink").run(timeout_s=5)
+
+
+def test_a_file_of_subtitles_goes_to_a_reader_of_them(streamkit_data: Path) -> None:
+    """No video is asked for where nothing takes one."""
+    location = streamkit_data / "telemetry" / "dji" / "air2s.srt"
+    with Pipeline.parse(f"filesrc location={location} ! telemetryparse ! appsink name=out") as pipeline:
+        pipeline.play()
+        assert json.loads(next(iter(pipeline["out"])).data)["latitude"] == 41.424724
