@@ -10,6 +10,7 @@ from dataclasses import dataclass
 _TIME = r"(\d{1,3}):(\d{1,2}):(\d{1,2})[,.](\d{1,3})"
 TIMES = re.compile(rf"^\s*{_TIME}\s*-->\s*{_TIME}")
 ARROW = "-->"
+NUMBER = re.compile(r"[0-9]{1,9}")
 LONGEST_TEXT = 4096
 
 
@@ -61,16 +62,27 @@ class SubtitleReader:
         """The subtitles of some lines, in their order."""
         for line in lines:
             times = TIMES.match(line)
-            if times is None and (bare := line.strip("\ufeff\r\n")).strip():
+            bare = line.strip("\ufeff\r\n")
+            if times is None and bare.strip() and not self._begins_next(bare):
                 self._keep(bare)
                 continue
             if (cue := self._complete()) is not None:
                 yield cue
             self._times = times
+            if times is None and bare.strip():
+                self._keep(bare)
         if self._times is not None and not self._lines:
             self.broken += 1
         elif (cue := self._complete()) is not None:
             yield cue
+
+    def _begins_next(self, line: str) -> bool:
+        """Whether a line is the next number behind a subtitle without times: not all leave a line free."""
+        if self._times is not None or len(self._lines) < 2:
+            return False
+        number, following = self._lines[0].strip(), line.strip()
+        are_numbers = NUMBER.fullmatch(number) is not None and NUMBER.fullmatch(following) is not None
+        return are_numbers and int(following) == int(number) + 1
 
     def _keep(self, line: str) -> None:
         if self._size <= LONGEST_TEXT:
@@ -87,7 +99,7 @@ class SubtitleReader:
         if any(ARROW in line for line in lines):
             self.broken += 1
             return None
-        is_numbered = len(lines) > 1 and lines[0].strip().isdecimal()
+        is_numbered = len(lines) > 1 and NUMBER.fullmatch(lines[0].strip()) is not None
         return UntimedCue("\n".join(lines[1:])[:LONGEST_TEXT]) if is_numbered else None
 
 

@@ -104,10 +104,11 @@ def test_heights_of_the_oldest_format() -> None:
     assert (sonar.altitude, sonar.source) == (0.4, "dji above ground")
 
 
-def test_subtitles_without_times_go_by_the_clock() -> None:
+@pytest.mark.parametrize("gap", ["\n\n", "\n", "\r\n\r\n"])
+def test_subtitles_without_times_go_by_the_clock(gap: str) -> None:
     """A number and no line of times: the local time tells how long after the first one each is shown."""
     text = "".join(
-        f"{n}\n2017.08.05 14:11:{50 + n}\nGPS(149.0251,-20.2533,16) ISO:100\n\n" for n in range(1, 5)
+        f"{n}\n2017.08.05 14:11:{50 + n}\nGPS(149.0251,-20.2533,16) ISO:100{gap}" for n in range(1, 5)
     )
     telemetry = DjiTelemetry()
     assert [s.pts for s in telemetry.read(text.split("\n"))] == [0, 10**9, 2 * 10**9, 3 * 10**9]
