@@ -64,7 +64,7 @@ def ground_places(camera: Camera, pixels: FloatArray) -> FloatArray:
     descent = np.where(directions[:, 2] >= LEAST_DESCENT, directions[:, 2], math.nan)
     metres = directions[:, :2] * (camera.height_m / descent)[:, np.newaxis]
     degrees = metres / np.array(metres_per_degree(camera.latitude))
-    return np.asarray(degrees + (camera.latitude, camera.longitude), dtype=np.float64)
+    return np.asarray(degrees + np.array([camera.latitude, camera.longitude]), dtype=np.float64)
 
 
 def _rotation(yaw: float, pitch: float, roll: float) -> FloatArray:
