@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from streamkit.flow.video import luma as luma
     from streamkit.flow.video import raw_video_caps as raw_video_caps
     from streamkit.graph.pipeline import Pipeline as Pipeline
+    from streamkit.masking import mask_secrets as mask_secrets
 
 _HOMES = {
     "streamkit.element.base": ("Element",),
@@ -99,6 +100,7 @@ _HOMES = {
     "streamkit.flow.signals": ("EndOfStream", "Flushing"),
     "streamkit.flow.video": ("LUMA_CAPS", "luma", "raw_video_caps"),
     "streamkit.graph.pipeline": ("Pipeline",),
+    "streamkit.masking": ("mask_secrets",),
 }  # fmt: skip
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
 __all__ = sorted(_HOME_OF)  # noqa: PLE0605  the same names as above, written once

@@ -23,13 +23,7 @@ import errno
 import re
 from dataclasses import dataclass
 
-# User and password of an address, up to the last `@` before its path.
-CREDENTIALS = re.compile(r"(?<=://)[^\s/?#\"']*(?=@)")
-
-
-def mask_credentials(text: str, mask: str = "***") -> str:
-    """The text with user and password of every address in it replaced by `mask`."""
-    return CREDENTIALS.sub(mask, text) if "://" in text else text
+from streamkit.masking import presentable, star_secrets
 
 
 def write_remedy(error: Exception) -> str:
@@ -48,7 +42,10 @@ def write_remedy(error: Exception) -> str:
 
 
 class StreamkitError(Exception):
-    """Base of all errors streamkit raises on purpose."""
+    """Base of all errors streamkit raises on purpose; masks and bounds its text when it is made."""
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*(presentable(item) if isinstance(item, str) else item for item in arguments))
 
 
 class CapsSyntax(StreamkitError, ValueError):
@@ -67,8 +64,8 @@ class CapsSyntax(StreamkitError, ValueError):
         super().__init__(message + (f"; {hint}" if hint else ""))
         self.position = position
         self.length = max(1, length)
-        self.rule = rule or message
-        self.hint = hint
+        self.rule = presentable(rule or message)
+        self.hint = presentable(hint)
 
 
 class CapsTooLarge(StreamkitError, ValueError):
@@ -99,9 +96,9 @@ class DescriptionError(StreamkitError, ValueError):
     def __init__(self, code: str, message: str, place: Place | None = None, hint: str = "") -> None:
         super().__init__(message + (f"; {hint}" if hint else ""))
         self.code = code
-        self.message = message
+        self.message = presentable(message)
         self.place = place or Place()
-        self.hint = hint
+        self.hint = presentable(hint)
         self.secrets: tuple[str, ...] = ()
 
     def placed(self, place: Place) -> DescriptionError:
@@ -110,7 +107,7 @@ class DescriptionError(StreamkitError, ValueError):
 
     def pointed(self, text: str, origin: str = "description") -> str:
         """The error with the line of the text it points into and carets below the fault; no secrets."""
-        text = CREDENTIALS.sub(lambda found: "*" * len(found.group()), text)
+        text = star_secrets(text)
         for secret in self.secrets:
             name_length = secret.find("=") + 1
             text = text.replace(secret, secret[:name_length] + re.sub(".", "*", secret[name_length:]))
@@ -174,5 +171,5 @@ class ElementFailure(StreamkitError, RuntimeError):
         super().__init__(f"{element}{kind}: {what}" + (f" [at {frame}]" if frame else ""))
         self.element = element
         self.factory = factory
-        self.frame = frame
+        self.frame = presentable(frame)
         self.cause = cause

@@ -6,11 +6,9 @@ import re
 from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
 
+from streamkit import mask_secrets
+
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
-USERINFO = re.compile(r"(?<=://)[^/?#\s]*@")
-SECRET_FIELD = re.compile(
-    r"(?i)(?<=[?&;])((?:pass(?:word|wd)?|pwd|token|secret|key|api_?key|auth|user_?pw)=)[^&;#\s'\"]*"
-)
 
 
 def is_network(location: str) -> bool:
@@ -26,12 +24,8 @@ def local_path(location: str) -> Path:
 
 
 def redact(text: str) -> str:
-    """The text with user names and passwords in URLs replaced by `***`.
-
-    User information before the host and query fields that carry secrets are both masked, wherever in the
-    text the URL stands.
-    """
-    return SECRET_FIELD.sub(r"\1***", USERINFO.sub("***@", text))
+    """The text with everything secret in it masked."""
+    return mask_secrets(text)
 
 
 def with_credentials(location: str, user: str, password: str) -> str:

@@ -3,14 +3,14 @@
 import ipaddress
 import re
 
+from streamkit import mask_secrets
+
 PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
 ENDPOINT = re.compile(
     rf"(?P<protocol>{'|'.join(PROTOCOLS)})/(?P<host>\[[0-9a-fA-F:.%a-z]+\]|[^/:\s?#\[\]]+):(?P<port>\d{{1,5}})"
     r"(?P<metadata>\?[^#\s]*)?(?P<config>#\S*)?"
 )
 SOCKET_FILE = re.compile(r"(unixsock-stream|unixpipe)/[^\s?#]+")
-# Everything behind # configures the link and may hold private keys; before @ a user and password may stand.
-SECRETS = re.compile(r"(?<=#)[^\s,]+|(?<=/)[^\s,/@]+(?=@)")
 
 
 class InvalidEndpoint(ValueError):
@@ -18,8 +18,8 @@ class InvalidEndpoint(ValueError):
 
 
 def redact(text: str) -> str:
-    """Masks what may be secret in endpoints, wherever in the text they stand."""
-    return SECRETS.sub("***", text)
+    """The text with everything secret in it masked; what stands behind # configures a link, with keys."""
+    return mask_secrets(text)
 
 
 def endpoints(text: str | None) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ import typer
 from typer.core import TyperCommand
 
 from streamkit.errors import PluginBroken
+from streamkit.masking import presentable
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 GROUP = "streamkit.commands"
@@ -150,7 +151,7 @@ def parsed_by(command_class: type[TyperCommand]) -> Callable[[Function], Functio
 
 def _refusal(text: str) -> Callable[[], NoReturn]:
     def refuse() -> NoReturn:
-        typer.echo(f"error: {text}", err=True)
+        typer.echo(f"error: {presentable(text)}", err=True)
         raise typer.Exit(1)
 
     return refuse

@@ -12,6 +12,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from streamkit.errors import DescriptionError
+from streamkit.masking import presentable
 
 USAGE_EXIT = 2
 SIZE_LIMIT = 1_000_000
@@ -115,7 +116,7 @@ def read_description(
 
 def fail_usage(message: str) -> NoReturn:
     """Ends the command with a usage error."""
-    typer.echo(f"error: {message}", err=True)
+    typer.echo(f"error: {presentable(message)}", err=True)
     raise typer.Exit(USAGE_EXIT)
 
 

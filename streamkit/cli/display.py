@@ -12,6 +12,7 @@ import typer
 
 from streamkit.cli.table import age_text, as_line, as_table, measure_rows
 from streamkit.graph.statistics import RunStatistics
+from streamkit.masking import presentable
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -59,7 +60,7 @@ class Display:
 
     def tell(self, line: str) -> None:
         """Prints a line on stderr, above what is drawn."""
-        typer.echo(line, err=True)
+        typer.echo(presentable(line), err=True)
 
     def end(self) -> None:
         """Leaves the last state standing."""
@@ -179,7 +180,7 @@ class Table(Lines):
         if self._live is None:
             super().tell(line)
         else:
-            self._live.console.print(line, markup=False, highlight=False)
+            self._live.console.print(presentable(line), markup=False, highlight=False)
 
     def end(self) -> None:
         """Leaves the table of the whole run."""

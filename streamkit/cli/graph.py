@@ -19,6 +19,7 @@ from streamkit.cli.description import (
 )
 from streamkit.cli.drawing import as_dot, as_mermaid, as_svg, link_caps, read_notes
 from streamkit.errors import DescriptionError
+from streamkit.masking import mask_secrets, presentable_value
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
@@ -59,7 +60,7 @@ def graph(
     draw = {GraphFormat.DOT: as_dot, GraphFormat.MERMAID: as_mermaid, GraphFormat.SVG: as_svg}
     with contextlib.nullcontext() if built.has_loop() else remembered_caps(built):
         if form is GraphFormat.JSON:
-            drawn = json.dumps(as_json(built), indent=2)
+            drawn = json.dumps(presentable_value(as_json(built), mask_secrets), indent=2)
         else:
             drawn = draw[form](built, read_notes(built, stats))
     typer.echo(drawn)

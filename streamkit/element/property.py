@@ -13,14 +13,13 @@ from fractions import Fraction
 from typing import Any, Generic, TypeVar, cast, overload
 
 from streamkit.element.property_text import flag_word, value_from_text
-from streamkit.errors import PropertyError, mask_credentials
+from streamkit.errors import PropertyError
 from streamkit.flow.caps import Caps
+from streamkit.masking import MASK, mask_secrets
 from streamkit.settings import Traits, traits_of
 
 T = TypeVar("T")
-SNAPSHOTS = (
-    "_settings_snapshots"  # in an element's dictionary: a settings object by its class, until one is set
-)
+SNAPSHOTS = "_settings_snapshots"  # in an element's dictionary: settings by their class, until one is set
 
 
 class PropertyDeclaration:
@@ -147,20 +146,22 @@ class PropertyDeclaration:
     def refusal(self, value: Any, rule: str, element: str) -> PropertyError:
         """The error for a value that the property does not take."""
         where = f"{element}: " if element else ""
-        shown = "the value given" if self.secret else mask_credentials(repr(value))
+        shown = repr(value)
+        if self.secret:
+            shown, rule = "the value given", rule.replace(str(value), MASK) if value else rule
         return PropertyError(f"{where}property {self.spelling} cannot be {shown}: {rule}")
 
     def to_json(self, value: Any) -> Any:
         """The value as JSON has it; secrets, and passwords in addresses, are masked."""
         if self.secret and value is not None:
-            return "***"
+            return MASK
         if isinstance(value, enum.Flag):
             return "+".join(flag_word(member) for member in value)
         if isinstance(value, enum.Enum):
             return value.value
         if isinstance(value, str):
-            return mask_credentials(value)
-        return str(value) if isinstance(value, Fraction | Caps) else value
+            return mask_secrets(value)
+        return mask_secrets(str(value)) if isinstance(value, Fraction | Caps) else value
 
 
 class ComputedProperty(PropertyDeclaration):

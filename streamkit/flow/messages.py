@@ -6,6 +6,8 @@ import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from streamkit.masking import presentable, presentable_value
+
 
 class MessageKind(enum.StrEnum):
     """What a message is about."""
@@ -20,7 +22,7 @@ class MessageKind(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message on the bus.
+    """One message on the bus; its texts are masked and bounded when it is made.
 
     Attributes:
         kind: error, warning, eos, state, element or statistics.
@@ -35,3 +37,7 @@ class Message:
     text: str = ""
     fields: Mapping[str, object] = field(default_factory=dict)
     error: Exception | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "text", presentable(self.text))
+        object.__setattr__(self, "fields", presentable_value(self.fields))

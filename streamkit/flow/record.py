@@ -9,6 +9,7 @@ import msgspec
 
 from streamkit.errors import StreamError
 from streamkit.flow.metadata import Detections, Registration, RegistrationStatus, Track, Tracks, TrackState
+from streamkit.masking import mask_secrets
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -158,7 +159,7 @@ def track_record(
 
     Args:
         frame: any frame; without `Tracks` the record has no targets.
-        source: who publishes.
+        source: who publishes; told with its secrets masked.
         published_ns: UTC now, ns; None leaves it and the age out.
         dropped: records lost so far.
         places: where targets are on the ground, by id: latitude, longitude (deg, WGS84), radius of error (m).
@@ -171,7 +172,7 @@ def track_record(
     detections = frame.get(Detections) if provenance else None
     return TrackRecord(
         schema=SCHEMA,
-        source=source,
+        source=mask_secrets(source),
         seq=frame.seq,
         epoch=frame.epoch,
         pts_ns=frame.pts,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import urllib.parse
 
 from streamkit.element.registry import element_class, installed_elements
-from streamkit.errors import DescriptionError, Place, PluginBroken, mask_credentials
+from streamkit.errors import DescriptionError, Place, PluginBroken
+from streamkit.masking import mask_secrets
 
 LOCAL_HOSTS = ("", "localhost")
 
@@ -30,7 +31,7 @@ def factory_for(url: str, *, as_source: bool, place: Place) -> str:
     found = max(_candidates(scheme, as_source=as_source), default=None)
     if found is None:
         raise DescriptionError(
-            "no-such-element", f"no {kind} element for scheme {scheme!r}: {mask_credentials(url)}", place
+            "no-such-element", f"no {kind} element for scheme {scheme!r}: {mask_secrets(url)}", place
         )
     return found[1]
 

@@ -24,7 +24,7 @@ from streamkit.graph.linking import End, Linker, PendingLink
 from streamkit.graph.negotiate import negotiate
 from streamkit.graph.parse import parse
 from streamkit.graph.places import Placement
-from streamkit.graph.secrets import secret_assignments
+from streamkit.graph.secrets import conceal
 from streamkit.graph.syntax import (
     BinNode,
     ChainNode,
@@ -35,6 +35,7 @@ from streamkit.graph.syntax import (
     ReferenceNode,
     UrlNode,
 )
+from streamkit.masking import mask_secrets, presentable
 
 
 def build(text: str, variables: Mapping[str, str]) -> Graph:
@@ -44,10 +45,12 @@ def build(text: str, variables: Mapping[str, str]) -> Graph:
         DescriptionError: the first thing that is wrong, with its place in the text.
     """
     try:
-        return GraphBuilder().build(parse(text, variables))
+        graph = GraphBuilder().build(parse(text, variables))
     except DescriptionError as error:
-        error.secrets = secret_assignments(text)
+        conceal(error, text)
         raise
+    graph.warnings[:] = [(code, presentable(what)) for code, what in graph.warnings]
+    return graph
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +253,8 @@ def _filter_caps(link: LinkNode) -> Caps | None:
             place = link.place_in_caps(error.position, error.length)
         if " : " in link.caps:
             hint = "a filter runs on to the last ':' or the first '!': close it with '!'"
-        shown = link.caps if len(link.caps) <= 60 else link.caps[:57] + "..."
+        shown = mask_secrets(link.caps)
+        shown = shown if len(shown) <= 60 else shown[:57] + "..."
         raise DescriptionError("link", f"could not parse caps {shown!r}: {error.rule}", place, hint) from None
 
 

@@ -11,7 +11,7 @@ from lark.exceptions import UnexpectedToken
 from lark.parsers.lalr_interactive_parser import InteractiveParser
 from lark.visitors import v_args
 
-from streamkit.errors import DescriptionError, mask_credentials
+from streamkit.errors import DescriptionError
 from streamkit.graph.grammar import parser
 from streamkit.graph.syntax import (
     Assignment,
@@ -27,6 +27,7 @@ from streamkit.graph.syntax import (
 )
 from streamkit.graph.tokens import DescriptionLexer
 from streamkit.graph.variables import ExpandedText, expand
+from streamkit.masking import mask_secrets
 
 TOKEN_LIMIT = 20_000
 DEPTH_LIMIT = 64
@@ -101,7 +102,7 @@ def _fault(expanded: ExpandedText, machine: InteractiveParser, token: Token) -> 
             else "",
         )
     place = expanded.place(token.start_pos or 0, token.end_pos or 0)
-    shown = mask_credentials(str(token))
+    shown = mask_secrets(str(token))
     shown = shown if len(shown) <= 40 else shown[:37] + "..."
     hint = ""
     if token.type == "ASSIGNMENT":

@@ -7,10 +7,28 @@ import re
 from streamkit.element.registry import element_class
 from streamkit.errors import DescriptionError, PluginBroken
 from streamkit.graph.tokens import DescriptionLexer
+from streamkit.masking import MASK, credential_spans, is_secret_name
 
-LOOKS_SECRET = re.compile(
-    r"passw|passphrase|secret|token|credential|user-?pw|api-?key|private-?key", re.IGNORECASE
-)
+SHORTEST_PIECE = 3  # shorter ones stand in too many words of an error
+
+
+def conceal(error: DescriptionError, text: str) -> None:
+    """Takes out of an error about a text what stands in the text's secrets.
+
+    A password with a blank in it falls apart into words, which an error may name as elements.
+    """
+    pieces = {
+        piece
+        for start, end in credential_spans(text)
+        if re.search(r"\s", text[start:end])
+        for piece in re.split(r"[\s:@/!]+", text[start:end])
+        if len(piece) >= SHORTEST_PIECE
+    }
+    if pieces:
+        words = re.compile("|".join(re.escape(piece) for piece in sorted(pieces, key=len, reverse=True)))
+        error.message, error.hint = words.sub(MASK, error.message), words.sub(MASK, error.hint)
+        error.args = (error.message + (f"; {error.hint}" if error.hint else ""),)
+    error.secrets = secret_assignments(text)
 
 
 def secret_assignments(text: str) -> tuple[str, ...]:
@@ -22,7 +40,7 @@ def secret_assignments(text: str) -> tuple[str, ...]:
             factory = str(token)
         elif token.type == "ASSIGNMENT":
             name = str(token).partition("=")[0].strip().rpartition("::")[2]
-            if LOOKS_SECRET.search(name) or _is_declared_secret(factory, name):
+            if is_secret_name(name) or _is_declared_secret(factory, name):
                 found.append(str(token))
     return tuple(found)
 

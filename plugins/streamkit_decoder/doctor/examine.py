@@ -42,7 +42,7 @@ def examine(
         transport: tcp or udp.
         tell: is given a line before each step that takes seconds.
     """
-    if urlsplit(location).scheme in DEFAULT_PORTS:
+    if location.partition("://")[0].lower() in DEFAULT_PORTS:
         return _examine_live(location, seconds, timeout_s, transport, tell)
     return _examine_file(location, timeout_s)
 
@@ -75,9 +75,9 @@ def _reported(where: str, checks: list[Check], line: str) -> Report:
 
 
 def _reach(location: str, timeout_s: float) -> list[Check]:
-    parts = urlsplit(location)
     try:
-        host, port = parts.hostname or "", port_of(location)
+        port, parts = port_of(location), urlsplit(location)
+        host = parts.hostname or ""
     except ValueError as error:
         return [Check("address", Verdict.BAD, f"{error}; write rtsp://host:port/path")]
     if not host:
@@ -106,7 +106,7 @@ def _reach(location: str, timeout_s: float) -> list[Check]:
 def _live_line(location: str, transport: str, seen: Seen) -> str:
     parts = urlsplit(location)
     user, mark, host = parts.netloc.rpartition("@")
-    bare = urlunsplit(parts._replace(netloc=host))
+    bare = redact(urlunsplit(parts._replace(netloc=host)))
     secrets = " user-id=${user} user-pw=${password}" if mark and user else ""
     settings = "--set user=NAME --set password=SECRET " if secrets else ""
     source = f"rtspsrc name=s location={bare}{secrets} transport={transport}"
@@ -136,7 +136,7 @@ def _examine_file(location: str, timeout_s: float) -> Report:
         return _telemetry_file(location, checks, seen.error)
     checks += stream_checks(seen, is_live=False, transport="")
     pose, klv = _pose_parts(seen)
-    source = f"filesrc name=s location={in_description(location)}"
+    source = f"filesrc name=s location={redact(in_description(location))}"
     line = f'streamkit launch "{source} ! decode{pose} ! {TRACKING} ! tracksink location=tracks.jsonl{klv}"'
     return _reported(where, checks, line)
 

@@ -6,6 +6,8 @@ import enum
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from streamkit import mask_secrets
+
 
 class Verdict(enum.StrEnum):
     """How a check came out."""
@@ -22,7 +24,7 @@ class Check:
     Attributes:
         name: what was looked at.
         verdict: good, note (worth knowing) or bad.
-        text: what was found, for people; where it is not good, also what to do.
+        text: what was found, for people, secrets masked; where it is not good, also what to do.
         facts: the same for programs.
     """
 
@@ -30,6 +32,9 @@ class Check:
     verdict: Verdict
     text: str
     facts: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "text", mask_secrets(self.text))
 
 
 @dataclass(frozen=True, slots=True)

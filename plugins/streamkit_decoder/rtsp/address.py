@@ -11,7 +11,12 @@ def port_of(location: str) -> int:
     """The TCP port a URL leads to.
 
     Raises:
-        ValueError: the URL's port is no number from 0 to 65535.
+        ValueError: the URL's port is no number from 0 to 65535; what stands there may be a password.
     """
-    parts = urlsplit(location)
-    return parts.port or DEFAULT_PORTS.get(parts.scheme, 554)
+    try:
+        parts = urlsplit(location)
+        return parts.port or DEFAULT_PORTS.get(parts.scheme, 554)
+    except ValueError:
+        raise ValueError(
+            "the port must be a number from 0 to 65535, and / ? # @ in a password %2F %3F %23 %40"
+        ) from None

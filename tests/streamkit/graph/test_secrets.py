@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 from streamkit import Element, Property
-from streamkit.errors import DescriptionError, Place, mask_credentials
+from streamkit.errors import DescriptionError, Place
 from streamkit.graph.secrets import secret_assignments
+from streamkit.masking import mask_secrets
 
 Register = Callable[..., None]
 
@@ -25,7 +26,7 @@ def test_secrets_are_found_by_declaration_and_by_name(register: Register) -> Non
 
 def test_credentials_of_addresses_are_masked() -> None:
     """Up to the last @ before the path; what has none stays."""
-    assert mask_credentials("a rtsp://me:p@ss@cam/x b http://h/@x y://u@h") == (
+    assert mask_secrets("a rtsp://me:p@ss@cam/x b http://h/@x y://u@h") == (
         "a rtsp://***@cam/x b http://h/@x y://***@h"
     )
 
