@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -156,7 +157,7 @@ class VideoRate(Transform):
             self._base_ns = time_ns if self.skip_to_first else 0
         if self._only_drops or self._rate_out == 0:
             return self._thinned(frame, time_ns)
-        return list(self._for_ticks(frame, time_ns))
+        return self._for_ticks(frame, time_ns)
 
     def _is_behind(self, time_ns: int) -> bool:
         return self._last_ns is not None and time_ns < self._last_ns
@@ -164,7 +165,12 @@ class VideoRate(Transform):
     def _relative_ns(self, pts_ns: int) -> int:
         """Time since the segment's start, at the speed set."""
         since_ns = pts_ns - self._start_ns
-        return since_ns if self.rate == 1.0 or not self.rate else int(since_ns / self.rate)
+        if self.rate == 1.0 or not self.rate:
+            return since_ns
+        stretched_ns = since_ns / self.rate
+        if not math.isfinite(stretched_ns):
+            raise StreamError(f"rate={self.rate:g} makes the time of the frame infinite; set one nearer to 1")
+        return int(stretched_ns)
 
     def _tick_ns(self, ahead: int = 0) -> int:
         """Time of the next tick, or of one so many later."""
@@ -173,7 +179,10 @@ class VideoRate(Transform):
         return (self._base_ns or 0) + int((self._ticks + ahead) * SECOND_NS / self._rate_out)
 
     def _for_ticks(self, frame: Frame, time_ns: int) -> Iterator[Frame]:
-        """Frames for each tick up to this frame's time: the held one while it is nearer, then this one."""
+        """Frames for each tick up to this frame's time: the held one while it is nearer, then this one.
+
+        They are made one by one, as a gap may take more of them than memory holds, until the pipeline stops.
+        """
         if self._held is None:
             self._hold(frame, time_ns)
             return
@@ -184,10 +193,10 @@ class VideoRate(Transform):
             yield self._put_out()
             self._ticks += 1  # GStreamer's count: the tick after the one at a gap's end is passed over
             return
-        while self._held_nearer(time_ns):
+        while self._held_nearer(time_ns) and not self.stopping.is_set():
             yield self._put_out()
         self._hold(frame, time_ns)
-        while self._tick_ns() <= time_ns:
+        while self._tick_ns() <= time_ns and not self.stopping.is_set():
             yield self._put_out()
 
     def _held_nearer(self, time_ns: int) -> bool:
@@ -236,7 +245,7 @@ class VideoRate(Transform):
         half_ns = int(SECOND_NS / self._rate_in / 2) if self._rate_in > self._rate_out else 0
         if time_ns + half_ns < self._tick_ns():
             return True
-        while self._tick_ns() <= time_ns + half_ns:
+        while self._tick_ns() <= time_ns + half_ns and not self.stopping.is_set():
             self._ticks += 1
         return False
 
@@ -268,7 +277,7 @@ class VideoRate(Transform):
         """EOS: the held frame once more, and up to the segment's end where it has one."""
         if self._held is None or self._only_drops or self._rate_out == 0:
             return ()
-        return list(self._closing())
+        return self._closing()
 
     def _closing(self) -> Iterator[Frame]:
         segment = self.pads["sink"].segment
@@ -278,7 +287,8 @@ class VideoRate(Transform):
         if segment.stop_ns is None:
             return
         limit_ns = self._held_ns + self.max_closing_segment_duplication_duration
-        while self._tick_ns() < min(self._relative_ns(segment.stop_ns), limit_ns):
+        stop_ns = min(self._relative_ns(segment.stop_ns), limit_ns)
+        while self._tick_ns() < stop_ns and not self.stopping.is_set():
             yield self._put_out()
 
     def _push_unused(self) -> None:
