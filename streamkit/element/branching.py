@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -25,7 +26,37 @@ from streamkit.flow.frame import Frame
 from streamkit.flow.signals import EndOfStream, FlowStop, NotLinked
 
 
-class Combine(Element):
+class NumberedPads(Element):
+    """Base of elements that may have thousands of request pads: numbers a new one without a look at all."""
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self._next_numbers: dict[str, int] = {}
+        super().__init__(name, **properties)
+
+    def _next_name(self, template: PadTemplate) -> str:
+        head, _, tail = template.name.partition("%u")
+        number = self._next_numbers.get(template.name)
+        name = super()._next_name(template) if number is None else f"{head}{number}{tail}"
+        if name in self.pads:
+            name = super()._next_name(template)
+        if template.matches(name):
+            self._next_numbers[template.name] = int(name[len(head) : len(name) - len(tail)]) + 1
+        return name
+
+    def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
+        """Makes a pad; one whose name is given may have the highest number."""
+        made = super().request_pad(template, name)
+        if name:
+            self._next_numbers.pop(template.name, None)
+        return made
+
+    def release_pad(self, pad: Pad) -> None:
+        """Takes a pad away; its number is free."""
+        super().release_pad(pad)
+        self._next_numbers.pop(pad.template.name, None)
+
+
+class Combine(NumberedPads):
     """Base of n-to-1 elements: override `combine`. Frames of all pads come one at a time.
 
     When frames begin to come from another input, the caps and the segment of that input go before them.
@@ -147,7 +178,7 @@ class Combine(Element):
             self._has_ended = False
 
 
-class Split(Element):
+class Split(NumberedPads):
     """Base of 1-to-n elements: override `split`."""
 
     def __init__(self, name: str = "", **properties: Any) -> None:
@@ -165,6 +196,29 @@ class Split(Element):
             if other is not pad and other.peer is not None:
                 found = found & other.template.caps & other.peer.query_caps()
         return found
+
+    def remember_branches(self) -> None:
+        """Notes what each src pad can carry, as `query_caps` answers, without asking all others for each."""
+        if type(self).query_caps is not Split.query_caps:
+            for pad in self.src_pads():
+                pad.known_caps = pad.query_caps()
+            return
+        answers = {
+            pad: pad.template.caps & pad.peer.query_caps()
+            for pad in list(self.pads.values())
+            if pad.peer is not None
+        }
+        counts = Counter(answers.values())
+        met: dict[Caps | None, Caps] = {}
+        for pad in self.src_pads():
+            own = answers.get(pad)
+            left_out = own if own is not None and counts[own] == 1 else None
+            if left_out not in met:
+                common = ANY
+                for caps in counts:
+                    common = common if caps is left_out else common & caps
+                met[left_out] = common
+            pad.known_caps = pad.template.caps & met[left_out]
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
         """The function that takes the frames of the sink pad."""
@@ -194,9 +248,10 @@ class Split(Element):
             raise stop
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
-        """Makes a branch."""
+        """Makes a branch; before frames flow all are looked up at once."""
         made = super().request_pad(template, name)
-        self.pads_changed()
+        if self.host is not None:
+            self.pads_changed()
         return made
 
     def release_pad(self, pad: Pad) -> None:

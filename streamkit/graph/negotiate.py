@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 
+from streamkit.element.branching import Split
 from streamkit.element.pad import Pad
 from streamkit.element.registry import installed_elements, make_element
 from streamkit.errors import DescriptionError, Place, PluginBroken
@@ -27,10 +28,11 @@ def negotiate(graph: Graph, places: dict[str, Place]) -> None:
     """
     if graph.has_loop():
         raise DescriptionError("link", "the links form a loop; frames would run in it for ever")
+    has_changed = False
     with remembered_caps(graph):
         for src, sink in _links_from_sinks(graph):
-            # Asked anew: a converter put in downstream may have changed the answers.
-            src.known_caps = sink.known_caps = None
+            if has_changed:  # a converter put in downstream may have changed the answers
+                src.known_caps = sink.known_caps = None
             offered, accepted = src.query_caps(), sink.query_caps()
             src.known_caps, sink.known_caps = offered, accepted
             # A pad that can carry nothing stands beside a conflict at another link, which has its own turn.
@@ -38,6 +40,7 @@ def negotiate(graph: Graph, places: dict[str, Place]) -> None:
                 continue
             if not _convert(graph, src, sink, offered, accepted, places.get(src.path)):
                 raise _conflict(src, sink, places)
+            has_changed = True
     with remembered_caps(graph):
         for src, sink in graph.links():
             if (sink.query_caps() & src.query_caps()).is_empty:
@@ -51,7 +54,12 @@ def remember_caps(graph: Graph) -> None:
     for _, sink in links:
         sink.known_caps = sink.query_caps()
     for src, _ in reversed(links):
-        src.known_caps = src.query_caps()
+        if src.known_caps is not None:
+            continue
+        if isinstance(src.element, Split):
+            src.element.remember_branches()
+        else:
+            src.known_caps = src.query_caps()
 
 
 def forget_caps(graph: Graph) -> None:
