@@ -1,0 +1,131 @@
+"""What is masked in a text, what is not, and at what cost."""
+
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from streamkit import DescriptionError, Message, MessageKind, Pipeline, ResourceError
+from streamkit.masking import TEXT_LIMIT, bounded, mask_secrets, presentable_value, star_secrets
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("rtsp://user:pa/ss@cam/live", "rtsp://***@cam/live"),
+        ("rtsp://user:pa#ss@cam/live", "rtsp://***@cam/live"),
+        ("rtsp://user:pa?ss@cam/live", "rtsp://***@cam/live"),
+        ("rtsp://user:pa ss@cam/live", "rtsp://***@cam/live"),
+        ("rtsp://user:/pass@cam/live", "rtsp://***@cam/live"),
+        ("rtsp://user:12/34@cam/live", "rtsp://***@cam/live"),
+        ("rtsp://u%3Ap/w@cam/live", "rtsp://***@cam/live"),
+        ("rtsp://token@cam/mail@home", "rtsp://***@cam/mail@home"),
+        ("rtsp:/user:pa/ss/x: not there", "rtsp:/***: not there"),
+        ("rtsp://u:p@a b rtsp://v:q@c", "rtsp://***@a b rtsp://***@c"),
+        ("filesrc location=rtsp://u:p q@h ! x @preset=1", "filesrc location=rtsp://***@h ! x @preset=1"),
+        ("user:pass@cam", "***@cam"),
+        ("location='user:pass@cam'", "location='***@cam'"),
+        ("tcp/me:pass@host:1 is down", "***@host:1 is down"),
+        ("rtsp://cam/user=a_password=b_c_channel=1", "rtsp://cam/user=a_password=***_channel=1"),
+        ("http://cam/?user=a&pwd=b/c&size=2", "http://cam/?user=a&pwd=***&size=2"),
+        ("{'password': 'a b', \"api_key\": \"c\"}", "{'password': '***', \"api_key\": \"***\"}"),
+        ("tls/host:1#root=a;key=b", "tls/host:1#root=a;key=***"),
+        ("Authorization: Basic YTpi", "Authorization: ***"),
+    ],
+)
+def test_secrets_are_masked(text: str, shown: str) -> None:
+    """Every form, up to the last @ where a password may hold what ends an address."""
+    assert mask_secrets(text) == shown
+    assert len(star_secrets(text)) == len(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "rtsp://cam/mail@home",
+        "rtsp://cam:554/live: refused; write rtsp://host:port/path",
+        "rtsp://[::1]:554/live",
+        "udp://HOST:PORT or tcp://HOST:PORT.",
+        "location=rtsp://${host:-cam}:${port:-554}/x user-pw=${password}",
+        "file:///videos/a:b@c.mp4",
+        "/videos/12:30@cam.mp4",
+        "zenohsink key=uav/1",
+        "track.pipe:3:9: no element",
+        "filesrc0: frame seq=12 pts=0.480 s",
+        "video/x-raw, format={ GRAY8, BGR }, width=[ 1, 4096 ]",
+    ],
+)
+def test_the_rest_stays(text: str) -> None:
+    """What holds no secret is shown as it is."""
+    assert mask_secrets(text) == text
+
+
+PARTS = st.sampled_from(
+    ["rtsp://", "tcp/", "user", ":", "pw", "@", "/", "#", "?", " ", "password=", "'", '"', "&", "_", "host",
+     "=", "\n", " ! ", "file:///", "${x}", "***", "1"]
+)  # fmt: skip
+
+
+@given(st.lists(PARTS, max_size=24).map("".join))
+def test_masking_twice_changes_nothing(text: str) -> None:
+    """An error that is passed on inside another keeps its text."""
+    once = mask_secrets(text)
+    assert mask_secrets(once) == once
+    assert star_secrets(text).count("\n") == text.count("\n")
+
+
+PASSWORDS = st.text(st.characters(codec="utf-8", exclude_characters="\n\r\x85\u2028\u2029\v\f"), min_size=1)
+
+
+@given(PASSWORDS)
+def test_no_password_of_an_address_shows(password: str) -> None:
+    """Whatever characters it has, but for line breaks."""
+    planted = f"<{password}>"
+    assert planted not in mask_secrets(f"cannot open rtsp://user:{planted}@host/live: refused")
+
+
+@pytest.mark.parametrize(
+    "piece", ["rtsp://", "password=", "a:b@ ", "= '", "${", "authorization: ", "token-", "@"]
+)
+def test_masking_takes_time_in_proportion(piece: str) -> None:
+    """A megabyte of any form is masked in seconds, also where the form never ends."""
+    began = time.process_time()
+    mask_secrets(piece * (1_000_000 // len(piece)) + ":=@")
+    assert time.process_time() - began < 10.0
+
+
+def test_long_texts_are_bounded_and_say_so() -> None:
+    """Errors and messages of a megabyte keep their beginning and end, and tell how much is left out."""
+    text = "a" * 1_000_000 + "the reason"
+    expected = " ... (996010 characters left out) ... "
+    for shown in (str(ResourceError(text)), Message(MessageKind.WARNING, "x", text).text, bounded(text)):
+        assert expected in shown
+        assert shown.endswith("the reason")
+        assert len(shown) == TEXT_LIMIT + len(expected)
+
+
+def test_fields_of_messages_are_masked() -> None:
+    """Also within lists and mappings; numbers and names of secrets stay."""
+    fields = {"location": "rtsp://u:p@h", "tries": 3, "more": ["user:p@h", {"password": "p"}]}
+    message = Message(MessageKind.ELEMENT, "x", "connection", fields)
+    assert message.fields == {"location": "rtsp://***@h", "tries": 3, "more": ["***@h", {"password": "***"}]}
+    assert presentable_value(MessageKind.ERROR) is MessageKind.ERROR
+
+
+def test_a_description_error_with_a_megabyte_in_it_is_short() -> None:
+    """The name of an element is shown, but not all of it."""
+    with pytest.raises(DescriptionError, match="characters left out") as caught:
+        Pipeline.parse("a" * 900_000)
+    assert len(str(caught.value)) < 2 * TEXT_LIMIT
+    assert len(caught.value.pointed("a" * 900_000)) < 3 * TEXT_LIMIT
+
+
+def test_a_password_with_a_blank_falls_apart_unseen() -> None:
+    """Its words become elements that are not there; the error does not name them."""
+    text = "rtspsrc location=rtsp://user:first second@host/live ! fakesink"
+    with pytest.raises(DescriptionError, match="\\*\\*\\*") as caught:
+        Pipeline.parse(text)
+    shown = str(caught.value) + caught.value.pointed(text) + caught.value.message + caught.value.hint
+    assert "first" not in shown
+    assert "second" not in shown
