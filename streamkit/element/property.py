@@ -133,7 +133,7 @@ class PropertyDeclaration:
                 value = Fraction(value).limit_denominator(1001)
             elif issubclass(kind, enum.Enum):
                 value = kind(value)
-        except ValueError as error:
+        except (ValueError, OverflowError) as error:
             raise self.refusal(value, str(error), element) from None
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
             raise self.refusal(value, f"it takes {self.describe()}", element)

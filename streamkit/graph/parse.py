@@ -25,11 +25,10 @@ from streamkit.graph.syntax import (
     UrlNode,
     with_pads,
 )
-from streamkit.graph.tokens import DescriptionLexer
+from streamkit.graph.tokens import TOKEN_LIMIT, DescriptionLexer
 from streamkit.graph.variables import ExpandedText, expand
 from streamkit.masking import mask_secrets
 
-TOKEN_LIMIT = 20_000
 DEPTH_LIMIT = 64
 DEPTH_STEPS = {"OPEN": 1, "BINREF": 1, "CLOSE": -1}
 NAMES = {

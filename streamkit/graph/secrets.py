@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 
 from streamkit.element.registry import element_class
 from streamkit.errors import DescriptionError, PluginBroken
-from streamkit.graph.tokens import DescriptionLexer
+from streamkit.graph.tokens import TOKEN_LIMIT, DescriptionLexer
 from streamkit.masking import MASK, credential_spans, is_secret_name
 
 SHORTEST_PIECE = 3  # shorter ones stand in too many words of an error
@@ -32,10 +33,10 @@ def conceal(error: DescriptionError, text: str) -> None:
 
 
 def secret_assignments(text: str) -> tuple[str, ...]:
-    """The assignments of a text whose values are secret, as written."""
+    """The assignments of a text whose values are secret, as written, up to its last token."""
     found: list[str] = []
     factory = ""
-    for token in DescriptionLexer(None).lex(text):
+    for token in itertools.islice(DescriptionLexer(None).lex(text), TOKEN_LIMIT):
         if token.type == "IDENTIFIER":
             factory = str(token)
         elif token.type == "ASSIGNMENT":

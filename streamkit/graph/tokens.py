@@ -12,6 +12,7 @@ from typing import Any
 
 from lark.lexer import Lexer, Token
 
+TOKEN_LIMIT = 20_000  # of a description
 BLANK = r"[ \t\n\r\f\v]"
 VISIBLE = r"[^ \t\n\r\f\v]"
 IDENTIFIER = r"[A-Za-z0-9_][A-Za-z0-9_\-%:]*"

@@ -57,6 +57,8 @@ def expand(text: str, variables: Mapping[str, str]) -> ExpandedText:
     Raises:
         DescriptionError: a variable has no value and no default, or the text is too long.
     """
+    if len(text) > LENGTH_LIMIT:
+        raise DescriptionError("syntax", f"a description has at most {LENGTH_LIMIT} characters")
     pieces: list[str] = []
     offsets: list[tuple[int, int]] = [(0, 0)]
     length, position = 0, 0

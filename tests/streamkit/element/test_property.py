@@ -252,3 +252,19 @@ def test_the_application_cannot_set_what_can_only_be_read() -> None:
     assert element.twice == 6
     with pytest.raises(AttributeError, match=r"^property twice of Renamed can only be read$"):
         element.twice = 1
+
+
+def test_a_whole_number_beyond_all_floats_is_refused() -> None:
+    """It cannot become one; the error is the property's own."""
+    with pytest.raises(PropertyError, match="property gain cannot be"):
+        Sample().set_property("gain", 10**400)
+
+
+def test_the_refusal_of_a_secret_does_not_show_it() -> None:
+    """Not even where the rule that it breaks names it."""
+
+    class Vault(Element):
+        word: str = Property("", secret=True)
+
+    refusal = Vault.properties["word"].refusal("hunter2", "ValueError: bad hunter2", "x")
+    assert "hunter2" not in str(refusal)

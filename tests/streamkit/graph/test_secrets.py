@@ -1,5 +1,6 @@
 """What must not be shown with a text."""
 
+import time
 from collections.abc import Callable
 
 from streamkit import Element, Property
@@ -40,3 +41,11 @@ def test_the_pointed_line_keeps_its_columns() -> None:
         "    x password=******* location=rtsp://*****@h nosuch",
         "                                               ^^^^^^",
     ]
+
+
+def test_the_search_for_secrets_ends_with_the_last_token() -> None:
+    """A text of a million faults is refused at its limit of tokens, and not read to its end for secrets."""
+    text = f"x password=a {'|' * 900_000} password=b"
+    began = time.process_time()
+    assert secret_assignments(text) == ("password=a",)
+    assert time.process_time() - began < 5.0

@@ -77,3 +77,9 @@ def test_a_description_has_bounds() -> None:
     """Variables cannot blow a text up without end."""
     with pytest.raises(DescriptionError, match=r"^a description has at most 1000000 characters$"):
         expand("${X}" * 1000, {"X": "x" * 10_000})
+
+
+def test_a_text_that_is_too_long_is_not_searched() -> None:
+    """Its length alone refuses it, also where variables would make it shorter."""
+    with pytest.raises(DescriptionError, match="at most 1000000 characters"):
+        expand("${x:-" + "a" * 1_000_000 + "}", {"x": ""})
