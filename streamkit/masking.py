@@ -6,6 +6,7 @@ The forms that carry secrets are declared here and nowhere else:
     scheme://USER:PASSWORD          without a host: a port is a number
     USER:PASSWORD@host              an address without its scheme
     ...password=VALUE...            in a property, query or path, and in the text of a mapping
+    PROTOCOL/USER@host:1#CONFIG     an endpoint: the user, and what configures the link, keys among it
     Authorization: SCHEME VALUE     a header
 
 Errors mask when they are made, messages when they are posted, graphs and the command line when they print.
@@ -30,7 +31,7 @@ SECRET_NAME = re.compile(NAMES, re.IGNORECASE)
 ASSIGNED = rf"(?:(?:{NAMES})[\w-]{{0,40}}|(?<=[?&;#_])(?:{QUERY_NAMES}))"
 # A value ends with its quote, at a blank, or where the next field begins: `..._password=VALUE_channel=1`.
 QUOTED = r"""(?P<quote>["'])(?:\\.|(?!(?P=quote)).)*"""
-BARE = r"""(?:\\.|(?![_,&;?][A-Za-z]{1,20}=)(?!["'](?:[\s,;:.)\]}>]|$))[^&;\s])*"""
+BARE = r"""(?:\\.|(?![_,&;?][A-Za-z]{1,20}=|,\s)(?!["'](?:[\s,;:.)\]}>]|$))[^&;\s])*"""
 NAMED = re.compile(
     rf"""{ASSIGNED}(?:["']?\s{{0,2}}=\s{{0,2}}(?P<value>{QUOTED}|{BARE})|["']\s{{0,2}}:\s{{0,2}}(?P<member>{
         QUOTED.replace("quote", "mark")
@@ -40,6 +41,8 @@ NAMED = re.compile(
 HEADER = re.compile(
     r"authorization[\"']?\s{0,2}[:=]\s{0,2}[\"']?(?P<value>\w{1,20} [^\s\"']+)", re.IGNORECASE
 )
+ENDPOINT_USER = re.compile(r"\b[a-z]{2,5}/(?P<value>[^\s,/@]{1,255})@[^\s,/@]{1,255}:\d")
+ENDPOINT_CONFIG = re.compile(r"\b[a-z]{2,5}/[^\s,/#]{1,255}:\d{1,5}(?:\?[^\s#]{0,255})?#(?P<value>[^\s,]+)")
 VARIABLE = re.compile(r"\$\{\w[\w-]*\}")  # names a value and is none
 
 SCHEME = re.compile(r"(?<![^\s\"'=(,;<\[{])([A-Za-z][A-Za-z0-9+.\-]{0,63}):((?:\\?/){1,3})")
@@ -118,7 +121,8 @@ def secret_spans(text: str) -> list[Span]:
         start += text[start : start + 1] in ("'", '"')
         if end > start and not VARIABLE.fullmatch(text, start, end):
             spans.append((start, end))
-    spans += [match.span("value") for match in HEADER.finditer(text)]
+    for form in (HEADER, ENDPOINT_USER, ENDPOINT_CONFIG):
+        spans += [match.span("value") for match in form.finditer(text)]
     return _merged(spans)
 
 

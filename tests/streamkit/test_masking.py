@@ -30,7 +30,8 @@ from streamkit.masking import TEXT_LIMIT, bounded, mask_secrets, presentable_val
         ("rtsp://cam/user=a_password=b_c_channel=1", "rtsp://cam/user=a_password=***_channel=1"),
         ("http://cam/?user=a&pwd=b/c&size=2", "http://cam/?user=a&pwd=***&size=2"),
         ("{'password': 'a b', \"api_key\": \"c\"}", "{'password': '***', \"api_key\": \"***\"}"),
-        ("tls/host:1#root=a;key=b", "tls/host:1#root=a;key=***"),
+        ("tls/host:1#root=a;key=b, tcp/x:2", "tls/host:1#***, tcp/x:2"),
+        ("tcp/token@host:1", "tcp/***@host:1"),
         ("Authorization: Basic YTpi", "Authorization: ***"),
     ],
 )
@@ -86,7 +87,8 @@ def test_no_password_of_an_address_shows(password: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "piece", ["rtsp://", "password=", "a:b@ ", "= '", "${", "authorization: ", "token-", "@"]
+    "piece",
+    ["rtsp://", "password=", "a:b@ ", "= '", "${", "authorization: ", "token-", "@", "tcp/a", "tcp/a:1"],
 )
 def test_masking_takes_time_in_proportion(piece: str) -> None:
     """A megabyte of any form is masked in seconds, also where the form never ends."""
