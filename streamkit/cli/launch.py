@@ -25,6 +25,7 @@ from streamkit.cli.description import (
     read_description,
 )
 from streamkit.errors import DescriptionError
+from streamkit.masking import mask_secrets, presentable, presentable_value
 
 if TYPE_CHECKING:
     from streamkit.cli.display import Display
@@ -158,14 +159,16 @@ def to_json(statistics: RunStatistics) -> str:
     """The counters as one JSON object, on one line."""
     import msgspec
 
-    return msgspec.json.encode(statistics).decode()
+    plain = presentable_value(msgspec.to_builtins(statistics), mask_secrets)
+    return msgspec.json.encode(plain).decode()
 
 
 def _leave(code: int) -> NoReturn:
     """Ends the process, even where a library has left a thread that does not end."""
     left = [t for t in threading.enumerate() if t is not threading.main_thread() and not t.daemon]
     if left:
-        typer.echo(f"error: threads did not end: {', '.join(t.name for t in left)}", err=True)
+        names = ", ".join(thread.name for thread in left)
+        typer.echo(presentable(f"error: threads did not end: {names}"), err=True)
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code or 1)
