@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
+from streamkit.element.pad import Pad, PadTemplate, Presence, declared_templates
 from streamkit.element.property import PropertyDeclaration, declared_properties
 from streamkit.element.timing import Timing
 from streamkit.errors import ElementFailure, NotNegotiated, PropertyError, StateError
@@ -70,7 +70,7 @@ class Element:
         super().__init_subclass__(**kwargs)
         cls.properties = declared_properties(cls)
         cls.defaults = {item.attribute: item.default for item in cls.properties.values() if item.read is None}
-        cls.pad_templates = _collect_templates(cls)
+        cls.pad_templates = declared_templates(cls)
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         """A new element, its properties at their defaults."""
@@ -172,12 +172,6 @@ class Element:
         if self.host is not None:
             self.host.pad_added(pad)
         return pad
-
-    def remove_pad(self, pad: Pad) -> None:
-        """Takes a sometimes pad away."""
-        if self.host is not None:
-            self.host.pad_removed(pad)
-        self.release_pad(pad)
 
     def no_more_pads(self) -> None:
         """All sometimes pads are there; links that still wait for one are reported."""
@@ -348,13 +342,3 @@ class Element:
             declaration = self.find_property(name)
             found[name] = declaration.to_json(getattr(self, declaration.attribute))
         return found
-
-
-def _collect_templates(cls: type[Element]) -> dict[str, PadTemplate]:
-    found: dict[str, PadTemplate] = {}
-    for direction in Direction:
-        text = getattr(cls, str(direction))
-        if text:
-            found[str(direction)] = PadTemplate(str(direction), direction, Caps(text))
-    found.update({template.name: template for template in cls.templates})
-    return found

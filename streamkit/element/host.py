@@ -15,9 +15,6 @@ class Host(Protocol):
     def pad_added(self, pad: Pad) -> None:
         """A pad has come into being while the graph streams: links that wait for it are tried."""
 
-    def pad_removed(self, pad: Pad) -> None:
-        """A pad is gone."""
-
     def no_more_pads(self, element: Element) -> None:
         """The element has all the pads its stream gives: links still waiting for one are reported."""
 

@@ -166,3 +166,14 @@ class Pad:
         self.caps = None
         self.segment = OPEN_SEGMENT
         self.is_eos = False
+
+
+def declared_templates(owner: type[Element]) -> dict[str, PadTemplate]:
+    """The templates that an element class declares, by name: `sink` and `src` as caps, then `templates`."""
+    found: dict[str, PadTemplate] = {}
+    for direction in Direction:
+        caps = getattr(owner, str(direction))
+        if caps:
+            found[str(direction)] = PadTemplate(str(direction), direction, Caps(caps))
+    found.update({template.name: template for template in owner.templates})
+    return found

@@ -48,8 +48,6 @@ class AppSink(PlainSink):
     drop: bool = Property(False, live=True, doc="Drop the oldest frame when full, instead of waiting.")
     eos: bool = Property(True, read=lambda s: s._is_over(), doc="Whether nothing more can be pulled.")
     emit_signals: bool = Property(False, live=True, doc="Call `on_new_sample` and the others.")
-    wait_on_eos: bool = Property(True, doc="Accepted, without effect: EOS is told at once.")
-    buffer_list: bool = Property(False, doc="Accepted, without effect: frames come one by one.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_new_sample = Callbacks()

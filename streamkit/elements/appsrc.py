@@ -11,7 +11,7 @@ from streamkit.element.choice import Choice
 from streamkit.element.property import Property
 from streamkit.element.source import Source
 from streamkit.elements.callbacks import Callbacks
-from streamkit.elements.stream_format import StreamFormat
+from streamkit.elements.fakesrc import StreamFormat
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import Event
@@ -21,14 +21,6 @@ from streamkit.handoff.frame_queue import FrameQueue
 LOOK_S = 0.2
 INT64 = 2**63 - 1
 UINT64 = 2**64 - 1
-
-
-class StreamType(Choice):
-    """Whether the application can seek; here frames only go forward."""
-
-    STREAM = "stream", 0, "GST_APP_STREAM_TYPE_STREAM"
-    SEEKABLE = "seekable", 1, "GST_APP_STREAM_TYPE_SEEKABLE"
-    RANDOM_ACCESS = "random-access", 2, "GST_APP_STREAM_TYPE_RANDOM_ACCESS"
 
 
 class LeakyType(Choice):
@@ -91,14 +83,7 @@ class AppSrc(Source):
     duration: int = Property(
         UINT64, min=0, max=UINT64, unit="ns", doc="Length of the stream; the largest value is unknown."
     )
-    size: int = Property(-1, min=-1, max=INT64, unit="bytes", doc="Accepted, without effect.")
-    stream_type: StreamType = Property(StreamType.STREAM, doc="Accepted, without effect: nothing seeks.")
     format: StreamFormat = Property(StreamFormat.BYTES, doc="Accepted, without effect: times are ns.")
-    handle_segment_change: bool = Property(
-        False, doc="Accepted, without effect: push a `SegmentEvent` where the segment changes."
-    )
-    blocksize: int = Property(4096, min=0, max=2**32 - 1, doc="Accepted, without effect.")
-    typefind: bool = Property(False, doc="Accepted, without effect.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_need_data = Callbacks()

@@ -33,7 +33,6 @@ class CapsFilter(Transform):
         live=True,
         doc="Whether the caps before a change are accepted until upstream has sent new ones.",
     )
-    qos: bool = Property(False, doc="Accepted, without effect: frames are never dropped here.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self._filter = ANY

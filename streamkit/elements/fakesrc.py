@@ -13,7 +13,6 @@ from streamkit.element.property import Property
 from streamkit.element.source import Source
 from streamkit.elements.callbacks import Callbacks
 from streamkit.elements.frame_text import dump_text, frame_text
-from streamkit.elements.stream_format import StreamFormat
 from streamkit.errors import NotNegotiated
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.clock import SystemClock
@@ -21,6 +20,17 @@ from streamkit.flow.frame import Frame
 
 INT = 2**31 - 1
 PATTERN = bytes(range(256))
+
+
+class StreamFormat(Choice):
+    """What positions of a stream are counted in."""
+
+    UNDEFINED = "undefined", 0, "GST_FORMAT_UNDEFINED"
+    DEFAULT = "default", 1, "GST_FORMAT_DEFAULT"
+    BYTES = "bytes", 2, "GST_FORMAT_BYTES"
+    TIME = "time", 3, "GST_FORMAT_TIME"
+    BUFFERS = "buffers", 4, "GST_FORMAT_BUFFERS"
+    PERCENT = "percent", 5, "GST_FORMAT_PERCENT"
 
 
 class SizeType(Choice):
@@ -81,8 +91,6 @@ class FakeSrc(Source):
     can_activate_push: bool = Property(True, doc="Accepted, without effect: frames are always pushed.")
     can_activate_pull: bool = Property(True, doc="Accepted, without effect: frames are never pulled.")
     format: StreamFormat = Property(StreamFormat.BYTES, doc="Accepted, without effect: times are ns.")
-    pattern: str | None = Property(None, doc="Accepted, without effect.")
-    typefind: bool = Property(False, doc="Accepted, without effect.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_handoff = Callbacks()

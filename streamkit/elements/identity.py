@@ -70,8 +70,6 @@ class Identity(Transform):
     stats: str = Property(
         "", read=lambda identity: identity._stats(), doc="Frames and bytes looked at; none pass as they are."
     )
-    drop_allocation: bool = Property(False, doc="Accepted, without effect: memory is not asked for upstream.")
-    qos: bool = Property(False, doc="Accepted, without effect: frames are never dropped for being late.")
     seed: int = Property(0, doc="Of the random choice.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:

@@ -26,9 +26,6 @@ class PlainSink(Sink):
 
     enable_last_sample: bool = Property(True, live=True, doc="Keep the last frame in `last_frame`.")
     blocksize: int = Property(4096, min=0, max=UINT, doc="Accepted, without effect: frames are never pulled.")
-    max_bitrate: int = Property(
-        0, min=0, max=UINT64, unit="bit/s", doc="Accepted, without effect: rates are told by the statistics."
-    )
     stats: str = Property("", read=lambda sink: sink._stats(), doc="Frames rendered and dropped.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:

@@ -5,19 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from streamkit.element.branching import Split
-from streamkit.element.choice import Choice
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
 from streamkit.flow.caps import ANY
 from streamkit.flow.frame import Frame
 from streamkit.flow.signals import NotLinked
-
-
-class PullMode(Choice):
-    """Whether branches may pull; frames are pushed here, so there is nothing to choose."""
-
-    NEVER = "never", 0, "Never activate in pull mode"
-    SINGLE = "single", 1, "Only one src pad can be active in pull mode"
 
 
 class Tee(Split):
@@ -36,8 +28,6 @@ class Tee(Split):
     num_src_pads: int = Property(0, read=lambda tee: sum(1 for _ in tee.src_pads()), doc="Branches now.")
     silent: bool = Property(True, live=True, doc="Keep no text in last-message.")
     last_message: str | None = Property(None, readonly=True, doc="What was last done.")
-    has_chain: bool = Property(True, doc="Accepted, without effect: frames are always pushed.")
-    pull_mode: PullMode = Property(PullMode.NEVER, doc="Accepted, without effect: frames are always pushed.")
 
     def split(self, frame: Frame) -> Mapping[str, Frame]:
         """The frame, for every branch."""

@@ -52,8 +52,6 @@ class VideoRate(Transform):
     skip_to_first: bool = Property(False, doc="Put out nothing for the time before the first frame.")
     rate: float = Property(1.0, min=0.0, doc="Speed: times are divided by it.")
     silent: bool = Property(True, doc="Post no message for frames dropped and repeated.")
-    new_pref: float = Property(1.0, min=0.0, max=1.0, doc="Accepted, without effect.")
-    qos: bool = Property(False, doc="Accepted, without effect.")
     frames_in: int = Property(0, name="in", read=lambda v: v._in, doc="Frames that came in.")
     out: int = Property(0, read=lambda v: v._out, doc="Frames put out.")
     drop: int = Property(0, read=lambda v: v._dropped, doc="Frames dropped.")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import date
 from fractions import Fraction
 from types import MappingProxyType
-from typing import ClassVar, TypeGuard
+from typing import ClassVar
 
 INT_MIN, INT_MAX = -(2**31), 2**31 - 1
 INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
@@ -224,11 +224,6 @@ Range = IntRange | FloatRange | FractionRange
 RANGES = (IntRange, Int64Range, FloatRange, FractionRange)
 Simple = bool | int | float | str | bytes | Fraction | date | FlagSet
 Value = Simple | Range | ValueList | ValueArray | NestedValue
-
-
-def is_int(value: object) -> TypeGuard[int]:
-    """Whether a value is an integer of caps, of any width (booleans are a type of their own)."""
-    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def is_fixed(value: Value) -> bool:

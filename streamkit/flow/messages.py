@@ -17,7 +17,6 @@ class MessageKind(enum.StrEnum):
     EOS = "eos"
     STATE = "state"
     ELEMENT = "element"
-    STATISTICS = "statistics"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +24,7 @@ class Message:
     """One message on the bus; its texts are masked and bounded when it is made.
 
     Attributes:
-        kind: error, warning, eos, state, element or statistics.
+        kind: error, warning, eos, state or element.
         source: name of the element, or "" for the pipeline.
         text: for people.
         fields: for programs; element messages carry their own name as `name`.

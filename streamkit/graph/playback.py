@@ -195,11 +195,6 @@ class Playback:
         pad.push = chain.push
         self.chains.append(chain)
 
-    def pad_removed(self, pad: Pad) -> None:
-        """The chain behind the pad ends: EOS goes down it."""
-        pad.send_event(EOS)
-        pad.push = pad.not_linked
-
     def no_more_pads(self, element: Element) -> None:
         """Links still waiting are warned of; what they should have fed ends, so that the rest can.
 

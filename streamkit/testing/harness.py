@@ -167,9 +167,6 @@ class Harness:
         src = pad if pad.is_src else self._feeds[pad.name].pads["src"]
         src.push = Chain(src).push
 
-    def pad_removed(self, pad: Pad) -> None:
-        """A pad goes; what came out of it stays."""
-
     def no_more_pads(self, element: Element) -> None:
         """The element has all its pads."""
         self.has_all_pads = True

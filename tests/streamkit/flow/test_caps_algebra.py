@@ -23,7 +23,6 @@ from streamkit.flow.caps_values import (
     Value,
     ValueArray,
     ValueList,
-    is_int,
 )
 
 
@@ -32,8 +31,6 @@ def test_equality_keeps_the_types_apart() -> None:
     values: list[Value] = [1, 1.0, True, Fraction(1), "1"]
     for i, left in enumerate(values):
         assert [same_type_equal(left, right) for right in values] == [i == j for j in range(len(values))]
-    assert is_int(1)
-    assert not is_int(True)
 
 
 @pytest.mark.parametrize(
