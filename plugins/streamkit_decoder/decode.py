@@ -31,6 +31,7 @@ SIDEWAYS = (90, 270)
 ONE_THREAD_PIXELS = 1920 * 1088
 SPARE_THREADS, MOST_THREADS = 2, 16
 TOO_OLD = "late: too old when decoded"
+NO_FRAME = "packet without a frame of its own"
 Decoded = list[tuple[VideoFrame, Frame]]
 
 
@@ -68,7 +69,7 @@ class Decode(Transform):
     )
     threads_type: ThreadsType = Property(
         ThreadsType.AUTO,
-        doc="Frame threads are fastest but add a delay; auto takes slice when live, else frame.",
+        doc="Frame threads are fastest but add a delay; auto takes slice when live or H.265, else frame.",
     )
 
     skip: Skip = Property(
@@ -165,7 +166,9 @@ class Decode(Transform):
         try:
             parameters = self._parameters = caps_parameters(frame.caps)
             device, name = accelerator(self.hwaccel)
-            self._decoder = VideoDecoder(parameters, self._threading(), self._thread_count(), device)
+            self._decoder = VideoDecoder(
+                parameters, self._threading(), self._thread_count(), device, not self._is_live()
+            )
         except (KeyError, UnknownCodecError) as error:
             raise StreamError(
                 f"no decoder in this FFmpeg for {frame.caps}: {error}; convert to H.264"
@@ -264,6 +267,8 @@ class Decode(Transform):
                 yield from self._shown(decoder.flush())
             except FFmpegError as error:
                 self._undecodable(None, error)
+            if decoder.unaccounted:
+                self.count_drop(NO_FRAME, decoder.unaccounted)
 
     def _undecodable(self, frame: Frame | None, error: FFmpegError) -> None:
         """Counts a packet that gave no picture; the bus hears of each kind of error once."""

@@ -9,6 +9,7 @@ from typing import Generic, TypeAlias, TypeVar
 
 from av.codec.context import CodecContext, Flags, ThreadType
 from av.codec.hwaccel import HWAccel
+from av.error import FFmpegError
 from av.packet import Packet
 from av.stream import Stream
 from av.video.codeccontext import VideoCodecContext
@@ -22,6 +23,9 @@ Data: TypeAlias = "Packet[VideoStream] | bytes | bytearray | memoryview"
 # No codec holds more pictures back; entries of packets that never became a picture are let go beyond it.
 PENDING_LIMIT = 256
 MAX_PIXELS = 8192 * 8192
+# Frame threads of these can wait for each other without end where damaged frames come out too; where these do
+# not, a third of all frames of a damaged stream is lost.
+SLICE_THREADS_ONLY = frozenset({"hevc"})
 
 
 class Threading(enum.StrEnum):
@@ -36,9 +40,14 @@ class VideoDecoder(Generic[Origin]):
 
     Args:
         parameters: of the codec.
-        threading: frame or slice threads.
+        threading: frame or slice threads; H.265 gets slice threads always.
         threads: how many; 0 is one for each processor.
         device: to decode on; where it cannot, software does.
+        holds_for_order: hold back as many H.264 frames as its level allows where the stream does not tell how
+            far it reorders them. FFmpeg guesses otherwise, and leaves out the frames that prove it wrong.
+
+    Attributes:
+        threading: what it has.
 
     Raises:
         UnknownCodecError: this FFmpeg has no decoder for it.
@@ -50,17 +59,26 @@ class VideoDecoder(Generic[Origin]):
         threading: Threading = Threading.FRAME,
         threads: int = 0,
         device: HWAccel | None = None,
+        holds_for_order: bool = False,
     ) -> None:
         context = CodecContext.create(decoder_for(parameters.codec), "r", device)
         assert isinstance(context, VideoCodecContext)
-        self._context = _configured(context, parameters, threading, threads)
+        self.threading = Threading.SLICE if parameters.codec in SLICE_THREADS_ONLY else threading
+        self._context = _configured(context, parameters, self.threading, threads)
+        if holds_for_order and parameters.codec == "h264":
+            self._context.options = {**self._context.options, "strict": "1"}
         self._pending: OrderedDict[int, Origin] = OrderedDict()
-        self._count = 0
+        self._count = self._accounted = 0
 
     @property
     def is_on_device(self) -> bool:
         """Whether the device decodes, and not software in its place."""
         return self._context.is_hwaccel
+
+    @property
+    def unaccounted(self) -> int:
+        """Packets that gave neither a picture nor an error yet; after `flush` they never will."""
+        return self._count - self._accounted
 
     def decode(
         self,
@@ -84,21 +102,34 @@ class VideoDecoder(Generic[Origin]):
         self._pending[self._count] = origin
         if len(self._pending) > PENDING_LIMIT:
             self._pending.popitem(last=False)
-        return self._found(self._context.decode(packet), origin)
+        return self._found(self._decoded(packet), origin)
 
     def flush(self) -> list[tuple[VideoFrame, Origin]]:
-        """The pictures still held; nothing may be decoded after it."""
+        """The pictures still held; nothing may be decoded after it.
+
+        Raises:
+            FFmpegError: a packet could not be decoded; pictures of packets behind it are lost.
+        """
         if not self._count:
             return []
         last = next(reversed(self._pending.values()), None)
-        pictures = self._context.decode(None)
+        pictures = self._decoded(None)
         return [] if last is None else self._found(pictures, last)
 
+    def _decoded(self, packet: Packet[Stream] | None) -> list[VideoFrame]:
+        try:
+            return self._context.decode(packet)
+        except FFmpegError:
+            self._accounted += 1
+            raise
+
     def _found(self, pictures: list[VideoFrame], fallback: Origin) -> list[tuple[VideoFrame, Origin]]:
-        return [
-            (picture, self._pending.pop(picture.pts, fallback) if picture.pts is not None else fallback)
-            for picture in pictures
-        ]
+        found = []
+        for picture in pictures:
+            is_known = picture.pts in self._pending
+            self._accounted += is_known
+            found.append((picture, self._pending.pop(picture.pts or 0) if is_known else fallback))
+        return found
 
 
 class AscendingNumbers:
@@ -145,7 +176,11 @@ def _configured(
 
 
 def _own_packet(data: Data) -> Packet[Stream]:
-    """A copy of a packet, padded as FFmpeg's bit readers want it; the given one may be shared by threads."""
+    """A copy of a packet, padded as FFmpeg's bit readers want it; the given one may be shared by threads.
+
+    Its memory is FFmpeg's: a frame thread that frees memory of Python's waits for the interpreter's lock, and
+    the thread that closes the decoder holds this lock and waits for the frame thread.
+    """
     view = memoryview(data)
     packet = Packet(view.nbytes)
     packet.update(view)  # type: ignore[arg-type]

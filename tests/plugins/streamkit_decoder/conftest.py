@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 import subprocess
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
@@ -37,7 +37,7 @@ def grey_ramp(width: int, height: int, index: int) -> NDArray[np.uint8]:
 
 @pytest.fixture(scope="session")
 def make_video(tmp_path_factory: pytest.TempPathFactory) -> MakeVideo:
-    """Makes a video file; arguments: name, count, size, rate, codec, bframes, pixel_format."""
+    """Makes a video file; arguments: name, count, size, rate, codec, bframes, pixel_format, options."""
     folder = tmp_path_factory.mktemp("media")
 
     def make(
@@ -48,9 +48,12 @@ def make_video(tmp_path_factory: pytest.TempPathFactory) -> MakeVideo:
         codec: str = "libx264",
         bframes: int = 2,
         pixel_format: str = "yuv420p",
+        options: Mapping[str, str] | None = None,
     ) -> Path:
         path = folder / name
-        options = {"bf": str(bframes), "g": "6"} if codec == "libx264" else {}
+        if options is None:
+            options = {"g": "6"} if codec == "libx264" else {}
+        options = {"bf": str(bframes), **options} if codec == "libx264" else options
         with av.open(str(path), "w") as container:
             stream = container.add_stream(codec, rate=rate, options=options)
             stream.width, stream.height = size

@@ -1,3 +1,5 @@
+import os
+import random
 import time
 from collections.abc import Callable
 from fractions import Fraction
@@ -7,7 +9,7 @@ import av
 import numpy as np
 import pytest
 
-from streamkit import ElementFailure, Frame, FrameFlags, MessageKind, NotNegotiated, Pipeline
+from streamkit import Caps, ElementFailure, Frame, FrameFlags, MessageKind, NotNegotiated, Pipeline
 from streamkit.testing import Harness, ManualClock
 from streamkit_decoder.codecs import CodecParameters, coded_caps
 from streamkit_decoder.decode import Decode
@@ -15,6 +17,8 @@ from streamkit_decoder.freshness import Freshness
 from streamkit_decoder.packets import DECODE_ONLY
 
 MakeVideo = Callable[..., Path]
+CONFORMANCE = Path("odd_media/corpus/h264")
+DEEP_REORDERING = {"profile": "main", "x264-params": "b-adapt=0:b-pyramid=normal:ref=8"}
 
 
 def packets_of(path: Path) -> list[Frame]:
@@ -375,3 +379,96 @@ def test_which_decoder_is_told(small_video: Path) -> None:
         message = pipeline.bus.pop(5, (MessageKind.ELEMENT,))
     assert message is not None
     assert message.fields == {"name": "decoder", "codec": "h264", "device": "software"}
+
+
+def _conformance_streams() -> list[str]:
+    folder = Path(os.environ.get("STREAMKIT_DATA", "")) / "data" / CONFORMANCE
+    return sorted(path.name for path in folder.iterdir()) if folder.is_dir() else ["none"]
+
+
+@pytest.mark.parametrize("name", _conformance_streams())
+def test_every_packet_of_a_conformance_stream_gives_a_frame(streamkit_data: Path, name: str) -> None:
+    """As many frames come out of a file of H.264 as packets go in."""
+    path = streamkit_data / CONFORMANCE / name
+    frames, drops = _all_frames(path, "none")
+    assert len(packets_of(path)) == len(frames) > 0
+    assert drops == {}
+
+
+def test_h264_that_does_not_tell_its_reordering_loses_nothing(make_video: MakeVideo) -> None:
+    """A file of deeply reordered H.264 without VUI gives every frame, in order of presentation."""
+    packets, caps = _unordered(make_video("deep.mkv", count=40, bframes=8, options=DEEP_REORDERING))
+    with Harness("decode") as harness:
+        frames = decoded(harness, [packet.replace(caps=caps) for packet in packets])
+        assert harness.element.drops == {}
+    assert [frame.pts for frame in frames] == sorted(packet.pts for packet in packets)
+
+
+def test_a_live_decoder_does_not_hold_frames_for_their_order(make_video: MakeVideo) -> None:
+    """Of H.264 without VUI a live decoder gives frames as soon as it can; a file's waits for their order."""
+    packets, caps = _unordered(make_video("deep.mkv", count=40, bframes=8, options=DEEP_REORDERING))
+    shown = []
+    for source in ("rtspsrc location=rtsp://127.0.0.1:1/x", "fakesrc"):
+        element = Pipeline.parse(f"{source} ! decode name=d threads=1 threads-type=slice ! fakesink")["d"]
+        element.start()
+        found = [element.transform(packet.replace(caps=caps)) for packet in packets[:12]]
+        shown.append(sum(1 if isinstance(each, Frame) else len(each) for each in found))
+        element.stop()
+    live, file = shown
+    assert live > 0 == file
+
+
+def _unordered(path: Path) -> tuple[list[Frame], Caps]:
+    """A file's packets, and their caps with parameter sets that do not tell how far frames are reordered."""
+    packets = packets_of(path)
+    codec_data = bytes.fromhex(str(packets[0].caps["codec_data"]))
+    size = int.from_bytes(codec_data[6:8], "big")
+    parameters = _without_vui(codec_data[8 : 8 + size])
+    codec_data = codec_data[:6] + len(parameters).to_bytes(2, "big") + parameters + codec_data[8 + size :]
+    return packets, packets[0].caps.with_fields(codec_data=codec_data.hex())
+
+
+def _without_vui(unit: bytes) -> bytes:
+    """A sequence parameter set of the main profile, its usability information cut off (H.264, 7.3.2.1.1)."""
+    bits = "".join(f"{byte:08b}" for byte in unit.replace(b"\0\0\3", b"\0\0"))
+    at = 8 + 24
+
+    def unsigned() -> int:
+        nonlocal at
+        zeros = bits.index("1", at) - at
+        at += 2 * zeros + 1
+        return int(bits[at - zeros - 1 : at], 2) - 1
+
+    unsigned()  # number
+    unsigned()  # bits of frame numbers
+    assert unsigned() == 0  # kind of picture order count
+    unsigned()
+    unsigned()  # reference frames
+    at += 1
+    unsigned()  # width
+    unsigned()  # height
+    at += 2  # whole frames only, direct inference
+    at += 1
+    for _ in range(4 if bits[at - 1] == "1" else 0):
+        unsigned()  # cropping
+    assert bits[at] == "1"
+    kept = bits[:at] + "01"
+    kept += "0" * (-len(kept) % 8)
+    return int(kept, 2).to_bytes(len(kept) // 8, "big")
+
+
+def test_packets_without_a_frame_are_counted(make_video: MakeVideo) -> None:
+    """Damaged packets cost frames, but each packet is a frame or counted, whatever the threads."""
+    packets = packets_of(make_video("counted.mkv", count=40))
+    for threads_type in ("frame", "slice"):
+        for seed in range(10):
+            chance = random.Random(seed)
+            damaged = [
+                packet.replace(data=bytes(packet.data)[: chance.randrange(1, 9)])
+                if chance.random() < 0.2
+                else packet
+                for packet in packets
+            ]
+            with Harness(Decode(threads_type=threads_type)) as harness:
+                frames = decoded(harness, damaged)
+                assert len(frames) + sum(harness.element.drops.values()) == 40

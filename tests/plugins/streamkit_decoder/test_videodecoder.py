@@ -1,3 +1,6 @@
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +13,8 @@ from streamkit_decoder.codecs import stream_parameters
 from streamkit_decoder.container import open_container, video_stream
 from streamkit_decoder.packets import read_packets
 from streamkit_decoder.videodecoder import AscendingNumbers, Threading, VideoDecoder
+
+MakeVideo = Callable[..., Path]
 
 
 @pytest.mark.parametrize("threading", list(Threading))
@@ -82,3 +87,55 @@ def test_numbers_of_lost_packets_are_left_out() -> None:
     numbers.discard(1)
     numbers.discard(7)
     assert [numbers.take(9) for _ in range(3)] == [0, 2, 9]
+
+
+@pytest.mark.parametrize("threading", list(Threading))
+def test_h265_never_gets_frame_threads(make_video: MakeVideo, threading: Threading) -> None:
+    """FFmpeg's frame threads of H.265 wait for ever on some damaged streams whose damage is to be shown."""
+    with open_container(str(make_video("threads.mkv", codec="libx265"))) as container:
+        decoder = VideoDecoder[int](stream_parameters(video_stream(container, "threads")), threading)
+    assert decoder.threading is Threading.SLICE
+
+
+DECODE_MUTANTS = """
+import random, sys
+from av.error import FFmpegError
+from streamkit_decoder.codecs import stream_parameters
+from streamkit_decoder.container import open_container, video_stream
+from streamkit_decoder.packets import read_packets
+from streamkit_decoder.videodecoder import Threading, VideoDecoder
+
+def attempt(call, *arguments):
+    try:
+        return len(call(*arguments))
+    except FFmpegError:
+        return 0
+
+with open_container(sys.argv[1]) as container:
+    stream = video_stream(container, "mutant")
+    parameters, packets = stream_parameters(stream), [bytes(p) for p in read_packets(container, stream)]
+shown = 0
+for seed in range(400):
+    chance = random.Random(seed)
+    decoder = VideoDecoder(parameters, Threading.FRAME, threads=4)
+    for number, packet in enumerate(packets):
+        data = bytearray(packet)
+        for _ in range(chance.choice((0, 0, 1, 8))):
+            data[chance.randrange(min(chance.choice((40, len(data))), len(data)))] = chance.randrange(256)
+        del data[chance.choice((len(data), len(data), chance.randrange(len(data)) + 1)):]
+        shown += attempt(decoder.decode, bytes(data), number)
+    shown += attempt(decoder.flush)
+print(shown)
+"""
+
+
+@pytest.mark.parametrize("codec", ["libx264", "libx265", "mpeg4"])
+def test_damaged_streams_end(make_video: MakeVideo, codec: str) -> None:
+    """Four hundred damaged streams decode without a hang, frame threads asked for, and give frames."""
+    path = make_video(f"mutants_{codec}.mkv", codec=codec, count=16, size=(160, 96))
+    done = subprocess.run(
+        [sys.executable, "-c", DECODE_MUTANTS, str(path)],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 1000
