@@ -69,10 +69,7 @@ class AnnexBWriter:
     def _holds_parameter_sets(self, data: bytes) -> bool:
         kinds = KINDS_BEFORE_PICTURE[self._codec]
         starts = [match.end() for match in BEGINS_WITH_START_CODE.finditer(data[:4096])]
-        return any(self._kind(data[at]) in kinds for at in starts if at < len(data))
-
-    def _kind(self, first: int) -> int:
-        return first & 31 if self._codec == "h264" else first >> 1 & 63
+        return any(kind_of(self._codec, data[at]) in kinds for at in starts if at < len(data))
 
     def _read_avcc(self, data: bytes) -> None:
         if len(data) < AVCC_HEADER + 1:
@@ -107,3 +104,8 @@ class AnnexBWriter:
             found.append(data[at + 2 : at + 2 + size])
             at += 2 + size
         return found, at
+
+
+def kind_of(codec: str, first: int) -> int:
+    """The kind of a NAL unit, which its first byte tells; `codec` is h264 or hevc."""
+    return first & 31 if codec == "h264" else first >> 1 & 63

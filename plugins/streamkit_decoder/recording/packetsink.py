@@ -27,13 +27,14 @@ from streamkit_decoder.container import MEDIA_ERRORS, reason_of
 from streamkit_decoder.location import local_path
 from streamkit_decoder.packets import nanoseconds
 from streamkit_decoder.recording.annexb import BadPacket
-from streamkit_decoder.recording.arrivals import Arrival, ArrivalsWriter
+from streamkit_decoder.recording.arrivals import Arrival, ArrivalsWriter, arrivals_path
 from streamkit_decoder.recording.packetwriter import FORMATS, WITH_KLV, PacketWriter
 from streamkit_decoder.recording.segments import SegmentNames
 from streamkit_decoder.streams import KLV_CAPS
 
 KLV_NAME = Caps(KLV_CAPS).name
 BEFORE_KEYFRAME = "before the first key frame"
+DAMAGED = "damaged packet"
 CLOSE_LIMIT_S = 5.0
 EARLY_LIMIT = 256
 
@@ -43,7 +44,7 @@ class PacketSink(Sink):
 
     What has come is in the file within a second or two, so that a recording plays also when the process was
     killed. A new segment begins with a key frame once the one before is long or large enough, or when the
-    format changes. Telemetry needs .ts.
+    format changes. Telemetry needs .ts. A damaged packet is left out and counted.
 
     Example:
         filesrc location=flight.mp4 ! packetsink location=copy.ts
@@ -68,6 +69,7 @@ class PacketSink(Sink):
         self._early: deque[Frame] = deque(maxlen=EARLY_LIMIT)
         self._zero = self._begin = 0
         self._bytes = 0
+        self._is_damage_told = False
         if not self.location:
             raise ResourceError("location= must name the file to write, it is empty; write location=out.ts")
         suffix = Path(self.location).suffix.lower()
@@ -99,16 +101,25 @@ class PacketSink(Sink):
                 else:
                     self._write_video(frame)
         except BadPacket as error:
-            self.count_drop("damaged packet")
-            self.post_warning(f"{self.location}: a packet is left out: {error}")
+            self._leave_out(error)
         except (*MEDIA_ERRORS, OSError) as error:
             raise self._failure(error) from error
 
     def drain(self) -> None:
-        """EOS: the file is completed."""
-        if not self._names.count:
-            self.post_warning(f"{self.location}: not one key frame came, nothing is written")
+        """EOS: the file is completed.
+
+        Raises:
+            StreamError: damaged packets came, and not one could be written.
+        """
         self._close()
+        if self._names.count:
+            return
+        if damaged := self.drops[DAMAGED]:
+            raise StreamError(
+                f"{self.location}: nothing is written: {damaged} packets are damaged, and no whole key frame "
+                "came; the video is damaged or encrypted"
+            )
+        self.post_warning(f"{self.location}: not one key frame came, nothing is written")
 
     def stop(self) -> None:
         """Completes the file where EOS did not."""
@@ -122,9 +133,14 @@ class PacketSink(Sink):
             self.count_drop(BEFORE_KEYFRAME)
             return
         pts, dts = times_of(frame)
+        is_first = not self._writer.has_begun
         self._bytes += self._writer.write_video(
             bytes(frame.data), pts - self._zero, dts - self._zero, frame.duration, is_keyframe
         )
+        if is_first:
+            self.post_message("segment", location=str(self._writer.path), pts=pts)
+            while self._early:
+                self._write_klv(self._early.popleft())
         if self._arrivals is not None:
             capture = frame.capture
             self._arrivals.write(
@@ -170,31 +186,47 @@ class PacketSink(Sink):
                 f"{self.location}: one file holds one format, and {frame.caps.name} of another comes now; "
                 "give the name a number, flight-%05d.ts"
             )
-        path = self._names.next_path()
-        parameters = caps_parameters(frame.caps)
-        self._writer = PacketWriter(
-            f"file:{path}",
-            self._format,
-            parameters.codec,
-            (parameters.width, parameters.height),
-            parameters.extradata,
-            "klv" in self.pads,
-        )
+        path, parameters = self._names.next_path(), caps_parameters(frame.caps)
+        try:
+            self._writer = PacketWriter(
+                path,
+                self._format,
+                parameters.codec,
+                (parameters.width, parameters.height),
+                parameters.extradata,
+                "klv" in self.pads,
+            )
+        except BaseException:
+            self._names.take_back()
+            raise
         if self.arrivals:
             self._arrivals = ArrivalsWriter(path)
         pts, dts = times_of(frame)
         self._zero, self._begin, self._bytes, self._caps = min(dts, pts), pts, 0, frame.caps
-        self.post_message("segment", location=str(path), pts=pts)
-        while self._early:
-            self._write_klv(self._early.popleft())
+
+    def _leave_out(self, error: BadPacket) -> None:
+        """Counts a damaged packet; where it was a file's first, the next key frame begins the file anew."""
+        self.count_drop(DAMAGED)
+        with self._writing:
+            if self._writer is not None and not self._writer.has_begun:
+                self._finish()
+        if not self._is_damage_told:
+            self._is_damage_told = True
+            self.post_warning(f"{self.location}: a packet is left out: {error}; others like it are counted")
 
     def _finish(self) -> None:
+        """Closes the file under way; one that nothing could be written to is removed."""
         writer, self._writer = self._writer, None
         arrivals, self._arrivals = self._arrivals, None
-        if arrivals is not None:
-            arrivals.close()
-        if writer is not None:
-            writer.close()
+        try:
+            if arrivals is not None:
+                arrivals.close()
+            if writer is not None:
+                writer.close()
+        finally:
+            if writer is not None and not writer.has_begun:
+                arrivals_path(writer.path).unlink(missing_ok=True)
+                self._names.take_back()
 
     def _close(self) -> None:
         if not self._writing.acquire(timeout=CLOSE_LIMIT_S):

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from streamkit import Caps, Capture, Frame, Property, ResourceError, Source
 from streamkit_decoder.codecs import CODED_CAPS, coded_caps, stream_parameters, stream_rate
-from streamkit_decoder.container import open_container, video_stream
+from streamkit_decoder.container import check_file, open_container, video_stream
 from streamkit_decoder.location import local_path, redact
 from streamkit_decoder.packets import packet_frame, read_packets
 from streamkit_decoder.recording.arrivals import Arrival, BadArrivals, arrivals_path, read_arrivals
@@ -34,6 +34,7 @@ class ReplaySrc(Source):
         """Checks that the recording and its arrivals are there."""
         if not self.location:
             raise ResourceError("location= must name a recording, it is empty; write location=flight.ts")
+        check_file(self.location)
         if not arrivals_path(local_path(self.location)).is_file():
             raise ResourceError(
                 f"{self.location}: there are no arrivals beside it; record with packetsink arrivals=true, "

@@ -35,3 +35,7 @@ class SegmentNames:
         name = self._pattern % self.count if self.has_number else self._pattern
         self.count += 1
         return local_path(name)
+
+    def take_back(self) -> None:
+        """The last file named was not written: the next gets its name."""
+        self.count -= 1

@@ -9,8 +9,9 @@ from pathlib import Path
 import av
 import pytest
 
-from streamkit import Caps, ElementFailure, Frame, FrameFlags, MessageKind, Pipeline
+from streamkit import Caps, ElementFailure, Frame, FrameFlags, MessageKind, Pipeline, ResourceError
 from streamkit.testing import Harness
+from streamkit_decoder.nalunits import units
 from streamkit_decoder.telemetry.klv import KlvReader
 
 MakeVideo = Callable[..., Path]
@@ -244,6 +245,14 @@ def test_replay_needs_arrivals(small_video: Path) -> None:
         Pipeline.parse(f"replaysrc location={small_video} ! fakesink").run(timeout_s=5)
 
 
+@pytest.mark.parametrize(("location", "rule"), [("/", "a file is needed"), ("nosuch.ts", "must be there")])
+def test_replay_needs_a_file(location: str, rule: str) -> None:
+    """What is no file is refused as such."""
+    with pytest.raises(ElementFailure, match=rule) as failure:
+        Pipeline.parse(f"replaysrc location={location} ! fakesink").run(timeout_s=5)
+    assert isinstance(failure.value.cause, ResourceError)
+
+
 def test_times_do_not_drift(tmp_path: Path) -> None:
     """After ten hours the time of a picture is that of its number over the rate, to the tick of the file."""
     caps = Caps("video/x-raw, format=GRAY8, width=16, height=16, framerate=30000/1001")
@@ -260,3 +269,137 @@ def test_times_do_not_drift(tmp_path: Path) -> None:
                 sink.push(packet)
         sink.drain()
     assert abs(packets(tmp_path / "x.ts")[1][0] - round(count * 10**9 / rate)) < 20_000
+
+
+# Inside it a count of reference frame sets is damaged: the muxer of Matroska reads this set for minutes.
+ENDLESS_SET = bytes.fromhex(
+    "42010101600000030090000003000003003ca00a080f16592a4980808080808032b9a02000000300200000030321"
+)
+REMUX = """
+import sys
+from pathlib import Path
+from streamkit import Caps, Frame, FrameFlags, Pipeline
+with Pipeline.parse(f"appsrc name=in ! packetsink name=out location={sys.argv[1]}") as pipeline:
+    pipeline.play()
+    for number, path in enumerate(sys.argv[2:]):
+        data, caps = Path(path).read_bytes(), Caps("video/x-h265, width=64, height=48")
+        pipeline["in"].push(Frame(data, caps, pts=number * 10**9, flags=FrameFlags.KEYFRAME))
+    pipeline["in"].end()
+    pipeline.wait(100)
+    print(dict(pipeline["out"].drops))
+"""
+
+
+def recorded(path: Path, frames: list[Frame], properties: str = "") -> tuple[dict[str, int], list[str]]:
+    """Records packets; the sink's drops and warnings.
+
+    Raises:
+        ElementFailure: the pipeline failed.
+    """
+    with Pipeline.parse(f"appsrc name=in ! packetsink name=out location={path} {properties}") as pipeline:
+        pipeline.play()
+        for frame in frames:
+            pipeline["in"].push(frame)
+        pipeline["in"].end()
+        warnings = []
+        while message := pipeline.bus.pop(20, (MessageKind.WARNING, MessageKind.EOS, MessageKind.ERROR)):
+            if message.error is not None:
+                raise message.error
+            if message.kind is MessageKind.EOS:
+                break
+            warnings.append(message.text)
+        return dict(pipeline["out"].drops), warnings
+
+
+def first_units(path: Path) -> list[bytes]:
+    """The NAL units of a file's first packet, which has start codes."""
+    return list(units(packets(path)[0][1]))
+
+
+@pytest.mark.parametrize("ending", [".mkv", ".mp4"])
+def test_a_damaged_header_does_not_freeze_the_process(
+    make_video: MakeVideo, tmp_path: Path, ending: str
+) -> None:
+    """Parameter sets that keep FFmpeg's muxer busy are left out, and the next key frame begins the file."""
+    whole = first_units(make_video("header.ts", codec="libx265"))
+    damaged = [ENDLESS_SET if unit[0] >> 1 == 33 else unit for unit in whole]
+    assert damaged != whole
+    for name, found in (("damaged", damaged), ("whole", whole)):
+        (tmp_path / name).write_bytes(b"".join(b"\0\0\0\1" + unit for unit in found))
+    arguments = [str(tmp_path / name) for name in (f"out{ending}", "damaged", "whole")]
+    done = subprocess.run(
+        [sys.executable, "-c", REMUX, *arguments], capture_output=True, text=True, timeout=30, check=False
+    )
+    assert done.stdout == "{'damaged packet': 1}\n", done.stderr
+    assert len(pictures(tmp_path / f"out{ending}")) == 1
+
+
+def damage_sets(frame: Frame) -> Frame:
+    """The packet with its sequence parameter sets cut short."""
+    kept = [
+        unit[:6] if unit[0] & 31 == 7 or unit[0] >> 1 == 33 else unit for unit in units(bytes(frame.data))
+    ]
+    return frame.replace(data=b"".join(b"\0\0\0\1" + unit for unit in kept))
+
+
+@pytest.mark.parametrize("codec", ["libx264", "libx265"])
+@pytest.mark.parametrize("ending", [".mkv", ".mp4"])
+def test_a_recording_begins_behind_a_damaged_key_frame(
+    make_video: MakeVideo, tmp_path: Path, codec: str, ending: str
+) -> None:
+    """A file that cannot begin with its first key frame begins with the next; no descriptor stays open."""
+    options = {"g": "6"} if codec == "libx264" else {"x265-params": "log-level=error:keyint=6:bframes=0"}
+    source = make_video(f"behind_{codec}.ts", codec=codec, bframes=0, options=options, count=18)
+    with Pipeline.parse(f"filesrc location={source} ! appsink name=out max-buffers=0") as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    caps = frames[0].caps.without_fields("codec_data")
+    frames = [frame.replace(caps=caps) for frame in frames]
+    path = tmp_path / f"late-%d{ending}"
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    damaged = [damage_sets(frames[0]), *frames[1:]]
+    drops, warnings = recorded(path, damaged, "arrivals=true")
+    assert drops == {"damaged packet": 1, "before the first key frame": 5}
+    assert len(warnings) == 1
+    assert "parameter sets of" in warnings[0]
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+    assert sorted(found.name for found in tmp_path.iterdir()) == [
+        f"late-0{ending}", f"late-0{ending}.arrivals.jsonl",
+    ]  # fmt: skip
+    assert len(pictures(tmp_path / f"late-0{ending}")) == 12
+
+
+def test_a_recording_of_nothing_but_damage_is_an_error(make_video: MakeVideo, tmp_path: Path) -> None:
+    """Where no key frame is whole EOS turns into an error with the count, and no file is left."""
+    source = make_video("all_damaged.ts", bframes=0)
+    with Pipeline.parse(f"filesrc location={source} ! appsink name=out max-buffers=0") as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    caps = frames[0].caps.without_fields("codec_data")
+    with pytest.raises(ElementFailure, match=r"nothing is written: 2 packets are damaged"):
+        recorded(tmp_path / "x.mkv", [damage_sets(frame).replace(caps=caps) for frame in frames])
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("ending", [".mkv", ".mp4", ".ts"])
+def test_a_damaged_packet_is_left_out_and_the_recording_goes_on(
+    small_video: Path, tmp_path: Path, ending: str
+) -> None:
+    """A packet whose time no container holds is counted; those behind it are written at their times."""
+    with Pipeline.parse(f"filesrc location={small_video} ! appsink name=out max-buffers=0") as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    frames[7] = frames[7].replace(pts=2**80)
+    path = tmp_path / f"on{ending}"
+    assert recorded(path, frames)[0] == {"damaged packet": 1}
+    times = [time for time, _ in packets(path)]
+    assert len(times) == 11
+    assert max(times) < 10**9
+
+
+def test_a_codec_that_the_container_does_not_take_is_an_error(tmp_path: Path) -> None:
+    """That is no damage: it is told at once, and no empty file is left."""
+    caps = Caps("image/bmp, width=16, height=16")
+    with pytest.raises(ElementFailure, match="could not be written"):
+        recorded(tmp_path / "x.mp4", [Frame(b"BM", caps, pts=0, flags=FrameFlags.KEYFRAME)])
+    assert list(tmp_path.iterdir()) == []

@@ -6,6 +6,7 @@ import pytest
 
 WRITE = """
 import sys
+from pathlib import Path
 import av
 from av.error import FFmpegError
 from streamkit_decoder.recording.packetwriter import FORMATS, PacketWriter
@@ -13,7 +14,7 @@ source, target, ending = sys.argv[1:]
 container = av.open(source)
 stream = container.streams.video[0]
 extradata = stream.codec_context.extradata
-writer = PacketWriter("file:" + target, FORMATS[ending], "h264", (64, 48), extradata, False)
+writer = PacketWriter(Path(target), FORMATS[ending], "h264", (64, 48), extradata, False)
 for packet in container.demux(stream):
     if packet.size:
         try:
