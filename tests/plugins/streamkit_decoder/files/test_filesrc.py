@@ -187,7 +187,7 @@ def test_a_variable_rate_keeps_its_times(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["h264_white_frame_sar_16_9.mp4", "matroska.mkv", "mjpeg.avi"])
 def test_mutated_files_end_in_frames_or_one_error(streamkit_data: Path, tmp_path: Path, name: str) -> None:
-    """40 mutations of a small file each end in time (benchmarks/fuzz_media.py makes 5000)."""
+    """40 mutations of a small file each end in time (benchmarks/fuzz_media.py makes thousands)."""
     (source,) = (streamkit_data / "odd_media").rglob(name)
     data, path = source.read_bytes(), tmp_path / name
     for number in range(40):
