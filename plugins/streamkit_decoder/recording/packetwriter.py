@@ -13,7 +13,6 @@ from av.error import FFmpegError, InvalidDataError
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit_decoder.container import reason_of
 from streamkit_decoder.recording.annexb import AnnexBWriter, BadPacket
 from streamkit_decoder.recording.parametersets import check_parameter_sets
 
@@ -142,7 +141,7 @@ class PacketWriter:
         """Raises what became of a packet that was not written; tells damage from a file that fails."""
         reason = self._file.failure or error
         if isinstance(reason, FFmpegError) and (self.has_begun or isinstance(reason, InvalidDataError)):
-            refusal = BadPacket(f"it cannot be written: {reason_of(reason)}")
+            refusal = BadPacket(f"it cannot be written: {reason.strerror}")
             # FFmpeg crashes at the next packet where the head was not written.
             self._failure = None if self.has_begun else refusal
             raise refusal from None
