@@ -14,9 +14,12 @@ if TYPE_CHECKING:
     from streamkit.element.branching import Split as Split
     from streamkit.element.choice import Choice as Choice
     from streamkit.element.pad import Direction as Direction
+    from streamkit.element.pad import Pad as Pad
     from streamkit.element.pad import PadTemplate as PadTemplate
     from streamkit.element.pad import Presence as Presence
     from streamkit.element.property import Property as Property
+    from streamkit.element.property import SettingsOf as SettingsOf
+    from streamkit.element.sink import OnError as OnError
     from streamkit.element.sink import Sink as Sink
     from streamkit.element.source import Source as Source
     from streamkit.element.transform import Transform as Transform
@@ -25,6 +28,7 @@ if TYPE_CHECKING:
     from streamkit.errors import NotNegotiated as NotNegotiated
     from streamkit.errors import PropertyError as PropertyError
     from streamkit.errors import ResourceError as ResourceError
+    from streamkit.errors import StateError as StateError
     from streamkit.errors import StreamError as StreamError
     from streamkit.errors import StreamkitError as StreamkitError
     from streamkit.errors import write_remedy as write_remedy
@@ -74,14 +78,14 @@ _HOMES = {
     "streamkit.element.base": ("Element",),
     "streamkit.element.branching": ("Combine", "Split"),
     "streamkit.element.choice": ("Choice",),
-    "streamkit.element.pad": ("Direction", "PadTemplate", "Presence"),
-    "streamkit.element.property": ("Property",),
-    "streamkit.element.sink": ("Sink",),
+    "streamkit.element.pad": ("Direction", "Pad", "PadTemplate", "Presence"),
+    "streamkit.element.property": ("Property", "SettingsOf"),
+    "streamkit.element.sink": ("OnError", "Sink"),
     "streamkit.element.source": ("Source",),
     "streamkit.element.transform": ("Transform",),
     "streamkit.errors": (
         "DescriptionError", "ElementFailure", "NotNegotiated", "PropertyError", "ResourceError",
-        "StreamError", "StreamkitError", "write_remedy",
+        "StateError", "StreamError", "StreamkitError", "write_remedy",
     ),
     "streamkit.flow.caps": ("ANY", "Caps", "Structure"),
     "streamkit.flow.caps_values": ("FractionRange", "IntRange", "ValueList"),

@@ -274,12 +274,16 @@ class Element:
         setattr(self, declaration.attribute, value)
 
     @classmethod
+    def declaration_of(cls, name: str) -> PropertyDeclaration | None:
+        """The declaration of a property by its name or an older one; None where there is none."""
+        plain = name.replace("-", "_")
+        found = cls.properties.get(plain)
+        return found or next((item for item in cls.properties.values() if plain in item.aliases), None)
+
+    @classmethod
     def find_property(cls, name: str) -> PropertyDeclaration:
         """The declaration of a property; raises `PropertyError` with a suggestion where there is none."""
-        plain = name.replace("-", "_")
-        declaration = cls.properties.get(plain) or next(
-            (other for other in cls.properties.values() if plain in other.aliases), None
-        )
+        declaration = cls.declaration_of(name)
         if declaration is None:
             from streamkit.element.suggest import did_you_mean
 
@@ -294,6 +298,10 @@ class Element:
     def src_pads(self) -> Iterator[Pad]:
         """Pads that frames leave through."""
         return (pad for pad in tuple(self.pads.values()) if pad.is_src)
+
+    def query_live(self) -> bool:
+        """Whether the frames that leave this element come from a live source: what upstream answers."""
+        return any(pad.peer.element.query_live() for pad in self.sink_pads() if pad.peer is not None)
 
     def query_caps(self, pad: Pad) -> Caps:
         """What `pad` can carry, given what the element's other side can; the pad's template bounds it."""

@@ -222,9 +222,10 @@ class SettingsOf(Generic[T]):
 
     def __init__(self, kind: type[T]) -> None:
         self.kind = kind
+        self.declarations = _declarations(kind)
 
     def __set_name__(self, owner: type, attribute: str) -> None:
-        for name, declaration in _declarations(self.kind).items():
+        for name, declaration in self.declarations.items():
             declaration.__set_name__(owner, name)
             setattr(owner, name, declaration)
 
@@ -281,6 +282,8 @@ def declared_properties(owner: type) -> dict[str, PropertyDeclaration]:
     by_attribute: dict[str, PropertyDeclaration] = {}
     for base in reversed(owner.__mro__):
         for attribute, item in vars(base).items():
-            if isinstance(item, PropertyDeclaration):
+            if isinstance(item, SettingsOf):
+                by_attribute.update(item.declarations)
+            elif isinstance(item, PropertyDeclaration):
                 by_attribute[attribute] = item
     return {item.name: item for item in by_attribute.values()}

@@ -83,6 +83,10 @@ class Source(Element):
         """The first src pad."""
         return next(self.src_pads())
 
+    def query_live(self) -> bool:
+        """Whether this source is live."""
+        return self.is_live
+
     def hold(self, held: bool) -> None:
         """Pauses or resumes the source between two frames."""
         if held:

@@ -46,18 +46,21 @@ def set_properties(element: Element, assignments: Iterable[Assignment], warnings
     """
     for item in assignments:
         if item.name != "name":
-            declaration = find_declaration(element, item)
+            declaration = find_declaration(element, item, warnings)
             set_text(element, declaration, unquote_value(item.value), item.place, warnings)
 
 
-def find_declaration(element: Element, item: Assignment) -> PropertyDeclaration:
-    """The property that an assignment means.
+def find_declaration(element: Element, item: Assignment, warnings: Warnings) -> PropertyDeclaration:
+    """The property that an assignment means; an older name is accepted with a warning.
 
     Raises:
         DescriptionError: code `no-such-property`; `could-not-set-property` for `parent`.
     """
-    declaration = element.properties.get(item.name.replace("-", "_"))
+    declaration = element.declaration_of(item.name)
     if declaration is not None:
+        if item.name.replace("-", "_") in declaration.aliases:
+            what = f"{element.name}: {item.name} is called {declaration.spelling} now; use that name"
+            warnings.append(("renamed-property", what))
         return declaration
     if item.name == "parent":
         rule = "an element's parent is the bin in whose brackets it stands"

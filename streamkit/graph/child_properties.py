@@ -35,7 +35,7 @@ def set_on_bin(group: Bin, assignments: tuple[Assignment, ...], warnings: Warnin
         elif item.name == "name":
             group.name = name_value(item) or group.name
         else:
-            declaration = find_declaration(group, item)
+            declaration = find_declaration(group, item, warnings)
             set_text(group, declaration, unquote_value(item.value), item.place, warnings)
             if not declaration.readonly:
                 text = f"{group.name}: {item.name} is accepted for gst-launch's sake and changes nothing here"
@@ -58,7 +58,7 @@ def try_child(pending: WaitingProperty, warnings: Warnings) -> bool:
         return False
     inner = Assignment(name, item.value, item.place)
     try:
-        declaration = find_declaration(target, inner)
+        declaration = find_declaration(target, inner, warnings)
     except DescriptionError as error:
         raise DescriptionError("could-not-set-property", error.message, item.place, error.hint) from None
     set_text(target, declaration, unquote_value(item.value), item.place, warnings)
