@@ -30,6 +30,7 @@ class AppSink(PlainSink):
         on_new_sample: called with the element for each frame, while `emit-signals` is on.
         on_new_preroll: the same for the frame that a paused pipeline holds.
         on_eos: called with the element at EOS.
+        pending: the frames and events held.
 
     Example:
         videotestsrc num-buffers=5 ! appsink name=out
@@ -53,7 +54,7 @@ class AppSink(PlainSink):
         self.on_new_sample = Callbacks()
         self.on_new_preroll = Callbacks()
         self.on_eos = Callbacks()
-        self._pending = FrameQueue()
+        self.pending = FrameQueue()
         self._preroll: Frame | None = None
         self._changed = threading.Condition()
         self._was_started = False
@@ -62,22 +63,17 @@ class AppSink(PlainSink):
     @property
     def current_level_buffers(self) -> int:
         """Frames held now."""
-        return self._pending.buffers
+        return self.pending.buffers
 
     @property
     def current_level_bytes(self) -> int:
         """Bytes held now."""
-        return self._pending.bytes
+        return self.pending.bytes
 
     @property
     def current_level_time(self) -> int:
         """Time held now, ns."""
-        return self._pending.time_ns
-
-    @property
-    def highest_level_buffers(self) -> int:
-        """The most frames held since the start."""
-        return self._pending.highest_buffers
+        return self.pending.time_ns
 
     def query_caps(self, pad: Pad) -> Caps:
         """The property `caps`."""
@@ -97,7 +93,7 @@ class AppSink(PlainSink):
 
     def _forget(self) -> None:
         with self._changed:
-            self._pending.reset()
+            self.pending.reset()
             self._preroll = None
             self._changed.notify_all()
 
@@ -124,7 +120,7 @@ class AppSink(PlainSink):
             if self.is_outside(frame):
                 return
             while self._is_full():
-                if self.drop and self._pending.drop_oldest():
+                if self.drop and self.pending.drop_oldest():
                     self.count_drop("appsink full, oldest dropped")
                     continue
                 if self.stopping.is_set() or self.is_flushing:
@@ -134,19 +130,19 @@ class AppSink(PlainSink):
             self.count += 1
             if self._keeps_last:
                 self.last_frame = frame
-            self._pending.append(frame)
+            self.pending.append(frame)
             self._changed.notify_all()
         if self.emit_signals:
             self.on_new_sample.emit(self)
 
     def _is_full(self) -> bool:
-        return self._pending.is_full(self.max_buffers, self.max_bytes, self.max_time)
+        return self.pending.is_full(self.max_buffers, self.max_bytes, self.max_time)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Lines events up between the frames, for `pull_object`."""
         if not isinstance(event, EosEvent | FlushStart | FlushStop):
             with self._changed:
-                self._pending.append(event)
+                self.pending.append(event)
                 self._changed.notify_all()
         super().receive_event(pad, event)
 
@@ -171,7 +167,7 @@ class AppSink(PlainSink):
     # The application's side.
 
     def _is_over(self) -> bool:
-        return not self._was_started or (self._has_ended and not self._pending.buffers)
+        return not self._was_started or (self._has_ended and not self.pending.buffers)
 
     def pull(self, timeout_s: float = 5.0) -> Frame | None:
         """The next frame; None at EOS.
@@ -181,7 +177,7 @@ class AppSink(PlainSink):
             ElementFailure: the pipeline has failed.
         """
         frame = self.try_pull(timeout_s)
-        if frame is None and not (self._has_ended and not self._pending.buffers):
+        if frame is None and not (self._has_ended and not self.pending.buffers):
             if not self.is_playing or self.stopping.is_set():
                 raise StateError(f"{self.name}: no frames: the pipeline does not play; call play() first")
             raise StateError(f"{self.name}: no frame has come within {timeout_s} s")
@@ -212,7 +208,7 @@ class AppSink(PlainSink):
                 if self._has_ended or not self.is_playing or self.stopping.is_set() or left_s <= 0:
                     return None
                 self._changed.wait(min(left_s, LOOK_S))
-            item = self._pending.popleft()
+            item = self.pending.popleft()
             if isinstance(item, Frame):
                 self._preroll = None
             self._changed.notify_all()
@@ -220,9 +216,9 @@ class AppSink(PlainSink):
 
     def _has_next(self, *, only_frames: bool) -> bool:
         """Whether something can be pulled; events before the next frame are passed over if not wanted."""
-        items = self._pending.items
+        items = self.pending.items
         while only_frames and items and not isinstance(items[0], Frame):
-            self._pending.popleft()
+            self.pending.popleft()
         return bool(items)
 
     def pull_preroll(self, timeout_s: float = 5.0) -> Frame | None:

@@ -44,6 +44,7 @@ class AppSrc(Source):
     Attributes:
         on_need_data: called with the element and `max-bytes` when the line is empty or below `min-percent`.
         on_enough_data: called with the element when a limit is reached.
+        pending: the frames and events held.
 
     Example:
         appsrc name=in ! fakesink
@@ -61,11 +62,11 @@ class AppSrc(Source):
     )
     block: bool = Property(True, live=True, doc="`push` waits for room in a full line; else it goes on.")
     leaky_type: LeakyType = Property(LeakyType.NONE, doc="Which frame a full line drops instead.")
-    current_level_buffers: int = Property(0, read=lambda s: s._pending.buffers, doc="Frames held now.")
+    current_level_buffers: int = Property(0, read=lambda s: s.pending.buffers, doc="Frames held now.")
     current_level_bytes: int = Property(
-        0, read=lambda s: s._pending.bytes, unit="bytes", doc="Bytes held now."
+        0, read=lambda s: s.pending.bytes, unit="bytes", doc="Bytes held now."
     )
-    current_level_time: int = Property(0, read=lambda s: s._pending.time_ns, unit="ns", doc="Time held now.")
+    current_level_time: int = Property(0, read=lambda s: s.pending.time_ns, unit="ns", doc="Time held now.")
     num_buffers: int = Property(-1, min=-1, max=2**31 - 1, doc="Frames before EOS; -1 is endless.")
     is_live: bool = Property(False, doc="Frames come at their own pace; nothing flows while paused.")
     do_timestamp: bool = Property(False, doc="Stamp frames without a timestamp with the running time.")
@@ -88,17 +89,12 @@ class AppSrc(Source):
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_need_data = Callbacks()
         self.on_enough_data = Callbacks()
-        self._pending = FrameQueue()
+        self.pending = FrameQueue()
         self._changed = threading.Condition()
         self._closed = False
         self._had_gap = False
         self._taken = 0
         super().__init__(name, **properties)
-
-    @property
-    def highest_level_buffers(self) -> int:
-        """The most frames held since streaming began."""
-        return self._pending.highest_buffers
 
     def property_changed(self, name: str) -> None:
         """Who waits for room looks again; None for caps is anything."""
@@ -118,7 +114,7 @@ class AppSrc(Source):
     def stop(self) -> None:
         """Forgets the frames of this run that nobody took; those pushed before the next are kept."""
         with self._changed:
-            self._pending.reset()
+            self.pending.reset()
             self._closed = self._had_gap = False
 
     def negotiate(self, allowed: Caps) -> Caps | None:
@@ -138,7 +134,7 @@ class AppSrc(Source):
         if isinstance(item, Event):
             with self._changed:
                 self._demand_open()
-                self._pending.append(item)
+                self.pending.append(item)
                 self._changed.notify_all()
             return
         frame = item if isinstance(item, Frame) else Frame(item, self.caps or ANY, **fields)
@@ -185,11 +181,11 @@ class AppSrc(Source):
             if self._had_gap:
                 self._had_gap = False
                 frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-            self._pending.append(frame)
+            self.pending.append(frame)
             self._changed.notify_all()
 
     def _is_full(self) -> bool:
-        return self._pending.is_full(self.max_buffers, self.max_bytes, self.max_time)
+        return self.pending.is_full(self.max_buffers, self.max_bytes, self.max_time)
 
     def _make_room(self, deadline_s: float, timeout_s: float) -> bool:
         """Drops, waits or does neither, as the properties say; False where the new frame is dropped."""
@@ -199,7 +195,7 @@ class AppSrc(Source):
                 self.count_drop("appsrc full, newest dropped")
                 return False
             if self.leaky_type is LeakyType.DOWNSTREAM:
-                while self._is_full() and self._pending.drop_oldest():
+                while self._is_full() and self.pending.drop_oldest():
                     self._had_gap = True
                     self.count_drop("appsrc full, oldest dropped")
                 return True
@@ -231,11 +227,11 @@ class AppSrc(Source):
         if self.emit_signals and self.on_need_data and self._is_wanting():
             self.on_need_data.emit(self, self.max_bytes)
         with self._changed:
-            while not self._pending.items:
+            while not self.pending.items:
                 if self._closed or self._finishing or self.stopping.is_set():
                     raise _Ended
                 self._changed.wait(LOOK_S)
-            item = self._pending.popleft()
+            item = self.pending.popleft()
             self._changed.notify_all()
             if not isinstance(item, Frame):
                 return item
@@ -245,7 +241,7 @@ class AppSrc(Source):
         return item
 
     def _is_wanting(self) -> bool:
-        return not self._pending.items or 100 * self._pending.bytes < self.min_percent * self.max_bytes
+        return not self.pending.items or 100 * self.pending.bytes < self.min_percent * self.max_bytes
 
     def interrupt(self) -> None:
         """Wakes who waits."""

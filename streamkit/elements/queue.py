@@ -44,6 +44,7 @@ class Queue(Element):
         on_overrun: called with the queue when a frame meets a full queue.
         on_underrun: called with the queue when it has run empty.
         on_running: called with the queue when frames are there again after that.
+        pending: the frames and events held; changed under the queue's lock only.
 
     Example:
         fakesrc num-buffers=100 ! queue max-size-buffers=10 ! fakesink
@@ -77,19 +78,19 @@ class Queue(Element):
     leaky: Leaky = Property(Leaky.NO, live=True, doc="Which frame a full queue drops instead of waiting.")
     flush_on_eos: bool = Property(False, live=True, doc="Drop the frames held when EOS comes.")
     silent: bool = Property(False, live=True, doc="Call none of the callbacks.")
-    current_level_buffers: int = Property(0, read=lambda q: q._pending.buffers, doc="Frames held now.")
+    current_level_buffers: int = Property(0, read=lambda q: q.pending.buffers, doc="Frames held now.")
     current_level_bytes: int = Property(
-        0, read=lambda q: q._pending.bytes, unit="bytes", doc="Bytes held now."
+        0, read=lambda q: q.pending.bytes, unit="bytes", doc="Bytes held now."
     )
     current_level_time: int = Property(
-        0, read=lambda q: q._pending.time_ns, unit="ns", doc="Running time held now."
+        0, read=lambda q: q.pending.time_ns, unit="ns", doc="Running time held now."
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_overrun = Callbacks()
         self.on_underrun = Callbacks()
         self.on_running = Callbacks()
-        self._pending = FrameQueue()
+        self.pending = FrameQueue()
         self._lock = threading.Lock()  # of everything below, and of what is held
         self._room = threading.Condition(self._lock)
         self._filled = threading.Condition(self._lock)
@@ -101,23 +102,6 @@ class Queue(Element):
         self._flush_over = threading.Event()
         self._thread_id = 0
         super().__init__(name, **properties)
-
-    # Levels, for statistics.
-
-    @property
-    def highest_level_buffers(self) -> int:
-        """The most frames held since streaming began."""
-        return self._pending.highest_buffers
-
-    @property
-    def highest_level_bytes(self) -> int:
-        """The most bytes held since streaming began."""
-        return self._pending.highest_bytes
-
-    @property
-    def highest_level_time(self) -> int:
-        """The longest running time held since streaming began, ns."""
-        return self._pending.highest_time_ns
 
     def latency(self) -> tuple[int, int | None]:
         """It waits for its threshold, and can hold frames up to its limit."""
@@ -167,13 +151,13 @@ class Queue(Element):
             raise Flushing(self.name)
 
     def _is_full(self) -> bool:
-        return self._pending.is_full(self.max_size_buffers, self.max_size_bytes, self.max_size_time)
+        return self.pending.is_full(self.max_size_buffers, self.max_size_bytes, self.max_size_time)
 
     def _append(self, frame: Frame) -> None:
         if self._has_tail_gap:
             self._has_tail_gap = False
             frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-        self._pending.append(frame)
+        self.pending.append(frame)
         self._filled.notify()
 
     def _make_room(self) -> bool:
@@ -184,7 +168,7 @@ class Queue(Element):
                 self.count_drop("queue full, newest dropped")
                 self._has_tail_gap = True
                 return False
-            if self.leaky is Leaky.DOWNSTREAM and self._pending.drop_oldest():
+            if self.leaky is Leaky.DOWNSTREAM and self.pending.drop_oldest():
                 self.count_drop("queue full, oldest dropped")
                 self._has_head_gap = True
                 continue
@@ -204,8 +188,8 @@ class Queue(Element):
                 if self._refusal is not None and not self.is_flushing:
                     return
                 if isinstance(event, EosEvent) and self.flush_on_eos:
-                    self.count_drop("dropped at EOS", self._pending.drop_frames())
-                self._pending.append(event)
+                    self.count_drop("dropped at EOS", self.pending.drop_frames())
+                self.pending.append(event)
                 self._filled.notify()
 
     # Flushes, in the flusher's thread.
@@ -218,8 +202,8 @@ class Queue(Element):
             with self._lock:
                 self._refusal = self._refusal or Flushing
                 self._is_flush_pending = self._is_halted = True
-                if EOS in self._pending.items:
-                    self._pending.items.remove(EOS)
+                if EOS in self.pending.items:
+                    self.pending.items.remove(EOS)
             super().flush(begins=True)
             self._wake()
             return
@@ -227,9 +211,9 @@ class Queue(Element):
             self._parked.wait(PARK_S)
         with self._lock:
             newest = {
-                type(item): item for item in self._pending.items if not isinstance(item, Frame | GapEvent)
+                type(item): item for item in self.pending.items if not isinstance(item, Frame | GapEvent)
             }
-            self.count_drop("flushed", self._pending.keep(list(newest.values())))
+            self.count_drop("flushed", self.pending.keep(list(newest.values())))
         super().flush(begins=False)
 
     def _finish_flush(self, event: Event) -> None:
@@ -246,7 +230,7 @@ class Queue(Element):
     def prepare_run(self) -> None:
         """Forgets an earlier run."""
         with self._lock:
-            self._pending.reset()
+            self.pending.reset()
             self._refusal = None
             self._is_flush_pending = self._is_halted = self._has_head_gap = self._has_tail_gap = False
 
@@ -299,7 +283,7 @@ class Queue(Element):
                     raise Flushing(self.name)
                 if self._may_read():
                     return self._popped()
-                is_empty = not self._pending.items
+                is_empty = not self.pending.items
             if is_empty:
                 self._emit(self.on_underrun)
             with self._lock:
@@ -309,7 +293,7 @@ class Queue(Element):
 
     def _may_read(self) -> bool:
         """Whether something may be handed on: past the thresholds, or full, or with an event at the tail."""
-        pending = self._pending
+        pending = self.pending
         if not pending.items:
             return False
         is_past_thresholds = (
@@ -320,7 +304,7 @@ class Queue(Element):
         return is_past_thresholds or not isinstance(pending.items[-1], Frame) or self._is_full()
 
     def _popped(self) -> Frame | Event:
-        item = self._pending.popleft()
+        item = self.pending.popleft()
         self._room.notify()
         if self._has_head_gap and isinstance(item, Frame):
             self._has_head_gap = False
@@ -342,7 +326,7 @@ class Queue(Element):
         """Drops what is held and answers every later push with the reason why streaming ended."""
         with self._lock:
             self._refusal = stop
-            self._pending.keep([])
+            self.pending.keep([])
             self._room.notify_all()
 
     def interrupt(self) -> None:
@@ -356,4 +340,4 @@ class Queue(Element):
     def stop(self) -> None:
         """Drops what is still held."""
         with self._lock:
-            self._pending.keep([])
+            self.pending.keep([])

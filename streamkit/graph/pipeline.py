@@ -22,7 +22,6 @@ from streamkit.graph.playback import Playback
 from streamkit.graph.queries import Latency, duration_ns, graph_latency, position_ns
 from streamkit.graph.states import State, StateChange
 from streamkit.graph.statistics import ElementStatistics, Tally, collect_statistics
-from streamkit.graph.watchdog import Watchdog
 
 STOP_LIMIT_S = 5.0
 WATCHDOG_S = 30.0
@@ -50,12 +49,11 @@ class Pipeline:
         self.timing = Timing(lambda: self.clock)
         self.watchdog_s = watchdog_s
         self._cancelled = threading.Event()
-        self._watchdog: Watchdog | None = None
         self._lock = threading.RLock()
         self._started: list[Element] = []
         self._tally = Tally()
         self.bus.watch(self._tally)
-        self._playback = self._new_playback()
+        self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
 
     @classmethod
     def parse(
@@ -123,7 +121,7 @@ class Pipeline:
                 return
             self.graph.demand_links()
             self._cancelled.clear()
-            self._playback = self._new_playback()
+            self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
             self.timing.reset()
             self.timing.running.set()
             self.bus.flush()
@@ -154,7 +152,7 @@ class Pipeline:
                 self.timing.latency_ns = self.latency().minimum_ns
                 self.timing.begin()
             if begins:
-                self._begin()
+                self._playback.begin(self.watchdog_s)
             else:
                 self._playback.go_on()
         return StateChange.SUCCESS
@@ -174,7 +172,7 @@ class Pipeline:
                 self.timing.hold()
                 self._set_playing(True)
                 self._change_state(State.PAUSED)
-                self._begin()
+                self._playback.begin(self.watchdog_s)
             elif self.state is State.PLAYING:
                 self._playback.hold()
                 self._change_state(State.PAUSED)
@@ -226,8 +224,6 @@ class Pipeline:
                 return
             self._cancelled.clear()
             self._playback.stop()
-            if self._watchdog is not None:
-                self._watchdog.stop()
             stuck = self._end_streaming(self.graph.elements)
             stuck += stop_elements(self._started, self._limits())
             self._change_state(State.NULL)
@@ -270,12 +266,8 @@ class Pipeline:
     def latency(self) -> Latency:
         """How old live frames are at the sinks at least, and for how long they can be held."""
         found = graph_latency(self.graph)
-        if found.maximum_ns is not None and found.maximum_ns < found.minimum_ns:
-            text = (
-                f"live frames need {found.minimum_ns / 1e6:g} ms to reach the sinks in time, but can be held "
-                f"for {found.maximum_ns / 1e6:g} ms only: put a queue before the synchronised sink"
-            )
-            self.bus.post(Message(MessageKind.WARNING, "", text, {"code": "latency"}))
+        if warning := found.warning():
+            self.bus.post(Message(MessageKind.WARNING, "", warning, {"code": "latency"}))
         return found
 
     def position_ns(self) -> int | None:
@@ -317,16 +309,6 @@ class Pipeline:
             raise StateError(f"{', '.join(stuck)}: a call has not come back; its thread is left behind")
 
     # Inside.
-
-    def _new_playback(self) -> Playback:
-        return Playback(self.graph, self.bus, self.timing, self._adopt)
-
-    def _begin(self) -> None:
-        """Starts the threads, and the watchdog beside them."""
-        playback = self._playback
-        self._watchdog = Watchdog(lambda: self.graph.elements, self.watchdog_s, self.bus.post, playback.fail)
-        self._watchdog.start()
-        playback.begin()
 
     def _limits(self) -> CallLimits:
         return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self._posted)

@@ -22,6 +22,7 @@ from streamkit.graph.graph import Graph
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.stream_end import StreamEnd
 from streamkit.graph.streaming import Streaming, StreamingThread
+from streamkit.graph.watchdog import Watchdog
 
 
 class Playback:
@@ -54,6 +55,7 @@ class Playback:
         self._lock = threading.RLock()
         self._threads: list[StreamingThread] = []
         self._failures = BranchFailures(graph, bus, self.end)
+        self._watchdog: Watchdog | None = None
         self._is_stopping = False
 
     # Beginning and ending.
@@ -63,8 +65,8 @@ class Playback:
         """Whether any source is live."""
         return any(source.is_live for source in self._sources())
 
-    def begin(self) -> None:
-        """Composes the chains and starts a thread for every source and queue."""
+    def begin(self, watchdog_s: float) -> None:
+        """Makes the chains and starts a thread for every source and queue, and the watchdog beside them."""
         graph = self._graph
         for element in graph.elements:
             for pad in element.pads.values():
@@ -84,6 +86,8 @@ class Playback:
             if self.is_live and not self._timing.running.is_set():
                 source.hold(source.is_live)
         self.is_streaming = True
+        self._watchdog = Watchdog(lambda: graph.elements, watchdog_s, self._bus.post, self.fail)
+        self._watchdog.start()
         for thread in self.add_threads(graph.from_sinks()):
             thread.start()
 
@@ -115,8 +119,10 @@ class Playback:
         return any(thread.is_current for thread in self._threads)
 
     def stop(self) -> None:
-        """No end is told of any more: the pipeline is stopping."""
+        """The pipeline is stopping: no end of the stream is reported any more, and no hang."""
         self._is_stopping = True
+        if self._watchdog is not None:
+            self._watchdog.stop()
 
     # Pausing and flushing.
 

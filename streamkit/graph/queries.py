@@ -23,6 +23,15 @@ class Latency:
     minimum_ns: int = 0
     maximum_ns: int | None = None
 
+    def warning(self) -> str:
+        """What is wrong where frames cannot be held for as long as they need; "" where nothing is."""
+        if self.maximum_ns is None or self.maximum_ns >= self.minimum_ns:
+            return ""
+        return (
+            f"live frames need {self.minimum_ns / 1e6:g} ms to reach the sinks in time, but can be held "
+            f"for {self.maximum_ns / 1e6:g} ms only: put a queue before the synchronised sink"
+        )
+
 
 def graph_latency(graph: Graph) -> Latency:
     """The latency of a graph: the longest of its paths, and the least that any of them can hold.

@@ -19,6 +19,7 @@ from streamkit.element.transform import Transform
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.chain import Chain, RetiredChainTotals
 from streamkit.graph.graph import Graph
+from streamkit.handoff.frame_queue import FrameQueue
 
 
 class PadStatistics(msgspec.Struct, frozen=True):
@@ -231,16 +232,16 @@ def _pad_row(pad: Pad, frames: int) -> PadStatistics:
 
 
 def _levels(element: Any) -> QueueLevels | None:
-    """What an element holds, by the properties of GStreamer's queue; None where it has none."""
-    buffers = getattr(element, "current_level_buffers", None)
-    if buffers is None:
+    """What an element holds in its `pending` frames; None where it holds none."""
+    pending = getattr(element, "pending", None)
+    if not isinstance(pending, FrameQueue):
         return None
     return QueueLevels(
-        buffers=buffers,
-        bytes=getattr(element, "current_level_bytes", 0),
-        time_ns=getattr(element, "current_level_time", 0),
-        max_buffers=getattr(element, "highest_level_buffers", None),
-        max_bytes=getattr(element, "highest_level_bytes", None),
-        max_time_ns=getattr(element, "highest_level_time", None),
+        buffers=pending.buffers,
+        bytes=pending.bytes,
+        time_ns=pending.time_ns,
+        max_buffers=pending.highest_buffers,
+        max_bytes=pending.highest_bytes,
+        max_time_ns=pending.highest_time_ns,
         limit_buffers=getattr(element, "max_size_buffers", getattr(element, "max_buffers", 0)),
     )

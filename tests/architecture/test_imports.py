@@ -24,7 +24,7 @@ ALLOWED = {
     "handoff": {"masking", "errors", "flow"},
     "element": {"masking", "errors", "flow", "settings"},
     "elements": {"masking", "errors", "flow", "element", "handoff"},
-    "graph": {"masking", "errors", "flow", "element"},
+    "graph": {"masking", "errors", "flow", "element", "handoff"},
     "testing": {"masking", "errors", "flow", "element", "graph"},
     "cli": {"masking", "errors", "flow", "element", "graph"},
 }

@@ -244,7 +244,7 @@ def test_the_level_of_time() -> None:
     for pts, duration, level in STAMPS:
         line.push(0, pts=pts * SECOND, duration=duration and duration * SECOND)
         assert line.levels[2] == level * SECOND
-    assert line.queue.highest_level_time == 6 * SECOND
+    assert line.queue.pending.highest_time_ns == 6 * SECOND
 
 
 def test_segments_alone_hold_no_time() -> None:
@@ -418,7 +418,7 @@ def test_an_error_lets_go_of_what_is_held() -> None:
     line.thread.start()
     line.thread.join(10)
     assert line.levels == (0, 0, 0)
-    assert not line.queue._pending.items
+    assert not line.queue.pending.items
 
 
 def test_an_output_that_is_not_linked() -> None:
