@@ -34,7 +34,9 @@ class NumberedPads(Element):
         super().__init__(name, **properties)
 
     def _next_name(self, template: PadTemplate) -> str:
-        head, _, tail = template.name.partition("%u")
+        head, mark, tail = template.name.partition("%u")
+        if not mark:
+            return template.name
         number = self._next_numbers.get(template.name)
         name = super()._next_name(template) if number is None else f"{head}{number}{tail}"
         if name in self.pads:

@@ -84,7 +84,7 @@ def started_alone(factory: str, name: str, value: str) -> Iterator[str]:
     finally:
         element.stopping.set()
         element.stop()
-    yield repr(element) + repr(said) + json.dumps(element.settings())
+    yield repr(element) + repr(said) + json.dumps(element.properties_set())
 
 
 def drawn(text: str) -> Iterator[str]:

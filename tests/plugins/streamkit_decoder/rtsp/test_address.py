@@ -8,5 +8,5 @@ def test_ports() -> None:
     assert port_of("rtsp://cam/live") == 554
     assert port_of("rtsps://cam/live") == 322
     assert port_of("rtsp://u:p@cam:8554/live") == 8554
-    with pytest.raises(ValueError, match="Port"):
+    with pytest.raises(ValueError, match="the port must be a number"):
         port_of("rtsp://cam:abc/live")
