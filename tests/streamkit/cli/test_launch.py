@@ -330,8 +330,7 @@ def test_an_interrupt_before_it_plays_is_a_clean_stop_too(
 
     register(interrupted=Interrupted)
     done = launch("fakesrc ! interrupted")
-    assert (done.exit_code, done.stdout) == (0, "")
-    assert done.stderr == "interrupt: stopped before it played\n"
+    assert (done.exit_code, done.stdout, done.stderr) == (0, "", "interrupt: stopped before it played\n")
     assert launch("-q", "fakesrc ! interrupted").stderr == ""
 
 
