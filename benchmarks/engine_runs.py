@@ -80,7 +80,7 @@ def gstreamer_run() -> Run:
             for name, direction in (("sink", Gst.PadDirection.SINK), ("src", Gst.PadDirection.SRC))
         )
 
-        def do_transform_ip(self, buffer: Any) -> Any:
+        def do_transform_ip(self, _buffer: Any) -> Any:
             return Gst.FlowReturn.OK
 
     Gst.Element.register(None, "pynoop", 0, Noop)

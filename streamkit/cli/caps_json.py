@@ -68,6 +68,11 @@ def plain_value(value: Value) -> Any:
         return describe_caps(value)
     if isinstance(value, Structure):
         return describe_structure(value)
+    return _plain_scalar(value)
+
+
+def _plain_scalar(value: Value) -> Any:
+    """A value that holds no other values."""
     if isinstance(value, Fraction):
         return f"{value.numerator}/{value.denominator}"
     if isinstance(value, bytes):
