@@ -66,9 +66,10 @@ def room_page(room: str, elements: list[dict[str, Any]]) -> str:
     head = [
         f"# {title}",
         "",
-        f"`{room}`: {summary}",
+        summary,
         "",
-        f"{GENERATED} A *live* property may change while the pipeline plays; a *read only* one is never set.",
+        f"Package `{room}`. {GENERATED}",
+        "A *live* property may change while the pipeline plays; a *read only* one cannot be set.",
         "",
     ]
     return "\n".join([*head, *map(element_section, elements)])
