@@ -52,7 +52,7 @@ def mutated(text: str, other: str, chance: random.Random) -> str:
         elif kind <= 4:
             words.insert(at, chance.choice(PIECES))
         elif kind == 5:
-            words[at] = words[at] * chance.choice((2, 50, 3000))
+            words[at] = (words[at] * chance.choice((2, 50, 3000)))[:LONGEST]
         elif kind == 6:
             rest = WORDS.findall(other) or [""]
             words = words[:at] + rest[chance.randrange(len(rest)) :]
