@@ -99,7 +99,7 @@ def play(factory: str, name: str, value: Any, *, by_text: bool) -> str:
             pipeline["fuzzed"].set_property(name, value)
         except PropertyError:
             return "refused value"
-    pipeline["fuzzed"].settings()
+    pipeline["fuzzed"].properties_set()
     return run(pipeline) if factory not in NETWORK else "set"
 
 
