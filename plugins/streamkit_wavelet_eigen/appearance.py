@@ -1,133 +1,124 @@
-"""What a stream's windows look like: learnt, projected and recognised, frame by frame."""
+"""Appearance of the targets in a stream: learns a feature space, projects windows into it and labels them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from streamkit.settings import setting
+from streamkit_kernels import prepare as prepare_kernels
 from streamkit_wavelet_eigen.feature_space import Projection, WaveletEigenSpace
 from streamkit_wavelet_eigen.gallery import Gallery, Matches, Recogniser, prepare_gallery
-from streamkit_wavelet_eigen.learner import FIRST_BATCH, SpaceLearner
+from streamkit_wavelet_eigen.learner import FIRST_BATCH, SpaceLearner, evenly_spaced
 from streamkit_wavelet_eigen.preprocessing import prepare
 from streamkit_wavelet_eigen.recipe import Recipe
-from streamkit_wavelet_eigen.wavelet import FloatBatch
 from streamkit_wavelet_eigen.windows import Windows
 
-# A window that is mostly replicated border would teach the space streaks.
-CLIPPED_LIMIT = 0.25
-# Fewest frames that make a batch, however many targets they have.
+# A window with more replicated border than this would teach the space streaks.
+MAX_CLIPPED = 0.25
+# Fewest frames that make up a batch, whatever their number of targets.
 FRAMES_PER_BATCH = 4
 
 
 @dataclass(frozen=True)
-class Settings:
-    """How a stream is learnt.
+class AppearanceSettings:
+    """How the space is made, and how it is learnt from a stream."""
 
-    Attributes:
-        recipe: how windows become vectors.
-        batch: windows per update of the space.
-        forgetting: weight of the past at each update.
-        gallery_limit: most windows of one label that are taught.
-    """
-
-    recipe: Recipe
-    batch: int
-    forgetting: float
-    gallery_limit: int
+    recipe: Recipe = field(default_factory=Recipe)
+    batch: int = setting(
+        32, min=2, max=1024, doc="Windows per update of the space; one frame gives at most a quarter."
+    )
+    forgetting: float = setting(0.95, min=0.01, max=1.0, doc="Weight of the past in an update; 1 keeps all.")
+    gallery_limit: int = setting(
+        64, min=1, max=4096, doc="Maximum number of windows added to the gallery per label."
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """The windows of one frame, in the space of that frame.
+class WindowFeatures:
+    """Features of the windows of one frame.
 
     Attributes:
-        projection: their vectors, errors and energy.
-        matches: their labels, or None without a gallery.
+        projection: vectors, residuals and energy.
+        matches: labels, or None without a gallery.
     """
 
     projection: Projection
     matches: Matches | None
 
 
-class Appearance:
-    """Holds the space, the gallery, and the recogniser that belongs to both.
+class AppearanceModel:
+    """The feature space, the gallery, and the recogniser that belongs to both.
 
-    A space with a Fisher step is fixed: axes learnt from labels do not fit eigenvectors that move.
+    A space with a Fisher step is fixed: axes learnt from labels do not fit eigenvectors that change.
 
     Args:
         settings: how to learn.
-        start: a space to begin with, or None.
+        start: initial space, or None.
         gallery: labelled windows; may be empty.
 
     Raises:
         ValueError: there are too many labelled windows.
     """
 
-    def __init__(self, settings: Settings, start: WaveletEigenSpace | None, gallery: Gallery) -> None:
-        self._settings = settings
+    def __init__(
+        self, settings: AppearanceSettings, start: WaveletEigenSpace | None, gallery: Gallery
+    ) -> None:
+        self.settings = settings
         self._learner = SpaceLearner(
             settings.recipe, batch=settings.batch, forgetting=settings.forgetting, start=start
         )
-        self._known = prepare_gallery(gallery, settings.recipe)
+        self._prepared_gallery = prepare_gallery(gallery, settings.recipe)
         self._recogniser: Recogniser | None = None
 
     @property
     def gallery(self) -> Gallery:
         """The labelled windows so far."""
-        return self._known.gallery
+        return self._prepared_gallery.gallery
 
     @property
     def space(self) -> WaveletEigenSpace | None:
-        """The newest space, None before the first."""
+        """The newest space; None before the first."""
         return self._learner.space
 
-    @property
-    def patch(self) -> int:
-        """Side of the windows, px."""
-        return self._settings.recipe.patch
-
-    def look(self, windows: Windows, *, learn: bool, label: str) -> Seen | None:
-        """Takes the windows of a frame.
+    def process(self, windows: Windows, *, learn: bool, label: str) -> WindowFeatures | None:
+        """Learns from the windows of a frame, then projects and labels them.
 
         Args:
-            windows: of the patch size.
-            learn: whether the space may learn from them.
-            label: the name under which they join the gallery, or "".
+            windows: of the recipe's patch size.
+            learn: whether the space is updated from them.
+            label: name under which they join the gallery; "" adds none.
 
         Returns:
-            What is seen, or None while there is no space.
+            Their features, or None while there is no space.
         """
-        prepared = prepare(windows.patches, self._settings.recipe.preprocessing)
-        usable = ~windows.flat & (windows.clipped <= CLIPPED_LIMIT)
-        if learn and not self._settings.recipe.discriminative:
-            self._learner.add(self._share(prepared[usable]))
+        recipe = self.settings.recipe
+        prepared = prepare(windows.patches, recipe.preprocessing)
+        usable = ~windows.flat & (windows.clipped <= MAX_CLIPPED)
+        if learn and not recipe.discriminative:
+            # Consecutive frames are similar, and an update per frame would dominate the run time.
+            most = max(self.settings.batch // FRAMES_PER_BATCH, FIRST_BATCH)
+            training = prepared[usable]
+            self._learner.add(training if self.space is None else evenly_spaced(training, most))
         if label:
-            gallery = self.gallery.joined(windows.patches[usable], label, self._settings.gallery_limit)
-            self._known = self._known.grown(gallery, self._settings.recipe)
-        space = self._learner.space
+            gallery = self.gallery.with_windows(windows.patches[usable], label, self.settings.gallery_limit)
+            self._prepared_gallery = self._prepared_gallery.extended(gallery, recipe)
+        space = self.space
         if space is None:
             return None
         projection = space.project(prepared, np.asarray(windows.flat))
-        recogniser = self._current(space)
-        matches = recogniser.recognise(projection.vectors) if recogniser else None
-        return Seen(projection, matches)
+        recogniser = self._current_recogniser(space)
+        return WindowFeatures(projection, recogniser.recognise(projection.vectors) if recogniser else None)
 
-    def _share(self, prepared: FloatBatch) -> FloatBatch:
-        """What one frame teaches: all before there is a space, then evenly spaced at most a part of a batch.
-
-        Windows of neighbouring frames show much the same; an update for every frame of a crowd would take
-        longer than everything else.
-        """
-        most = max(self._settings.batch // FRAMES_PER_BATCH, FIRST_BATCH)
-        if self._learner.space is None or len(prepared) <= most:
-            return prepared
-        chosen: FloatBatch = prepared[np.linspace(0, len(prepared) - 1, most).round().astype(int)]
-        return chosen
-
-    def _current(self, space: WaveletEigenSpace) -> Recogniser | None:
-        """The recogniser of this space and gallery; a new one when either has changed."""
+    def _current_recogniser(self, space: WaveletEigenSpace) -> Recogniser | None:
+        """The recogniser of this space and gallery, made anew when either has changed."""
         if not len(self.gallery):
             return None
         current = self._recogniser
-        if current is None or current.space is not space or current.known is not self._known:
-            self._recogniser = Recogniser(space, self._known)
+        if current is None or current.space is not space or current.gallery is not self._prepared_gallery:
+            self._recogniser = Recogniser(space, self._prepared_gallery)
         return self._recogniser
+
+
+def warm_up() -> None:
+    """Compiles the kernels of this package or reads them from the cache, before the first frame."""
+    prepare_kernels("streamkit_wavelet_eigen")

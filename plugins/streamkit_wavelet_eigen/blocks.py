@@ -1,4 +1,4 @@
-"""A picture as a grid of equal blocks, row by row, and back."""
+"""Cuts images into a grid of equal blocks, row by row, and joins them again."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,17 +6,15 @@ from numpy.typing import NDArray
 from streamkit_wavelet_eigen.wavelet import FloatBatch
 
 
-def cut_blocks(pictures: FloatBatch, blocks: int) -> FloatBatch:
-    """Blocks float32[n, blocks * blocks, (h / blocks) * (w / blocks)] of pictures float32[n, h, w].
+def cut_blocks(images: FloatBatch, blocks: int) -> FloatBatch:
+    """Blocks float32[n, blocks * blocks, (h / blocks) * (w / blocks)] of float32[n, h, w].
 
-    Args:
-        pictures: float32[n, h, w], h and w multiples of `blocks`.
-        blocks: blocks per side; 1 makes each picture one vector.
+    `blocks` is their number per side, a divisor of h and w.
 
     Source: Gottumukkal and Asari, An improved face recognition technique based on modular PCA approach, 2004.
     """
-    count, height, width = pictures.shape
-    parts = pictures.reshape(count, blocks, height // blocks, blocks, width // blocks)
+    count, height, width = images.shape
+    parts = images.reshape(count, blocks, height // blocks, blocks, width // blocks)
     return parts.swapaxes(2, 3).reshape(count, blocks * blocks, height * width // (blocks * blocks))
 
 

@@ -1,4 +1,4 @@
-"""Principal components of window vectors: in one batch, and updated as windows come in."""
+"""Principal components of window vectors, in one batch and with incremental updates."""
 
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -10,7 +10,7 @@ from streamkit_kernels import product
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
-# Directions weaker than this share of the strongest are rounding, not appearance.
+# Directions weaker than this share of the strongest are rounding noise.
 RELATIVE_FLOOR = 1e-3
 
 
@@ -22,7 +22,7 @@ class Eigenspace:
         mean: float64[d], equation 5.
         basis: float64[k, d], orthonormal rows, strongest first; k may be 0.
         singular_values: float64[k] of the centred data; eigenvalues of equation 6 are their squares / count.
-        count: vectors seen, older ones weighed down by forgetting.
+        count: number of vectors, older ones down-weighted by forgetting.
     """
 
     mean: FloatArray
@@ -36,36 +36,24 @@ class Eigenspace:
 
     @property
     def rank(self) -> int:
-        """Number of eigenvectors held."""
+        """Number of eigenvectors."""
         return len(self.singular_values)
 
-    @property
-    def eigenvalues(self) -> FloatArray:
-        """float64[k], variance along each eigenvector (equation 6)."""
-        result: FloatArray = self.singular_values**2 / self.count
-        return result
-
-    def leading(self, components: int, energy: float = 1.0) -> "Eigenspace":
-        """This space with at most `components` eigenvectors, or the fewest that hold `energy` of it."""
-        kept = _how_many(self.singular_values, components, energy, len(self.mean))
+    def truncated(self, components: int, energy: float = 1.0) -> "Eigenspace":
+        """This space with at most `components` eigenvectors, or the fewest that keep `energy` of it."""
+        kept = _component_count(self.singular_values, components, energy, len(self.mean))
         if kept == self.rank:
             return self
         return Eigenspace(self.mean, self.basis[:kept].copy(), self.singular_values[:kept].copy(), self.count)
 
     def project(self, vectors: FloatArray) -> FloatArray:
-        """Coordinates float64[n, k] of vectors float64[n, d] in this space."""
+        """Coordinates float64[n, k] of vectors float64[n, d]."""
         result: FloatArray = product(vectors - self.mean, self.basis.T)
         return result
 
-    def restore(self, coordinates: FloatArray) -> FloatArray:
-        """Vectors float64[n, d] of coordinates float64[n, k]: the inverse of `project` within the space."""
+    def reconstruct(self, coordinates: FloatArray) -> FloatArray:
+        """Vectors float64[n, d] of coordinates float64[n, k]."""
         result: FloatArray = product(coordinates, self.basis) + self.mean
-        return result
-
-    def reconstruction_errors(self, vectors: FloatArray) -> FloatArray:
-        """Root mean square difference of each vector float64[n, d] from its reconstruction, float64[n]."""
-        missed = vectors - self.restore(self.project(vectors))
-        result: FloatArray = np.sqrt(np.mean(missed * missed, axis=1))
         return result
 
 
@@ -77,47 +65,46 @@ def learn_eigenspace(vectors: FloatArray, components: int, energy: float = 1.0) 
 
     Args:
         vectors: float64[m, d], m >= 1, all finite.
-        components: most eigenvectors to keep, at least 1.
-        energy: share of the variance to hold, 0 < energy <= 1: the fewest eigenvectors that do are kept.
+        components: maximum number of eigenvectors, at least 1.
+        energy: share of the variance to keep with the fewest eigenvectors, 0 < energy <= 1.
 
     Returns:
-        The space; with one vector, or equal vectors, it has a mean and no eigenvector.
+        The space; for one vector, or equal vectors, it has a mean and no eigenvector.
 
     Raises:
-        ValueError: no vector, or one that is not finite.
+        ValueError: there is no vector, or one is not finite.
 
     Source: Zhang, Liu and Qu, equations 5 and 6; Sirovich and Kirby, 1987; Turk and Pentland, 1991.
     """
-    vectors = _checked(vectors)
+    vectors = _validated(vectors)
     mean = vectors.mean(axis=0)
-    basis, singular_values = _principal_rows(vectors - mean, components, energy)
+    basis, singular_values = _principal_components(vectors - mean, components, energy)
     return Eigenspace(mean, basis, singular_values, float(len(vectors)))
 
 
 def update_eigenspace(
-    space: Eigenspace, vectors: FloatArray, components: int, forgetting: float = 1.0, energy: float = 1.0
+    space: Eigenspace, vectors: FloatArray, components: int, forgetting: float = 1.0
 ) -> Eigenspace:
-    """Adds a batch of vectors to a space without the vectors it was made from.
+    """Adds a batch of vectors to a space without the vectors it was learnt from.
 
     Args:
-        space: what is known.
+        space: the space so far.
         vectors: float64[m, d], m >= 1, all finite.
-        components: most eigenvectors to keep, at least 1.
-        forgetting: weight of what is known, 0 < forgetting <= 1; 1 forgets nothing.
-        energy: share to hold of the variance that is still known, 0 < energy <= 1.
+        components: maximum number of eigenvectors, at least 1.
+        forgetting: weight of the space so far, 0 < forgetting <= 1; 1 forgets nothing.
 
     Returns:
         A new space. With forgetting 1 and enough components it equals `learn_eigenspace` of all vectors.
 
     Raises:
-        ValueError: vectors of another length, none, or one that is not finite.
+        ValueError: vectors have another length, there is none, or one is not finite.
 
     Source: Levy and Lindenbaum, Sequential Karhunen-Loeve, 2000, with the mean update of Ross, Lim, Lin and
-        Yang, Incremental learning for robust visual tracking, 2008. There the scatter is weighed by the
-        square of the forgetting factor and the count by the factor; here both by the factor, so that
-        eigenvalues stay variances.
+        Yang, Incremental learning for robust visual tracking, 2008. They weight the scatter by the square of
+        the forgetting factor and the count by the factor; here the factor weights both, so that eigenvalues
+        stay variances.
     """
-    vectors = _checked(vectors)
+    vectors = _validated(vectors)
     if vectors.shape[1] != len(space.mean):
         raise ValueError(
             f"eigenspace update: vectors must have {len(space.mean)} values as the space has, "
@@ -134,11 +121,11 @@ def update_eigenspace(
             np.sqrt(known * added / count) * shift[None],
         ]
     )
-    basis, singular_values = _principal_rows(rows, components, energy)
+    basis, singular_values = _principal_components(rows, components)
     return Eigenspace(space.mean + (added / count) * shift, basis, singular_values, count)
 
 
-def _checked(vectors: FloatArray) -> FloatArray:
+def _validated(vectors: FloatArray) -> FloatArray:
     vectors = np.asarray(vectors, dtype=np.float64)
     if vectors.ndim != 2 or not len(vectors):
         raise ValueError(f"eigenspace: vectors must be [m, d] with m >= 1, got shape {vectors.shape}")
@@ -147,28 +134,30 @@ def _checked(vectors: FloatArray) -> FloatArray:
     return vectors
 
 
-def _principal_rows(rows: FloatArray, components: int, energy: float) -> tuple[FloatArray, FloatArray]:
+def _principal_components(
+    rows: FloatArray, components: int, energy: float = 1.0
+) -> tuple[FloatArray, FloatArray]:
     """Leading right singular vectors float64[k, d] and values float64[k] of float64[m, d]."""
     tall = rows.shape[0] > rows.shape[1]
     squares, vectors = np.linalg.eigh(product(rows.T, rows) if tall else product(rows, rows.T))
     singular_values = np.sqrt(np.maximum(squares[::-1], 0.0))
-    kept = _how_many(singular_values, components, energy, rows.shape[1])
+    kept = _component_count(singular_values, components, energy, rows.shape[1])
     leading = vectors[:, ::-1][:, :kept].T
     basis = leading.copy() if tall else product(leading, rows) / singular_values[:kept, None]
-    # Eigenvectors have no sign of their own; the largest element made positive keeps runs comparable.
+    # The sign of an eigenvector is arbitrary; a positive largest element makes runs comparable.
     strongest = np.abs(basis).argmax(axis=1)
     basis *= np.where(basis[np.arange(kept), strongest] < 0, -1.0, 1.0)[:, None]
     return basis, singular_values[:kept].copy()
 
 
-def _how_many(singular_values: FloatArray, components: int, energy: float, length: int) -> int:
-    """How many eigenvectors to keep: no rounding noise, at most `components`, enough for the energy."""
+def _component_count(singular_values: FloatArray, components: int, energy: float, length: int) -> int:
+    """Number of eigenvectors to keep: above rounding noise, at most `components`, enough for the energy."""
     if not len(singular_values):
         return 0
-    # The absolute floor is for rows that differ by rounding alone, where the strongest is rounding as well.
+    # The absolute floor is for rows that differ by rounding only: there the strongest is rounding as well.
     floor = max(RELATIVE_FLOOR * float(singular_values[0]), 1e-9 * float(np.sqrt(length)))
     kept = min(components, int(np.count_nonzero(singular_values > floor)))
     if energy >= 1.0 or not kept:
         return kept
-    held = np.cumsum(singular_values**2)
-    return min(kept, int(np.searchsorted(held, energy * held[-1])) + 1)
+    cumulative = np.cumsum(singular_values**2)
+    return min(kept, int(np.searchsorted(cumulative, energy * cumulative[-1])) + 1)

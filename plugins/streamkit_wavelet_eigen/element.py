@@ -1,12 +1,15 @@
 """waveleteigen: appearance features of targets, in an eigenspace learnt from the stream or from a file."""
 
+import dataclasses
 import os
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
+from typing_extensions import override
 
 from streamkit import (
     LUMA_CAPS,
@@ -16,27 +19,32 @@ from streamkit import (
     Frame,
     Property,
     ResourceError,
+    SettingsOf,
     Transform,
     luma,
     write_remedy,
 )
 from streamkit_kernels import COMPILING, telling
-from streamkit_wavelet_eigen.appearance import Appearance, Settings
-from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
-from streamkit_wavelet_eigen.gallery import Gallery, empty_gallery
+from streamkit_wavelet_eigen.appearance import AppearanceModel, AppearanceSettings, warm_up
+from streamkit_wavelet_eigen.gallery import empty_gallery
 from streamkit_wavelet_eigen.gallery_folder import read_gallery
 from streamkit_wavelet_eigen.learner import learn_space
-from streamkit_wavelet_eigen.model_file import InvalidModelFile, Model, load_model, save_model
-from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing, Threshold
-from streamkit_wavelet_eigen.recipe import PRESETS, Basis, Metric, Recipe, Views
+from streamkit_wavelet_eigen.model_file import Model, load_model, save_model
+from streamkit_wavelet_eigen.recipe import PRESETS
 from streamkit_wavelet_eigen.target_features import TargetFeatures
-from streamkit_wavelet_eigen.targets import Look, Targets, TargetSource, detected, given, tracked
-from streamkit_wavelet_eigen.warm_up import warm_up
+from streamkit_wavelet_eigen.targets import (
+    TargetReader,
+    Targets,
+    TargetSource,
+    fixed_window,
+    read_detections,
+    read_tracks,
+)
 from streamkit_wavelet_eigen.windows import cut_windows
 
 
 class Preset(StrEnum):
-    """Recipes that were measured; `custom` leaves the single properties to decide."""
+    """Measured recipes; `custom` takes the single properties."""
 
     CUSTOM = "custom"
     PAPER = "paper"
@@ -45,13 +53,13 @@ class Preset(StrEnum):
 
 
 class WaveletEigen(Transform):
-    """Attaches a feature vector to each target, and the eigenspace it was made in.
+    """Attaches a feature vector to each target, and the feature space of the vectors.
 
-    Windows around detections, tracks (turned by their angle) or a given place are prepared by the wavelet
+    Windows around detections, tracks (rotated by their angle) or a fixed box are preprocessed by the wavelet
     steps of the published method, or as `mode` says, and projected on eigenvectors learnt from the stream,
-    from a `gallery` or from a saved `model`. A frame passes without features until two windows have been
-    seen. With labelled windows each target gets the label of its nearest neighbour. Vectors compare within
-    one version of the space only. The published preparation lowers recognition and tracking somewhat;
+    from a `gallery` or from a saved `model`. Frames have no features until two windows have been seen. With
+    labelled windows each target gets the label of its nearest neighbour. Vectors compare within one version
+    of the space only. The published preprocessing lowers recognition and tracking accuracy somewhat;
     `mode=raw` is better for both and ten times as fast.
 
     Example:
@@ -61,126 +69,97 @@ class WaveletEigen(Transform):
     sink = src = LUMA_CAPS
     targets: TargetSource = Property(TargetSource.DETECTIONS, doc="What windows are cut around.")
     window: str | None = Property(
-        None, unit="px", doc="x,y,w,h[,angle in rad]: one window instead, the same in each frame."
+        None, unit="px", doc="x,y,w,h[,angle in rad]: one fixed window in each frame instead."
     )
     margin: float = Property(1.25, min=1.0, max=4.0, live=True, doc="Window side over a target's longer one.")
     preset: Preset = Property(
-        Preset.CUSTOM, doc="A measured recipe in place of patch .. metric; docs/wavelet-eigen.md lists them."
+        Preset.CUSTOM, doc="A measured recipe in place of patch, mode .. metric; see docs/wavelet-eigen.md."
     )
-    patch: int = Property(32, min=8, max=128, unit="px", doc="Side of the prepared windows; even.")
-    mode: Mode = Property(
-        Mode.PAPER, doc="paper: all five published steps; denoise: without equalising; raw: none of them."
-    )
-    threshold: Threshold = Property(Threshold.VISU, doc="How the wavelet details are thresholded.")
-    wavelet: str = Property("db8", doc="Wavelet, by its PyWavelets name.")
-    approximation: int = Property(0, min=0, max=5, doc="Low-pass levels after that; each halves the sides.")
-    blocks: int = Property(1, min=1, max=16, doc="Blocks per side with a projection each.")
-    basis: Basis = Property(Basis.SHARED, doc="One basis for all blocks, or one per block.")
-    components: int = Property(16, min=1, max=256, doc="Eigenvectors for each block.")
-    energy: float = Property(
-        1.0, min=0.01, max=1.0, doc="Share of variance to hold with as few of them as can be; 1 keeps all."
-    )
-    discriminative: bool = Property(False, doc="Fisher step on the labels of `gallery`; the space is fixed.")
-    views: Views = Property(Views.NONE, doc="Virtual views learnt with each labelled window.")
-    metric: Metric = Property(Metric.EUCLIDEAN, doc="How vectors are compared; summed: block by block.")
-    batch: int = Property(
-        32, min=2, max=1024, doc="Windows per update of the space; a frame gives a quarter."
-    )
-    forgetting: float = Property(
-        0.95, min=0.01, max=1.0, doc="Weight of the past at each update; 1 keeps all."
-    )
-    learn: bool = Property(True, live=True, doc="Whether the space goes on learning.")
+    settings = SettingsOf(AppearanceSettings)
+    learn: bool = Property(True, live=True, doc="Whether the space is updated from the stream.")
     model: str | None = Property(
-        None, doc="File of a saved space and gallery to start from; decides preset .. metric."
+        None, doc="File of a saved space and gallery to start from; decides preset, patch, mode .. metric."
     )
-    save: str | None = Property(None, doc="File the space and the gallery are written to at the end, .npz.")
+    save: str | None = Property(None, doc="File to write the space and the gallery to at the end, .npz.")
     gallery: str | None = Property(
-        None, doc="Folder of labelled windows, LABEL/PICTURE; without a model the space is learnt from them."
+        None, doc="Folder of labelled windows, LABEL/IMAGE; without a model the space is learnt from them."
     )
-    label: str = Property("", live=True, doc="While set, windows join the gallery under this name.")
-    gallery_limit: int = Property(64, min=1, max=4096, doc="Most windows of one label that are taught so.")
+    label: str = Property("", live=True, doc="While set, windows are added to the gallery with this label.")
     min_margin: float = Property(
-        0.0, min=0.0, max=1.0, live=True, doc="Label only what is nearer than the next label by this share."
+        0.0, min=0.0, max=1.0, live=True, doc="Least relative distance to the next label for a label."
     )
 
-    _appearance: Appearance | None = None
+    _appearance: AppearanceModel | None = None
 
+    @override
     def start(self) -> None:
-        """Reads the model and the gallery, and sees that the result can be saved."""
         with telling(lambda: self.post_warning(COMPILING)):
             warm_up()
         self._counts: Counter[str] = Counter()
         self._appearance = None
-        model = self._load()
-        recipe = model.space.recipe if model else self._recipe()
+        self._read_targets = self._target_reader()
+        settings, model = self._initial_settings()
+        recipe = settings.recipe
         recipe.check()
-        gallery = model.gallery if model else empty_gallery(recipe.patch)
-        start = model.space if model else None
+        gallery, space = (model.gallery, model.space) if model else (empty_gallery(recipe.patch), None)
+        self._saved_state = (space.version, len(gallery)) if space else (0, 0)
         if self.gallery:
-            gallery = self._read_gallery(Path(self.gallery), recipe.patch)
-            start = start or self._learnt_from(gallery, recipe)
-        self._saved_version = (model.space.version, len(model.gallery)) if model else (0, 0)
-        if recipe.discriminative and start is None:
+            with _resource("gallery"):
+                gallery = read_gallery(Path(self.gallery), recipe.patch)
+                space = space or learn_space(gallery.patches.astype(np.float32), recipe, gallery.labels)
+        if recipe.discriminative and space is None:
             raise ResourceError(
-                "discriminative needs labelled windows: give gallery=FOLDER with a folder of pictures for "
+                "discriminative needs labelled windows: give gallery=FOLDER with a folder of images for "
                 "each label, or a model that was saved with them"
             )
-        if not self.learn and start is None:
+        if not self.learn and space is None:
             self.post_warning("learn is off and no model is given: frames pass without features")
         if self.save and not os.access(Path(self.save).absolute().parent, os.W_OK):
             raise ResourceError(
                 f"save: the folder of {self.save} must exist and be writable; make it or name another file"
             )
-        self._look = self._looking()
-        settings = Settings(recipe, self.batch, self.forgetting, self.gallery_limit)
-        try:
-            self._appearance = Appearance(settings, start, gallery)
-        except ValueError as error:
-            raise ResourceError(f"gallery: {error}") from error
+        with _resource("gallery"):
+            self._appearance = AppearanceModel(settings, space, gallery)
 
+    @override
     def transform(self, frame: Frame) -> Frame:
-        """Attaches Features and TargetFeatures, where there are targets, and the space they were made in."""
         appearance = self._appearance
         assert appearance is not None, "start() comes before frames"
-        targets = self._look(frame)
+        targets = self._read_targets(frame)
         if targets is not None:
-            frame = self._described(frame, targets, appearance)
+            frame = self._with_features(frame, targets, appearance)
         space = appearance.space
         return frame if space is None else frame.attach_as(FeatureSpace, space)
 
-    def _described(self, frame: Frame, targets: Targets, appearance: Appearance) -> Frame:
-        windows = cut_windows(luma(frame), targets.places, appearance.patch, self.margin)
+    def _with_features(self, frame: Frame, targets: Targets, appearance: AppearanceModel) -> Frame:
+        windows = cut_windows(luma(frame), targets.boxes, appearance.settings.recipe.patch, self.margin)
         self._counts.update(
             windows=len(windows.flat),
             flat=int(np.count_nonzero(windows.flat)),
             tiny=int(np.count_nonzero(windows.tiny)),
             clipped=int(np.count_nonzero(windows.clipped)),
         )
-        seen = appearance.look(windows, learn=self.learn, label=self.label)
-        if seen is None or appearance.space is None:
+        features = appearance.process(windows, learn=self.learn, label=self.label)
+        if features is None or appearance.space is None:
             return frame
         labels: tuple[str, ...] = ()
         distances = margins = np.zeros(0)
-        if seen.matches is not None:
-            distances, margins = seen.matches.distances, seen.matches.margins
-            sure = margins >= self.min_margin
-            labels = tuple(name if kept else "" for name, kept in zip(seen.matches.labels, sure, strict=True))
-        facts = TargetFeatures(
-            targets.kind, targets.ids, targets.places, appearance.space.version,
+        if features.matches is not None:
+            distances, margins = features.matches.distances, features.matches.margins
+            names = zip(features.matches.labels, margins >= self.min_margin, strict=True)
+            labels = tuple(name if is_certain else "" for name, is_certain in names)
+        details = TargetFeatures(
+            targets.kind, targets.ids, targets.boxes, appearance.space.version,
             windows.flat, windows.clipped, windows.tiny,
-            seen.projection.errors, seen.projection.energy, labels, distances, margins,
+            features.projection.errors, features.projection.energy, labels, distances, margins,
         )  # fmt: skip
         detections = frame.get(Detections)
         if labels and targets.kind == "detections" and detections is not None:
-            frame = frame.attach(
-                Detections(
-                    detections.centroids, detections.boxes, detections.areas, detections.scores, labels
-                )
-            )
-        return frame.attach(Features(seen.projection.vectors), facts)
+            frame = frame.attach(dataclasses.replace(detections, labels=labels))
+        return frame.attach(Features(features.projection.vectors), details)
 
+    @override
     def drain(self) -> Iterable[Frame]:
-        """Saves the space, and tells what the windows were like."""
         self._save()
         appearance = self._appearance
         space = appearance.space if appearance else None
@@ -189,45 +168,25 @@ class WaveletEigen(Transform):
         self.post_message("windows", **self._counts, version=version, rank=rank, labelled=labelled)
         return ()
 
+    @override
     def stop(self) -> None:
-        """Saves the space if the stream was stopped before its end."""
         self._save()
 
-    @staticmethod
-    def _learnt_from(gallery: Gallery, recipe: Recipe) -> WaveletEigenSpace:
-        try:
-            return learn_space(gallery.patches.astype(np.float32), recipe, gallery.labels)
-        except ValueError as error:
-            raise ResourceError(f"gallery: {error}") from error
-
-    def _recipe(self) -> Recipe:
+    def _initial_settings(self) -> tuple[AppearanceSettings, Model | None]:
+        """The settings, their recipe from the model or the preset where there is one, and the model."""
+        settings = self.settings
+        if self.model is not None:
+            with _resource("model"):
+                model = load_model(Path(self.model))
+            return dataclasses.replace(settings, recipe=model.space.recipe), model
         if self.preset is not Preset.CUSTOM:
-            return PRESETS[self.preset.value]
-        how = Preprocessing(self.mode, self.threshold, self.wavelet, self.approximation)
-        return Recipe(
-            self.patch, how, self.blocks, self.basis, self.components, self.energy, self.discriminative,
-            views=self.views, metric=self.metric,
-        )  # fmt: skip
+            settings = dataclasses.replace(settings, recipe=PRESETS[self.preset.value])
+        return settings, None
 
-    def _looking(self) -> Look:
+    def _target_reader(self) -> TargetReader:
         if self.window is not None:
-            return given(self.window, self.name)
-        return tracked if self.targets is TargetSource.TRACKS else detected
-
-    def _load(self) -> Model | None:
-        if self.model is None:
-            return None
-        try:
-            return load_model(Path(self.model))
-        except (InvalidModelFile, OSError) as error:
-            raise ResourceError(f"model: {error}") from error
-
-    @staticmethod
-    def _read_gallery(folder: Path, patch: int) -> Gallery:
-        try:
-            return read_gallery(folder, patch)
-        except (ValueError, OSError) as error:
-            raise ResourceError(f"gallery: {error}") from error
+            return fixed_window(self.window, self.name)
+        return read_tracks if self.targets is TargetSource.TRACKS else read_detections
 
     def _save(self) -> None:
         appearance = self._appearance
@@ -235,7 +194,7 @@ class WaveletEigen(Transform):
         if not self.save or appearance is None or space is None:
             return
         state = (space.version, len(appearance.gallery))
-        if state == self._saved_version:
+        if state == self._saved_state:
             return
         try:
             save_model(Model(space, appearance.gallery), Path(self.save))
@@ -243,4 +202,13 @@ class WaveletEigen(Transform):
             raise ResourceError(
                 f"save: {self.save} cannot be written: {error}{write_remedy(error)}"
             ) from error
-        self._saved_version = state
+        self._saved_state = state
+
+
+@contextmanager
+def _resource(name: str) -> Iterator[None]:
+    """Reports errors of a file or folder under the name of its property."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        raise ResourceError(f"{name}: {error}") from error

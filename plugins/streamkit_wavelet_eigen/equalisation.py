@@ -1,4 +1,4 @@
-"""Histogram equalisation of patches, as OpenCV's equalizeHist computes it, without a call for each."""
+"""Kernels of histogram equalisation of patches, with the result of OpenCV's equalizeHist."""
 
 import numpy as np
 from numba import types
@@ -9,7 +9,7 @@ from streamkit_kernels import compiled, kernel
 FloatBatch = NDArray[np.float32]
 CountArray = NDArray[np.int64]
 PATCHES = types.Array(types.float32, 3, "C")
-GIVEN = types.Array(types.float32, 3, "A", readonly=True)
+BANDS = types.Array(types.float32, 3, "A", readonly=True)
 LEVELS = 256
 # The LL band of a constant patch varies by float32 rounding, up to about 1e-4.
 CONSTANT_SPAN = np.float32(1e-3)
@@ -17,19 +17,19 @@ CONSTANT_SPAN = np.float32(1e-3)
 
 @kernel(PATCHES)
 def equalise(patches: FloatBatch) -> None:
-    """Equalises the grey histogram of each patch, float32[n, h, w], in place; levels are held in 0..255."""
+    """Equalises the grey histogram of each patch float32[n, h, w] in place; levels are clipped to 0..255."""
     counts, table = np.empty(LEVELS, np.int64), np.empty(LEVELS, np.float32)
     for patch in range(len(patches)):
         _equalise_levels(patches[patch].reshape(-1), counts, table)
 
 
-@kernel(GIVEN, PATCHES)
+@kernel(BANDS, PATCHES)
 def equalise_own_range(bands: FloatBatch, equalised: FloatBatch) -> None:
     """Equalises each band within its own minimum and maximum.
 
     Args:
         bands: float32[n, h, w].
-        equalised: float32[n, h, w], is filled.
+        equalised: float32[n, h, w], output.
     """
     counts, table = np.empty(LEVELS, np.int64), np.empty(LEVELS, np.float32)
     for index in range(len(bands)):

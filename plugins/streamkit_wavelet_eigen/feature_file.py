@@ -1,52 +1,42 @@
-"""Files of feature vectors: rows gathered as they come, in memory that does not grow with the stream.
+"""Files of feature vectors, npz or parquet, in memory that does not grow with the stream.
 
-npz needs the number of rows before the first, so columns wait in temporary files beside the target; parquet
-is written group by group. A file is there whole or not at all.
+npz needs the number of rows before the first, so that columns are collected in temporary files; parquet is
+written in groups of rows. An existing file is replaced when the new one is complete.
 """
 
 import os
 import tempfile
 import zipfile
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, Protocol, Self, cast
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 SCHEMA = "streamkit.features/1"
-# Words are cut to this: npz columns have one width.
+# npz columns have a fixed width; longer labels are cut.
 LABEL_CHARACTERS = 64
 COPY_BYTES = 1 << 20
 ROWS_PER_GROUP = 4096
 
-# Columns beside `vectors`, with their element types.
+# Columns besides `vectors`, with their element types.
 COLUMNS: dict[str, str] = {
-    "seq": "<i8",
-    "epoch": "<i8",
-    "pts_ns": "<i8",
-    "version": "<i8",
-    "id": "<i8",
-    "x": "<f8",
-    "y": "<f8",
-    "length": "<f8",
-    "width": "<f8",
-    "angle": "<f8",
-    "flat": "|b1",
-    "clipped": "<f8",
-    "error": "<f4",
-    "label": f"<U{LABEL_CHARACTERS}",
-}
+    "seq": "<i8", "epoch": "<i8", "pts_ns": "<i8", "version": "<i8", "id": "<i8",
+    "x": "<f8", "y": "<f8", "length": "<f8", "width": "<f8", "angle": "<f8",
+    "flat": "|b1", "clipped": "<f8", "error": "<f4", "label": f"<U{LABEL_CHARACTERS}",
+}  # fmt: skip
 
 
 class VectorLengthChanged(ValueError):
-    """Vectors of another length than the file began with."""
+    """The length of the vectors differs from that of earlier rows."""
 
 
 @dataclass(frozen=True, eq=False)
 class FeatureRows:
-    """The vectors of one frame with what belongs to them.
+    """The feature vectors of a frame.
 
     Attributes:
         vectors: float32[n, k].
@@ -57,106 +47,87 @@ class FeatureRows:
     columns: dict[str, NDArray[Any]]
 
 
-class FeatureWriter(Protocol):
-    """Takes rows, and makes a file of them."""
-
-    def write(self, rows: FeatureRows) -> None:
-        """Takes the rows of one frame; raises VectorLengthChanged or OSError."""
-
-    def finish(self) -> None:
-        """Makes the file."""
-
-    def discard(self) -> None:
-        """Leaves nothing behind; does nothing after `finish`."""
-
-
-class NpzFeatureWriter:
-    """Writes `vectors` and the columns as members of one npz file.
+class FeatureWriter:
+    """Base of the writers.
 
     Args:
-        path: the file; one that is there is replaced by `finish`.
+        path: the file; an existing one is replaced by `finish`.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._types: dict[str, str] = {"vectors": "<f4", **COLUMNS}
-        self._parts: dict[str, BinaryIO] = {}
-        for name in self._types:
-            part = tempfile.TemporaryFile(dir=path.absolute().parent)  # noqa: SIM115  closed by `discard`
-            self._parts[name] = cast("BinaryIO", part)
-        self._rows, self._length = 0, 0
-        self._begun = False
+        self._temporary = path.with_name(f"{path.name}.{os.getpid()}.partial")
+        self._length: int | None = None
 
     def write(self, rows: FeatureRows) -> None:
-        """Adds the rows of one frame.
+        """Appends the rows of a frame.
 
         Raises:
-            VectorLengthChanged: they are longer or shorter than those before.
-            OSError: there is no room.
+            VectorLengthChanged: their vectors have another length than those before.
+            OSError: they cannot be written.
         """
-        count, length = rows.vectors.shape
-        if self._begun and length != self._length:
-            raise VectorLengthChanged(length_text(self._length, length))
-        self._begun, self._length = True, length
-        for name, kind in self._types.items():
-            values = rows.vectors if name == "vectors" else rows.columns[name]
-            self._parts[name].write(np.ascontiguousarray(values, np.dtype(kind)).tobytes())
-        self._rows += count
+        length = rows.vectors.shape[1]
+        if self._length not in (None, length):
+            raise VectorLengthChanged(
+                f"vectors of one file must have one length, got {length} values after {self._length}; "
+                "write a file for each feature space"
+            )
+        self._length = length
+        self._append(rows)
 
     def finish(self) -> None:
-        """Joins the columns into the file.
+        """Completes the file; raises OSError where it cannot be written."""
+        raise NotImplementedError
 
-        Raises:
-            OSError: it cannot be written.
-        """
-        temporary = partial_path(self._path)
+    def discard(self) -> None:
+        """Removes temporary files; has no effect after `finish`."""
+        raise NotImplementedError
+
+    def _append(self, rows: FeatureRows) -> None:
+        raise NotImplementedError
+
+
+class NpzFeatureWriter(FeatureWriter):
+    """Writes `vectors` and the columns as members of an npz file."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._types: dict[str, str] = {"vectors": "<f4", **COLUMNS}
+        self._columns: dict[str, BinaryIO] = {}
+        for name in self._types:
+            column = tempfile.TemporaryFile(dir=path.absolute().parent)  # noqa: SIM115  closed by `discard`
+            self._columns[name] = cast("BinaryIO", column)
+        self._rows = 0
+
+    @override
+    def _append(self, rows: FeatureRows) -> None:
+        for name, kind in self._types.items():
+            values = rows.vectors if name == "vectors" else rows.columns[name]
+            self._columns[name].write(np.ascontiguousarray(values, np.dtype(kind)).tobytes())
+        self._rows += len(rows.vectors)
+
+    @override
+    def finish(self) -> None:
+        schema = BytesIO()
+        np.lib.format.write_array(schema, np.array(SCHEMA), allow_pickle=False)
         try:
-            with zipfile.ZipFile(temporary, "w") as archive:
-                archive.writestr("schema.npy", _whole(np.array(SCHEMA)))
+            with zipfile.ZipFile(self._temporary, "w") as archive:
+                archive.writestr("schema.npy", schema.getvalue())
                 for name, kind in self._types.items():
-                    shape = (self._rows, self._length) if name == "vectors" else (self._rows,)
+                    shape = (self._rows, self._length or 0) if name == "vectors" else (self._rows,)
                     with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                         fields = {"descr": kind, "fortran_order": False, "shape": shape}
                         np.lib.format.write_array_header_2_0(cast("BinaryIO", member), fields)
-                        part = self._parts[name]
-                        part.seek(0)
-                        while chunk := part.read(COPY_BYTES):
+                        column = self._columns[name]
+                        column.seek(0)
+                        while chunk := column.read(COPY_BYTES):
                             member.write(chunk)
-            temporary.replace(self._path)
+            self._temporary.replace(self._path)
         finally:
-            temporary.unlink(missing_ok=True)
+            self._temporary.unlink(missing_ok=True)
             self.discard()
 
+    @override
     def discard(self) -> None:
-        """Closes the temporary files, which removes them."""
-        for part in self._parts.values():
-            part.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.discard()
-
-
-def _whole(array: NDArray[Any]) -> bytes:
-    from io import BytesIO
-
-    memory = BytesIO()
-    np.lib.format.write_array(memory, array, allow_pickle=False)
-    return memory.getvalue()
-
-
-def partial_path(path: Path) -> Path:
-    """Where a file is made before it takes its place."""
-    return path.with_name(f"{path.name}.{os.getpid()}.partial")
-
-
-def length_text(before: int, now: int) -> str:
-    """The rule that vectors of one file have one length."""
-    return (
-        f"vectors of one file must have one length, got {now} values after {before}; "
-        "write a file for each feature space"
-    )
+        for column in self._columns.values():
+            column.close()

@@ -1,4 +1,4 @@
-"""An immutable snapshot of a learnt space that embeds windows."""
+"""An immutable feature space that embeds windows."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,18 +13,18 @@ from streamkit_wavelet_eigen.preprocessing import prepare
 from streamkit_wavelet_eigen.recipe import Recipe
 from streamkit_wavelet_eigen.wavelet import FloatBatch
 
-# Grey levels; a window flatter than this shows noise, not a target.
+# Standard deviation in grey levels; a window below it shows noise, not a target.
 FLAT_DEVIATION = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """What a space makes of n prepared windows.
+    """Prepared windows projected into a space.
 
     Attributes:
         vectors: float32[n, length], the feature vectors; zeros for flat windows.
-        errors: float32[n], root mean square of what the eigenvectors do not reconstruct, grey levels.
-        energy: float32[n], share of the window's difference from the mean that they do hold, 0 to 1.
+        errors: float32[n], root mean square reconstruction error, grey levels.
+        energy: float32[n], share of the window's difference from the mean in the eigenvectors, 0 to 1.
     """
 
     vectors: FloatBatch
@@ -34,15 +34,14 @@ class Projection:
 
 @dataclass(frozen=True, eq=False)
 class WaveletEigenSpace:
-    """Embeds windows by preparing them, cutting blocks, and projecting these.
+    """Embeds windows: prepares them, cuts them into blocks and projects the blocks.
 
-    Vectors of different versions are coordinates on different axes: compare within one version, or embed the
-    windows again.
+    Vectors of different versions are coordinates on different axes: compare vectors of one version only.
 
     Attributes:
         spaces: one eigenspace for whole windows or for all blocks, or one for each block, row by row.
         recipe: how windows are prepared and cut.
-        version: goes up by one with each update.
+        version: increases by one with each update.
         fisher_axes: float64[blocks * components, f] of the Fisher step, or None without one.
     """
 
@@ -58,18 +57,18 @@ class WaveletEigenSpace:
 
     @property
     def rank(self) -> int:
-        """Eigenvectors held, of the space that has most."""
+        """Largest number of eigenvectors of an eigenspace."""
         return max(space.rank for space in self.spaces)
 
     @property
     def length(self) -> int:
-        """Values of a feature vector."""
+        """Number of values in a feature vector."""
         if self.fisher_axes is not None:
             return int(self.fisher_axes.shape[1])
         return self.recipe.blocks**2 * self.recipe.components
 
     def embed(self, patches: FloatBatch) -> FloatBatch:
-        """Projects windows into the space.
+        """Feature vectors of windows.
 
         Args:
             patches: float32[n, h, w] in grey levels 0..255, (h, w) being `patch_size`.
@@ -78,26 +77,34 @@ class WaveletEigenSpace:
             float32[n, length]; a flat window (deviation below 4 grey levels) has a row of zeros.
 
         Raises:
-            ValueError: windows of another size, or one with NaN or infinity.
+            ValueError: windows have another size, or one has NaN or infinity.
         """
-        patches = checked_patches(patches, self.patch_size)
-        return self.vectors_of(prepare(patches, self.recipe.preprocessing), flat_windows(patches))
+        patches = validated_patches(patches, self.patch_size)
+        return self.embed_prepared(prepare(patches, self.recipe.preprocessing), flat_windows(patches))
 
-    def vectors_of(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> FloatBatch:
-        """Vectors float32[n, length] of windows that are prepared already; `flat`, bool[n], get zeros."""
+    def embed_prepared(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> FloatBatch:
+        """Vectors float32[n, length] of prepared windows; zeros where `flat`, bool[n], is set."""
         return self._vectors(self._coordinates(prepared)[1], flat)
 
     def project(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> Projection:
-        """Vectors of windows that are prepared already, with what they hold of them; `flat` get zeros."""
+        """Vectors of prepared windows with their residuals; vectors are zeros where `flat` is set."""
         blocks, coordinates = self._coordinates(prepared)
         count, values = len(blocks), blocks.shape[1] * blocks.shape[2]
         centred = (blocks - self._stacked[2]).reshape(count, values)
         total = np.vecdot(centred, centred)
         flat_coordinates = coordinates.reshape(count, coordinates.shape[1] * coordinates.shape[2])
-        held = np.vecdot(flat_coordinates, flat_coordinates)
-        missed = np.maximum(total - held, 0.0) / max(values, 1)
-        energy = np.divide(held, total, out=np.ones_like(total), where=total > 0)
-        return Projection(self._vectors(coordinates, flat), np.sqrt(missed), np.clip(energy, 0.0, 1.0))
+        kept = np.vecdot(flat_coordinates, flat_coordinates)
+        residual = np.maximum(total - kept, 0.0) / max(values, 1)
+        energy = np.divide(kept, total, out=np.ones_like(total), where=total > 0)
+        return Projection(self._vectors(coordinates, flat), np.sqrt(residual), np.clip(energy, 0.0, 1.0))
+
+    def reconstruct(self, prepared: FloatBatch) -> FloatBatch:
+        """Prepared windows float32[n, h, w] reconstructed from their coordinates, in grey levels."""
+        blocks = cut_blocks(prepared, self.recipe.blocks).astype(np.float64)
+        for index in range(blocks.shape[1]):
+            space = self.spaces[index % len(self.spaces)]
+            blocks[:, index] = space.reconstruct(space.project(blocks[:, index]))
+        return join_blocks(blocks, self.recipe.prepared_size)
 
     def _coordinates(self, prepared: FloatBatch) -> tuple[FloatBatch, FloatBatch]:
         """Blocks float32[n, b, d] of prepared windows and their coordinates float32[n, b, k]."""
@@ -105,27 +112,19 @@ class WaveletEigenSpace:
         blocks = cut_blocks(prepared, self.recipe.blocks)
         count, parts, values = blocks.shape
         if len(basis) == 1:
-            # All blocks of a shared basis go through one product.
+            # One product for the blocks of a shared basis.
             rows = product(blocks.reshape(count * parts, values), basis[0]) - offsets[0]
             return blocks, rows.reshape(count, parts, basis.shape[2])
         return blocks, (product(blocks.swapaxes(0, 1), basis) - offsets[:, None]).swapaxes(0, 1)
 
     def _vectors(self, coordinates: FloatBatch, flat: NDArray[np.bool_]) -> FloatBatch:
-        """float32[n, length]: the blocks' coordinates in a row, through the Fisher step if there is one."""
+        """float32[n, length]: the blocks' coordinates concatenated, after the Fisher step if there is one."""
         count, parts, components = coordinates.shape
         vectors = coordinates.reshape(count, parts * components)
         if self.fisher_axes is not None:
             vectors = vectors @ self.fisher_axes.astype(np.float32)
         vectors[flat] = 0.0
         return vectors
-
-    def reconstruct(self, prepared: FloatBatch) -> FloatBatch:
-        """What the eigenvectors hold of prepared windows: float32[n, h, w] to the same, grey levels."""
-        blocks = cut_blocks(prepared, self.recipe.blocks).astype(np.float64)
-        for index in range(blocks.shape[1]):
-            space = self.spaces[index % len(self.spaces)]
-            blocks[:, index] = space.restore(space.project(blocks[:, index]))
-        return join_blocks(blocks, self.recipe.prepared_size)
 
     @cached_property
     def _stacked(self) -> tuple[FloatBatch, FloatBatch, FloatBatch]:
@@ -140,8 +139,8 @@ class WaveletEigenSpace:
         return basis, offsets, means.astype(np.float32)
 
 
-def checked_patches(patches: FloatBatch, patch_size: tuple[int, int]) -> FloatBatch:
-    """Returns the windows as float32[n, h, w] within 0..255.
+def validated_patches(patches: FloatBatch, patch_size: tuple[int, int]) -> FloatBatch:
+    """The windows as float32[n, h, w], clipped to 0..255.
 
     Raises:
         ValueError: they are not [n, h, w] of this size, or one is not finite.
@@ -159,6 +158,6 @@ def checked_patches(patches: FloatBatch, patch_size: tuple[int, int]) -> FloatBa
 
 
 def flat_windows(patches: FloatBatch) -> NDArray[np.bool_]:
-    """bool[n]: which windows float32[n, h, w] show no structure."""
+    """bool[n]: windows of float32[n, h, w] without structure."""
     result: NDArray[np.bool_] = patches.std(axis=(1, 2)) < FLAT_DEVIATION
     return result

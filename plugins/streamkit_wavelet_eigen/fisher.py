@@ -1,4 +1,4 @@
-"""The Fisher step: axes along which labelled vectors lie far apart between classes and close within."""
+"""The Fisher step: axes that separate vectors of different labels and keep those of one label close."""
 
 from collections.abc import Sequence
 
@@ -8,10 +8,10 @@ from streamkit_wavelet_eigen.eigenspace import FloatArray
 
 
 def learn_fisher_axes(coordinates: FloatArray, labels: Sequence[str], shrinkage: float = 0.1) -> FloatArray:
-    """Axes of linear discriminant analysis, with the within-class scatter shrunk towards an even one.
+    """Axes of linear discriminant analysis with a shrunk within-class scatter.
 
-    Shrinkage takes the place of dropping eigenvectors until the scatter is regular: with few pictures of a
-    class the weak directions of the scatter are underestimated, and unshrunk axes follow them.
+    Few images per class underestimate the weak directions of the scatter, and unshrunk axes follow them.
+    Shrinkage replaces dropping eigenvectors until the scatter is regular.
 
     Args:
         coordinates: float64[m, d].
@@ -22,7 +22,7 @@ def learn_fisher_axes(coordinates: FloatArray, labels: Sequence[str], shrinkage:
         float64[d, min(d, classes - 1)], scaled so that the shrunk within-class scatter is 1 along each axis.
 
     Raises:
-        ValueError: fewer than two classes, or no class with two vectors.
+        ValueError: there are fewer than two classes, or no class has two vectors.
 
     Source: Belhumeur, Hespanha and Kriegman, Eigenfaces vs. Fisherfaces, 1997; Friedman, Regularized
         discriminant analysis, 1989.
@@ -42,10 +42,10 @@ def learn_fisher_axes(coordinates: FloatArray, labels: Sequence[str], shrinkage:
     inner = coordinates - means[index]
     outer = (means - coordinates.mean(axis=0)) * np.sqrt(counts)[:, None]
     within, between = inner.T @ inner / len(index), outer.T @ outer / len(index)
-    even = np.trace(within) / len(within)
-    # A scatter of nothing at all (equal windows) would leave eigh without a definite matrix.
+    isotropic = np.trace(within) / len(within)
+    # Equal windows have no scatter, and eigh needs a positive definite matrix.
     floor = max(1e-9 * float(np.trace(between)), 1e-12)
-    within = (1.0 - shrinkage) * within + (shrinkage * even + floor) * np.eye(len(within))
+    within = (1.0 - shrinkage) * within + (shrinkage * isotropic + floor) * np.eye(len(within))
     _, axes = eigh(between, within)
     kept: FloatArray = axes[:, ::-1][:, : min(len(within), len(names) - 1)]
     strongest = np.abs(kept).argmax(axis=0)

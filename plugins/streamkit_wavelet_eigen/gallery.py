@@ -1,4 +1,4 @@
-"""Labelled windows, and the nearest of them to a feature vector."""
+"""Labelled windows, and nearest-neighbour recognition of feature vectors among them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from streamkit_wavelet_eigen.virtual_views import prepared_views, view_count
 from streamkit_wavelet_eigen.wavelet import FloatBatch
 
 # Values of all prepared windows and views together: 256 MB of float32.
-LARGEST_VALUES = 64 * 1024 * 1024
+MAX_VALUES = 64 * 1024 * 1024
 
 
 @dataclass(frozen=True, eq=False)
 class Gallery:
-    """Windows with names; the windows are kept, so that any space can embed them again.
+    """Labelled windows, kept as pixels so that any space can embed them again.
 
     Attributes:
         patches: uint8[m, h, w], grey levels.
@@ -30,8 +30,8 @@ class Gallery:
     def __len__(self) -> int:
         return len(self.labels)
 
-    def joined(self, patches: FloatBatch, label: str, limit: int) -> "Gallery":
-        """This gallery with windows float32[n, h, w] of one name; no name has more than `limit`."""
+    def with_windows(self, patches: FloatBatch, label: str, limit: int) -> "Gallery":
+        """This gallery and windows float32[n, h, w] of one label, up to `limit` of that label."""
         room = max(limit - self.labels.count(label), 0)
         added = np.rint(np.clip(patches[:room], 0.0, 255.0)).astype(np.uint8)
         if not len(added):
@@ -40,7 +40,7 @@ class Gallery:
 
 
 def empty_gallery(patch: int) -> Gallery:
-    """A gallery of windows of `patch` px, without any yet."""
+    """A gallery for windows of `patch` px, without windows."""
     return Gallery(np.zeros((0, patch, patch), np.uint8), ())
 
 
@@ -51,8 +51,8 @@ class Matches:
     Attributes:
         labels: n names; "" where the vector is all zero (a flat window).
         distances: float64[n], to the nearest vector of that label; infinity without a label.
-        margins: float64[n], 1 - distance / distance to the nearest other label, 0 to 1; with one label in
-            the gallery there is nothing to compare with, and it is 0.
+        margins: float64[n], 1 - distance / distance to the nearest other label, 0 to 1; 0 where the gallery
+            has one label only.
     """
 
     labels: tuple[str, ...]
@@ -62,20 +62,20 @@ class Matches:
 
 @dataclass(frozen=True, eq=False)
 class PreparedGallery:
-    """A gallery whose windows, and their virtual views, are prepared: what does not change with the space.
+    """A gallery with its prepared windows and virtual views, which do not change with the space.
 
     Attributes:
         gallery: the labelled windows.
         prepared: float32[views, m, h, w].
-        flat: bool[m], windows that show no structure.
+        flat: bool[m], windows without structure.
     """
 
     gallery: Gallery
     prepared: FloatBatch
     flat: NDArray[np.bool_]
 
-    def grown(self, gallery: Gallery, recipe: Recipe) -> "PreparedGallery":
-        """The same for this gallery with more windows behind those it has; only the new ones are prepared.
+    def extended(self, gallery: Gallery, recipe: Recipe) -> "PreparedGallery":
+        """The same for a gallery with windows appended; only these are prepared.
 
         Raises:
             ValueError: there are too many windows.
@@ -84,7 +84,7 @@ class PreparedGallery:
         if not len(added):
             return self
         more = prepare_gallery(added, recipe)
-        check_values(len(gallery), recipe)
+        check_gallery_size(len(gallery), recipe)
         return PreparedGallery(
             gallery,
             np.concatenate([self.prepared, more.prepared], axis=1),
@@ -93,66 +93,60 @@ class PreparedGallery:
 
 
 def prepare_gallery(gallery: Gallery, recipe: Recipe) -> PreparedGallery:
-    """Prepares the windows of a gallery and their views as a recipe says.
+    """Prepares the windows of a gallery and their virtual views.
 
     Raises:
         ValueError: there are too many windows.
     """
-    check_values(len(gallery), recipe)
+    check_gallery_size(len(gallery), recipe)
     patches = gallery.patches.astype(np.float32)
     prepared = prepared_views(patches, recipe.views, recipe.preprocessing)
     shape = (view_count(recipe.views), len(gallery), *recipe.prepared_size)
     return PreparedGallery(gallery, prepared.reshape(shape), flat_windows(patches))
 
 
-def check_values(windows: int, recipe: Recipe) -> None:
-    """Refuses more windows than fit the memory set aside, 256 MB.
-
-    Raises:
-        ValueError: says how many values there are, and what makes them fewer.
-    """
+def check_gallery_size(windows: int, recipe: Recipe) -> None:
+    """Raises ValueError when so many windows and their views need more than 256 MB."""
     values = windows * view_count(recipe.views) * recipe.block_values * recipe.blocks**2
-    if values > LARGEST_VALUES:
+    if values > MAX_VALUES:
         raise ValueError(
-            f"labelled windows, their views and pixels make {values} values, at most {LARGEST_VALUES} are "
-            "taken; give fewer windows, views=none or a higher approximation"
+            f"labelled windows, their views and pixels make {values} values, the maximum is {MAX_VALUES}; "
+            "give fewer windows, views=none or a higher approximation"
         )
 
 
 class Recogniser:
-    """Nearest neighbour on a gallery, in one space.
+    """Nearest neighbour in a gallery, in one space.
 
     Args:
         space: in which vectors are compared.
-        known: at least one labelled window, prepared by the space's recipe.
+        gallery: at least one labelled window, prepared by the space's recipe.
     """
 
-    def __init__(self, space: WaveletEigenSpace, known: PreparedGallery) -> None:
-        views, windows = known.prepared.shape[:2]
-        self.space, self.known = space, known
-        prepared = known.prepared.reshape(views * windows, *known.prepared.shape[2:])
-        self._vectors = space.vectors_of(prepared, np.tile(known.flat, views))
-        names, index = np.unique(np.asarray(known.gallery.labels), return_inverse=True)
+    def __init__(self, space: WaveletEigenSpace, gallery: PreparedGallery) -> None:
+        views, windows = gallery.prepared.shape[:2]
+        self.space, self.gallery = space, gallery
+        prepared = gallery.prepared.reshape(views * windows, *gallery.prepared.shape[2:])
+        self._vectors = space.embed_prepared(prepared, np.tile(gallery.flat, views))
+        names, index = np.unique(np.asarray(gallery.gallery.labels), return_inverse=True)
         self._names: list[str] = [str(name) for name in names]
         self._index = np.tile(index, views)
 
     def recognise(self, vectors: FloatBatch) -> Matches:
         """The nearest label to each feature vector, float32[n, length]."""
         recipe = self.space.recipe
-        apart = distances(vectors, self._vectors, recipe.metric, recipe.blocks**2)
-        by_name = np.full((len(vectors), len(self._names)), np.inf)
+        to_gallery = distances(vectors, self._vectors, recipe.metric, recipe.blocks**2)
+        to_label = np.full((len(vectors), len(self._names)), np.inf)
         for number in range(len(self._names)):
-            by_name[:, number] = apart[:, self._index == number].min(axis=1)
-        ordered = np.sort(by_name, axis=1)
-        nearest = by_name.argmin(axis=1)
+            to_label[:, number] = to_gallery[:, self._index == number].min(axis=1)
+        ordered = np.sort(to_label, axis=1)
+        nearest = to_label.argmin(axis=1)
         first = ordered[:, 0]
         second = ordered[:, 1] if len(self._names) > 1 else first
         margins = 1.0 - np.divide(first, second, out=np.ones_like(first), where=second > 0)
-        known: NDArray[np.bool_] = np.any(vectors != 0, axis=1)
-        labels = tuple(
-            self._names[number] if sure else "" for number, sure in zip(nearest, known, strict=True)
-        )
-        return Matches(labels, np.where(known, first, np.inf), np.where(known, margins, 0.0))
+        valid: NDArray[np.bool_] = np.any(vectors != 0, axis=1)
+        labels = tuple(self._names[number] if ok else "" for number, ok in zip(nearest, valid, strict=True))
+        return Matches(labels, np.where(valid, first, np.inf), np.where(valid, margins, 0.0))
 
 
 def distances(
@@ -164,7 +158,7 @@ def distances(
         one: float[n, k].
         other: float[m, k].
         metric: Euclidean; summed, over `parts` equal parts of the vectors; or 1 - cosine, where a zero vector
-            is 1 from everything.
+            has distance 1 to all vectors.
         parts: blocks in a vector.
     """
     rows: NDArray[np.float64] = np.asarray(one, np.float64)
@@ -176,8 +170,8 @@ def distances(
     result = np.zeros((len(rows), len(columns)))
     width = rows.shape[1] // parts
     for first in range(0, parts * width, max(width, 1)):
-        mine, theirs = rows[:, first : first + width], columns[:, first : first + width]
-        squares = np.sum(mine**2, axis=1)[:, None] + np.sum(theirs**2, axis=1) - 2.0 * mine @ theirs.T
+        left, right = rows[:, first : first + width], columns[:, first : first + width]
+        squares = np.sum(left**2, axis=1)[:, None] + np.sum(right**2, axis=1) - 2.0 * left @ right.T
         result += np.sqrt(np.maximum(squares, 0.0))
     return result
 
@@ -188,6 +182,6 @@ def _unit_rows(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     return result
 
 
-def share_recognised(given: Sequence[str], truth: Sequence[str]) -> float:
-    """Share of n labels that are right, 0 to 1."""
-    return sum(one == other for one, other in zip(given, truth, strict=True)) / max(len(truth), 1)
+def accuracy(labels: Sequence[str], truth: Sequence[str]) -> float:
+    """Share of labels that are right, 0 to 1."""
+    return sum(one == other for one, other in zip(labels, truth, strict=True)) / max(len(truth), 1)

@@ -1,11 +1,15 @@
 """The file of a feature space and its gallery: npz with a schema, never a pickle."""
 
+import dataclasses
 import os
+import typing
 import zipfile
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,38 +17,37 @@ from numpy.typing import NDArray
 from streamkit_wavelet_eigen.eigenspace import Eigenspace
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
 from streamkit_wavelet_eigen.gallery import Gallery, empty_gallery
-from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing, Threshold
-from streamkit_wavelet_eigen.recipe import Basis, Metric, Recipe, Views
+from streamkit_wavelet_eigen.recipe import Recipe
+
+T = TypeVar("T")
+Fields = dict[str, NDArray[Any]]
 
 SCHEMA = "streamkit.eigenspace/2"
+# Settings whose name stands for an array in the file.
+FILE_NAMES = {"basis": "basis_of"}
 # A gallery of 4096 windows of 64x64 has 16 MB, 64 components of 128x128 patches 9 MB; the limit keeps a
 # hostile file from filling memory.
 FILE_LIMIT_BYTES = 128 * 1024 * 1024
-# What zipfile and NumPy raise on a file that is no npz, is cut short, encrypted or lies about its sizes.
+# Exceptions of zipfile and NumPy for a file that is no npz, truncated, encrypted or of wrong sizes.
 UNREADABLE = (
     zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError, MemoryError, NotImplementedError
 )  # fmt: skip
 
 
 class InvalidModelFile(ValueError):
-    """A file is not an eigenspace that this version can read."""
+    """The file is not an eigenspace that this version can read."""
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What a file holds.
-
-    Attributes:
-        space: the learnt space.
-        gallery: labelled windows; may be empty.
-    """
+    """A learnt space and its gallery of labelled windows, which may be empty."""
 
     space: WaveletEigenSpace
     gallery: Gallery
 
 
 def save_model(model: Model, path: Path) -> None:
-    """Writes a model as an npz file with a schema field; an existing file is replaced whole or not at all.
+    """Writes a model as an npz file; an existing file is replaced when the new one is complete.
 
     Raises:
         OSError: the file cannot be written.
@@ -62,8 +65,8 @@ def load_model(path: Path) -> Model:
     """Reads a file of `save_model`; nothing in it is executed.
 
     Raises:
-        InvalidModelFile: it is no such file, is damaged, too large, or of another schema.
-        OSError: it cannot be opened.
+        InvalidModelFile: the file is no npz, damaged, too large, or of another schema.
+        OSError: the file cannot be opened.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -84,16 +87,16 @@ def load_model(path: Path) -> Model:
             f'{path}: the schema must be "{SCHEMA}", got "{schema}"; learn and save it again'
         )
     try:
-        recipe = _recipe_of(fields)
+        recipe = _read_settings(Recipe, fields)
         recipe.check()
-        return Model(_space_of(fields, recipe), _gallery_of(fields, recipe))
+        return Model(_read_space(fields, recipe), _read_gallery(fields, recipe))
     except (KeyError, ValueError, TypeError, OverflowError, IndexError) as error:
         raise InvalidModelFile(f"{path}: damaged eigenspace file: {error}") from error
 
 
-def _fields_of(model: Model) -> dict[str, NDArray[Any]]:
-    space, recipe = model.space, model.space.recipe
-    fields: dict[str, NDArray[Any]] = {
+def _fields_of(model: Model) -> Fields:
+    space = model.space
+    fields: Fields = {
         "schema": np.array(SCHEMA),
         "version": np.array(space.version),
         "mean": np.stack([part.mean for part in space.spaces]),
@@ -106,39 +109,32 @@ def _fields_of(model: Model) -> dict[str, NDArray[Any]]:
     }
     if space.fisher_axes is not None:
         fields["fisher_axes"] = space.fisher_axes
-    how = recipe.preprocessing
-    settings: dict[str, int | float | bool | str] = {
-        "patch": recipe.patch, "mode": str(how.mode), "threshold": str(how.threshold),
-        "wavelet": how.wavelet, "approximation": how.approximation, "blocks": recipe.blocks,
-        "basis_of": str(recipe.basis), "components": recipe.components, "energy": recipe.energy,
-        "discriminative": recipe.discriminative, "shrinkage": recipe.shrinkage,
-        "views": str(recipe.views), "metric": str(recipe.metric),
-    }  # fmt: skip
-    return fields | {name: np.array(value) for name, value in settings.items()}
+    return fields | dict(_settings_fields(space.recipe))
 
 
-def _recipe_of(fields: dict[str, NDArray[Any]]) -> Recipe:
-    preprocessing = Preprocessing(
-        Mode(str(fields["mode"])),
-        Threshold(str(fields["threshold"])),
-        str(fields["wavelet"]),
-        int(fields["approximation"]),
-    )
-    return Recipe(
-        patch=int(fields["patch"]),
-        preprocessing=preprocessing,
-        blocks=int(fields["blocks"]),
-        basis=Basis(str(fields["basis_of"])),
-        components=int(fields["components"]),
-        energy=float(fields["energy"]),
-        discriminative=bool(fields["discriminative"]),
-        shrinkage=float(fields["shrinkage"]),
-        views=Views(str(fields["views"])),
-        metric=Metric(str(fields["metric"])),
-    )
+def _settings_fields(settings: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    """The fields of a settings dataclass, nested ones flattened."""
+    for field in dataclasses.fields(settings):
+        value = getattr(settings, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from _settings_fields(value)
+        else:
+            text_or_number = str(value) if isinstance(value, StrEnum) else value
+            yield FILE_NAMES.get(field.name, field.name), np.array(text_or_number)
 
 
-def _space_of(fields: dict[str, NDArray[Any]], recipe: Recipe) -> WaveletEigenSpace:
+def _read_settings(kind: type[T], fields: Fields) -> T:
+    """Inverse of `_settings_fields`."""
+    values: dict[str, Any] = {}
+    for name, hint in typing.get_type_hints(kind).items():
+        if dataclasses.is_dataclass(hint):
+            values[name] = _read_settings(typing.cast("type[Any]", hint), fields)
+        else:
+            values[name] = hint(fields[FILE_NAMES.get(name, name)].item())
+    return kind(**values)
+
+
+def _read_space(fields: Fields, recipe: Recipe) -> WaveletEigenSpace:
     means, counts = np.array(fields["mean"], np.float64), np.array(fields["counts"], np.float64)
     basis, strengths = np.array(fields["basis"], np.float64), np.array(fields["singular_values"], np.float64)
     ranks = [int(rank) for rank in fields["ranks"]]
@@ -149,10 +145,8 @@ def _space_of(fields: dict[str, NDArray[Any]], recipe: Recipe) -> WaveletEigenSp
         raise ValueError(f"basis {basis.shape} does not fit {total} vectors of {values} values")
     if not all(0 <= rank <= recipe.components for rank in ranks):
         raise ValueError(f"ranks {ranks} must be 0 to {recipe.components}")
-    if (
-        not all(np.isfinite(array).all() for array in (means, basis, strengths, counts))
-        or (counts <= 0).any()
-    ):
+    finite = all(np.isfinite(array).all() for array in (means, basis, strengths, counts))
+    if not finite or (counts <= 0).any():
         raise ValueError("values must be finite and the counts positive")
     ends = np.cumsum(ranks)
     spaces = tuple(
@@ -161,10 +155,10 @@ def _space_of(fields: dict[str, NDArray[Any]], recipe: Recipe) -> WaveletEigenSp
         )
         for index, (rank, end) in enumerate(zip(ranks, ends, strict=True))
     )
-    return WaveletEigenSpace(spaces, recipe, int(fields["version"]), _fisher_of(fields, recipe))
+    return WaveletEigenSpace(spaces, recipe, int(fields["version"]), _read_fisher_axes(fields, recipe))
 
 
-def _fisher_of(fields: dict[str, NDArray[Any]], recipe: Recipe) -> NDArray[np.float64] | None:
+def _read_fisher_axes(fields: Fields, recipe: Recipe) -> NDArray[np.float64] | None:
     if not recipe.discriminative:
         return None
     axes = np.array(fields["fisher_axes"], np.float64)
@@ -174,7 +168,7 @@ def _fisher_of(fields: dict[str, NDArray[Any]], recipe: Recipe) -> NDArray[np.fl
     return axes
 
 
-def _gallery_of(fields: dict[str, NDArray[Any]], recipe: Recipe) -> Gallery:
+def _read_gallery(fields: Fields, recipe: Recipe) -> Gallery:
     patches, labels = fields["gallery"], tuple(str(label) for label in fields["labels"])
     if not labels:
         return empty_gallery(recipe.patch)

@@ -5,23 +5,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
-from streamkit_wavelet_eigen.feature_file import (
-    COLUMNS,
-    ROWS_PER_GROUP,
-    SCHEMA,
-    FeatureRows,
-    VectorLengthChanged,
-    length_text,
-    partial_path,
-)
+from streamkit_wavelet_eigen.feature_file import COLUMNS, ROWS_PER_GROUP, SCHEMA, FeatureRows, FeatureWriter
 
 
-class ParquetFeatureWriter:
-    """Writes rows in groups of 4096: `vector` as a list of fixed length, and the columns of `COLUMNS`.
-
-    Args:
-        path: the file; one that is there is replaced by `finish`.
+class ParquetFeatureWriter(FeatureWriter):
+    """Writes groups of 4096 rows: `vector` as a list of fixed length, and the columns of `COLUMNS`.
 
     Raises:
         ImportError: pyarrow is not installed.
@@ -31,62 +21,45 @@ class ParquetFeatureWriter:
         import pyarrow
         import pyarrow.parquet
 
+        super().__init__(path)
         self._arrow, self._parquet = pyarrow, pyarrow.parquet
-        self._path, self._temporary = path, partial_path(path)
         self._writer: Any = None
-        self._waiting: list[FeatureRows] = []
-        self._length = 0
+        self._pending: list[FeatureRows] = []
 
-    def write(self, rows: FeatureRows) -> None:
-        """Adds the rows of one frame.
-
-        Raises:
-            VectorLengthChanged: they are longer or shorter than those before.
-            OSError: there is no room.
-        """
-        length = rows.vectors.shape[1]
-        if self._length and length != self._length:
-            raise VectorLengthChanged(length_text(self._length, length))
-        self._length = length
-        self._waiting.append(rows)
-        if sum(len(part.vectors) for part in self._waiting) >= ROWS_PER_GROUP:
+    @override
+    def _append(self, rows: FeatureRows) -> None:
+        self._pending.append(rows)
+        if sum(len(part.vectors) for part in self._pending) >= ROWS_PER_GROUP:
             self._write_group()
 
+    @override
     def finish(self) -> None:
-        """Writes what is left and puts the file in its place.
-
-        Raises:
-            OSError: it cannot be written.
-        """
-        if self._waiting or self._writer is None:
+        if self._pending or self._writer is None:
             self._write_group()
         self._writer.close()
         self._temporary.replace(self._path)
 
+    @override
     def discard(self) -> None:
-        """Closes and removes what has been written so far; nothing after `finish`."""
         if self._writer is not None:
             self._writer.close()
         self._temporary.unlink(missing_ok=True)
 
     def _write_group(self) -> None:
-        arrow = self._arrow
+        arrow, length = self._arrow, self._length or 0
         arrays = {name: self._column(name, kind) for name, kind in COLUMNS.items()}
-        vectors = [np.zeros((0, self._length), np.float32), *(part.vectors for part in self._waiting)]
+        vectors = [np.zeros((0, length), np.float32), *(part.vectors for part in self._pending)]
         values = arrow.array(np.concatenate(vectors).astype(np.float32).ravel())
-        arrays["vector"] = arrow.FixedSizeListArray.from_arrays(values, max(self._length, 1))
+        arrays["vector"] = arrow.FixedSizeListArray.from_arrays(values, max(length, 1))
         table = arrow.table(arrays).replace_schema_metadata({"schema": SCHEMA})
         if self._writer is None:
             self._writer = self._parquet.ParquetWriter(self._temporary, table.schema)
         self._writer.write_table(table)
-        self._waiting.clear()
+        self._pending.clear()
 
     def _column(self, name: str, kind: str) -> Any:
         parts: list[NDArray[Any]] = [np.zeros(0, np.dtype(kind))]
-        parts += [part.columns[name] for part in self._waiting]
-        values = np.concatenate(parts)
-        return (
-            self._arrow.array(values.tolist(), self._arrow.string())
-            if name == "label"
-            else self._arrow.array(values.astype(np.dtype(kind)))
-        )
+        values = np.concatenate(parts + [part.columns[name] for part in self._pending])
+        if name == "label":
+            return self._arrow.array(values.tolist(), self._arrow.string())
+        return self._arrow.array(values.astype(np.dtype(kind)))

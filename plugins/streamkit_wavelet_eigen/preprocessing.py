@@ -6,16 +6,17 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit.settings import setting
 from streamkit_wavelet_eigen.equalisation import equalise, equalise_own_range
 from streamkit_wavelet_eigen.shrinkage import noise_deviations, shrink_details
 from streamkit_wavelet_eigen.wavelet import FloatBatch, Subbands, decompose, reconstruct, transform_matrix
 
-# Pixels worked on at once: intermediate arrays stay in the cache, and memory does not grow with the batch.
+# Pixels per chunk: intermediate arrays fit the cache, and memory does not grow with the batch.
 CHUNK_PIXELS = 64 * 32 * 32
 
 
 class Mode(StrEnum):
-    """How a window is prepared before it is made a vector."""
+    """Preprocessing steps that are applied to a window."""
 
     PAPER = "paper"
     DENOISE = "denoise"
@@ -23,7 +24,7 @@ class Mode(StrEnum):
 
 
 class Threshold(StrEnum):
-    """How the soft threshold of the detail sub-bands is chosen."""
+    """Rule for the soft threshold of the detail sub-bands."""
 
     VISU = "visu"
     BAYES = "bayes"
@@ -32,20 +33,16 @@ class Threshold(StrEnum):
 
 @dataclass(frozen=True)
 class Preprocessing:
-    """What is done to a window before projection.
+    """Preprocessing of a window before projection."""
 
-    Attributes:
-        mode: `paper` all five steps; `denoise` transform, threshold and inverse only; `raw` nothing.
-        threshold: rule for the detail sub-bands.
-        wavelet: PyWavelets name of a discrete wavelet.
-        approximation: how many times, after these steps, the window is replaced by its low-pass quarter LL;
-            each halves the sides. 0 keeps the whole window.
-    """
-
-    mode: Mode = Mode.PAPER
-    threshold: Threshold = Threshold.VISU
-    wavelet: str = "db8"
-    approximation: int = 0
+    mode: Mode = setting(
+        Mode.PAPER, doc="paper: all five published steps; denoise: without equalisation; raw: none of them."
+    )
+    threshold: Threshold = setting(Threshold.VISU, doc="Rule for the threshold of the wavelet details.")
+    wavelet: str = setting("db8", doc="Wavelet, by its PyWavelets name.")
+    approximation: int = setting(
+        0, min=0, max=5, doc="Low-pass levels after these steps; each halves the sides."
+    )
 
     def check(self, patch_size: tuple[int, int]) -> None:
         """Raises ValueError when patches of this (height, width) cannot be prepared this way."""
@@ -64,18 +61,18 @@ class Preprocessing:
 
 
 def prepare(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
-    """Prepares windows as the paper does, or leaves steps out.
+    """Preprocesses windows.
 
     Args:
         patches: float32[n, h, w] in grey levels 0..255, all finite; h and w even unless the mode is `raw`.
         how: the steps.
 
     Returns:
-        float32[n, h, w] in grey levels 0..255, with h and w halved `approximation` times; the given array
-        itself where nothing is done. A constant window stays constant: there is nothing in it to equalise.
+        float32[n, h, w] in grey levels 0..255, h and w halved `approximation` times; the given array itself
+        where there is no step. A constant window stays constant.
 
-    Source: Zhang, Liu and Qu, section 2.3, steps 1 to 5. Step 2 equalises LL within the range it has, so that
-        it keeps its scale against the details; the paper does not say how it treats that real-valued band.
+    Source: Zhang, Liu and Qu, section 2.3, steps 1 to 5. Step 2 equalises LL within its own range, so that it
+        keeps its scale against the details; the paper does not say how it treats that real-valued band.
     """
     if how.mode is Mode.RAW and not how.approximation:
         return patches
@@ -103,7 +100,7 @@ def _prepare_chunk(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
 
 
 def _approximated(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
-    """The low-pass quarter of the low-pass quarter ..., scaled back to grey levels."""
+    """The LL band of `approximation` levels, scaled back to grey levels."""
     for _ in range(how.approximation):
         height, width = patches.shape[1:]
         rows, columns = transform_matrix(how.wavelet, height), transform_matrix(how.wavelet, width)
@@ -114,13 +111,13 @@ def _approximated(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
 
 
 def threshold_details(bands: Subbands, rule: Threshold) -> Subbands:
-    """Softly thresholds LH, HL and HH of each patch against its own noise; LL stays as it is.
+    """Soft threshold of LH, HL and HH of each patch against its own noise; LL stays unchanged.
 
-    The noise deviation is median(|HH|) / 0.6745. VisuShrink: sigma * sqrt(2 ln N) with N the pixels of the
-    patch. BayesShrink: sigma squared over the deviation of the clean band, band by band.
+    The noise deviation sigma is median(|HH|) / 0.6745. VisuShrink: sigma * sqrt(2 ln N), N the pixels of the
+    patch. BayesShrink: sigma squared over the deviation of the noise-free band, for each band.
 
     Returns:
-        New sub-bands, which share nothing with the given ones.
+        New sub-bands in an array of their own.
 
     Source: Donoho and Johnstone, Ideal spatial adaptation by wavelet shrinkage, 1994; Chang, Yu and Vetterli,
         Adaptive wavelet thresholding, 2000.
@@ -144,7 +141,7 @@ def threshold_details(bands: Subbands, rule: Threshold) -> Subbands:
 
 
 def _bayes_limits(coefficients: FloatBatch, sigma: NDArray[np.float32]) -> NDArray[np.float32]:
-    """float32[n, 2, 1, 2, 1]; a band that holds no more than noise is removed whole."""
+    """float32[n, 2, 1, 2, 1]; the limit of a band of noise alone removes all of it."""
     noise = sigma * sigma
     power = np.mean(coefficients * coefficients, axis=(2, 4), keepdims=True)
     signal = np.sqrt(np.maximum(power - noise, 0.0))

@@ -1,20 +1,21 @@
-"""Everything that decides how a feature space is made, and the presets that were measured."""
+"""The settings that decide how a feature space is made, and the measured presets."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from streamkit.settings import setting
 from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
 
 
 class Basis(StrEnum):
-    """Whose eigenvectors a block is projected on."""
+    """Eigenvectors that a block is projected on: shared is modular PCA, per-block sub-pattern PCA."""
 
     SHARED = "shared"
     PER_BLOCK = "per-block"
 
 
 class Views(StrEnum):
-    """Virtual views of each labelled window that are learnt beside it."""
+    """Virtual views that are learnt with each labelled window."""
 
     NONE = "none"
     SHIFTED = "shifted"
@@ -22,7 +23,7 @@ class Views(StrEnum):
 
 
 class Metric(StrEnum):
-    """How far two feature vectors are from each other."""
+    """Distance between feature vectors: Euclidean, sum of the blocks' Euclidean distances, 1 - cosine."""
 
     EUCLIDEAN = "euclidean"
     SUMMED = "summed"
@@ -34,56 +35,47 @@ class Recipe:
     """How windows become feature vectors.
 
     Attributes:
-        patch: side of the windows, px.
-        preprocessing: what is done to a window first.
-        blocks: blocks per side into which the prepared window is cut; 1 takes it whole.
-        basis: one basis for all blocks (modular PCA) or one each (sub-pattern PCA).
-        components: most eigenvectors, for each block.
-        energy: share of the variance to hold with as few of them as can be; 1 keeps `components`.
-        discriminative: whether a Fisher step follows, which needs labels.
-        shrinkage: share of the within-class scatter replaced by an even one in the Fisher step, 0 to 1.
-        views: virtual views of labelled windows that are learnt, and put into the gallery, beside them.
-        metric: how vectors are compared: Euclidean; the sum of the blocks' Euclidean distances; 1 - cosine.
+        shrinkage: share of the within-class scatter replaced by an isotropic one (Fisher step), 0 to 1.
     """
 
-    patch: int = 32
+    patch: int = setting(32, min=8, max=128, unit="px", doc="Side of the prepared windows; even.")
     preprocessing: Preprocessing = field(default_factory=Preprocessing)
-    blocks: int = 1
-    basis: Basis = Basis.SHARED
-    components: int = 16
-    energy: float = 1.0
-    discriminative: bool = False
+    blocks: int = setting(1, min=1, max=16, doc="Blocks per side, each projected on its own; 1 is the whole.")
+    basis: Basis = setting(Basis.SHARED, doc="One basis for all blocks, or one per block.")
+    components: int = setting(16, min=1, max=256, doc="Maximum number of eigenvectors per block.")
+    energy: float = setting(
+        1.0, min=0.01, max=1.0, doc="Share of variance to keep with the fewest eigenvectors; 1 keeps all."
+    )
+    discriminative: bool = setting(
+        False, doc="Adds a Fisher step on the labels of `gallery`; the space is then fixed."
+    )
     shrinkage: float = 0.1
-    views: Views = Views.NONE
-    metric: Metric = Metric.EUCLIDEAN
+    views: Views = setting(Views.NONE, doc="Virtual views learnt with each labelled window.")
+    metric: Metric = setting(Metric.EUCLIDEAN, doc="Distance between vectors; summed adds up blocks.")
 
     @property
     def patch_size(self) -> tuple[int, int]:
-        """(height, width) of the windows."""
+        """(height, width) of the windows, px."""
         return self.patch, self.patch
 
     @property
     def prepared_size(self) -> tuple[int, int]:
-        """(height, width) of the prepared windows."""
+        """(height, width) of the prepared windows, px."""
         return self.preprocessing.prepared_size(self.patch_size)
 
     @property
     def block_values(self) -> int:
-        """Values of one block of a prepared window."""
+        """Number of values in a block of a prepared window."""
         height, width = self.prepared_size
         return (height // self.blocks) * (width // self.blocks)
 
     @property
     def spaces(self) -> int:
-        """How many eigenspaces there are."""
+        """Number of eigenspaces."""
         return self.blocks**2 if self.basis is Basis.PER_BLOCK else 1
 
     def check(self) -> None:
-        """Refuses what does not fit together.
-
-        Raises:
-            ValueError: says which rule is broken.
-        """
+        """Raises ValueError, with the rule that is broken, when the settings do not fit together."""
         self.preprocessing.check(self.patch_size)
         side = self.prepared_size[0]
         if self.blocks < 1 or side % self.blocks:
@@ -105,13 +97,13 @@ class Recipe:
 
 _RAW = Preprocessing(Mode.RAW)
 
-# Measured by `streamkit experiments`; docs/paper-tables.md has the figures.
+# Measured by `streamkit experiments`; docs/paper-tables.md has the results.
 PRESETS: dict[str, Recipe] = {
-    # The published chain: db8, both equalisations, 16 blocks, nearest neighbour by summed block distances.
+    # The published method: db8, both equalisations, 16 blocks, nearest neighbour by summed block distances.
     "paper": Recipe(patch=64, blocks=4, components=10, metric=Metric.SUMMED),
-    # The same blocks without the preparation, which recognises better.
+    # The same blocks without preprocessing; its recognition rate is higher.
     "modular": Recipe(patch=64, preprocessing=_RAW, blocks=4, components=10, metric=Metric.SUMMED),
-    # What splits of the training pictures alone chose: two low-pass levels of db8, virtual views, Fisher.
+    # Selected on training images alone: two low-pass levels of db8, virtual views, Fisher step.
     "recognition": Recipe(
         patch=64,
         preprocessing=Preprocessing(Mode.RAW, approximation=2),

@@ -1,4 +1,4 @@
-"""Which windows of a frame are looked at: around its detections, its tracks, or one that is given."""
+"""The targets of a frame that windows are cut around: its detections, its tracks, or one fixed window."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit import Detections, Frame, PropertyError, Tracks
-from streamkit_wavelet_eigen.windows import box_places
+from streamkit_wavelet_eigen.windows import rotated_boxes
 
 
 class TargetSource(StrEnum):
@@ -20,35 +20,32 @@ class TargetSource(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Windows to look at.
+    """Rotated boxes of the targets of a frame.
 
     Attributes:
         kind: `detections`, `tracks` or `window`.
         ids: int64[n], ids of tracks; row numbers otherwise.
-        places: float64[n, 5], x y length width angle.
+        boxes: float64[n, 5], x y length width angle.
     """
 
     kind: str
     ids: NDArray[np.int64]
-    places: NDArray[np.float64]
-
-    def __len__(self) -> int:
-        return len(self.ids)
+    boxes: NDArray[np.float64]
 
 
-Look = Callable[[Frame], Targets | None]
+TargetReader = Callable[[Frame], Targets | None]
 
 
-def detected(frame: Frame) -> Targets | None:
+def read_detections(frame: Frame) -> Targets | None:
     """The frame's detections, or None without any."""
     detections = frame.get(Detections)
     if detections is None or not len(detections):
         return None
-    places = box_places(detections.centroids, detections.boxes)
-    return Targets("detections", np.arange(len(places)), places)
+    boxes = rotated_boxes(detections.centroids, detections.boxes)
+    return Targets("detections", np.arange(len(boxes)), boxes)
 
 
-def tracked(frame: Frame) -> Targets | None:
+def read_tracks(frame: Frame) -> Targets | None:
     """The frame's tracks, or None without any."""
     tracks = frame.get(Tracks)
     if tracks is None or not tracks.tracks:
@@ -58,15 +55,15 @@ def tracked(frame: Frame) -> Targets | None:
     return Targets("tracks", ids, np.array(rows, np.float64))
 
 
-def given(text: str, element: str) -> Look:
-    """Looks at one window, the same in every frame.
+def fixed_window(text: str, element: str) -> TargetReader:
+    """Reads one window, the same in every frame.
 
     Args:
-        text: `x,y,w,h` or `x,y,w,h,angle`: left, top and size in px, and turn about its middle in rad.
+        text: `x,y,w,h` or `x,y,w,h,angle`: left, top and size in px, and rotation about its centre in rad.
         element: name for the error.
 
     Raises:
-        PropertyError: the text is no window.
+        PropertyError: the text has another form.
     """
     try:
         numbers = [float(word) for word in text.split(",")]
@@ -78,6 +75,6 @@ def given(text: str, element: str) -> Look:
             f"got {text!r}; write for example window=100,80,40,20"
         )
     left, top, width, height, angle = [*numbers, 0.0][:5]
-    place = np.array([[left + (width - 1) / 2, top + (height - 1) / 2, width, height, angle]])
-    targets = Targets("window", np.zeros(1, np.int64), place)
+    box = np.array([[left + (width - 1) / 2, top + (height - 1) / 2, width, height, angle]])
+    targets = Targets("window", np.zeros(1, np.int64), box)
     return lambda frame: targets

@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 
 FloatBatch: TypeAlias = NDArray[np.float32]
 
-# Largest element of W W^T - I; the filters of orthogonal wavelets are tabled to about 1e-11.
+# Largest element of W W^T - I; the filters of orthogonal wavelets are tabulated to about 1e-11.
 ORTHOGONALITY_LIMIT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Subbands:
-    """The four quarters of a one-level transform, views of one array.
+    """The four sub-bands of a one-level transform, views of one array.
 
-    PyWavelets calls them cA, cH, cV, cD; texts disagree on which mixed band is LH, so the names here say it
-    out: the first letter is the filter along x (columns), the second along y (rows).
+    Texts disagree on which mixed band is LH: here the first letter is the filter along x (columns), the
+    second along y (rows), so that LH is PyWavelets' cH (horizontal edges) and HL its cV.
 
     Attributes:
         coefficients: float32[n, h, w]: LL top left, HL top right, LH bottom left, HH bottom right.
@@ -43,25 +43,10 @@ class Subbands:
         """Low-pass in x and y, float32[n, h / 2, w / 2]; values reach 2 times the grey level."""
         return self.quarters[:, 0, :, 0]
 
-    @property
-    def lh(self) -> FloatBatch:
-        """Low-pass in x, high-pass in y: horizontal edges (PyWavelets' cH)."""
-        return self.quarters[:, 1, :, 0]
-
-    @property
-    def hl(self) -> FloatBatch:
-        """High-pass in x, low-pass in y: vertical edges (PyWavelets' cV)."""
-        return self.quarters[:, 0, :, 1]
-
-    @property
-    def hh(self) -> FloatBatch:
-        """High-pass in both: diagonal detail and noise (PyWavelets' cD)."""
-        return self.quarters[:, 1, :, 1]
-
 
 @lru_cache(maxsize=32)
 def transform_matrix(wavelet: str, length: int) -> FloatBatch:
-    """Returns the matrix of the periodized one-level transform of `length` samples.
+    """The matrix of the periodized one-level transform of `length` samples.
 
     Args:
         wavelet: PyWavelets name of a discrete wavelet, e.g. `db8`.
@@ -75,22 +60,22 @@ def transform_matrix(wavelet: str, length: int) -> FloatBatch:
 
     Source: Mallat, A Wavelet Tour of Signal Processing, section 7.3 (periodic filter banks).
     """
-    return _frozen(_exact_matrix(wavelet, length))
+    return _read_only(_exact_matrix(wavelet, length))
 
 
 @lru_cache(maxsize=32)
 def inverse_matrix(wavelet: str, length: int) -> FloatBatch:
-    """Returns the inverse of `transform_matrix`, float32[length, length], read-only.
+    """The inverse of `transform_matrix`, float32[length, length], read-only.
 
-    For an orthogonal wavelet it is the transpose. For a biorthogonal one it is the inverse, the matrix of the
-    dual filters; for dmey too, whose truncated filters in PyWavelets miss the picture by a grey level.
+    For an orthogonal wavelet it is the transpose. For a biorthogonal one it is the numerical inverse, the
+    matrix of the dual filters; for dmey too, whose truncated filters in PyWavelets are off by a grey level.
 
     Raises:
         ValueError: as `transform_matrix`.
     """
     matrix = _exact_matrix(wavelet, length)
     defect = float(np.abs(matrix @ matrix.T - np.eye(length)).max())
-    return _frozen(matrix.T if defect < ORTHOGONALITY_LIMIT else np.linalg.inv(matrix))
+    return _read_only(matrix.T if defect < ORTHOGONALITY_LIMIT else np.linalg.inv(matrix))
 
 
 def _exact_matrix(wavelet: str, length: int) -> NDArray[np.float64]:
@@ -105,24 +90,17 @@ def _exact_matrix(wavelet: str, length: int) -> NDArray[np.float64]:
     return matrix
 
 
-def _frozen(matrix: NDArray[np.floating]) -> FloatBatch:
+def _read_only(matrix: NDArray[np.floating]) -> FloatBatch:
     result = np.ascontiguousarray(matrix, np.float32)
     result.setflags(write=False)
     return result
 
 
 def decompose(patches: FloatBatch, wavelet: str = "db8") -> Subbands:
-    """Splits patches into their four sub-bands (periodized border, no growth).
-
-    Args:
-        patches: float32[n, h, w], h and w even.
-        wavelet: PyWavelets name of a discrete wavelet.
-
-    Returns:
-        The sub-bands, in one new array.
+    """The sub-bands of patches float32[n, h, w], periodized, in one new array.
 
     Raises:
-        ValueError: a side is odd, or there is no such wavelet.
+        ValueError: as `transform_matrix`.
     """
     height, width = patches.shape[1:]
     rows, columns = transform_matrix(wavelet, height), transform_matrix(wavelet, width)

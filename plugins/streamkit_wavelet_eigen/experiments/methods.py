@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from streamkit_wavelet_eigen.experiments.protocol import Split
-from streamkit_wavelet_eigen.gallery import Gallery, Recogniser, prepare_gallery, share_recognised
+from streamkit_wavelet_eigen.gallery import Gallery, Recogniser, accuracy, prepare_gallery
 from streamkit_wavelet_eigen.learner import learn_space
 from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
 from streamkit_wavelet_eigen.recipe import PRESETS, Basis, Metric, Recipe, Views
@@ -50,4 +50,4 @@ def recognition_rate(recipe: Recipe, split: Split) -> float:
     space = learn_space(training.pictures.astype(np.float32), recipe, training.labels)
     recogniser = Recogniser(space, prepare_gallery(Gallery(training.pictures, training.labels), recipe))
     matches = recogniser.recognise(space.embed(test.pictures.astype(np.float32)))
-    return 100.0 * share_recognised(matches.labels, test.labels)
+    return 100.0 * accuracy(matches.labels, test.labels)

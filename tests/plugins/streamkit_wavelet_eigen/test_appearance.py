@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from streamkit_wavelet_eigen.appearance import Appearance, Settings
+from streamkit_wavelet_eigen.appearance import AppearanceModel, AppearanceSettings
 from streamkit_wavelet_eigen.gallery import empty_gallery
 from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
 from streamkit_wavelet_eigen.recipe import Recipe
@@ -16,15 +16,15 @@ def _windows(count: int, seed: int = 0, clipped: float = 0.0) -> Windows:
     return Windows(patches, np.zeros(count, bool), np.full(count, clipped), np.zeros(count, bool))
 
 
-def _appearance(batch: int = 8) -> Appearance:
-    return Appearance(Settings(RECIPE, batch, 0.95, 5), None, empty_gallery(16))
+def _appearance(batch: int = 8) -> AppearanceModel:
+    return AppearanceModel(AppearanceSettings(RECIPE, batch, 0.95, 5), None, empty_gallery(16))
 
 
 def test_nothing_is_seen_before_a_space() -> None:
     """One window makes no space; the second does."""
     under_test = _appearance()
-    assert under_test.look(_windows(1), learn=True, label="") is None
-    seen = under_test.look(_windows(1, 1), learn=True, label="")
+    assert under_test.process(_windows(1), learn=True, label="") is None
+    seen = under_test.process(_windows(1, 1), learn=True, label="")
     assert seen is not None
     assert seen.matches is None
     assert seen.projection.vectors.shape == (1, 4)
@@ -35,9 +35,9 @@ def test_clipped_and_flat_windows_neither_teach_nor_join() -> None:
     under_test = _appearance()
     flat = Windows(np.full((4, 16, 16), 9, np.float32), np.ones(4, bool), np.zeros(4), np.zeros(4, bool))
     for windows in (_windows(4, clipped=0.3), flat):
-        assert under_test.look(windows, learn=True, label="car") is None
+        assert under_test.process(windows, learn=True, label="car") is None
     assert len(under_test.gallery) == 0
-    assert under_test.look(_windows(4, clipped=0.2), learn=True, label="car") is not None
+    assert under_test.process(_windows(4, clipped=0.2), learn=True, label="car") is not None
     assert under_test.gallery.labels == ("car",) * 4
 
 
@@ -45,13 +45,13 @@ def test_known_windows_are_named_in_every_version() -> None:
     """When the space moves on, the gallery is embedded again: names stay right."""
     under_test = _appearance(batch=2)
     first, second = _windows(2), _windows(2, 1)
-    under_test.look(first, learn=True, label="car")
-    under_test.look(second, learn=True, label="van")
+    under_test.process(first, learn=True, label="car")
+    under_test.process(second, learn=True, label="van")
     versions = set()
     for seed in range(2, 8):
-        under_test.look(_windows(2, seed), learn=True, label="")
+        under_test.process(_windows(2, seed), learn=True, label="")
         for windows, name in ((first, "car"), (second, "van")):
-            seen = under_test.look(windows, learn=False, label="")
+            seen = under_test.process(windows, learn=False, label="")
             assert seen is not None
             assert seen.matches is not None
             assert seen.matches.labels == (name, name)
@@ -63,8 +63,8 @@ def test_known_windows_are_named_in_every_version() -> None:
 def test_learning_can_rest() -> None:
     """Without `learn` the space is the same object, whatever is looked at."""
     under_test = _appearance(batch=2)
-    under_test.look(_windows(4), learn=True, label="")
+    under_test.process(_windows(4), learn=True, label="")
     space = under_test.space
     for seed in range(5):
-        under_test.look(_windows(9, seed), learn=False, label="")
+        under_test.process(_windows(9, seed), learn=False, label="")
     assert under_test.space is space

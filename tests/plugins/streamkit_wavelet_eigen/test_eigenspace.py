@@ -26,6 +26,10 @@ def _largest_angle(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.degrees(np.arccos(np.clip(cosines.min(), -1, 1))))
 
 
+def _eigenvalues(space: Eigenspace) -> np.ndarray:
+    return space.singular_values**2 / space.count
+
+
 def _assert_orthonormal(space: Eigenspace) -> None:
     np.testing.assert_allclose(space.basis @ space.basis.T, np.eye(space.rank), atol=1e-8)
 
@@ -39,7 +43,7 @@ def test_batch_equals_svd(count: int, length: int) -> None:
     _, singular, right = np.linalg.svd(centred, full_matrices=False)
     np.testing.assert_allclose(space.mean, vectors.mean(axis=0))
     np.testing.assert_allclose(space.singular_values, singular[:5], rtol=1e-9)
-    np.testing.assert_allclose(space.eigenvalues, np.linalg.eigvalsh(centred.T @ centred / count)[::-1][:5])
+    np.testing.assert_allclose(_eigenvalues(space), np.linalg.eigvalsh(centred.T @ centred / count)[::-1][:5])
     assert _largest_angle(space.basis, right[:5]) < 1e-3
     _assert_orthonormal(space)
 
@@ -60,14 +64,14 @@ def test_one_or_equal_vectors_have_a_mean_only(vectors: np.ndarray) -> None:
     assert space.rank == 0
     np.testing.assert_allclose(space.mean, vectors[0])
     assert space.project(vectors).shape == (len(vectors), 0)
-    np.testing.assert_allclose(space.restore(space.project(vectors)), vectors)
+    np.testing.assert_allclose(space.reconstruct(space.project(vectors)), vectors)
 
 
 def test_restore_undoes_project_within_the_space() -> None:
     """Vectors of rank k come back from k coordinates."""
     vectors = _low_rank(30, 80, 4)
     space = learn_eigenspace(vectors, 4)
-    np.testing.assert_allclose(space.restore(space.project(vectors)), vectors, atol=1e-6)
+    np.testing.assert_allclose(space.reconstruct(space.project(vectors)), vectors, atol=1e-6)
 
 
 def test_incremental_without_forgetting_equals_batch() -> None:
@@ -168,7 +172,7 @@ def test_subspaces_are_those_of_scikit_learn(streamkit_data: Path) -> None:
     space, theirs = learn_eigenspace(vectors, 40), PCA(40, svd_solver="full").fit(vectors)
     np.testing.assert_allclose(space.mean, theirs.mean_, atol=1e-5)
     # scikit-learn divides by M - 1, equation 6 by M.
-    np.testing.assert_allclose(space.eigenvalues, theirs.explained_variance_ * 199 / 200, rtol=1e-6)
+    np.testing.assert_allclose(_eigenvalues(space), theirs.explained_variance_ * 199 / 200, rtol=1e-6)
     assert subspace_angles(space.basis.T, theirs.components_.T).max() <= 1e-5
 
 
@@ -176,7 +180,7 @@ def test_energy_is_held_by_the_fewest() -> None:
     """No smaller number of eigenvectors holds the share asked for."""
     vectors = _low_rank(60, 100, 12, noise=0.05)
     whole = learn_eigenspace(vectors, 59)
-    held = np.cumsum(whole.eigenvalues) / whole.eigenvalues.sum()
+    held = np.cumsum(_eigenvalues(whole)) / _eigenvalues(whole).sum()
     for share in (0.3, 0.9, 0.99):
         rank = learn_eigenspace(vectors, 59, share).rank
         assert held[rank - 1] >= share - 1e-4
@@ -187,19 +191,21 @@ def test_energy_is_held_by_the_fewest() -> None:
 def test_reconstruction_errors_are_the_distance_to_the_space() -> None:
     """What lies in the space has error 0; what lies beside it has its own length."""
     space = learn_eigenspace(_low_rank(30, 80, 4), 4)
-    inside = space.restore(np.array([[3.0, -2.0, 1.0, 0.5]]))
+    inside = space.reconstruct(np.array([[3.0, -2.0, 1.0, 0.5]]))
     beside = np.random.default_rng(1).normal(size=80)
     beside -= space.basis.T @ (space.basis @ beside)
-    errors = space.reconstruction_errors(np.concatenate([inside, inside + beside]))
+    vectors = np.concatenate([inside, inside + beside])
+    residuals = vectors - space.reconstruct(space.project(vectors))
+    errors = np.sqrt(np.mean(residuals**2, axis=1))
     np.testing.assert_allclose(errors, [0.0, np.sqrt(np.mean(beside**2))], atol=1e-9)
 
 
 def test_the_leading_part_is_a_smaller_batch() -> None:
     """Cutting a space to 3 eigenvectors gives the space learnt with 3."""
     vectors = _low_rank(30, 80, 6, noise=0.1)
-    cut, small = learn_eigenspace(vectors, 9).leading(3), learn_eigenspace(vectors, 3)
+    cut, small = learn_eigenspace(vectors, 9).truncated(3), learn_eigenspace(vectors, 3)
     np.testing.assert_allclose(cut.basis, small.basis)
     np.testing.assert_allclose(cut.singular_values, small.singular_values)
     whole = learn_eigenspace(vectors, 9)
-    assert whole.leading(9) is whole
-    assert whole.leading(9, 0.5).rank == learn_eigenspace(vectors, 9, 0.5).rank
+    assert whole.truncated(9) is whole
+    assert whole.truncated(9, 0.5).rank == learn_eigenspace(vectors, 9, 0.5).rank

@@ -23,7 +23,7 @@ from streamkit import (
 from streamkit.testing import Harness
 from streamkit_wavelet_eigen.model_file import load_model
 from streamkit_wavelet_eigen.target_features import TargetFeatures
-from streamkit_wavelet_eigen.windows import box_places, cut_windows
+from streamkit_wavelet_eigen.windows import cut_windows, rotated_boxes
 
 
 def _detections(count: int, seed: int = 0, width: int = 320, height: int = 240) -> Detections:
@@ -76,7 +76,7 @@ def test_features_are_embeddings_in_the_attached_space() -> None:
         given = _frame(7)
         (frame,) = harness.push(given)
     detections = _detections(7)
-    windows = cut_windows(given.data, box_places(detections.centroids, detections.boxes), 32)
+    windows = cut_windows(given.data, rotated_boxes(detections.centroids, detections.boxes), 32)
     np.testing.assert_allclose(_space(frame).embed(windows.patches), _vectors(frame), atol=0.05)
 
 

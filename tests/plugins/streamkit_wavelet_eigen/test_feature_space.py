@@ -126,7 +126,7 @@ def test_energy_keeps_the_fewest_eigenvectors() -> None:
     given = _windows(30)
     whole, half = (learn_space(given, replace(_recipe(components=29), energy=share)) for share in (1.0, 0.5))
     assert whole.rank == 29
-    held = np.cumsum(whole.spaces[0].eigenvalues)
+    held = np.cumsum(whole.spaces[0].singular_values ** 2)
     assert half.rank == int(np.searchsorted(held, held[-1] / 2)) + 1
     assert half.embed(given).shape == (30, 29)
 

@@ -90,26 +90,25 @@ def test_summed_distances_add_the_blocks() -> None:
 
 def test_a_gallery_is_bounded() -> None:
     """Of each name at most `limit` windows are kept; other names are not touched."""
-    gallery = empty_gallery(16).joined(_windows(5), "car", 8).joined(_windows(9), "car", 8)
+    gallery = empty_gallery(16).with_windows(_windows(5), "car", 8).with_windows(_windows(9), "car", 8)
     assert gallery.labels == ("car",) * 8
-    assert gallery.joined(_windows(1), "car", 8) is gallery
-    assert gallery.joined(_windows(2), "van", 8).labels == ("car",) * 8 + ("van",) * 2
+    assert gallery.with_windows(_windows(1), "car", 8) is gallery
+    assert gallery.with_windows(_windows(2), "van", 8).labels == ("car",) * 8 + ("van",) * 2
 
 
 @pytest.mark.parametrize("views", list(Views))
 def test_a_grown_gallery_is_the_whole_one(views: Views) -> None:
     """Preparing only what is new gives what preparing everything gives; nothing new changes nothing."""
     recipe = Recipe(16, Preprocessing(Mode.PAPER), components=4, views=views)
-    first = empty_gallery(16).joined(_windows(3), "car", 9)
-    more = first.joined(_windows(2, seed=4), "van", 9)
+    first = empty_gallery(16).with_windows(_windows(3), "car", 9)
+    more = first.with_windows(_windows(2, seed=4), "van", 9)
     known = prepare_gallery(first, recipe)
-    grown, whole = known.grown(more, recipe), prepare_gallery(more, recipe)
+    grown, whole = known.extended(more, recipe), prepare_gallery(more, recipe)
     np.testing.assert_allclose(grown.prepared, whole.prepared, atol=1e-3)
     assert grown.gallery.labels == ("car", "car", "car", "van", "van")
-    assert known.grown(first, recipe) is known
-    assert (
-        prepare_gallery(empty_gallery(16), recipe).grown(more, recipe).prepared.shape == whole.prepared.shape
-    )
+    assert known.extended(first, recipe) is known
+    from_empty = prepare_gallery(empty_gallery(16), recipe).extended(more, recipe)
+    assert from_empty.prepared.shape == whole.prepared.shape
 
 
 def test_too_large_a_gallery_is_refused() -> None:

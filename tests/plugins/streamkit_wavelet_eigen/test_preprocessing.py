@@ -15,6 +15,8 @@ from streamkit_wavelet_eigen.preprocessing import (
 )
 from streamkit_wavelet_eigen.wavelet import decompose
 
+LH, HL, HH = np.s_[:, 1, :, 0], np.s_[:, 0, :, 1], np.s_[:, 1, :, 1]  # sub-bands within `Subbands.quarters`
+
 
 def _scene(count: int, side: int, seed: int = 1) -> np.ndarray:
     generator = np.random.default_rng(seed)
@@ -74,8 +76,12 @@ def test_visu_threshold_is_soft_and_leaves_ll() -> None:
     shrunk = threshold_details(bands, Threshold.VISU)
     np.testing.assert_array_equal(shrunk.ll, bands.ll)
     for index in range(6):
-        limit = np.median(np.abs(bands.hh[index])) / 0.6745 * np.sqrt(2 * np.log(32 * 32))
-        for ours, before in ((shrunk.lh, bands.lh), (shrunk.hl, bands.hl), (shrunk.hh, bands.hh)):
+        limit = np.median(np.abs(bands.quarters[HH][index])) / 0.6745 * np.sqrt(2 * np.log(32 * 32))
+        for ours, before in (
+            (shrunk.quarters[LH], bands.quarters[LH]),
+            (shrunk.quarters[HL], bands.quarters[HL]),
+            (shrunk.quarters[HH], bands.quarters[HH]),
+        ):
             np.testing.assert_allclose(ours[index], pywt.threshold(before[index], limit, "soft"), atol=1e-3)
 
 
@@ -84,8 +90,11 @@ def test_bayes_threshold_follows_each_band() -> None:
     bands = decompose(_scene(4, 64))
     shrunk = threshold_details(bands, Threshold.BAYES)
     for index in range(4):
-        sigma = np.median(np.abs(bands.hh[index])) / 0.6745
-        for ours, before in ((shrunk.lh, bands.lh), (shrunk.hl, bands.hl)):
+        sigma = np.median(np.abs(bands.quarters[HH][index])) / 0.6745
+        for ours, before in (
+            (shrunk.quarters[LH], bands.quarters[LH]),
+            (shrunk.quarters[HL], bands.quarters[HL]),
+        ):
             clean = np.sqrt(max(float(np.mean(before[index] ** 2)) - sigma**2, 0.0))
             limit = sigma**2 / clean if clean > 0 else float(np.abs(before[index]).max())
             np.testing.assert_allclose(ours[index], pywt.threshold(before[index], limit, "soft"), atol=2e-3)

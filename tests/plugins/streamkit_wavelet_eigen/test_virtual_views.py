@@ -6,7 +6,7 @@ import pytest
 
 from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing, prepare
 from streamkit_wavelet_eigen.recipe import Views
-from streamkit_wavelet_eigen.virtual_views import prepared_views, view_count, views_of
+from streamkit_wavelet_eigen.virtual_views import prepared_views, view_count, virtual_views
 
 
 def _windows(count: int = 3, side: int = 64) -> np.ndarray:
@@ -18,7 +18,7 @@ def _windows(count: int = 3, side: int = 64) -> np.ndarray:
 def test_the_windows_themselves_come_first(views: Views) -> None:
     """View by view, the given windows first, unchanged."""
     given = _windows()
-    result = list(views_of(given, views))
+    result = list(virtual_views(given, views))
     assert len(result) == view_count(views)
     assert all(view.shape == (3, 64, 64) and view.dtype == np.float32 for view in result)
     np.testing.assert_array_equal(result[0], given)
@@ -27,7 +27,7 @@ def test_the_windows_themselves_come_first(views: Views) -> None:
 def test_shifts_are_a_thirty_second_of_the_side() -> None:
     """The second view of a 64 px window lies 2 px to the right, the fourth 2 px down."""
     given = _windows(1)
-    result = list(views_of(given, Views.SHIFTED))
+    result = list(virtual_views(given, Views.SHIFTED))
     np.testing.assert_allclose(result[1][:, :, 2:], given[:, :, :-2], atol=1e-3)
     np.testing.assert_allclose(result[3][:, 2:], given[:, :-2], atol=1e-3)
 
@@ -35,7 +35,7 @@ def test_shifts_are_a_thirty_second_of_the_side() -> None:
 def test_every_view_differs_and_resembles() -> None:
     """Each is another picture, and nearer to its own window than to the others."""
     given = _windows()
-    for view in list(views_of(given, Views.SHIFTED))[1:]:
+    for view in list(virtual_views(given, Views.SHIFTED))[1:]:
         apart = np.abs(view[:, None] - given[None]).mean(axis=(2, 3))
         assert apart.argmin(axis=1).tolist() == [0, 1, 2]
         assert apart.min() > 0
@@ -43,7 +43,7 @@ def test_every_view_differs_and_resembles() -> None:
 
 def test_every_second_view_is_mirrored() -> None:
     """Left and right change places in a mirrored view."""
-    result = list(views_of(_windows(), Views.MIRRORED))
+    result = list(virtual_views(_windows(), Views.MIRRORED))
     for view, mirrored in zip(result[::2], result[1::2], strict=True):
         np.testing.assert_array_equal(mirrored, view[:, :, ::-1])
 
@@ -51,7 +51,7 @@ def test_every_second_view_is_mirrored() -> None:
 def test_views_are_prepared_one_by_one() -> None:
     """Preparing view after view gives what preparing all together gives."""
     how = Preprocessing(Mode.RAW, approximation=2)
-    together = prepare(np.concatenate(list(views_of(_windows(), Views.SHIFTED))), how)
+    together = prepare(np.concatenate(list(virtual_views(_windows(), Views.SHIFTED))), how)
     np.testing.assert_allclose(prepared_views(_windows(), Views.SHIFTED, how), together, atol=1e-3)
 
 

@@ -6,6 +6,7 @@ import pywt
 
 from streamkit_wavelet_eigen.wavelet import Subbands, decompose, inverse_matrix, reconstruct, transform_matrix
 
+LH, HL, HH = np.s_[:, 1, :, 0], np.s_[:, 0, :, 1], np.s_[:, 1, :, 1]  # sub-bands within `Subbands.quarters`
 WAVELETS = pywt.wavelist(kind="discrete")
 
 
@@ -24,9 +25,9 @@ def test_sub_bands_equal_pywavelets(wavelet: str, height: int, width: int) -> No
     bands = decompose(given, wavelet)
     for ours, theirs in (
         (bands.ll, low),
-        (bands.lh, horizontal),
-        (bands.hl, vertical),
-        (bands.hh, diagonal),
+        (bands.quarters[LH], horizontal),
+        (bands.quarters[HL], vertical),
+        (bands.quarters[HH], diagonal),
     ):
         assert ours.dtype == np.float32
         np.testing.assert_allclose(ours, theirs, atol=1e-3)
@@ -43,17 +44,21 @@ def test_every_wavelet_reconstructs(wavelet: str) -> None:
 def test_the_inverse_is_that_of_pywavelets(wavelet: str) -> None:
     """Any coefficients, not only those of a picture, come back as pywt.idwt2 brings them back."""
     given = _patches(2, 32, 32, seed=5) - 128.0
-    quarters = Subbands(given)
+    bands = Subbands(given)
     theirs = pywt.idwt2(
         (
-            quarters.ll.astype(float),
-            (quarters.lh.astype(float), quarters.hl.astype(float), quarters.hh.astype(float)),
+            bands.ll.astype(float),
+            (
+                bands.quarters[LH].astype(float),
+                bands.quarters[HL].astype(float),
+                bands.quarters[HH].astype(float),
+            ),
         ),
         wavelet,
         mode="periodization",
         axes=(1, 2),
     )
-    np.testing.assert_allclose(reconstruct(quarters, wavelet), theirs, atol=1e-2)
+    np.testing.assert_allclose(reconstruct(bands, wavelet), theirs, atol=1e-2)
 
 
 @pytest.mark.parametrize("wavelet", ["db8", "sym4", "coif3", "haar"])
@@ -65,7 +70,7 @@ def test_the_inverse_of_an_orthogonal_wavelet_is_its_transpose(wavelet: str) -> 
 def test_quarters_are_views() -> None:
     """Writing a sub-band changes the coefficients that are reconstructed."""
     bands = decompose(_patches(2, 16, 16), "haar")
-    for band in (bands.lh, bands.hl, bands.hh):
+    for band in (bands.quarters[LH], bands.quarters[HL], bands.quarters[HH]):
         band[...] = 0.0
     smooth = reconstruct(bands, "haar")
     np.testing.assert_allclose(smooth[:, ::2, ::2], smooth[:, 1::2, 1::2], atol=1e-3)

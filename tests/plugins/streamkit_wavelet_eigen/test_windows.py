@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_wavelet_eigen.windows import Windows, box_places, cut_windows
+from streamkit_wavelet_eigen.windows import Windows, cut_windows, rotated_boxes
 
 
 def _cut(
@@ -12,7 +12,7 @@ def _cut(
 ) -> Windows:
     x0, y0, x1, y1 = box
     centre = np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])
-    return cut_windows(image, box_places(centre, np.array([box])), patch, margin)
+    return cut_windows(image, rotated_boxes(centre, np.array([box])), patch, margin)
 
 
 def _ramp(height: int = 60, width: int = 80) -> np.ndarray:
@@ -81,7 +81,7 @@ def test_flags() -> None:
     image[:, 40:] = np.random.default_rng(2).integers(0, 256, (60, 40), np.uint8)
     boxes = np.array([[5.0, 5, 25, 25], [50, 20, 70, 40], [60, 30, 63, 34]])
     centres = (boxes[:, :2] + boxes[:, 2:]) / 2
-    result = cut_windows(image, box_places(centres, boxes), 16)
+    result = cut_windows(image, rotated_boxes(centres, boxes), 16)
     assert result.flat.tolist() == [True, False, False]
     assert result.tiny.tolist() == [False, False, True]
 

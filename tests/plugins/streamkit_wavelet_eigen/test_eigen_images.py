@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from streamkit_wavelet_eigen.eigen_images import eigen_images, image_grid
 from streamkit_wavelet_eigen.learner import learn_space
-from streamkit_wavelet_eigen.pictures import eigen_images, side_by_side
 from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
 from streamkit_wavelet_eigen.recipe import Basis, Recipe
 
@@ -39,7 +39,7 @@ def test_a_space_without_directions_shows_its_mean() -> None:
 
 def test_pictures_stand_side_by_side() -> None:
     """Row by row with white between and at the end."""
-    sheet = side_by_side(np.zeros((3, 4, 5), np.uint8), columns=2)
+    sheet = image_grid(np.zeros((3, 4, 5), np.uint8), columns=2)
     assert sheet.shape == (10, 12)
     assert (sheet[:4, :5] == 0).all()
     assert (sheet[:4, 5:7] == 255).all()
