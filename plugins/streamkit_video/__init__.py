@@ -1,4 +1,4 @@
-"""Raw video: test sources with truth, conversion, scaling and drawing of tracks."""
+"""Raw video: test sources with ground truth, conversion, scaling, and drawing of tracks."""
 
 from streamkit_video.dronetestsrc.truth import TrueRegistration, TrueTargets
 

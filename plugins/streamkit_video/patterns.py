@@ -1,4 +1,4 @@
-"""Test pictures."""
+"""Test images."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_video.numbered import Numbered
+from streamkit import Choice
 
 ByteArray = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
 
-class Pattern(Numbered):
-    """What a test picture shows: GStreamer's words, numbers and labels."""
+class Pattern(Choice):
+    """Content of a test image: GStreamer's words, numbers and labels."""
 
     SMPTE = "smpte", 0, "SMPTE 100% color bars"
     SNOW = "snow", 1, "Random (television snow)"
@@ -46,7 +46,7 @@ MOVING = (Pattern.BALL, Pattern.SNOW, Pattern.BLINK)
 CHECKER_SIDES = {
     Pattern.CHECKERS_1: 1, Pattern.CHECKERS_2: 2, Pattern.CHECKERS_4: 4, Pattern.CHECKERS_8: 8,
 }  # fmt: skip
-PLAIN = {
+SOLID_COLOURS = {
     Pattern.BLACK: (0, 0, 0), Pattern.WHITE: (255, 255, 255), Pattern.RED: (0, 0, 255),
     Pattern.GREEN: (0, 255, 0), Pattern.BLUE: (255, 0, 0),
 }  # fmt: skip
@@ -55,11 +55,11 @@ BAR_PX = 7
 BARS = ((191, 191, 191), (0, 191, 191), (191, 191, 0), (0, 191, 0), (191, 0, 191), (0, 0, 191), (191, 0, 0))
 """White, yellow, cyan, green, magenta, red, blue at 75 %, BGR."""
 BLACK, WHITE = (19, 19, 19), (191, 191, 191)
-REVERSED_BARS = ((191, 0, 0), BLACK, (191, 0, 191), BLACK, (191, 191, 0), BLACK, WHITE)
-FOOT = ((76, 33, 0), (255, 255, 255), (106, 0, 50), (19, 19, 19), (9, 9, 9), (29, 29, 29), (19, 19, 19))
-"""-I, white, +Q, black, and the pluge: blacker than black, black, brighter than black; BGR."""
+REVERSE_BARS = ((191, 0, 0), BLACK, (191, 0, 191), BLACK, (191, 191, 0), BLACK, WHITE)
+PLUGE_BARS = ((76, 33, 0), (255, 255, 255), (106, 0, 50), (19, 19, 19), (9, 9, 9), (29, 29, 29), (19, 19, 19))
+"""-I, white, +Q, black, and the pluge (below black, black, above black); BGR."""
 BALL_PERIODS = (200.0, 180.0)
-"""Frames of one swing of the ball across and down."""
+"""Periods of the ball across and down, frames."""
 
 
 def paint(
@@ -68,16 +68,16 @@ def paint(
     height: int,
     index: int,
     seed: int,
-    colours: tuple[Colour, Colour] = (PLAIN[Pattern.WHITE], PLAIN[Pattern.BLACK]),
+    colours: tuple[Colour, Colour] = (SOLID_COLOURS[Pattern.WHITE], SOLID_COLOURS[Pattern.BLACK]),
 ) -> ByteArray:
-    """Paints a test picture: the same arguments, the same picture.
+    """Paints a test image; the same arguments give the same image.
 
     Args:
-        pattern: what to show.
+        pattern: content.
         width: px.
         height: px.
-        index: number of the frame; only the patterns in `MOVING` depend on it.
-        seed: of the snow.
+        index: frame number; only the patterns in `MOVING` depend on it.
+        seed: of snow.
         colours: foreground and background, BGR, of ball, blink, bar and solid-color.
 
     Returns:
@@ -86,8 +86,8 @@ def paint(
     front, back = colours
     if pattern in CHECKER_SIDES:
         return _grey(_checkers(width, height, CHECKER_SIDES[pattern]))
-    if pattern in PLAIN:
-        return _plain(width, height, PLAIN[pattern])
+    if pattern in SOLID_COLOURS:
+        return _solid(width, height, SOLID_COLOURS[pattern])
     if pattern in (Pattern.SMPTE, Pattern.SMPTE100, Pattern.SMPTE75):
         return _bars(width, height)
     if pattern is Pattern.BALL:
@@ -95,18 +95,18 @@ def paint(
     if pattern is Pattern.SNOW:
         return _grey(np.random.default_rng((seed, index)).integers(0, 256, (height, width), dtype=np.uint8))
     if pattern is Pattern.BLINK:
-        return _plain(width, height, back if index % 2 else front)
+        return _solid(width, height, back if index % 2 else front)
     if pattern is Pattern.BAR:
-        picture = _plain(width, height, back)
-        picture[:, :BAR_PX] = front
-        return picture
+        image = _solid(width, height, back)
+        image[:, :BAR_PX] = front
+        return image
     if pattern is Pattern.SOLID_COLOR:
-        return _plain(width, height, front)
+        return _solid(width, height, front)
     if pattern is Pattern.COLORS:
         return _colours(width, height)
     if pattern is Pattern.GRADIENT:
         return _grey(np.broadcast_to(np.linspace(255.0, 0.0, height)[:, None], (height, width)))
-    return _grey(_round_pattern(pattern, width, height))
+    return _grey(_radial_pattern(pattern, width, height))
 
 
 def _grey(values: NDArray[Any]) -> ByteArray:
@@ -114,7 +114,7 @@ def _grey(values: NDArray[Any]) -> ByteArray:
     return np.repeat(plane[:, :, None], 3, axis=2)
 
 
-def _plain(width: int, height: int, colour: Colour) -> ByteArray:
+def _solid(width: int, height: int, colour: Colour) -> ByteArray:
     return np.full((height, width, 3), colour, np.uint8)
 
 
@@ -125,17 +125,17 @@ def _checkers(width: int, height: int, side: int) -> NDArray[Any]:
 
 
 def _colours(width: int, height: int) -> ByteArray:
-    """Every colour there is room for: red across, green down, blue in squares."""
+    """A colour chart: red across, green down, blue in squares."""
     across, down = np.arange(width), np.arange(height)[:, None]
-    picture = np.empty((height, width, 3), np.uint8)
-    picture[:, :, 2] = across * 255 // max(1, width - 1)
-    picture[:, :, 1] = down * 255 // max(1, height - 1)
-    picture[:, :, 0] = (across // 16 + down // 16) * 32 % 256
-    return picture
+    image = np.empty((height, width, 3), np.uint8)
+    image[:, :, 2] = across * 255 // max(1, width - 1)
+    image[:, :, 1] = down * 255 // max(1, height - 1)
+    image[:, :, 0] = (across // 16 + down // 16) * 32 % 256
+    return image
 
 
-def _round_pattern(pattern: Pattern, width: int, height: int) -> NDArray[Any]:
-    """Patterns around the middle: rings, a zone plate, a pinwheel, spokes."""
+def _radial_pattern(pattern: Pattern, width: int, height: int) -> NDArray[Any]:
+    """Patterns around the centre: rings, zone plate, pinwheel, spokes."""
     x, y = np.arange(width) - (width - 1) / 2, np.arange(height)[:, None] - (height - 1) / 2
     radius, angle = np.hypot(x, y), np.arctan2(y, x)
     if pattern is Pattern.CIRCULAR:
@@ -149,20 +149,20 @@ def _round_pattern(pattern: Pattern, width: int, height: int) -> NDArray[Any]:
 
 def _bars(width: int, height: int) -> ByteArray:
     """Colour bars in three bands of 8, 1 and 3 twelfths of the height, after SMPTE EG 1."""
-    picture = np.empty((height, width, 3), np.uint8)
-    bands = ((0, height * 8 // 12, BARS), (height * 8 // 12, height * 9 // 12, REVERSED_BARS))
-    for top, bottom, colours in (*bands, (height * 9 // 12, height, FOOT)):
+    image = np.empty((height, width, 3), np.uint8)
+    bands = ((0, height * 8 // 12, BARS), (height * 8 // 12, height * 9 // 12, REVERSE_BARS))
+    for top, bottom, colours in (*bands, (height * 9 // 12, height, PLUGE_BARS)):
         stripes = np.arange(width) * len(colours) // width
-        picture[top:bottom] = np.array(colours, np.uint8)[stripes]
-    return picture
+        image[top:bottom] = np.array(colours, np.uint8)[stripes]
+    return image
 
 
 def _ball(width: int, height: int, index: int, front: Colour, back: Colour) -> ByteArray:
-    """A ball that swings through the picture."""
-    picture = _plain(width, height, back)
+    """A ball that oscillates through the image."""
+    image = _solid(width, height, back)
     radius = max(1, min(20, width // 4, height // 4))
-    swings = np.sin(2.0 * np.pi * index / np.array(BALL_PERIODS))
-    room = np.array([width, height]) / 2.0 - radius
-    x, y = np.array([width - 1, height - 1]) / 2.0 + swings * np.maximum(room, 0.0)
+    offsets = np.sin(2.0 * np.pi * index / np.array(BALL_PERIODS))
+    travel = np.array([width, height]) / 2.0 - radius
+    x, y = np.array([width - 1, height - 1]) / 2.0 + offsets * np.maximum(travel, 0.0)
     centre = (round(float(x) * 16), round(float(y) * 16))
-    return np.asarray(cv2.circle(picture, centre, radius * 16, front, -1, cv2.LINE_AA, 4), np.uint8)
+    return np.asarray(cv2.circle(image, centre, radius * 16, front, -1, cv2.LINE_AA, 4), np.uint8)

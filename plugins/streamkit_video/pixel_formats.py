@@ -1,9 +1,9 @@
 """Raw pixel formats: their array layouts and conversion between them.
 
 All arrays are uint8. GRAY8 is [h, w]; BGR and RGB [h, w, 3]; BGRA and RGBA [h, w, 4]; I420 and NV12
-[h * 3 // 2, w] with the luma plane on top. Luma of I420 and NV12 is limited range (16 to 235) BT.601 where it
-is made from colour here, and colour is made from it that way. GRAY8 is brightness as it stands: the luma
-plane as the decoder gave it, limited range or not, and 0 to 255 where it is made from colour.
+[h * 3 // 2, w] with the luma plane on top. Conversion between colour and I420 or NV12 assumes limited range
+(16 to 235) BT.601. GRAY8 is the luma plane unchanged, limited range or not, and 0 to 255 when made from
+colour.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ FORMATS = ("I420", "NV12", "BGR", "RGB", "BGRA", "RGBA", "GRAY8")
 NEUTRAL_CHROMA = 128
 
 
-def size_allows(pixel_format: str, width: int, height: int) -> bool:
-    """Whether pictures of this size exist in a format: I420 and NV12 need an even width and height."""
+def supports_size(pixel_format: str, width: int, height: int) -> bool:
+    """Whether a format allows this frame size: I420 and NV12 need an even width and height."""
     return pixel_format not in PLANAR or (width % 2 == 0 and height % 2 == 0)
 
 
 def by_preference(pixel_format: str) -> tuple[str, ...]:
     """All formats, the best to convert to or from `pixel_format` first.
 
-    First the format itself, then those of its kind (planar or packed), which cost least, then the others.
-    GRAY8 is of the planar kind, yet comes last where it would lose the colours.
+    The format itself, then those of its kind (planar or packed), which cost least, then the others. GRAY8 is
+    of the planar kind, but comes last where it would lose the colours.
     """
     kind = PLANAR if pixel_format in (*PLANAR, "GRAY8") else ("BGR", "RGB", "BGRA", "RGBA")
     ranks = {name: (name != pixel_format, name == "GRAY8", name not in kind) for name in FORMATS}
@@ -36,16 +36,16 @@ def by_preference(pixel_format: str) -> tuple[str, ...]:
 
 
 def convert(data: ByteArray, source: str, target: str) -> ByteArray:
-    """Converts a picture to another format.
+    """Converts a frame to another format.
 
     Args:
-        data: uint8, laid out as `source`; not written to.
+        data: uint8, laid out as `source`.
         source: format of `data`.
         target: format wanted.
 
     Returns:
-        uint8, laid out as `target`: `data` itself for the same format, a view without copy for the luma of
-        I420 or NV12, else a new array.
+        uint8, laid out as `target`: `data` itself for the same format, a view for the luma of I420 or NV12,
+        else a new array.
 
     Raises:
         ValueError: I420 or NV12 of an odd size, or a format that is none of `FORMATS`.
@@ -55,24 +55,24 @@ def convert(data: ByteArray, source: str, target: str) -> ByteArray:
             raise ValueError(f"raw pixel format must be one of {', '.join(FORMATS)}, got {name!r}")
     if source == target:
         return data
-    height = picture_height(data, source)
-    if not (size_allows(source, data.shape[1], height) and size_allows(target, data.shape[1], height)):
-        raise ValueError(odd_size(source if source in PLANAR else target, data.shape[1], height))
+    height, width = image_height(data, source), data.shape[1]
+    if not (supports_size(source, width, height) and supports_size(target, width, height)):
+        raise ValueError(odd_size_error(source if source in PLANAR else target, width, height))
     if source in PLANAR:
         return _from_planar(data, source, target, height)
     if target in PLANAR:
         return _to_planar(data, source, target)
-    return _coded(data, f"{_opencv_name(source)}2{_opencv_name(target)}")
+    return _cvt_color(data, f"{_opencv_name(source)}2{_opencv_name(target)}")
 
 
-def picture_height(data: ByteArray, pixel_format: str) -> int:
-    """The height in px of a picture laid out as `pixel_format`, which has more rows where it is planar."""
+def image_height(data: ByteArray, pixel_format: str) -> int:
+    """The height in px of a frame laid out as `pixel_format`; planar arrays have more rows."""
     rows = int(data.shape[0])
     return (rows * 2 + 1) // 3 if pixel_format in PLANAR else rows
 
 
-def odd_size(pixel_format: str, width: int, height: int) -> str:
-    """The text of the error for a planar format of an odd size."""
+def odd_size_error(pixel_format: str, width: int, height: int) -> str:
+    """The error text for a planar format of an odd size."""
     return (
         f"{pixel_format} needs an even width and height, got {width}x{height}: "
         "use a packed format or GRAY8, or scale to an even size"
@@ -83,7 +83,7 @@ def _from_planar(data: ByteArray, source: str, target: str, height: int) -> Byte
     if target == "GRAY8":
         return data[:height]
     if target not in PLANAR:
-        return _coded(data, f"YUV2{target}_{source}")
+        return _cvt_color(data, f"YUV2{target}_{source}")
     converted = data.copy()
     chroma, changed = data[height:].reshape(-1), converted[height:].reshape(-1)
     if target == "NV12":
@@ -99,11 +99,11 @@ def _to_planar(data: ByteArray, source: str, target: str) -> ByteArray:
         planar = np.full((height * 3 // 2, width), NEUTRAL_CHROMA, np.uint8)
         planar[:height] = data
         return planar
-    planar = _coded(data, f"{source}2YUV_I420")
+    planar = _cvt_color(data, f"{source}2YUV_I420")
     return planar if target == "I420" else _from_planar(planar, "I420", target, data.shape[0])
 
 
-def _coded(data: ByteArray, code: str) -> ByteArray:
+def _cvt_color(data: ByteArray, code: str) -> ByteArray:
     return np.asarray(cv2.cvtColor(data, getattr(cv2, f"COLOR_{code}")), np.uint8)
 
 

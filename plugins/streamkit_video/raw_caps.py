@@ -1,13 +1,13 @@
-"""Choosing among caps of raw video."""
+"""Selection among caps of raw video."""
 
 from __future__ import annotations
 
 from streamkit import Caps, NotNegotiated, ValueList
-from streamkit_video.pixel_formats import odd_size, size_allows
+from streamkit_video.pixel_formats import odd_size_error, supports_size
 
 
 def formats_in(caps: Caps) -> list[str]:
-    """The formats that caps name, in their order."""
+    """The pixel formats of caps, in their order."""
     found: list[str] = []
     for structure in caps.structures:
         value = structure.fields.get("format")
@@ -17,13 +17,13 @@ def formats_in(caps: Caps) -> list[str]:
 
 
 def choose_format(allowed: Caps, wanted: tuple[str, ...], near: Caps, element: str) -> Caps:
-    """Fixed caps out of `allowed`, of the first format wanted that its size allows.
+    """Fixed caps out of `allowed`, of the first wanted format that its size allows.
 
     Args:
         allowed: raw video caps.
         wanted: formats in order of preference.
-        near: what the other fields should be near to.
-        element: who chooses, for the error.
+        near: preferred values of the other fields.
+        element: name for the error.
 
     Raises:
         NotNegotiated: only I420 or NV12 of an odd size is left.
@@ -34,7 +34,7 @@ def choose_format(allowed: Caps, wanted: tuple[str, ...], near: Caps, element: s
         if caps.is_empty:
             continue
         size = (caps.integer("width"), caps.integer("height"))
-        if size_allows(name, *size):
+        if supports_size(name, *size):
             return caps
-        refused = refused or odd_size(name, *size)
+        refused = refused or odd_size_error(name, *size)
     raise NotNegotiated(f"{element}: {refused or f'caps {allowed} name no format of raw video it knows'}")

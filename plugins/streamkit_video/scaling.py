@@ -1,4 +1,4 @@
-"""Scaling of raw pictures, and the homography that goes with it."""
+"""Scaling of raw frames, and the homography that describes it."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_video.numbered import Numbered
-from streamkit_video.pixel_formats import PLANAR, odd_size, picture_height, size_allows
+from streamkit import Choice
+from streamkit_video.pixel_formats import PLANAR, image_height, odd_size_error, supports_size
 
 ByteArray = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
 Size = tuple[int, int]
 
 
-class ScaleMethod(Numbered):
-    """How pixels between pixels are found: GStreamer's words and numbers, as far as OpenCV has the filter."""
+class ScaleMethod(Choice):
+    """Interpolation: GStreamer's words and numbers, where OpenCV has the filter."""
 
     NEAREST = "nearest-neighbour", 0, "Nearest Neighbour"
     LINEAR = "bilinear", 1, "Bilinear (2-tap)"
@@ -25,21 +25,21 @@ class ScaleMethod(Numbered):
 
 
 INTERPOLATIONS = {
-    # Plain INTER_NEAREST takes pixels half a pixel off for shrinking; the exact one agrees with the others.
+    # Plain INTER_NEAREST is half a pixel off when shrinking; the exact one agrees with the others.
     ScaleMethod.NEAREST: cv2.INTER_NEAREST_EXACT,
     ScaleMethod.LINEAR: cv2.INTER_LINEAR,
     ScaleMethod.CUBIC: cv2.INTER_CUBIC,
     ScaleMethod.LANCZOS: cv2.INTER_LANCZOS4,
-    # Averages over every pixel that falls into the new one, as GStreamer's multi-tap filter does.
+    # Averages all pixels that fall into the new one, as GStreamer's multi-tap filter does.
     ScaleMethod.AREA: cv2.INTER_AREA,
 }
 
 
-def scale_picture(data: ByteArray, pixel_format: str, size: Size, method: ScaleMethod) -> ByteArray:
-    """Scales a picture.
+def scale_image(data: ByteArray, pixel_format: str, size: Size, method: ScaleMethod) -> ByteArray:
+    """Scales a frame.
 
     Args:
-        data: uint8, laid out as `pixel_format`; not written to.
+        data: uint8, laid out as `pixel_format`.
         pixel_format: one of `pixel_formats.FORMATS`.
         size: width, height wanted, px.
         method: interpolation.
@@ -54,10 +54,10 @@ def scale_picture(data: ByteArray, pixel_format: str, size: Size, method: ScaleM
     interpolation = INTERPOLATIONS[method]
     if pixel_format not in PLANAR:
         return np.asarray(cv2.resize(data, size, interpolation=interpolation), np.uint8)
-    rows, columns = picture_height(data, pixel_format), data.shape[1]
-    for odd in ((columns, rows), size):
-        if not size_allows(pixel_format, *odd):
-            raise ValueError(odd_size(pixel_format, *odd))
+    rows, columns = image_height(data, pixel_format), data.shape[1]
+    for either in ((columns, rows), size):
+        if not supports_size(pixel_format, *either):
+            raise ValueError(odd_size_error(pixel_format, *either))
     planes = (2, rows // 2, columns // 2) if pixel_format == "I420" else (1, rows // 2, columns // 2, 2)
     scaled = np.empty((height * 3 // 2, width), np.uint8)
     scaled[:height] = cv2.resize(data[:rows], size, interpolation=interpolation)
@@ -70,6 +70,6 @@ def scale_picture(data: ByteArray, pixel_format: str, size: Size, method: ScaleM
 
 
 def scaling_homography(before: Size, after: Size) -> FloatArray:
-    """float64[3, 3]: pixels of a picture to pixels of the scaled one, so that their borders coincide."""
+    """float64[3, 3]: maps pixels to pixels of the scaled frame, so that the frame borders coincide."""
     across, down = after[0] / before[0], after[1] / before[1]
     return np.array([[across, 0.0, (across - 1.0) / 2.0], [0.0, down, (down - 1.0) / 2.0], [0.0, 0.0, 1.0]])

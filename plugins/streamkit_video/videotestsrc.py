@@ -1,4 +1,4 @@
-"""videotestsrc: test pictures."""
+"""videotestsrc: generates test images."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from fractions import Fraction
 
 import numpy as np
+from typing_extensions import override
 
 from streamkit import Caps, Frame, Property, Source
 from streamkit_video.patterns import MOVING, Pattern, paint
@@ -14,11 +15,11 @@ from streamkit_video.pixel_formats import FORMATS, convert
 from streamkit_video.raw_caps import choose_format, formats_in
 
 PREFERRED = Caps("video/x-raw, width=320, height=240, framerate=30/1")
-PACE_OF_VARIABLE_RATE = Fraction(30)
+RATE_WITHOUT_FRAMERATE = Fraction(30)
 
 
 class VideoTestSrc(Source):
-    """Test pictures in any raw format; the same properties and caps give the same frames.
+    """Generates test images in any raw format; the same properties and caps give the same frames.
 
     Example:
         videotestsrc num-buffers=5 pattern=ball ! fakesink
@@ -30,37 +31,38 @@ class VideoTestSrc(Source):
     )
 
     num_buffers: int = Property(-1, min=-1, max=2**31 - 1, doc="Frames before EOS; -1 is endless.")
-    pattern: Pattern = Property(Pattern.SMPTE, doc="What the pictures show.")
+    pattern: Pattern = Property(Pattern.SMPTE, doc="Content of the frames.")
     foreground_color: int = Property(
-        0xFFFFFFFF, min=0, max=2**32 - 1, unit="ARGB", doc="Of ball, blink, bar and solid-color."
+        0xFFFFFFFF, min=0, max=2**32 - 1, unit="ARGB", doc="Colour of ball, blink, bar and solid-color."
     )
     background_color: int = Property(
-        0xFF000000, min=0, max=2**32 - 1, unit="ARGB", doc="Behind the ball and the bar, and between blinks."
+        0xFF000000, min=0, max=2**32 - 1, unit="ARGB", doc="Colour behind ball and bar, and between blinks."
     )
     horizontal_speed: int = Property(
-        0, min=-(2**31), max=2**31 - 1, unit="px/frame", doc="How fast the picture rolls to the left."
+        0, min=-(2**31), max=2**31 - 1, unit="px/frame", doc="Speed of scrolling to the left."
     )
     timestamp_offset: int = Property(0, min=0, max=2874452364, unit="ns", doc="Added to every timestamp.")
-    seed: int = Property(0, min=0, doc="Another seed is other snow.")
-    is_live: bool = Property(False, doc="Pace the frames in real time, as a camera would.")
+    seed: int = Property(0, min=0, doc="Seed of snow.")
+    is_live: bool = Property(False, doc="Pace the frames in real time, as a camera does.")
 
+    @override
     def negotiate(self, allowed: Caps) -> Caps:
-        """320x240 at 30 frames a second, or what is nearest to it."""
+        """The nearest to 320x240 at 30 frames a second."""
         return choose_format(allowed, tuple(formats_in(allowed)), PREFERRED, self.name)
 
+    @override
     def duration_ns(self) -> int | None:
-        """The length of `num-buffers` frames, where the rate is known."""
         rate = self.src_caps.get("framerate")
         if self.num_buffers < 0 or not isinstance(rate, Fraction) or rate <= 0:
             return None
         return int(self.num_buffers * 1_000_000_000 / rate)
 
+    @override
     def frames(self) -> Iterator[Frame]:
-        """Paints frame after frame; a picture that does not change is painted once."""
         began_ns, start_ns, left = self.clock_ns(), 0, self.num_buffers
         while left:
             count = 0
-            for frame in self._run(self.src_caps, start_ns, began_ns):
+            for frame in self._frames_of(self.src_caps, start_ns, began_ns):
                 yield frame
                 count += 1
                 start_ns = (frame.pts or 0) + (frame.duration or 0) - self.timestamp_offset
@@ -70,27 +72,27 @@ class VideoTestSrc(Source):
                 return
             left -= count if left > 0 else 0
 
-    def _run(self, caps: Caps, start_ns: int, began_ns: int) -> Iterator[Frame]:
-        """Frames of one format, without end; ends early only where the pipeline stops."""
+    def _frames_of(self, caps: Caps, start_ns: int, began_ns: int) -> Iterator[Frame]:
+        """Endless frames of one format; ends only when the pipeline stops. A static image is painted once."""
         rate = caps["framerate"]
-        pace = rate if isinstance(rate, Fraction) and rate > 0 else PACE_OF_VARIABLE_RATE
+        pace = rate if isinstance(rate, Fraction) and rate > 0 else RATE_WITHOUT_FRAMERATE
         is_moving = self.pattern in MOVING or self.horizontal_speed != 0
-        still = None if is_moving else self._picture(caps, 0)
+        static = None if is_moving else self._paint(caps, 0)
         first = round(start_ns * pace / 1_000_000_000)
         for count in itertools.count():
             pts, end = (start_ns + int(number * 1_000_000_000 / pace) for number in (count, count + 1))
             if self.is_live and not self.clock.wait_until(began_ns + pts, self.over):
                 return
-            picture = still or self._picture(caps, first + count)
-            yield picture.replace(pts=pts + self.timestamp_offset, duration=end - pts)
+            frame = static or self._paint(caps, first + count)
+            yield frame.replace(pts=pts + self.timestamp_offset, duration=end - pts)
 
-    def _picture(self, caps: Caps, index: int) -> Frame:
+    def _paint(self, caps: Caps, index: int) -> Frame:
         size = caps.integer("width"), caps.integer("height")
         colours = _bgr(self.foreground_color), _bgr(self.background_color)
-        picture = paint(self.pattern, *size, index, self.seed, colours)
+        image = paint(self.pattern, *size, index, self.seed, colours)
         if self.horizontal_speed:
-            picture = np.roll(picture, -index * self.horizontal_speed, axis=1)
-        return Frame(convert(picture, "BGR", str(caps["format"])), caps)
+            image = np.roll(image, -index * self.horizontal_speed, axis=1)
+        return Frame(convert(image, "BGR", str(caps["format"])), caps)
 
 
 def _bgr(argb: int) -> tuple[int, int, int]:

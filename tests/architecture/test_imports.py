@@ -54,7 +54,6 @@ GLUE = {
     "streamkit_tracker.explanation.reading",
     "streamkit_tracker.frame_link",
     "streamkit_video.raw_caps",
-    "streamkit_video.scaled_metadata",
     "streamkit_wavelet_eigen.experiments.command",
     "streamkit_wavelet_eigen.experiments.run",
     "streamkit_wavelet_eigen.experiments.tracking",
@@ -73,7 +72,7 @@ GLUE = {
     "streamkit_zenoh.wire.schemas.write",
 }
 # Public names that work on plain text and know nothing of the engine.
-PLAIN_NAMES = {("streamkit", "mask_secrets")}
+PLAIN_NAMES = {("streamkit", "Choice"), ("streamkit", "mask_secrets")}
 # What plugins share that needs nothing of the engine.
 LIBRARIES = {"streamkit_kernels"}
 PLUGIN_NAMES = {path.name for path in PLUGINS.iterdir() if (path / "__init__.py").exists()}

@@ -1,1 +1,1 @@
-"""A drone's video with exact truth: a camera flies over an aerial photograph, cars drive below it."""
+"""dronetestsrc: aerial video of moving cars with exact ground truth."""

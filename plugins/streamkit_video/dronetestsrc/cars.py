@@ -1,4 +1,4 @@
-"""Cars that drive smooth curves below the camera."""
+"""Simulated traffic: cars that drive smooth curves in view of the camera."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ TURNING_RADIUS = 45.0
 ACCELERATION = 0.08
 STEERING_LAG = 0.15
 INSET = 0.12
-"""Cars aim at places this share of the frame away from its border."""
+"""Goals keep this share of the frame away from its border."""
 LOOK_AHEAD = 25
-"""Cars know where the camera is this many frames later, or else the slow ones are left behind."""
+"""Goals are placed in the view of so many frames later: otherwise slow cars are left behind."""
 ARRIVED = 60.0
-PATIENCE = 260
-"""A car that circles around its goal takes another one after this many frames."""
-FORESIGHT = 40.0
-"""Cars look this many frames ahead for others in their way."""
+GOAL_TIMEOUT = 260
+"""A car that circles around its goal gets another one after this many frames."""
+HORIZON = 40.0
+"""Cars avoid collisions within this many frames."""
 CLEARANCE = 40.0
 TOO_NEAR = 32.0
 HEAD_ON = 8.0
@@ -34,12 +34,12 @@ START_DISTANCE = 70.0
 
 @dataclass(slots=True, eq=False)
 class Traffic:
-    """The cars at one moment; `step` moves them on by one frame.
+    """The state of all cars; `step` advances it by one frame.
 
     Lengths are in ground px; the constants of this module are frame px at the camera's mean altitude.
 
     Attributes:
-        positions: float64[n, 2], middles of the bodies.
+        positions: float64[n, 2], centres of the bodies.
         headings: float64[n], rad from +x towards +y.
         speeds: float64[n], ground px per frame.
         lengths: float64[n].
@@ -64,18 +64,14 @@ class Traffic:
         return len(self.headings)
 
     def step(self, ground_from_frame: FloatArray) -> None:
-        """Moves every car on by one frame.
-
-        Args:
-            ground_from_frame: float64[3, 3], where the camera is `LOOK_AHEAD` frames later.
-        """
+        """Advances by one frame, given the camera's float64[3, 3] homography `LOOK_AHEAD` frames later."""
         if not len(self):
             return
         self._choose_goals(ground_from_frame)
         outside = ~_inside(self._in_frame(ground_from_frame, self.positions), self.frame_size, 0.0)
         to_goal = self.goals - self.positions
         turns = _wrapped(np.arctan2(to_goal[:, 1], to_goal[:, 0]) - self.headings)
-        evasion, braking = self._keep_apart()
+        evasion, braking = self._avoid_collisions()
         tightest = 1.0 / (TURNING_RADIUS * self.scale)
         wanted = np.clip(turns / (ARRIVED * self.scale) + evasion * tightest, -tightest, tightest)
         self.curvatures += STEERING_LAG * (wanted - self.curvatures)
@@ -93,20 +89,22 @@ class Traffic:
         return np.asarray(cv2.perspectiveTransform(points[None], frame_from_ground)[0], dtype=np.float64)
 
     def _choose_goals(self, ground_from_frame: FloatArray) -> None:
-        """Gives a new goal to cars that arrived, lost patience or whose goal left the view."""
+        """Gives a new goal to cars that arrived, timed out or whose goal left the view."""
         self.ages += 1
         near = np.hypot(*(self.goals - self.positions).T) < ARRIVED * self.scale
         seen = _inside(self._in_frame(ground_from_frame, self.goals), self.frame_size, INSET)
-        due = near | ~seen | (self.ages > PATIENCE)
+        due = near | ~seen | (self.ages > GOAL_TIMEOUT)
         if due.any():
-            self.goals[due] = _places(self.random, int(due.sum()), self.frame_size, ground_from_frame)
+            self.goals[due] = _random_positions(
+                self.random, int(due.sum()), self.frame_size, ground_from_frame
+            )
             self.ages[due] = 0
 
-    def _keep_apart(self) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Steers away from cars that would come too close (-1 left, 1 right), and says which cars brake.
+    def _avoid_collisions(self) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Steering away from cars that would come too close (-1 left, 1 right), and which cars brake.
 
-        Each pair is carried on along its present motion to the moment when it is closest. The car that has
-        the other on its right gives way, so that two cars never wait for each other; head-on both turn right.
+        Each pair is extrapolated with constant velocity to its closest approach. The car with the other on
+        its right gives way, so that two cars never wait for each other; head-on both turn right.
         """
         directions = np.stack([np.cos(self.headings), np.sin(self.headings)], axis=1)
         velocities = self.speeds[:, None] * directions
@@ -114,39 +112,39 @@ class Traffic:
         approach = (velocities[None, :] - velocities[:, None]) / self.scale
         closing = -np.einsum("ijk,ijk->ij", apart, approach)
         moments = closing / np.maximum(np.einsum("ijk,ijk->ij", approach, approach), 1e-3)
-        missed = apart + approach * moments.clip(0.0, FORESIGHT)[..., None]
-        beside = (np.hypot(apart[..., 0], apart[..., 1]) < TOO_NEAR) & ~np.eye(len(self), dtype=bool)
-        danger = beside | (closing > 0.0) & (moments < FORESIGHT) & (
-            np.hypot(missed[..., 0], missed[..., 1]) < CLEARANCE
+        closest = apart + approach * moments.clip(0.0, HORIZON)[..., None]
+        is_near = (np.hypot(apart[..., 0], apart[..., 1]) < TOO_NEAR) & ~np.eye(len(self), dtype=bool)
+        danger = is_near | (closing > 0.0) & (moments < HORIZON) & (
+            np.hypot(closest[..., 0], closest[..., 1]) < CLEARANCE
         )
         side_now, side_then = (
             directions[:, None, 0] * gap[..., 1] - directions[:, None, 1] * gap[..., 0]
-            for gap in (apart, missed)
+            for gap in (apart, closest)
         )
         ahead = np.einsum("ijk,ik->ij", apart, directions) > 0.0
-        away = np.where(np.where(beside, side_now, side_then) > np.where(beside, 0.0, HEAD_ON), -1.0, 1.0)
-        urgency = 1.0 - moments.clip(0.0, FORESIGHT) / FORESIGHT
+        away = np.where(np.where(is_near, side_now, side_then) > np.where(is_near, 0.0, HEAD_ON), -1.0, 1.0)
+        urgency = 1.0 - moments.clip(0.0, HORIZON) / HORIZON
         evasion = (danger * away * (0.5 + urgency)).sum(axis=1)
-        braking = (danger & ahead & (beside | (side_now > -HEAD_ON))).any(axis=1)
+        braking = (danger & ahead & (is_near | (side_now > -HEAD_ON))).any(axis=1)
         return EVASION * np.clip(evasion, -1.0, 1.0), braking
 
 
 def start_traffic(
     count: int, frame_size: tuple[int, int], ground_from_frame: FloatArray, scale: float, seed: int
 ) -> Traffic:
-    """Cars spread over the first frame, heading anywhere.
+    """Cars spread over the first frame, with random headings.
 
     Args:
         count: number of cars.
         frame_size: width, height, px.
         ground_from_frame: float64[3, 3], the first frame's homography to the ground.
         scale: ground px per frame px at mean altitude.
-        seed: of places, sizes, speeds and goals.
+        seed: of positions, sizes, speeds and goals.
     """
     random = np.random.default_rng((seed, 2))
     positions = np.empty((0, 2))
     for _ in range(count):
-        tries = _places(random, 30, frame_size, ground_from_frame)
+        tries = _random_positions(random, 30, frame_size, ground_from_frame)
         gaps = (
             np.hypot(*(tries[:, None] - positions[None]).transpose(2, 0, 1))
             if len(positions)
@@ -166,15 +164,15 @@ def start_traffic(
         random=random,
         cruising=speeds,
         curvatures=np.zeros(count),
-        goals=_places(random, count, frame_size, ground_from_frame),
+        goals=_random_positions(random, count, frame_size, ground_from_frame),
         ages=np.zeros(count, dtype=np.int64),
     )
 
 
-def _places(
+def _random_positions(
     random: np.random.Generator, count: int, frame_size: tuple[int, int], ground_from_frame: FloatArray
 ) -> FloatArray:
-    """float64[count, 2] places on the ground, evenly over the inner part of the frame."""
+    """float64[count, 2] ground positions, uniform over the inner part of the frame."""
     if count == 0:
         return np.empty((0, 2))
     shares = random.uniform(INSET, 1.0 - INSET, (count, 2))
@@ -188,5 +186,5 @@ def _inside(points: FloatArray, frame_size: tuple[int, int], inset: float) -> ND
 
 
 def _wrapped(angles: FloatArray) -> FloatArray:
-    """Angles in -pi to pi."""
+    """Angles in [-pi, pi)."""
     return np.asarray((angles + np.pi) % (2.0 * np.pi) - np.pi)

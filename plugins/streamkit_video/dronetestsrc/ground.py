@@ -1,4 +1,4 @@
-"""The picture of the ground."""
+"""Reads the ground image."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 
 def load_ground(location: str | None) -> NDArray[np.uint8]:
-    """Reads the picture that the camera flies over.
+    """Reads the image that the camera flies over.
 
     Args:
-        location: path of a picture; None for the aerial photograph shipped with the plugin.
+        location: path of an image; None for the aerial photograph shipped with the plugin.
 
     Returns:
         uint8[h, w, 3], BGR.
 
     Raises:
-        OSError: the file is not there, or is no picture.
+        OSError: the file does not exist or is no image.
     """
     if location is not None:
         return _read(Path(location))
@@ -31,11 +31,11 @@ def load_ground(location: str | None) -> NDArray[np.uint8]:
 def _read(path: Path) -> NDArray[np.uint8]:
     content = np.frombuffer(path.read_bytes(), np.uint8)
     try:
-        picture = cv2.imdecode(content, cv2.IMREAD_COLOR_BGR) if content.size else None
+        image = cv2.imdecode(content, cv2.IMREAD_COLOR_BGR) if content.size else None
     except cv2.error as error:
         raise OSError(
             f"{path}: cannot be read as a picture ({error.err}); give a JPEG or PNG file"
         ) from error
-    if picture is None:
+    if image is None:
         raise OSError(f"{path}: is no picture that OpenCV reads; give a JPEG or PNG file")
-    return np.asarray(picture, np.uint8)
+    return np.asarray(image, np.uint8)

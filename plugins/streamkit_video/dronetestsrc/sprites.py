@@ -1,4 +1,4 @@
-"""Pictures of cars from above, and drawing them into a frame."""
+"""Sprites of cars seen from above, and drawing them into a frame."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ COLOURS = (
     (240, 228, 190),
     (40, 40, 44),
 )
-"""Paint, BGR: none of them as bright as the ground, which is near 115."""
+"""Paint, BGR: all differ from the brightness of the ground, which is near 115."""
 GLASS = (46.0, 38.0, 32.0)
 RESOLUTION = 2.0
 """Sprite px per frame px at mean altitude."""
@@ -35,17 +35,17 @@ BODY_BLUR = 0.7
 SHADOW_BLUR = 1.6
 SHADOW_STRENGTH = 0.5
 SHADOW_OFFSET = (2.2, 3.0)
-"""Where the sun throws the shadow, frame px along the axes of the ground."""
+"""Offset of the shadow, frame px along the ground axes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarSprite:
-    """One car, driving towards +x of its own picture.
+    """One car, heading towards +x of its sprite.
 
     Attributes:
-        body: float32[h, w, channels + 1], colour times coverage, and the coverage, 0 to 1.
-        shadow: float32[h, w], how much light the shadow takes, 0 to 1.
-        local_from_sprite: float64[3, 3], pixels of the pictures to ground px about the middle of the body.
+        body: float32[h, w, channels + 1], premultiplied colour, and alpha, 0 to 1.
+        shadow: float32[h, w], share of light that the shadow absorbs, 0 to 1.
+        local_from_sprite: float64[3, 3], sprite pixels to ground px about the centre of the body.
     """
 
     body: Float32Array
@@ -56,7 +56,7 @@ class CarSprite:
 def paint_car(
     length: float, width: float, colour: tuple[int, int, int], scale: float, channels: int
 ) -> CarSprite:
-    """Paints a car from above.
+    """Paints a car seen from above.
 
     Args:
         length: frame px.
@@ -68,7 +68,7 @@ def paint_car(
     rows, columns = (
         OVERSAMPLING * int(np.ceil((side + 2 * MARGIN) * RESOLUTION)) for side in (width, length)
     )
-    # As round in front as behind, so that the middle of the body is the middle of what is seen.
+    # Symmetric front and rear, so that the centre of the body is the centre of the silhouette.
     hull = [(0.87, 1), (1, 0.6), (1, -0.6), (0.87, -1), (-0.87, -1), (-1, -0.6), (-1, 0.6), (-0.87, 1)]
     silhouette = np.zeros((rows, columns, 3), np.uint8)
     _fill(silhouette, length, width, hull, (255.0, 255.0, 255.0))
@@ -96,7 +96,7 @@ def paint_car(
 def _lit_paint(
     rows: int, columns: int, length: float, width: float, colour: tuple[int, int, int]
 ) -> Float32Array:
-    """float32[rows, columns, 3]: paint, a brighter roof between dark windows, sides darker than the top."""
+    """float32[rows, columns, 3]: paint, a brighter roof between dark windows, darker sides."""
     canvas = np.empty((rows, columns, 3), np.uint8)
     canvas[:] = colour
     blue, green, red = (min(255.0, 1.12 * level + 8.0) for level in colour)
@@ -116,29 +116,29 @@ def _fill(
     corners: list[tuple[float, float]],
     colour: tuple[float, float, float],
 ) -> None:
-    """Fills a polygon; its corners are shares of half the length and half the width, about the middle."""
+    """Fills a polygon; corners are in units of half the length and half the width, about the centre."""
     middle = ((canvas.shape[1] - 1) / 2.0, (canvas.shape[0] - 1) / 2.0)
     points = np.array(corners) * (length / 2.0, width / 2.0) * RESOLUTION * OVERSAMPLING + middle
     cv2.fillPoly(canvas, [np.rint(points * 16).astype(np.int32)], colour, cv2.LINE_AA, 4)
 
 
-def draw_shadow(picture: ByteArray, sprite: CarSprite, frame_from_local: FloatArray) -> None:
-    """Darkens a picture, uint8[h, w] or [h, w, 3], below a car; writes into it."""
-    warped = _warped(sprite.shadow, sprite, frame_from_local, picture.shape)
+def draw_shadow(image: ByteArray, sprite: CarSprite, frame_from_local: FloatArray) -> None:
+    """Draws a car's shadow into an image, uint8[h, w] or [h, w, 3], in place."""
+    warped = _warped(sprite.shadow, sprite, frame_from_local, image.shape)
     if warped is not None:
-        part, dark = picture[warped[0]], warped[1]
-        light = 1.0 - (dark if picture.ndim == 2 else dark[:, :, None])
+        part, dark = image[warped[0]], warped[1]
+        light = 1.0 - (dark if image.ndim == 2 else dark[:, :, None])
         part[...] = np.rint(part * light)
 
 
-def draw_body(picture: ByteArray, sprite: CarSprite, frame_from_local: FloatArray) -> None:
-    """Draws a car over a picture, uint8[h, w] or [h, w, 3]; writes into it."""
-    warped = _warped(sprite.body, sprite, frame_from_local, picture.shape)
+def draw_body(image: ByteArray, sprite: CarSprite, frame_from_local: FloatArray) -> None:
+    """Draws a car into an image, uint8[h, w] or [h, w, 3], in place."""
+    warped = _warped(sprite.body, sprite, frame_from_local, image.shape)
     if warped is not None:
-        part, layers = picture[warped[0]], warped[1]
+        part, layers = image[warped[0]], warped[1]
         behind = 1.0 - layers[:, :, -1:]
         colour = layers[:, :, :-1]
-        if picture.ndim == 2:
+        if image.ndim == 2:
             behind, colour = behind[:, :, 0], colour[:, :, 0]
         part[...] = np.rint(part * behind + colour)
 
@@ -146,7 +146,7 @@ def draw_body(picture: ByteArray, sprite: CarSprite, frame_from_local: FloatArra
 def _warped(
     layers: Float32Array, sprite: CarSprite, frame_from_local: FloatArray, shape: tuple[int, ...]
 ) -> tuple[tuple[slice, slice], Float32Array] | None:
-    """The part of the frame that a sprite covers and the sprite warped onto it; None if out of the frame."""
+    """The region of the frame that a sprite covers and the warped sprite; None outside the frame."""
     frame_from_sprite = frame_from_local @ sprite.local_from_sprite
     left, top, right, bottom = _bounds(frame_from_sprite, layers.shape[1], layers.shape[0])
     left, top, right, bottom = max(left, 0), max(top, 0), min(right, shape[1]), min(bottom, shape[0])
@@ -160,7 +160,7 @@ def _warped(
 
 
 def _bounds(homography: FloatArray, columns: int, rows: int) -> tuple[int, int, int, int]:
-    """Left, top, right, bottom of a picture's image; in plain numbers, as numpy is slow on four points."""
+    """Left, top, right, bottom of a projected sprite; plain Python, as numpy is slow on four points."""
     across, down, depth = homography.tolist()
     xs, ys = [], []
     for x, y in ((-1, -1), (columns, -1), (columns, rows), (-1, rows)):

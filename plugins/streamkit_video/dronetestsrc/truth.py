@@ -1,4 +1,4 @@
-"""What a rendered frame is known to show."""
+"""Ground truth of a rendered frame."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ class TrueRegistration:
 class TrueTargets:
     """The cars of a rendered frame, one row each, in order of their ids.
 
-    Only cars whose whole body is visible are rows: all four corners of the body's rectangle lie between the
-    centres of the frame's border pixels. Shadows do not count. A car below another car is still a row.
+    Only fully visible cars are included: all four corners of the body's rectangle lie between the centres of
+    the frame's border pixels. Shadows do not count; a car occluded by another one is included.
 
     Attributes:
-        ids: int64[n], number of the car, the same in every frame.
-        centres: float64[n, 2], x y of the middle of the body, px of this frame.
+        ids: int64[n], constant over the frames.
+        centres: float64[n, 2], x y of the body, px of this frame.
         lengths: float64[n], px of this frame.
         widths: float64[n], px of this frame.
         angles: float64[n], direction of travel, rad from +x towards +y, in -pi to pi.
-        velocities: float64[n, 2], motion over the ground in px/s along this frame's axes; the camera's own
-            motion is not in it.
+        velocities: float64[n, 2], motion over the ground in px/s along this frame's axes, without the motion
+            of the camera.
     """
 
     ids: IntArray

@@ -1,4 +1,4 @@
-"""The rendered world: one frame after another, each with its truth."""
+"""Renders frames of the simulated world, each with its ground truth."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from streamkit.geometry.homography import normalised, project
+from streamkit.settings import setting
 from streamkit_video.dronetestsrc.camera import CameraPath, plan_path
 from streamkit_video.dronetestsrc.cars import LOOK_AHEAD, Traffic, start_traffic
 from streamkit_video.dronetestsrc.sprites import (
@@ -24,49 +26,50 @@ from streamkit_video.dronetestsrc.truth import TrueRegistration, TrueTargets
 FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
 
-SMALLEST_PICTURE = 64
-NOISE_PLACES = 1 << 21
+MIN_GROUND_SIDE = 64
+NOISE_OFFSETS = 1 << 21
 
 
 @dataclass(frozen=True, slots=True)
 class WorldSettings:
-    """What a world is made of.
+    """Settings of a simulated world.
 
     Attributes:
-        cars: number of cars.
-        seed: of everything that is drawn at random.
-        noise: standard deviation of the sensor's noise, grey levels.
-        jitter: standard deviation of the camera's shake, px.
-        speed: top speed of the camera along either axis of the ground, px per frame.
-        frame_rate: frames per second, for velocities; motion is the same per frame at any rate.
+        frame_rate: frames per second, for velocities; motion per frame is the same at any rate.
     """
 
-    cars: int = 12
-    seed: int = 0
-    noise: float = 2.0
-    jitter: float = 0.5
-    speed: float = 4.0
+    cars: int = setting(12, min=0, max=200, doc="Number of cars.")
+    seed: int = setting(0, min=0, doc="Seed of the flight and the cars.")
+    noise: float = setting(
+        2.0, min=0.0, max=40.0, unit="grey levels", doc="Standard deviation of the sensor noise."
+    )
+    jitter: float = setting(
+        0.5, min=0.0, max=20.0, unit="px", doc="Standard deviation of the camera jitter from frame to frame."
+    )
+    speed: float = setting(
+        4.0, min=0.0, max=40.0, unit="px/frame", doc="Maximum camera speed along either ground axis."
+    )
     frame_rate: float = 25.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RenderedFrame:
-    """One frame: uint8[h, w] or [h, w, 3] like the ground, and what it is known to show."""
+    """A frame, uint8[h, w] or [h, w, 3] like the ground image, and its ground truth."""
 
-    picture: ByteArray
+    image: ByteArray
     registration: TrueRegistration
     targets: TrueTargets
 
 
 class World:
-    """A camera that flies over a picture of the ground, with cars below.
+    """A camera that flies over a ground image with moving cars.
 
     The same ground, size and settings give the same frames, bit for bit.
 
     Args:
-        ground: uint8[h, w] grey or uint8[h, w, 3] BGR; read only.
+        ground: uint8[h, w] grey or uint8[h, w, 3] BGR.
         frame_size: width, height, px.
-        settings: what the world is made of.
+        settings: cars, noise and motion.
 
     Raises:
         ValueError: the ground is smaller than 64x64.
@@ -74,9 +77,9 @@ class World:
 
     def __init__(self, ground: ByteArray, frame_size: tuple[int, int], settings: WorldSettings) -> None:
         height, width = ground.shape[:2]
-        if min(width, height) < SMALLEST_PICTURE:
+        if min(width, height) < MIN_GROUND_SIDE:
             raise ValueError(
-                f"the picture of the ground must be at least {SMALLEST_PICTURE}x{SMALLEST_PICTURE} px, "
+                f"the picture of the ground must be at least {MIN_GROUND_SIDE}x{MIN_GROUND_SIDE} px, "
                 f"got {width}x{height}: take a larger one"
             )
         self._ground = ground
@@ -100,8 +103,8 @@ class World:
         ground_from_frame = self._path.ground_from_frame(self._index)
         frame_from_ground = _inverse(ground_from_frame)
         registration = TrueRegistration(
-            _scaled(self._previous_from_ground @ ground_from_frame),
-            _scaled(self._first_from_ground @ ground_from_frame),
+            normalised(self._previous_from_ground @ ground_from_frame),
+            normalised(self._first_from_ground @ ground_from_frame),
         )
         frame = RenderedFrame(
             self._render(ground_from_frame, frame_from_ground), registration, self._truth(frame_from_ground)
@@ -127,34 +130,30 @@ class World:
 
     def _render(self, ground_from_frame: FloatArray, frame_from_ground: FloatArray) -> ByteArray:
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        picture: ByteArray = np.asarray(
-            cv2.warpPerspective(
-                self._ground,
-                ground_from_frame,
-                self._frame_size,
-                flags=flags,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
+        warped = cv2.warpPerspective(
+            self._ground, ground_from_frame, self._frame_size, flags=flags, borderMode=cv2.BORDER_REPLICATE
         )
+        image: ByteArray = np.asarray(warped)
         shadow = np.array(SHADOW_OFFSET) * self._path.ground_scale
-        places = list(zip(self._sprites, self._traffic.positions, self._traffic.headings, strict=True))
-        for sprite, position, heading in places:
-            draw_shadow(picture, sprite, frame_from_ground @ _pose(position + shadow, heading))
-        for sprite, position, heading in places:
-            draw_body(picture, sprite, frame_from_ground @ _pose(position, heading))
-        self._noise.add_to(picture)
-        return picture
+        cars = list(zip(self._sprites, self._traffic.positions, self._traffic.headings, strict=True))
+        for sprite, position, heading in cars:
+            draw_shadow(image, sprite, frame_from_ground @ _pose(position + shadow, heading))
+        for sprite, position, heading in cars:
+            draw_body(image, sprite, frame_from_ground @ _pose(position, heading))
+        self._noise.add_to(image)
+        return image
 
     def _truth(self, frame_from_ground: FloatArray) -> TrueTargets:
-        traffic, scale = self._traffic, self._settings.frame_rate
+        traffic, rate = self._traffic, self._settings.frame_rate
         along = np.stack([np.cos(traffic.headings), np.sin(traffic.headings)], axis=1)
         across = np.stack([-along[:, 1], along[:, 0]], axis=1)
         ends, sides = along * traffic.lengths[:, None] / 2.0, across * traffic.widths[:, None] / 2.0
-        centres, jacobians = _project(frame_from_ground, traffic.positions)
         whole = np.ones(len(traffic), dtype=bool)
         for corner in (ends + sides, ends - sides, -ends + sides, -ends - sides):
-            points = _project(frame_from_ground, traffic.positions + corner)[0]
+            points = project(frame_from_ground, traffic.positions + corner)
             whole &= ((points >= 0.0) & (points <= np.array(self._frame_size) - 1.0)).all(axis=1)
+        centres = project(frame_from_ground, traffic.positions)
+        jacobians = _jacobians(frame_from_ground, traffic.positions, centres)
         forward = np.einsum("nij,nj->ni", jacobians, along)
         sideways = np.einsum("nij,nj->ni", jacobians, across)
         stretch = np.hypot(forward[:, 0], forward[:, 1])
@@ -164,15 +163,15 @@ class World:
             lengths=(stretch * traffic.lengths)[whole],
             widths=(np.hypot(sideways[:, 0], sideways[:, 1]) * traffic.widths)[whole],
             angles=np.arctan2(forward[:, 1], forward[:, 0])[whole],
-            velocities=(forward * traffic.speeds[:, None] * scale)[whole],
+            velocities=(forward * traffic.speeds[:, None] * rate)[whole],
         )
 
 
 class SensorNoise:
-    """White noise of whole grey levels, near normal: each value is one of 256 quantiles.
+    """White noise in whole grey levels, nearly normal: each value is one of 256 quantiles.
 
-    Frames take their noise from random places of one long table, as drawing it anew would cost more than all
-    else: two frames have the same values, but at other pixels.
+    A frame takes its noise from a random offset of one long table, much cheaper than drawing it anew: two
+    frames have the same values at different pixels.
     """
 
     def __init__(self, sigma: float, seed: int) -> None:
@@ -183,24 +182,20 @@ class SensorNoise:
         self._random = np.random.default_rng((seed, 4))
         self._table: ByteArray = np.empty(0, np.uint8)
 
-    def add_to(self, picture: ByteArray) -> None:
-        """Adds noise to a picture in place, cut at 0 and 255."""
+    def add_to(self, image: ByteArray) -> None:
+        """Adds noise to an image in place, clipped to 0 and 255."""
         if self._sigma <= 0.0:
             return
-        if self._table.size < picture.size + NOISE_PLACES:
-            draws = self._random.integers(0, 256, (1, picture.size + NOISE_PLACES), dtype=np.uint8)
+        if self._table.size < image.size + NOISE_OFFSETS:
+            draws = self._random.integers(0, 256, (1, image.size + NOISE_OFFSETS), dtype=np.uint8)
             self._table = np.asarray(cv2.LUT(draws, self._levels), np.uint8)[0]
-        place = int(self._random.integers(NOISE_PLACES))
-        noise = self._table[place : place + picture.size].reshape(picture.shape)
-        cv2.addWeighted(picture, 1.0, noise, 1.0, -128.0, dst=picture)
+        offset = int(self._random.integers(NOISE_OFFSETS))
+        noise = self._table[offset : offset + image.size].reshape(image.shape)
+        cv2.addWeighted(image, 1.0, noise, 1.0, -128.0, dst=image)
 
 
 def _inverse(homography: FloatArray) -> FloatArray:
-    return _scaled(np.asarray(np.linalg.inv(homography), np.float64))
-
-
-def _scaled(homography: FloatArray) -> FloatArray:
-    return np.asarray(homography / homography[2, 2])
+    return normalised(np.asarray(np.linalg.inv(homography), np.float64))
 
 
 def _pose(position: FloatArray, heading: float) -> FloatArray:
@@ -209,12 +204,8 @@ def _pose(position: FloatArray, heading: float) -> FloatArray:
     return np.array([[cos, -sin, position[0]], [sin, cos, position[1]], [0.0, 0.0, 1.0]])
 
 
-def _project(homography: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Maps points: float64[n, 2] images, and float64[n, 2, 2] derivatives there."""
-    homogeneous = points @ homography[:, :2].T + homography[:, 2]
-    depth = homogeneous[:, 2:]
-    images = homogeneous[:, :2] / depth
-    derivatives = (homography[None, :2, :2] - images[:, :, None] * homography[None, 2:, :2]) / depth[
-        :, :, None
-    ]
-    return images, derivatives
+def _jacobians(homography: FloatArray, points: FloatArray, projected: FloatArray) -> FloatArray:
+    """Derivatives float64[n, 2, 2] of a homography at points float64[n, 2], given their projections."""
+    depth = points @ homography[2, :2] + homography[2, 2]
+    outer = projected[:, :, None] * homography[None, 2:, :2]
+    return np.asarray((homography[None, :2, :2] - outer) / depth[:, None, None])

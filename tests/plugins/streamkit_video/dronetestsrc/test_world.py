@@ -33,7 +33,7 @@ def render(
 
 def away_from_cars(frame: RenderedFrame) -> np.ndarray:
     """Mask of pixels farther than a car and its shadow from any car, and from the border."""
-    mask = np.zeros(frame.picture.shape[:2], np.uint8)
+    mask = np.zeros(frame.image.shape[:2], np.uint8)
     mask[20:-20, 20:-20] = 1
     for x, y in frame.targets.centres:
         cv2.circle(mask, (round(x), round(y)), 36, 0, -1)
@@ -44,17 +44,17 @@ def test_to_previous_maps_the_ground_onto_the_frame_before(ground: np.ndarray) -
     """Without noise and cars, frame t - 1 sampled at `to_previous` is frame t but for interpolation."""
     frames = render(ground, 40, cars=0, noise=0.0, seed=2)
     for before, after in zip(frames[8::10], frames[9::10], strict=False):
-        warped = cv2.warpPerspective(before.picture, after.registration.to_previous, SIZE, flags=INVERSE)
+        warped = cv2.warpPerspective(before.image, after.registration.to_previous, SIZE, flags=INVERSE)
         inside = np.s_[20:-20, 20:-20]
-        right = np.abs(warped[inside].astype(float) - after.picture[inside]).mean()
+        right = np.abs(warped[inside].astype(float) - after.image[inside]).mean()
         shifted = after.registration.to_previous @ np.array(
             [[1.0, 0.0, 0.5], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
         )
-        wrong = cv2.warpPerspective(before.picture, shifted, SIZE, flags=INVERSE)
+        wrong = cv2.warpPerspective(before.image, shifted, SIZE, flags=INVERSE)
         assert right < 3.0
-        assert np.abs(wrong[inside].astype(float) - after.picture[inside]).mean() > 1.2 * right
+        assert np.abs(wrong[inside].astype(float) - after.image[inside]).mean() > 1.2 * right
         (dx, dy), _ = cv2.phaseCorrelate(
-            warped[inside].astype(np.float64), after.picture[inside].astype(np.float64)
+            warped[inside].astype(np.float64), after.image[inside].astype(np.float64)
         )
         assert np.hypot(dx, dy) < 0.1
 
@@ -62,8 +62,8 @@ def test_to_previous_maps_the_ground_onto_the_frame_before(ground: np.ndarray) -
 def test_cars_are_the_only_thing_that_moves(ground: np.ndarray) -> None:
     """With noise, what differs from the frame before lies at the cars, and every car differs."""
     before, after = render(ground, 12, noise=2.0, seed=4)[-2:]
-    warped = cv2.warpPerspective(before.picture, after.registration.to_previous, SIZE, flags=INVERSE)
-    difference = np.abs(warped.astype(float) - after.picture)
+    warped = cv2.warpPerspective(before.image, after.registration.to_previous, SIZE, flags=INVERSE)
+    difference = np.abs(warped.astype(float) - after.image)
     ground_only = difference[away_from_cars(after) & away_from_cars(before)]
     assert np.percentile(ground_only, 99.9) < 25.0
     assert len(after.targets) >= 3
@@ -99,7 +99,7 @@ def test_true_centres_are_where_the_bodies_are(ground: np.ndarray) -> None:
     ):
         along = (columns - x) * np.cos(angle) + (rows - y) * np.sin(angle)
         across = -(columns - x) * np.sin(angle) + (rows - y) * np.cos(angle)
-        painted = np.abs(with_cars.picture.astype(float) - 128.0) > 12.0
+        painted = np.abs(with_cars.image.astype(float) - 128.0) > 12.0
         body = painted & (np.abs(along) < length / 2.0 - 1.5) & (np.abs(across) < width / 2.0 - 1.5)
         rectangle = (np.abs(along) < length / 2.0 - 1.5) & (np.abs(across) < width / 2.0 - 1.5)
         assert body.sum() > 0.9 * rectangle.sum()
@@ -160,17 +160,17 @@ def test_the_same_settings_give_the_same_frames(ground: np.ndarray) -> None:
         cv2.setNumThreads(threads)
     other = render(ground, 4, seed=6)
     for left, right in zip(one, same, strict=True):
-        np.testing.assert_array_equal(left.picture, right.picture)
+        np.testing.assert_array_equal(left.image, right.image)
         np.testing.assert_array_equal(left.targets.centres, right.targets.centres)
         np.testing.assert_array_equal(left.registration.to_reference, right.registration.to_reference)
-    assert not np.array_equal(one[3].picture, other[3].picture)
+    assert not np.array_equal(one[3].image, other[3].image)
 
 
 def test_colour_shows_the_same_world(ground: np.ndarray, colour_ground: np.ndarray) -> None:
     """A world in colour has the truth of the grey one, and its brightness."""
     grey, colour = (render(picture, 3, noise=0.0)[-1] for picture in (ground, colour_ground))
     np.testing.assert_array_equal(grey.targets.centres, colour.targets.centres)
-    difference = cv2.cvtColor(colour.picture, cv2.COLOR_BGR2GRAY).astype(int) - grey.picture
+    difference = cv2.cvtColor(colour.image, cv2.COLOR_BGR2GRAY).astype(int) - grey.image
     assert np.abs(difference).max() <= 4
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_video.trackoverlay.snapshot import check_target, write_picture
+from streamkit_video.trackoverlay.snapshot import check_target, write_image
 
 PICTURE = np.full((6, 8, 3), 77, np.uint8)
 
@@ -15,7 +15,7 @@ def test_the_picture_is_written_and_nothing_else(tmp_path: Path) -> None:
     """The file holds the picture; no draft stays; an older file is replaced."""
     target = tmp_path / "shot.png"
     target.write_bytes(b"old")
-    write_picture(target, PICTURE)
+    write_image(target, PICTURE)
     np.testing.assert_array_equal(cv2.imread(str(target)), PICTURE)
     assert [path.name for path in tmp_path.iterdir()] == ["shot.png"]
 
@@ -25,7 +25,7 @@ def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
     target = tmp_path / "shot.png"
     target.mkdir()
     with pytest.raises(OSError, match=r"shot\.png"):
-        write_picture(target, PICTURE)
+        write_image(target, PICTURE)
     assert [path.name for path in tmp_path.iterdir()] == ["shot.png"]
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from streamkit_video.trackoverlay.trails import MOST_POINTS, Trails
+from streamkit_video.trackoverlay.trails import MAX_POINTS, Trails
 
 SHIFT = np.array([[1.0, 0.0, 5.0], [0.0, 1.0, -2.0], [0.0, 0.0, 1.0]])
 
@@ -11,7 +11,7 @@ def test_points_stay_on_the_ground() -> None:
     """When this frame's pixel x is the previous frame's x + 5, old points move by -5."""
     trails = Trails()
     trails.extend([1], [(20.0, 30.0)], 0)
-    trails.follow(SHIFT)
+    trails.warp(SHIFT)
     ((identity, points),) = trails.paths()
     assert identity == 1
     np.testing.assert_allclose(points, [[15.0, 32.0]])
@@ -32,7 +32,7 @@ def test_old_points_are_forgotten() -> None:
     trails = Trails()
     for time_ns in range(10):
         trails.extend([1], [(float(time_ns), 0.0)], time_ns)
-    trails.forget(before_ns=7)
+    trails.drop_before(time_ns=7)
     ((_, points),) = trails.paths()
     np.testing.assert_array_equal(points[:, 0], [7.0, 8.0, 9.0])
 
@@ -43,8 +43,8 @@ def test_the_store_is_bounded() -> None:
     ids = list(range(3000))
     for time_ns in range(12):
         trails.extend(ids, [(float(time_ns), 0.0)] * 3000, time_ns)
-        trails.forget(before_ns=0)
-    assert len(trails) == MOST_POINTS
+        trails.drop_before(time_ns=0)
+    assert len(trails) == MAX_POINTS
     assert max(points[-1, 0] for _, points in trails.paths()) == 11.0
 
 
@@ -53,5 +53,5 @@ def test_a_singular_homography_clears() -> None:
     for broken in (np.zeros((3, 3)), np.full((3, 3), np.nan)):
         trails = Trails()
         trails.extend([1], [(1.0, 2.0)], 0)
-        trails.follow(broken)
+        trails.warp(broken)
         assert len(trails) == 0

@@ -6,8 +6,8 @@ import pytest
 
 from streamkit import Detections, Features, Frame, Registration, Track, Tracks, TrackState, raw_video_caps
 from streamkit_video import TrueRegistration, TrueTargets
-from streamkit_video.scaled_metadata import scale_metadata
 from streamkit_video.scaling import scaling_homography
+from streamkit_video.videoscale import scale_metadata
 
 SCALING = scaling_homography((640, 480), (320, 160))
 SAME = np.eye(3)
