@@ -33,19 +33,6 @@ class AppearanceSettings:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class WindowFeatures:
-    """Features of the windows of one frame.
-
-    Attributes:
-        projection: vectors, residuals and energy.
-        matches: labels, or None without a gallery.
-    """
-
-    projection: Projection
-    matches: Matches | None
-
-
 class AppearanceModel:
     """The feature space, the gallery, and the recogniser that belongs to both.
 
@@ -80,7 +67,9 @@ class AppearanceModel:
         """The newest space; None before the first."""
         return self._learner.space
 
-    def process(self, windows: Windows, *, learn: bool, label: str) -> WindowFeatures | None:
+    def process(
+        self, windows: Windows, *, learn: bool, label: str
+    ) -> tuple[Projection, Matches | None] | None:
         """Learns from the windows of a frame, then projects and labels them.
 
         Args:
@@ -89,7 +78,7 @@ class AppearanceModel:
             label: name under which they join the gallery; "" adds none.
 
         Returns:
-            Their features, or None while there is no space.
+            Their projection, and their labels or None without a gallery; None while there is no space.
         """
         recipe = self.settings.recipe
         prepared = prepare(windows.patches, recipe.preprocessing)
@@ -107,7 +96,7 @@ class AppearanceModel:
             return None
         projection = space.project(prepared, np.asarray(windows.flat))
         recogniser = self._current_recogniser(space)
-        return WindowFeatures(projection, recogniser.recognise(projection.vectors) if recogniser else None)
+        return projection, recogniser.recognise(projection.vectors) if recogniser else None
 
     def _current_recogniser(self, space: WaveletEigenSpace) -> Recogniser | None:
         """The recogniser of this space and gallery, made anew when either has changed."""

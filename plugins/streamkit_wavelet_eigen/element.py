@@ -18,8 +18,10 @@ from streamkit import (
     FeatureSpace,
     Frame,
     Property,
+    PropertyError,
     ResourceError,
     SettingsOf,
+    Tracks,
     Transform,
     luma,
     write_remedy,
@@ -32,15 +34,8 @@ from streamkit_wavelet_eigen.learner import learn_space
 from streamkit_wavelet_eigen.model_file import Model, load_model, save_model
 from streamkit_wavelet_eigen.recipe import PRESETS
 from streamkit_wavelet_eigen.target_features import TargetFeatures
-from streamkit_wavelet_eigen.targets import (
-    TargetReader,
-    Targets,
-    TargetSource,
-    fixed_window,
-    read_detections,
-    read_tracks,
-)
-from streamkit_wavelet_eigen.windows import cut_windows
+from streamkit_wavelet_eigen.targets import Targets, TargetSource, fixed_window
+from streamkit_wavelet_eigen.windows import cut_windows, rotated_boxes
 
 
 class Preset(StrEnum):
@@ -97,7 +92,10 @@ class WaveletEigen(Transform):
             warm_up()
         self._counts: Counter[str] = Counter()
         self._appearance = None
-        self._read_targets = self._target_reader()
+        try:
+            self._window = None if self.window is None else fixed_window(self.window)
+        except ValueError as error:
+            raise PropertyError(f"{self.name}: property window {error}") from error
         settings, model = self._initial_settings()
         recipe = settings.recipe
         recipe.check()
@@ -125,7 +123,7 @@ class WaveletEigen(Transform):
     def transform(self, frame: Frame) -> Frame:
         appearance = self._appearance
         assert appearance is not None, "start() comes before frames"
-        targets = self._read_targets(frame)
+        targets = self._targets_of(frame)
         if targets is not None:
             frame = self._with_features(frame, targets, appearance)
         space = appearance.space
@@ -139,24 +137,25 @@ class WaveletEigen(Transform):
             tiny=int(np.count_nonzero(windows.tiny)),
             clipped=int(np.count_nonzero(windows.clipped)),
         )
-        features = appearance.process(windows, learn=self.learn, label=self.label)
-        if features is None or appearance.space is None:
+        processed = appearance.process(windows, learn=self.learn, label=self.label)
+        if processed is None or appearance.space is None:
             return frame
+        projection, matches = processed
         labels: tuple[str, ...] = ()
         distances = margins = np.zeros(0)
-        if features.matches is not None:
-            distances, margins = features.matches.distances, features.matches.margins
-            names = zip(features.matches.labels, margins >= self.min_margin, strict=True)
+        if matches is not None:
+            distances, margins = matches.distances, matches.margins
+            names = zip(matches.labels, margins >= self.min_margin, strict=True)
             labels = tuple(name if is_certain else "" for name, is_certain in names)
         details = TargetFeatures(
             targets.kind, targets.ids, targets.boxes, appearance.space.version,
             windows.flat, windows.clipped, windows.tiny,
-            features.projection.errors, features.projection.energy, labels, distances, margins,
+            projection.errors, projection.energy, labels, distances, margins,
         )  # fmt: skip
         detections = frame.get(Detections)
         if labels and targets.kind == "detections" and detections is not None:
             frame = frame.attach(dataclasses.replace(detections, labels=labels))
-        return frame.attach(Features(features.projection.vectors), details)
+        return frame.attach(Features(projection.vectors), details)
 
     @override
     def drain(self) -> Iterable[Frame]:
@@ -183,10 +182,22 @@ class WaveletEigen(Transform):
             settings = dataclasses.replace(settings, recipe=PRESETS[self.preset.value])
         return settings, None
 
-    def _target_reader(self) -> TargetReader:
-        if self.window is not None:
-            return fixed_window(self.window, self.name)
-        return read_tracks if self.targets is TargetSource.TRACKS else read_detections
+    def _targets_of(self, frame: Frame) -> Targets | None:
+        """The fixed window, or the frame's tracks or detections; None without any."""
+        if self._window is not None:
+            return self._window
+        if self.targets is TargetSource.TRACKS:
+            tracks = frame.get(Tracks)
+            if tracks is None or not tracks.tracks:
+                return None
+            rows = [(one.x, one.y, one.length, one.width, one.angle) for one in tracks.tracks]
+            ids = np.array([one.id for one in tracks.tracks], np.int64)
+            return Targets("tracks", ids, np.array(rows, np.float64))
+        detections = frame.get(Detections)
+        if detections is None or not len(detections):
+            return None
+        boxes = rotated_boxes(detections.centroids, detections.boxes)
+        return Targets("detections", np.arange(len(boxes)), boxes)
 
     def _save(self) -> None:
         appearance = self._appearance

@@ -34,20 +34,11 @@ def equalise_own_range(bands: FloatBatch, equalised: FloatBatch) -> None:
     counts, table = np.empty(LEVELS, np.int64), np.empty(LEVELS, np.float32)
     for index in range(len(bands)):
         band, result = bands[index], equalised[index]
-        lowest = highest = band[0, 0]
-        for row in range(band.shape[0]):
-            for column in range(band.shape[1]):
-                lowest, highest = min(lowest, band[row, column]), max(highest, band[row, column])
-        span = np.float32(highest - lowest)
+        lowest, span = band.min(), np.float32(band.max() - band.min())
         scale = np.float32(255.0) / span if span > CONSTANT_SPAN else np.float32(0.0)
-        for row in range(band.shape[0]):
-            for column in range(band.shape[1]):
-                result[row, column] = np.float32(band[row, column] - lowest) * scale
+        result[:] = (band - lowest) * scale
         _equalise_levels(result.reshape(-1), counts, table)
-        back = np.float32(span / np.float32(255.0))
-        for row in range(band.shape[0]):
-            for column in range(band.shape[1]):
-                result[row, column] = np.float32(result[row, column] * back) + lowest
+        result[:] = result * np.float32(span / np.float32(255.0)) + lowest
 
 
 @compiled

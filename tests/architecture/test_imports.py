@@ -57,7 +57,6 @@ GLUE = {
     "streamkit_wavelet_eigen.experiments.command",
     "streamkit_wavelet_eigen.experiments.run",
     "streamkit_wavelet_eigen.experiments.tracking",
-    "streamkit_wavelet_eigen.targets",
     "streamkit_zenoh.connection",
     "streamkit_zenoh",
     "streamkit_zenoh.publish.picture_feed",

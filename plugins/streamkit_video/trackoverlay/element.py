@@ -41,8 +41,8 @@ class TrackOverlay(Transform):
     """Draws the tracks of each frame: rotated boxes with ids, and trails fixed to the ground.
 
     Confirmed tracks are solid, coasting ones dashed, tentative ones thin. Each id has its colour. The ellipse
-    around a centre is the position uncertainty; it grows while a track coasts. The frame is copied before it is
-    drawn on: 0.2 to 0.7 ms of CPU time at 1080p, where drawing 12 tracks takes 2 to 4 ms.
+    around a centre is the position uncertainty; it grows while a track coasts. The frame is copied before it
+    is drawn on: 0.2 to 0.7 ms of CPU time at 1080p, where drawing 12 tracks takes 2 to 4 ms.
 
     Example:
         dronetestsrc num-buffers=3 ! videoconvert ! trackoverlay ! fakesink

@@ -1,4 +1,4 @@
-"""`streamkit experiments`: runs the published protocol and writes its tables, figures and JSON."""
+"""`streamkit experiments`: repeats the published experiments and writes tables, figures and JSON."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ def experiments(
     tracking_runs: Annotated[int, typer.Option(min=10, max=100, help="Sequences of tables 2 and 4.")] = 100,
     plots: Annotated[bool, typer.Option(help="Draw figure 3 (needs the extra `experiments`).")] = True,
 ) -> None:
-    """Repeats the publication's experiments on ORL and COIL-20: tables 1 to 4, figure 3, and peers beside."""
+    """Repeats the publication's experiments on ORL and COIL-20: tables 1 to 4, figure 3, and peers."""
     from streamkit_wavelet_eigen.experiments.databases import MissingData, data_folder
     from streamkit_wavelet_eigen.experiments.page import page
     from streamkit_wavelet_eigen.experiments.run import run_all
 
     began = time.monotonic()
 
-    def told(key: str) -> None:
+    def report(key: str) -> None:
         typer.echo(f"{key} done after {time.monotonic() - began:.0f} s", err=True)
 
     try:
         folder = data_folder(data)
         output.mkdir(parents=True, exist_ok=True)
         results = run_all(
-            folder, repetitions=repetitions, tracking_runs=tracking_runs, workers=workers, told=told
+            folder, repetitions=repetitions, tracking_runs=tracking_runs, workers=workers, report=report
         )
         text = json.dumps(results, indent=1) + "\n"
         (output / "paper-tables.json").write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The two picture databases of the publication, read from a folder of the user's."""
+"""Reads the two image databases of the publication from a folder."""
 
 import os
 import re
@@ -14,27 +14,27 @@ SIDE = 64
 
 
 class MissingData(FileNotFoundError):
-    """The databases are not where they were looked for."""
+    """The databases are missing or incomplete."""
 
 
 @dataclass(frozen=True, eq=False)
 class Database:
-    """Pictures of several targets.
+    """Images of several targets.
 
     Attributes:
         name: `orl` or `coil20`.
-        pictures: uint8[targets, views, 64, 64].
+        images: uint8[targets, views, 64, 64].
     """
 
     name: str
-    pictures: NDArray[np.uint8]
+    images: NDArray[np.uint8]
 
 
 def data_folder(given: Path | None = None) -> Path:
-    """The folder that holds `orl/` and `coil20/`: the given one, or that of STREAMKIT_DATA, or `data` in it.
+    """The folder with `orl/` and `coil20/`: the given one or STREAMKIT_DATA, or `data` in it.
 
     Raises:
-        MissingData: neither is there.
+        MissingData: neither has them.
     """
     place = given or (Path(os.environ[VARIABLE]) if os.environ.get(VARIABLE) else None)
     if place is None:
@@ -49,7 +49,7 @@ def data_folder(given: Path | None = None) -> Path:
 
 
 def read_orl(folder: Path) -> Database:
-    """The ORL faces: 40 people, 10 pictures each, scaled from 92x112 to 64x64 by area."""
+    """The ORL faces: 40 people, 10 images each, scaled from 92x112 to 64x64 by area."""
     names = [[f"orl/s{person}/{view}.pgm" for view in range(1, 11)] for person in range(1, 41)]
     return Database("orl", _read(folder, names))
 
@@ -67,11 +67,11 @@ def read_coil20(folder: Path) -> Database:
 
 
 def _read(folder: Path, names: list[list[str]]) -> NDArray[np.uint8]:
-    pictures = []
+    images = []
     for name in (name for views in names for name in views):
         path = folder / name
-        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
-        if picture is None:
-            raise MissingData(f"{path}: the database is not whole; this picture cannot be read")
-        pictures.append(cv2.resize(picture, (SIDE, SIDE), interpolation=cv2.INTER_AREA))
-    return np.asarray(np.stack(pictures), np.uint8).reshape(len(names), -1, SIDE, SIDE)
+        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
+        if image is None:
+            raise MissingData(f"{path}: the database is not whole; this image cannot be read")
+        images.append(cv2.resize(image, (SIDE, SIDE), interpolation=cv2.INTER_AREA))
+    return np.asarray(np.stack(images), np.uint8).reshape(len(names), -1, SIDE, SIDE)

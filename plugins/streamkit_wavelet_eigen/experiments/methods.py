@@ -1,4 +1,4 @@
-"""The methods that are compared, as recipes of this package."""
+"""The compared methods, as recipes of this package."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ METHODS: dict[str, Recipe] = {
     BEST: PRESETS["recognition"],
 }
 
-# Among these the splits of the training pictures choose.
+# Candidates of model selection.
 CANDIDATES: dict[str, Recipe] = {
     "modular": PRESETS["modular"],
     "no views, 40": replace(PRESETS["recognition"], views=Views.NONE, components=40),
@@ -42,12 +42,12 @@ CANDIDATES: dict[str, Recipe] = {
 
 
 def recognition_rate(recipe: Recipe, split: Split) -> float:
-    """Share in percent of the test pictures whose nearest training picture is of the same target."""
+    """Percent of the test images whose nearest training image is of the same target."""
     training, test = split.training, split.test
     if len(set(training.labels)) < 2:
-        # With one target there is nothing to discriminate; every answer is right, whatever the space.
+        # A Fisher step needs two targets; with one every answer is right.
         recipe = replace(recipe, discriminative=False)
-    space = learn_space(training.pictures.astype(np.float32), recipe, training.labels)
-    recogniser = Recogniser(space, prepare_gallery(Gallery(training.pictures, training.labels), recipe))
-    matches = recogniser.recognise(space.embed(test.pictures.astype(np.float32)))
+    space = learn_space(training.images.astype(np.float32), recipe, training.labels)
+    recogniser = Recogniser(space, prepare_gallery(Gallery(training.images, training.labels), recipe))
+    matches = recogniser.recognise(space.embed(test.images.astype(np.float32)))
     return 100.0 * accuracy(matches.labels, test.labels)

@@ -1,50 +1,41 @@
-"""The result page: our figures beside the published ones, in Markdown."""
+"""The results page in Markdown: our figures next to the published ones, in the text of page.md."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from importlib.resources import files
 
-from streamkit_wavelet_eigen.experiments.figures_of_merit import Figure
 from streamkit_wavelet_eigen.experiments.methods import BEST, MODULAR, PROPOSED, TRADITIONAL
-from streamkit_wavelet_eigen.experiments.page_text import (
-    BEGINNING,
-    CHOICE,
-    ERRORS_READING,
-    FIGURE,
-    LIMITS,
-    PERCENTAGE_READINGS,
-)
 from streamkit_wavelet_eigen.experiments.published import ERRORS, PERCENTAGES, PublishedTable
-from streamkit_wavelet_eigen.experiments.results import Results
+from streamkit_wavelet_eigen.experiments.results import Figure, PartitionResult, Results
 
-# What has to be reached, percent: the issue's lines for raw modular PCA and for the best preset.
+# Required rates, percent, set before the experiment: raw modular PCA and the best preset.
 GOALS = {
     MODULAR: {"orl-5train": 93.5, "orl-3train": 87.5, "coil20-12train": 89.0, "coil20-9train": 86.0},
     BEST: {"orl-5train": 96.0, "orl-3train": 90.0, "coil20-12train": 95.0, "coil20-9train": 92.5},
 }
+READINGS = ["published", "A, paper chain", "A, traditional", "A, preset recognition", "B, reconstruction"]
 
 
 def page(results: Results) -> str:
     """The whole page."""
-    parts = [
-        BEGINNING.format(repetitions=results["repetitions"], runs=results["tracking_runs"]),
-        "## Recognition over all targets\n",
-        *_recognition(results),
-        CHOICE,
-        *_selection(results),
-        PERCENTAGE_READINGS,
-        *(line for table in PERCENTAGES for line in _percentages(table, results)),
-        *_reading_c(results),
-        FIGURE,
-        *_figure_3(results),
-        ERRORS_READING,
-        *(line for table in ERRORS for line in _errors(table, results)),
-        *_averages(),
-        LIMITS,
-    ]
-    return "\n".join(parts).rstrip() + "\n"
-
-
-def _recognition(results: Results) -> Iterable[str]:
     partitions = results["partitions"]
+    sections = {
+        "recognition": _recognition(partitions),
+        "selection": _selection(partitions),
+        "percentages": (line for table in PERCENTAGES for line in _percentages(table, results)),
+        "reading_c": _reading_c(partitions),
+        "figure_3": _figure_3(partitions),
+        "errors": (line for table in ERRORS for line in _errors(table, partitions)),
+        "averages": _averages(),
+    }
+    text = files(__package__).joinpath("page.md").read_text(encoding="utf-8")
+    return text.format(
+        repetitions=results["repetitions"],
+        runs=results["tracking_runs"],
+        **{name: "\n".join(lines) for name, lines in sections.items()},
+    )
+
+
+def _recognition(partitions: dict[str, PartitionResult]) -> Iterator[str]:
     yield "Percent, mean ± standard deviation of the splits.\n"
     yield from _head("method", partitions)
     first = next(iter(partitions.values()))
@@ -52,8 +43,7 @@ def _recognition(results: Results) -> Iterable[str]:
         yield _row(name, [_shown(one["recognition"][name]) for one in partitions.values()])
     for name in first["peers"]:
         yield _row(f"peer: {name}", [_shown(one["peers"][name]) for one in partitions.values()])
-    yield ""
-    yield "Goals that were set beforehand:\n"
+    yield "\nGoals that were set beforehand:\n"
     yield from _head("method", partitions)
     for name, goals in GOALS.items():
         cells = []
@@ -64,29 +54,23 @@ def _recognition(results: Results) -> Iterable[str]:
     yield ""
 
 
-def _selection(results: Results) -> Iterable[str]:
-    partitions = results["partitions"]
+def _selection(partitions: dict[str, PartitionResult]) -> Iterator[str]:
     yield from _head("candidate: mean on inner splits (times chosen)", partitions)
-    for name in next(iter(partitions.values()))["selection"]["inner"]:
-        cells = []
-        for one in partitions.values():
-            inner, chosen = one["selection"]["inner"][name], one["selection"]["chosen"].get(name, 0)
-            cells.append(f"{inner['mean']:.1f} ({chosen})")
-        yield _row(name, cells)
-    yield _row("**chosen by each split, on its test pictures**",
-               [_shown(one["selection"]["outer"]) for one in partitions.values()])  # fmt: skip
+    selections = [one["selection"] for one in partitions.values()]
+    for name in selections[0]["inner"]:
+        yield _row(
+            name, [f"{one['inner'][name]['mean']:.1f} ({one['chosen'].get(name, 0)})" for one in selections]
+        )
+    yield _row("**chosen by each split, on its test images**", [_shown(one["outer"]) for one in selections])
     yield ""
 
 
-def _percentages(table: PublishedTable, results: Results) -> Iterable[str]:
+def _percentages(table: PublishedTable, results: Results) -> Iterator[str]:
     yield f"### Table {table.number}\n"
     for key, printed in table.columns.items():
         one = results["partitions"][key]
         yield f"{key}, n = {results['repetitions']} splits, percent:\n"
-        yield from _head(
-            "targets",
-            ["published", "A, paper chain", "A, traditional", "A, preset recognition", "B, reconstruction"],
-        )
+        yield from _head("targets", READINGS)
         columns = [one["reading_a"][name] for name in (PROPOSED, TRADITIONAL, BEST)] + [one["reading_b"]]
         for index, targets in enumerate(table.rows):
             cells = [f"{printed[index]:.2f}"] + [_shown(column[index]) for column in columns]
@@ -97,8 +81,7 @@ def _percentages(table: PublishedTable, results: Results) -> Iterable[str]:
         yield f"\nUnder reading A {above} of {len(printed)} cells lie above the published ones.\n"
 
 
-def _reading_c(results: Results) -> Iterable[str]:
-    partitions = results["partitions"]
+def _reading_c(partitions: dict[str, PartitionResult]) -> Iterator[str]:
     yield "### Reading C: recognition by features for each block\n"
     yield "All targets, paper chain, percent.\n"
     yield from _head("features", partitions)
@@ -107,43 +90,35 @@ def _reading_c(results: Results) -> Iterable[str]:
     yield ""
 
 
-def _figure_3(results: Results) -> Iterable[str]:
-    partitions = results["partitions"]
+def _figure_3(partitions: dict[str, PartitionResult]) -> Iterator[str]:
     yield "Mean over 1 to 10 targets, percent:\n"
     yield from _head("method", partitions)
     means = {}
     for name in (PROPOSED, TRADITIONAL):
         means[name] = [_mean(one["reading_a"][name]) for one in partitions.values()]
         yield _row(name, [f"{value:.2f}" for value in means[name]])
-    apart = [one - other for one, other in zip(means[PROPOSED], means[TRADITIONAL], strict=True)]
-    yield _row("proposed above traditional", [f"{value:+.2f}" for value in apart])
+    differences = [one - other for one, other in zip(means[PROPOSED], means[TRADITIONAL], strict=True)]
+    yield _row("proposed above traditional", [f"{value:+.2f}" for value in differences])
     yield ""
 
 
-def _errors(table: PublishedTable, results: Results) -> Iterable[str]:
+def _errors(table: PublishedTable, partitions: dict[str, PartitionResult]) -> Iterator[str]:
     yield f"### Table {table.number}\n"
-    keys = list(table.columns)
-    yield from _head("n runs", [name for key in keys for name in (f"{key}, published", f"{key}, ours")])
-    columns = [results["partitions"][key]["tracking"] for key in keys]
-    for index, runs in enumerate(table.rows):
-        if index >= len(columns[0]):
-            break
-        cells = [
-            text
-            for key, column in zip(keys, columns, strict=True)
-            for text in (f"{table.columns[key][index]:.1f}", _shown(column[index]))
-        ]
-        yield _row(str(runs), cells)
-    averages = [
-        f"{value:.2f}"
-        for key, column in zip(keys, columns, strict=True)
-        for value in (table.column_average(key), _mean(column))
-    ]
-    yield _row("average", averages)
+    yield from _head(
+        "n runs", [name for key in table.columns for name in (f"{key}, published", f"{key}, ours")]
+    )
+    pairs = [(printed, partitions[key]["tracking"]) for key, printed in table.columns.items()]
+    for index, runs in enumerate(table.rows[: len(pairs[0][1])]):
+        yield _row(
+            str(runs),
+            [text for printed, ours in pairs for text in (f"{printed[index]:.1f}", _shown(ours[index]))],
+        )
+    averages = [(table.column_average(key), _mean(partitions[key]["tracking"])) for key in table.columns]
+    yield _row("average", [f"{value:.2f}" for pair in averages for value in pair])
     yield ""
 
 
-def _averages() -> Iterable[str]:
+def _averages() -> Iterator[str]:
     yield "## The published averages, recomputed from their cells\n"
     yield from _head("table", ["printed", "mean of its cells", "columns"])
     for table in sorted((*PERCENTAGES, *ERRORS), key=lambda one: one.number):

@@ -1,7 +1,4 @@
-"""Others' implementations on the same splits: scikit-learn's PCA and Fisherfaces, scikit-image's LBP.
-
-They are in the extra `experiments`; nothing else of this package needs them.
-"""
+"""Peer implementations on the same splits: scikit-learn's PCA and Fisherfaces, scikit-image's LBP."""
 
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -9,8 +6,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_wavelet_eigen.experiments.figures_of_merit import Figure, figure_of
 from streamkit_wavelet_eigen.experiments.protocol import Sample, Split
+from streamkit_wavelet_eigen.experiments.results import Figure, figure_of
 
 COMPONENTS = 40
 LBP_CELLS = 8
@@ -57,38 +54,38 @@ def fisherfaces_rate(split: Split) -> float:
 
 def lbp_rate(split: Split) -> float:
     """scikit-image uniform LBP (8 points, radius 2), histograms of 8x8 cells, nearest by chi square."""
-    known, asked = (lbp_histograms(sample.pictures) for sample in (split.training, split.test))
-    nearest = [chi_square_distances(row, known).argmin() for row in asked]
+    known, queries = (lbp_histograms(sample.images) for sample in (split.training, split.test))
+    nearest = [chi_square_distances(row, known).argmin() for row in queries]
     return float(100.0 * np.mean(np.array(split.training.labels)[nearest] == np.array(split.test.labels)))
 
 
 def chi_square_distances(row: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
     """Sum of (x - y)^2 / (x + y) between a histogram float64[k] and each of float64[m, k].
 
-    It is sum x + sum y - 4 sum xy / (x + y), so that only what is in the row has to be looked at: cells of 64
-    pixels leave most of the 59 patterns empty.
+    It equals sum x + sum y - 4 sum xy / (x + y), where only non-zero bins of the row count: in cells of 64
+    pixels most of the 59 patterns are empty.
     """
-    there = np.flatnonzero(row)
-    mine, theirs = row[there], others[:, there]
-    common = np.sum(mine * theirs / (mine + theirs), axis=1)
+    bins = np.flatnonzero(row)
+    left, right = row[bins], others[:, bins]
+    common = np.sum(left * right / (left + right), axis=1)
     result: NDArray[np.float64] = row.sum() + others.sum(axis=1) - 4.0 * common
     return result
 
 
-def lbp_histograms(pictures: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """float64[n, cells * patterns] of uint8[n, h, w], each cell's histogram beside the others."""
-    return np.stack([_lbp_histogram(picture.tobytes(), picture.shape) for picture in pictures])
+def lbp_histograms(images: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """float64[n, cells * patterns] of uint8[n, h, w], the cells' histograms concatenated."""
+    return np.stack([_lbp_histogram(image.tobytes(), image.shape) for image in images])
 
 
 @cache
 def _lbp_histogram(pixels: bytes, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Of one picture; the ten splits show the same pictures again."""
+    """Of one image; cached, as all splits have the same images."""
     from skimage.feature import local_binary_pattern
 
-    picture = np.frombuffer(pixels, np.uint8).reshape(shape)
+    image = np.frombuffer(pixels, np.uint8).reshape(shape)
     place = np.arange(shape[1]) // (shape[1] // LBP_CELLS)
     cells = (place[:, None] * LBP_CELLS + place) * LBP_PATTERNS
-    codes = local_binary_pattern(picture, LBP_POINTS, LBP_RADIUS, method="nri_uniform")  # type: ignore[no-untyped-call]
+    codes = local_binary_pattern(image, LBP_POINTS, LBP_RADIUS, method="nri_uniform")  # type: ignore[no-untyped-call]
     counts = np.bincount((cells + codes.astype(int)).ravel(), minlength=LBP_CELLS**2 * LBP_PATTERNS)
     return counts.astype(np.float64)
 
@@ -106,4 +103,4 @@ def _score(model: object, split: Split) -> float:
 
 
 def _rows(sample: Sample) -> NDArray[np.float64]:
-    return sample.pictures.reshape(len(sample.pictures), -1).astype(np.float64)
+    return sample.images.reshape(len(sample.images), -1).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Figure 3: the proposed method beside the traditional one, with error bars. matplotlib is in an extra."""
+"""Figure 3: the proposed and the traditional method with error bars."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from streamkit_wavelet_eigen.experiments.results import PartitionResult, Results
 
 SHOWN = ((PROPOSED, "#1f77b4", "o"), (TRADITIONAL, "#d62728", "s"), (BEST, "#2ca02c", "^"))
-# The same file for the same results: no date, and element names that do not depend on chance.
+# The same bytes for the same results: no date, and fixed element ids.
 STYLE: Any = {"svg.hashsalt": "streamkit", "svg.fonttype": "none", "font.size": 8}
 
 

@@ -1,4 +1,4 @@
-"""The printed tables, and their averages recomputed from their own cells."""
+"""The published tables, and averages recomputed from their cells."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ class PublishedTable:
 
     Attributes:
         number: 1 to 4.
-        rows: what the first column counts.
+        rows: values of the first column.
         columns: the values of each partition, by its key.
         average: the printed average over all cells.
     """

@@ -4,28 +4,28 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from streamkit_wavelet_eigen.experiments.figures_of_merit import Figure, figure_of
 from streamkit_wavelet_eigen.experiments.methods import METHODS, PROPOSED, RAW, recognition_rate
 from streamkit_wavelet_eigen.experiments.protocol import Split, first_targets
 from streamkit_wavelet_eigen.experiments.published import TARGETS
+from streamkit_wavelet_eigen.experiments.results import Figure, figure_of
 from streamkit_wavelet_eigen.gallery import distances
 from streamkit_wavelet_eigen.learner import learn_space
 from streamkit_wavelet_eigen.recipe import Recipe
 
-# Reading B: as many eigenvectors as hold this share of the variance of the training pictures.
-HELD_ENERGY = 0.95
-MOST_COMPONENTS = 256
+# Reading B: share of the variance of the training images in the eigenvectors.
+KEPT_ENERGY = 0.95
+MAX_COMPONENTS = 256
 
 
 def rates(recipe: Recipe, splits: Sequence[Split]) -> Figure:
-    """Recognition over all targets, percent, one measurement for each split."""
+    """Recognition over all targets, percent; one measurement per split."""
     return figure_of([recognition_rate(recipe, split) for split in splits])
 
 
 def reading_a(recipe: Recipe, splits: Sequence[Split]) -> list[Figure]:
-    """Recognition with a gallery of k targets, k = 1 to 10, percent: the first k of each split's own order.
+    """Recognition among the first k targets of each split, k = 1 to 10, percent.
 
-    Basis and gallery are made from the training pictures of these k targets alone.
+    Basis and gallery come from the training images of these targets alone.
     """
     return _by_targets(splits, lambda split: recognition_rate(recipe, split))
 
@@ -33,8 +33,8 @@ def reading_a(recipe: Recipe, splits: Sequence[Split]) -> list[Figure]:
 def reading_b(splits: Sequence[Split]) -> list[Figure]:
     """Held-out reconstruction of k targets, k = 1 to 10, percent: the mean of 100 (1 - |x - x'| / |x|).
 
-    x is a test picture as it is, x' its reconstruction from the whole-picture eigenvectors of the k targets'
-    training pictures that hold 95 % of their variance.
+    x is a raw test image, x' its reconstruction from the whole-image eigenvectors that hold 95 % of the
+    variance of the k targets' training images.
     """
     return _by_targets(splits, reconstructed_share)
 
@@ -54,28 +54,28 @@ def _by_targets(splits: Sequence[Split], measure: Callable[[Split], float]) -> l
 
 def reconstructed_share(split: Split) -> float:
     """Reading B of one split, percent."""
-    components = min(len(split.training.labels), MOST_COMPONENTS)
-    recipe = Recipe(64, RAW, components=components, energy=HELD_ENERGY)
-    space = learn_space(split.training.pictures.astype(np.float32), recipe)
-    given = split.test.pictures.astype(np.float32)
-    missed = np.linalg.norm((given - space.reconstruct(given)).reshape(len(given), -1), axis=1)
+    components = min(len(split.training.labels), MAX_COMPONENTS)
+    recipe = Recipe(64, RAW, components=components, energy=KEPT_ENERGY)
+    space = learn_space(split.training.images.astype(np.float32), recipe)
+    given = split.test.images.astype(np.float32)
+    residual = np.linalg.norm((given - space.reconstruct(given)).reshape(len(given), -1), axis=1)
     whole = np.linalg.norm(given.reshape(len(given), -1), axis=1)
-    return float(100.0 * np.mean(1.0 - missed / whole))
+    return float(100.0 * np.mean(1.0 - residual / whole))
 
 
 def rates_by_features(split: Split) -> list[float]:
-    """Reading C of one split: one fit, of which the leading features are taken."""
+    """Reading C of one split: one fit, of which the leading features are used."""
     recipe = METHODS[PROPOSED]
-    space = learn_space(split.training.pictures.astype(np.float32), recipe)
+    space = learn_space(split.training.images.astype(np.float32), recipe)
     blocks = recipe.blocks**2
-    known, asked = (
-        space.embed(sample.pictures.astype(np.float32)).reshape(-1, blocks, recipe.components)
+    known, queries = (
+        space.embed(sample.images.astype(np.float32)).reshape(-1, blocks, recipe.components)
         for sample in (split.training, split.test)
     )
     names, truth = np.array(split.training.labels), np.array(split.test.labels)
     found = []
     for count in range(1, recipe.components + 1):
-        one, other = (vectors[:, :, :count].reshape(len(vectors), -1) for vectors in (asked, known))
+        one, other = (vectors[:, :, :count].reshape(len(vectors), -1) for vectors in (queries, known))
         nearest = distances(one, other, recipe.metric, blocks).argmin(axis=1)
         found.append(float(100.0 * np.mean(names[nearest] == truth)))
     return found

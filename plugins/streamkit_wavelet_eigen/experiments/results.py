@@ -1,15 +1,45 @@
-"""What an experiment has found, as it is in its JSON file."""
+"""Results of the experiments, as in their JSON file."""
 
+from collections.abc import Sequence
 from typing import TypedDict
 
-from streamkit_wavelet_eigen.experiments.figures_of_merit import Figure
-from streamkit_wavelet_eigen.experiments.selection import Selection
+import numpy as np
 
 SCHEMA = "streamkit.experiments/1"
 
 
+class Figure(TypedDict):
+    """Mean, sample deviation and number of measurements, rounded so that runs compare byte for byte."""
+
+    mean: float
+    deviation: float
+    n: int
+
+
+def figure_of(values: Sequence[float], digits: int = 2) -> Figure:
+    """Mean and deviation of measurements; the deviation of a single one is 0."""
+    deviation = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+    return {
+        "mean": round(float(np.mean(values)), digits),
+        "deviation": round(deviation, digits),
+        "n": len(values),
+    }
+
+
+class Selection(TypedDict):
+    """Outcome of model selection.
+
+    `chosen` counts the wins of each candidate; `inner` has each candidate's mean rate on the inner splits;
+    `outer` is the rate on test images of the candidate that each split chose.
+    """
+
+    chosen: dict[str, int]
+    inner: dict[str, Figure]
+    outer: Figure
+
+
 class PartitionResult(TypedDict):
-    """Everything measured on one partition; percent, and px for `tracking`."""
+    """Measurements on one partition; percent, and px for `tracking`."""
 
     training_pictures: int
     test_pictures: int
@@ -23,7 +53,7 @@ class PartitionResult(TypedDict):
 
 
 class Results(TypedDict):
-    """The whole experiment."""
+    """The whole experiment; partitions by their key."""
 
     schema: str
     repetitions: int

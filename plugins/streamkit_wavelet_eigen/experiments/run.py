@@ -1,4 +1,4 @@
-"""Runs the whole protocol: four partitions, each a task of its own, on as many processes as are asked for."""
+"""Runs the whole protocol: four partitions, each a task, on several processes."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -17,7 +17,7 @@ from streamkit_wavelet_eigen.experiments.results import SCHEMA, PartitionResult,
 from streamkit_wavelet_eigen.experiments.selection import choose
 from streamkit_wavelet_eigen.experiments.tracking import by_runs, tracking_errors
 
-# One thread for each process: results do not depend on how many processors a machine has.
+# One thread per process: results do not depend on the number of processors.
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 READING_A_METHODS = (PROPOSED, TRADITIONAL, MODULAR, BEST)
 
@@ -28,17 +28,17 @@ def run_partition(
     """Measures one partition.
 
     Args:
-        partition: which database, and how many training pictures.
+        partition: database and number of training images.
         folder: holds the databases.
         repetitions: random splits.
         tracking_runs: sequences for tables 2 and 4.
 
     Raises:
-        MissingData: the databases are not whole.
+        MissingData: the databases are incomplete.
         ImportError: a peer is not installed.
     """
     read = read_orl if partition.database == "orl" else read_coil20
-    parts = list(splits(read(folder).pictures, partition.training, repetitions))
+    parts = list(splits(read(folder).images, partition.training, repetitions))
     return {
         "training_pictures": len(parts[0].training.labels),
         "test_pictures": len(parts[0].test.labels),
@@ -58,19 +58,19 @@ def run_all(
     repetitions: int = REPETITIONS,
     tracking_runs: int = RUNS[-1],
     workers: int = 2,
-    told: Callable[[str], None] = lambda key: None,
+    report: Callable[[str], None] = lambda key: None,
 ) -> Results:
-    """Measures all partitions; the same call gives the same results, whatever the number of workers.
+    """Measures all partitions; the results do not depend on the number of workers.
 
     Args:
         folder: holds the databases.
         repetitions: random splits of each partition.
         tracking_runs: sequences for tables 2 and 4.
         workers: processes.
-        told: called with the key of each partition that is done.
+        report: called with the key of each finished partition.
     """
     found: dict[str, PartitionResult] = {}
-    with _one_thread_each(), ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with _single_threaded(), ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         tasks = {
             pool.submit(run_partition, partition, folder, repetitions, tracking_runs): partition.key
             for partition in PARTITIONS
@@ -78,7 +78,7 @@ def run_all(
         try:
             for task in as_completed(tasks):
                 found[tasks[task]] = task.result()
-                told(tasks[task])
+                report(tasks[task])
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
@@ -91,8 +91,8 @@ def run_all(
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Linear algebra in child processes runs on one thread: they read this when they start."""
+def _single_threaded() -> Iterator[None]:
+    """Makes linear algebra in child processes run on one thread."""
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     try:

@@ -1,4 +1,4 @@
-"""Test pictures of a target, one after the other, on a moving textured ground with exactly known places."""
+"""Synthetic sequences of a target on a moving textured ground, with exact positions."""
 
 from dataclasses import dataclass
 
@@ -15,26 +15,26 @@ GROUND_STEP = (1.5, -0.8)
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A short sequence with truth.
+    """A short sequence with ground truth.
 
     Attributes:
         frames: uint8[24, 240, 320].
-        centres: float64[24, 2], x y of the target's middle, px.
+        centres: float64[24, 2], x y of the target, px.
     """
 
     frames: NDArray[np.uint8]
     centres: NDArray[np.float64]
 
 
-def make_scene(pictures: NDArray[np.uint8], seed: int) -> Scene:
-    """Pastes uint8[n, h, w] in sequence, 48 px wide, on a ground that moves under a camera.
+def make_scene(images: NDArray[np.uint8], seed: int) -> Scene:
+    """Pastes images uint8[n, h, w] in sequence, 48 px wide, on a moving ground.
 
-    The target goes straight through the middle with a slow swing, up to about 4 px a frame; each picture
-    stays for 24 / n frames. Sensor noise of 3 grey levels is on all of it.
+    The target crosses the centre on a straight line with a slow oscillation, up to about 4 px a frame; each
+    image stays for 24 / n frames. The sensor noise is 3 grey levels.
     """
     generator = np.random.default_rng(seed)
     ground = _ground(generator)
-    targets = [cv2.resize(one, (TARGET_SIDE, TARGET_SIDE), interpolation=cv2.INTER_AREA) for one in pictures]
+    targets = [cv2.resize(one, (TARGET_SIDE, TARGET_SIDE), interpolation=cv2.INTER_AREA) for one in images]
     corners = _path(generator)
     frames = np.empty((FRAMES, HEIGHT, WIDTH), np.uint8)
     for index, (left, top) in enumerate(corners):

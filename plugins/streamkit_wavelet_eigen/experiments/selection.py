@@ -1,41 +1,28 @@
-"""The choice of a configuration on splits of the training pictures alone, and what it is then worth."""
+"""Model selection on splits of the training images alone, and the rate of the selected recipe."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import TypedDict
 
 import numpy as np
 
-from streamkit_wavelet_eigen.experiments.figures_of_merit import Figure, figure_of
 from streamkit_wavelet_eigen.experiments.methods import CANDIDATES, recognition_rate
 from streamkit_wavelet_eigen.experiments.protocol import Split, inner_splits
+from streamkit_wavelet_eigen.experiments.results import Selection, figure_of
 from streamkit_wavelet_eigen.recipe import Recipe
 
 INNER_REPETITIONS = 2
 
 
-class Selection(TypedDict):
-    """What the choice came to.
-
-    `chosen` counts how often each candidate won; `inner` has each candidate's mean rate on the inner splits;
-    `outer` is the rate on test pictures of the one that each split chose for itself.
-    """
-
-    chosen: dict[str, int]
-    inner: dict[str, Figure]
-    outer: Figure
-
-
 def choose(
     splits: Sequence[Split], per_target: int, candidates: Mapping[str, Recipe] = CANDIDATES
 ) -> Selection:
-    """Lets the training pictures of each split choose among the candidates, then tests the chosen one.
+    """Selects a candidate on the training images of each split, then tests the selected one.
 
-    A split's test pictures have no part in its choice. Of equal candidates the first wins.
+    The test images of a split have no influence on its choice. Among equal candidates the first wins.
 
     Args:
-        splits: with test pictures that only the last figure sees.
-        per_target: training pictures of each target.
+        splits: random divisions of a database.
+        per_target: training images of each target.
         candidates: recipes by name.
     """
     inner_rates: dict[str, list[float]] = {name: [] for name in candidates}

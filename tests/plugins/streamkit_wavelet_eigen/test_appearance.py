@@ -26,8 +26,9 @@ def test_nothing_is_seen_before_a_space() -> None:
     assert under_test.process(_windows(1), learn=True, label="") is None
     seen = under_test.process(_windows(1, 1), learn=True, label="")
     assert seen is not None
-    assert seen.matches is None
-    assert seen.projection.vectors.shape == (1, 4)
+    projection, matches = seen
+    assert matches is None
+    assert projection.vectors.shape == (1, 4)
 
 
 def test_clipped_and_flat_windows_neither_teach_nor_join() -> None:
@@ -53,8 +54,9 @@ def test_known_windows_are_named_in_every_version() -> None:
         for windows, name in ((first, "car"), (second, "van")):
             seen = under_test.process(windows, learn=False, label="")
             assert seen is not None
-            assert seen.matches is not None
-            assert seen.matches.labels == (name, name)
+            matches = seen[1]
+            assert matches is not None
+            assert matches.labels == (name, name)
         assert under_test.space is not None
         versions.add(under_test.space.version)
     assert len(versions) == 6

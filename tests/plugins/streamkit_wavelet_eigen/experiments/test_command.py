@@ -1,4 +1,4 @@
-"""`streamkit experiments` writes its files, and tells what it misses."""
+"""`streamkit experiments` writes its files and reports missing data; no pipeline imports it."""
 
 import json
 import os
@@ -59,3 +59,27 @@ def test_results_are_written_as_json_and_page(
     for name in ("paper-tables.json", "paper-tables.md"):
         assert (output / name).read_bytes() == (DOCS / name).read_bytes()
     assert len(list(output.iterdir())) == 2
+
+
+def test_pipelines_import_no_experiment(tmp_path: Path) -> None:
+    """Only the command's entry point leads to the experiments, neither imports nor elements."""
+    code = (
+        "import sys\n"
+        "from streamkit import Pipeline\n"
+        "Pipeline.parse('dronetestsrc num-buffers=1 ! video/x-raw, width=64, height=64 '\n"
+        "               '! waveleteigen mode=raw ! featuresink location=features.npz').run(timeout_s=60)\n"
+        "print(*(name for name in sys.modules if name.startswith('streamkit_wavelet_eigen')))\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=85, check=True, cwd=tmp_path
+    )
+    imported = set(ended.stdout.split())
+    assert {"streamkit_wavelet_eigen.element", "streamkit_wavelet_eigen.featuresink"} <= imported
+    assert {name for name in imported if ".experiments" in name} == set()
+    plugins = Path(__file__).parents[4] / "plugins"
+    importing = {
+        path.relative_to(plugins).parts[:2]
+        for path in plugins.rglob("*.py")
+        if "streamkit_wavelet_eigen.experiments" in path.read_text(encoding="utf-8")
+    }
+    assert importing == {("streamkit_wavelet_eigen", "experiments")}

@@ -1,4 +1,4 @@
-"""The readings on real pictures, with few repetitions: goals, shapes, and peers."""
+"""The readings on real images, with few repetitions: goals, shapes, and peers."""
 
 from pathlib import Path
 
@@ -20,14 +20,14 @@ from streamkit_wavelet_eigen.experiments.recognition import rates, reading_a, re
 
 @pytest.fixture(scope="module")
 def orl(shared_folder: Path) -> list[Split]:
-    """Two splits of ORL with 5 training pictures."""
-    return list(splits(read_orl(data_folder(shared_folder)).pictures, 5, 2))
+    """Two splits of ORL with 5 training images."""
+    return list(splits(read_orl(data_folder(shared_folder)).images, 5, 2))
 
 
 @pytest.fixture(scope="module")
 def coil(shared_folder: Path) -> list[Split]:
-    """Two splits of COIL-20 with 9 training pictures."""
-    return list(splits(read_coil20(data_folder(shared_folder)).pictures, 9, 2))
+    """Two splits of COIL-20 with 9 training images."""
+    return list(splits(read_coil20(data_folder(shared_folder)).images, 9, 2))
 
 
 def test_presets_recognise_faces(orl: list[Split]) -> None:

@@ -1,4 +1,4 @@
-"""The choice depends on training pictures alone, and the chosen candidate is tested once."""
+"""The choice depends on training images alone, and the chosen candidate is tested once."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ CANDIDATES = {
 
 @pytest.fixture(scope="module")
 def parts() -> list[Split]:
-    """Two splits of four made-up targets, six noisy pictures each, four of them for training."""
+    """Two splits of four made-up targets, six noisy images each, four of them for training."""
     generator = np.random.default_rng(0)
     coarse = generator.integers(20, 230, (4, 1, 6, 6)).astype(np.uint8)
     clean = np.stack(
@@ -40,11 +40,11 @@ def test_each_split_chooses_one_candidate(parts: list[Split]) -> None:
 
 
 def test_test_pictures_have_no_part_in_the_choice(parts: list[Split]) -> None:
-    """With noise for test pictures the choice is the same, and only the last figure falls."""
+    """With noise for test images the choice is the same, and only the last figure falls."""
     noise = np.random.default_rng(1)
     spoilt = [
         replace(
-            part, test=replace(part.test, pictures=noise.integers(0, 256, part.test.pictures.shape, np.uint8))
+            part, test=replace(part.test, images=noise.integers(0, 256, part.test.images.shape, np.uint8))
         )
         for part in parts
     ]
