@@ -84,44 +84,45 @@ def paint(
         uint8[height, width, 3], BGR.
     """
     front, back = colours
-    if pattern in CHECKER_SIDES:
-        return _grey(_checkers(width, height, CHECKER_SIDES[pattern]))
-    if pattern in SOLID_COLOURS:
-        return _solid(width, height, SOLID_COLOURS[pattern])
+    solid = {Pattern.SOLID_COLOR: front, Pattern.BLINK: back if index % 2 else front, **SOLID_COLOURS}
+    if pattern in solid:
+        return _solid(width, height, solid[pattern])
     if pattern in (Pattern.SMPTE, Pattern.SMPTE100, Pattern.SMPTE75):
         return _bars(width, height)
     if pattern is Pattern.BALL:
         return _ball(width, height, index, front, back)
-    if pattern is Pattern.SNOW:
-        return _grey(np.random.default_rng((seed, index)).integers(0, 256, (height, width), dtype=np.uint8))
-    if pattern is Pattern.BLINK:
-        return _solid(width, height, back if index % 2 else front)
     if pattern is Pattern.BAR:
         image = _solid(width, height, back)
         image[:, :BAR_PX] = front
         return image
-    if pattern is Pattern.SOLID_COLOR:
-        return _solid(width, height, front)
     if pattern is Pattern.COLORS:
         return _colours(width, height)
+    levels = np.rint(_grey_levels(pattern, width, height, (seed, index))).astype(np.uint8)
+    return np.repeat(levels[:, :, None], 3, axis=2)
+
+
+def _grey_levels(pattern: Pattern, width: int, height: int, seed: tuple[int, int]) -> NDArray[Any]:
+    """Patterns without colour, [height, width]."""
+    if pattern is Pattern.SNOW:
+        return np.random.default_rng(seed).integers(0, 256, (height, width), dtype=np.uint8)
     if pattern is Pattern.GRADIENT:
-        return _grey(np.broadcast_to(np.linspace(255.0, 0.0, height)[:, None], (height, width)))
-    return _grey(_radial_pattern(pattern, width, height))
-
-
-def _grey(values: NDArray[Any]) -> ByteArray:
-    plane = np.rint(values).astype(np.uint8)
-    return np.repeat(plane[:, :, None], 3, axis=2)
+        return np.broadcast_to(np.linspace(255.0, 0.0, height)[:, None], (height, width))
+    if pattern in CHECKER_SIDES:
+        rows, columns = (np.arange(length) // CHECKER_SIDES[pattern] for length in (height, width))
+        return np.where((rows[:, None] + columns) % 2, 255, 0)
+    x, y = np.arange(width) - (width - 1) / 2, np.arange(height)[:, None] - (height - 1) / 2
+    radius, angle = np.hypot(x, y), np.arctan2(y, x)
+    if pattern is Pattern.CIRCULAR:
+        return np.where((radius // 8) % 2 == 0, 255, 0)
+    if pattern is Pattern.ZONE_PLATE:
+        wave: NDArray[np.float64] = np.cos(np.pi * radius**2 / max(width, height))
+        return 127.5 + 127.5 * wave
+    turn = radius / 16 if pattern is Pattern.PINWHEEL else 0.0
+    return np.where(np.sin(angle * SPOKES + turn) >= 0, 255, 0)
 
 
 def _solid(width: int, height: int, colour: Colour) -> ByteArray:
     return np.full((height, width, 3), colour, np.uint8)
-
-
-def _checkers(width: int, height: int, side: int) -> NDArray[Any]:
-    rows, columns = np.arange(height) // side, np.arange(width) // side
-    light: NDArray[np.int64] = (rows[:, None] + columns) % 2
-    return light * 255
 
 
 def _colours(width: int, height: int) -> ByteArray:
@@ -132,19 +133,6 @@ def _colours(width: int, height: int) -> ByteArray:
     image[:, :, 1] = down * 255 // max(1, height - 1)
     image[:, :, 0] = (across // 16 + down // 16) * 32 % 256
     return image
-
-
-def _radial_pattern(pattern: Pattern, width: int, height: int) -> NDArray[Any]:
-    """Patterns around the centre: rings, zone plate, pinwheel, spokes."""
-    x, y = np.arange(width) - (width - 1) / 2, np.arange(height)[:, None] - (height - 1) / 2
-    radius, angle = np.hypot(x, y), np.arctan2(y, x)
-    if pattern is Pattern.CIRCULAR:
-        return np.where((radius // 8) % 2 == 0, 255, 0)
-    if pattern is Pattern.ZONE_PLATE:
-        wave: NDArray[np.float64] = np.cos(np.pi * radius**2 / max(width, height))
-        return 127.5 + 127.5 * wave
-    turn = radius / 16 if pattern is Pattern.PINWHEEL else 0.0
-    return np.where(np.sin(angle * SPOKES + turn) >= 0, 255, 0)
 
 
 def _bars(width: int, height: int) -> ByteArray:

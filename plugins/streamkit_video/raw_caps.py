@@ -16,20 +16,20 @@ def formats_in(caps: Caps) -> list[str]:
     return found
 
 
-def choose_format(allowed: Caps, wanted: tuple[str, ...], near: Caps, element: str) -> Caps:
+def choose_format(allowed: Caps, near: Caps, element: str, wanted: tuple[str, ...] = ()) -> Caps:
     """Fixed caps out of `allowed`, of the first wanted format that its size allows.
 
     Args:
         allowed: raw video caps.
-        wanted: formats in order of preference.
         near: preferred values of the other fields.
         element: name for the error.
+        wanted: formats in order of preference; the order of `allowed` if empty.
 
     Raises:
         NotNegotiated: only I420 or NV12 of an odd size is left.
     """
     refused = ""
-    for name in wanted:
+    for name in wanted or formats_in(allowed):
         caps = (allowed & Caps(f"video/x-raw, format={name}")).fixate(near=near)
         if caps.is_empty:
             continue

@@ -42,7 +42,7 @@ class VideoConvert(Transform):
         same = allowed & sink_caps
         if not same.is_empty:
             return same.fixate()
-        return choose_format(allowed, by_preference(str(sink_caps["format"])), sink_caps, self.name)
+        return choose_format(allowed, sink_caps, self.name, by_preference(str(sink_caps["format"])))
 
     @override
     def configure(self, sink_caps: Caps, src_caps: Caps) -> None:

@@ -69,20 +69,14 @@ class VideoScale(Transform):
         same = allowed & sink_caps
         if not same.is_empty:
             return same.fixate()
-        width, height = sink_caps.integer("width"), sink_caps.integer("height")
         caps = allowed.fixate(near=sink_caps)
-        free = {name: isinstance(allowed.get(name), IntRange) for name in ("width", "height")}
-        if free["height"] and not free["width"]:
-            side = self._in_proportion(height, caps.integer("width"), width, sink_caps)
-            caps = allowed.fixate(near=sink_caps.with_fields(height=side))
-        elif free["width"] and not free["height"]:
-            side = self._in_proportion(width, caps.integer("height"), height, sink_caps)
-            caps = allowed.fixate(near=sink_caps.with_fields(width=side))
-        return caps
-
-    def _in_proportion(self, side: int, other_after: int, other_before: int, sink_caps: Caps) -> int:
         step = 2 if sink_caps["format"] in PLANAR else 1
-        return max(step, round(side * other_after / other_before / step) * step)
+        for free, given in (("width", "height"), ("height", "width")):
+            if isinstance(allowed.get(free), IntRange) and not isinstance(allowed.get(given), IntRange):
+                side = sink_caps.integer(free) * caps.integer(given) / sink_caps.integer(given)
+                side = max(step, round(side / step) * step)
+                caps = allowed.fixate(near=sink_caps.with_fields(**{free: side}))
+        return caps
 
     @override
     def configure(self, sink_caps: Caps, src_caps: Caps) -> None:

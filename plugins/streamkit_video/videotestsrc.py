@@ -12,7 +12,7 @@ from typing_extensions import override
 from streamkit import Caps, Frame, Property, Source
 from streamkit_video.patterns import MOVING, Pattern, paint
 from streamkit_video.pixel_formats import FORMATS, convert
-from streamkit_video.raw_caps import choose_format, formats_in
+from streamkit_video.raw_caps import choose_format
 
 PREFERRED = Caps("video/x-raw, width=320, height=240, framerate=30/1")
 RATE_WITHOUT_FRAMERATE = Fraction(30)
@@ -48,7 +48,7 @@ class VideoTestSrc(Source):
     @override
     def negotiate(self, allowed: Caps) -> Caps:
         """The nearest to 320x240 at 30 frames a second."""
-        return choose_format(allowed, tuple(formats_in(allowed)), PREFERRED, self.name)
+        return choose_format(allowed, PREFERRED, self.name)
 
     @override
     def duration_ns(self) -> int | None:

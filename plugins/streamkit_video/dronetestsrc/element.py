@@ -14,7 +14,7 @@ from typing_extensions import override
 from streamkit import Caps, Frame, Property, ResourceError, SettingsOf, Source
 from streamkit_video.dronetestsrc.ground import load_ground
 from streamkit_video.dronetestsrc.world import World, WorldSettings
-from streamkit_video.raw_caps import choose_format, formats_in
+from streamkit_video.raw_caps import choose_format
 
 PREFERRED = Caps("video/x-raw, width=1280, height=720, framerate=25/1")
 RATE_WITHOUT_FRAMERATE = Fraction(25)
@@ -58,7 +58,7 @@ class DroneTestSrc(Source):
     @override
     def negotiate(self, allowed: Caps) -> Caps:
         """The nearest to 1280x720 at 25 frames a second."""
-        return choose_format(allowed, tuple(formats_in(allowed)), PREFERRED, self.name)
+        return choose_format(allowed, PREFERRED, self.name)
 
     @override
     def frames(self) -> Iterator[Frame]:

@@ -11,16 +11,9 @@ from scipy.special import ndtri
 
 from streamkit.geometry.homography import normalised, project
 from streamkit.settings import setting
+from streamkit_video.dronetestsrc import sprites
 from streamkit_video.dronetestsrc.camera import CameraPath, plan_path
 from streamkit_video.dronetestsrc.cars import LOOK_AHEAD, Traffic, start_traffic
-from streamkit_video.dronetestsrc.sprites import (
-    COLOURS,
-    SHADOW_OFFSET,
-    CarSprite,
-    draw_body,
-    draw_shadow,
-    paint_car,
-)
 from streamkit_video.dronetestsrc.truth import TrueRegistration, TrueTargets
 
 FloatArray = NDArray[np.float64]
@@ -114,18 +107,19 @@ class World:
         self._traffic.step(self._path.ground_from_frame(self._index + LOOK_AHEAD, shaken=False))
         return frame
 
-    def _paint_cars(self, channels: int) -> list[CarSprite]:
-        traffic, scale = self._traffic, self._path.ground_scale
-        offset = int(np.random.default_rng((self._settings.seed, 3)).integers(len(COLOURS)))
+    def _paint_cars(self, channels: int) -> list[sprites.CarSprite]:
+        scale = self._path.ground_scale
+        sizes = zip(self._traffic.lengths / scale, self._traffic.widths / scale, strict=True)
+        offset = int(np.random.default_rng((self._settings.seed, 3)).integers(len(sprites.COLOURS)))
         return [
-            paint_car(
-                float(traffic.lengths[car]) / scale,
-                float(traffic.widths[car]) / scale,
-                COLOURS[(car + offset) % len(COLOURS)],
+            sprites.paint_car(
+                float(length),
+                float(width),
+                sprites.COLOURS[(car + offset) % len(sprites.COLOURS)],
                 scale,
                 channels,
             )
-            for car in range(len(traffic))
+            for car, (length, width) in enumerate(sizes)
         ]
 
     def _render(self, ground_from_frame: FloatArray, frame_from_ground: FloatArray) -> ByteArray:
@@ -134,12 +128,12 @@ class World:
             self._ground, ground_from_frame, self._frame_size, flags=flags, borderMode=cv2.BORDER_REPLICATE
         )
         image: ByteArray = np.asarray(warped)
-        shadow = np.array(SHADOW_OFFSET) * self._path.ground_scale
+        shadow = np.array(sprites.SHADOW_OFFSET) * self._path.ground_scale
         cars = list(zip(self._sprites, self._traffic.positions, self._traffic.headings, strict=True))
         for sprite, position, heading in cars:
-            draw_shadow(image, sprite, frame_from_ground @ _pose(position + shadow, heading))
+            sprites.draw_shadow(image, sprite, frame_from_ground @ _pose(position + shadow, heading))
         for sprite, position, heading in cars:
-            draw_body(image, sprite, frame_from_ground @ _pose(position, heading))
+            sprites.draw_body(image, sprite, frame_from_ground @ _pose(position, heading))
         self._noise.add_to(image)
         return image
 

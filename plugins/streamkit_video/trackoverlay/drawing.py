@@ -121,17 +121,12 @@ def draw_label(image: ByteArray, text: str, corners: FloatArray, colour: Colour)
 
 def draw_status(image: ByteArray, text: str) -> None:
     """Writes a line of text on a darkened strip in the upper left corner."""
-    size = text_scale(image.shape[0])
+    size = min(max(image.shape[0] / 1300.0, 0.35), 1.2)  # scale of OpenCV's font
     (width, height), below = cv2.getTextSize(text, FONT, size, 1)
     margin = max(3, height // 2)
     strip = image[: height + below + margin, : width + 2 * margin]
     strip //= 3
     cv2.putText(image, text, (margin, height + margin // 2 + 1), FONT, size, WHITE, 1, cv2.LINE_AA)
-
-
-def text_scale(height: int) -> float:
-    """Scale of OpenCV's font for the status line of an image of this height, px."""
-    return min(max(height / 1300.0, 0.35), 1.2)
 
 
 def _fixed_point(points: FloatArray) -> NDArray[np.int32]:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MAX_POINTS = 20_000
+POINT = np.dtype([("id", np.int64), ("time_ns", np.int64), ("xy", np.float64, 2)])
 
 
 class Trails:
@@ -25,12 +25,10 @@ class Trails:
 
     def clear(self) -> None:
         """Drops all positions."""
-        self._ids: IntArray = np.empty(0, np.int64)
-        self._times: IntArray = np.empty(0, np.int64)
-        self._points: FloatArray = np.empty((0, 2))
+        self._points = np.empty(0, POINT)
 
     def __len__(self) -> int:
-        return len(self._ids)
+        return len(self._points)
 
     def warp(self, to_previous: FloatArray) -> None:
         """Warps all positions into a new frame; drops them if the homography is singular.
@@ -43,24 +41,20 @@ class Trails:
         if not np.isfinite(to_previous).all() or abs(np.linalg.det(to_previous)) < 1e-9:
             self.clear()
             return
-        warped = cv2.perspectiveTransform(self._points[None], np.linalg.inv(to_previous))
-        self._points = np.asarray(warped[0], np.float64)
+        points = np.ascontiguousarray(self._points["xy"])
+        self._points["xy"] = cv2.perspectiveTransform(points[None], np.linalg.inv(to_previous))[0]
 
     def extend(self, ids: Sequence[int], points: Sequence[tuple[float, float]], time_ns: int) -> None:
         """Adds the positions of the newest frame."""
-        if ids:
-            self._ids = np.concatenate([self._ids, np.array(ids, np.int64)])
-            self._points = np.concatenate([self._points, np.array(points, np.float64)])
-            self._times = np.concatenate([self._times, np.full(len(ids), time_ns, np.int64)])
+        added = [(identity, time_ns, point) for identity, point in zip(ids, points, strict=True)]
+        self._points = np.concatenate([self._points, np.array(added, POINT)])
 
     def drop_before(self, time_ns: int) -> None:
         """Drops positions older than a time, and the oldest beyond the limit."""
-        kept = self._times >= time_ns
-        kept[: max(0, len(self) - MAX_POINTS)] = False
-        if not kept.all():
-            self._ids, self._times, self._points = self._ids[kept], self._times[kept], self._points[kept]
+        newest = self._points[-MAX_POINTS:]
+        self._points = newest[newest["time_ns"] >= time_ns]
 
     def paths(self) -> Iterator[tuple[int, FloatArray]]:
         """Each target's id and its float64[n, 2] positions, oldest first, px of the newest frame."""
-        for identity in np.unique(self._ids):
-            yield int(identity), self._points[self._ids == identity]
+        for identity in np.unique(self._points["id"]):
+            yield int(identity), self._points["xy"][self._points["id"] == identity]

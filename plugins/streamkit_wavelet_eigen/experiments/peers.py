@@ -27,29 +27,22 @@ def peer_rates(splits: Sequence[Split]) -> dict[str, Figure]:
     return {name: figure_of([rate(split) for split in splits]) for name, rate in PEERS.items()}
 
 
-def pca_rate(split: Split) -> float:
+def pca_rate(split: Split, *further_steps: object) -> float:
     """scikit-learn PCA with 40 components, nearest neighbour."""
     from sklearn.decomposition import PCA
     from sklearn.neighbors import KNeighborsClassifier
     from sklearn.pipeline import make_pipeline
 
-    model = make_pipeline(PCA(COMPONENTS, svd_solver="full"), KNeighborsClassifier(1))
-    return _score(model, split)
+    model = make_pipeline(PCA(COMPONENTS, svd_solver="full"), *further_steps, KNeighborsClassifier(1))
+    fitted = model.fit(_rows(split.training), split.training.labels)
+    return float(100.0 * np.mean(fitted.predict(_rows(split.test)) == np.array(split.test.labels)))
 
 
 def fisherfaces_rate(split: Split) -> float:
     """scikit-learn PCA with 40 components, linear discriminant analysis, nearest neighbour."""
-    from sklearn.decomposition import PCA
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
-    from sklearn.neighbors import KNeighborsClassifier
-    from sklearn.pipeline import make_pipeline
 
-    model = make_pipeline(
-        PCA(COMPONENTS, svd_solver="full"),
-        LinearDiscriminantAnalysis(solver="eigen"),
-        KNeighborsClassifier(1),
-    )
-    return _score(model, split)
+    return pca_rate(split, LinearDiscriminantAnalysis(solver="eigen"))
 
 
 def lbp_rate(split: Split) -> float:
@@ -95,11 +88,6 @@ PEERS: dict[str, Rate] = {
     "scikit-learn Fisherfaces (PCA 40, LDA), 1-NN": fisherfaces_rate,
     "scikit-image LBP histograms, 1-NN chi square": lbp_rate,
 }
-
-
-def _score(model: object, split: Split) -> float:
-    fitted = model.fit(_rows(split.training), split.training.labels)  # type: ignore[attr-defined]
-    return float(100.0 * np.mean(fitted.predict(_rows(split.test)) == np.array(split.test.labels)))
 
 
 def _rows(sample: Sample) -> NDArray[np.float64]:
