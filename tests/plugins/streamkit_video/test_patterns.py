@@ -1,4 +1,4 @@
-"""Tests of the test pictures."""
+"""Tests of the test images."""
 
 import numpy as np
 import pytest
@@ -9,12 +9,12 @@ from streamkit_video.patterns import MOVING, Pattern, paint
 @pytest.mark.parametrize("pattern", list(Pattern))
 @pytest.mark.parametrize("size", [(320, 240), (7, 5), (1, 1)])
 def test_every_pattern_in_any_size(pattern: Pattern, size: tuple[int, int]) -> None:
-    """The layout is right down to one pixel, and painting again gives the same picture."""
+    """The layout is right down to one pixel, and painting again gives the same image."""
     width, height = size
-    picture = paint(pattern, width, height, 3, 0)
-    assert picture.shape == (height, width, 3)
-    assert picture.dtype == np.uint8
-    np.testing.assert_array_equal(picture, paint(pattern, width, height, 3, 0))
+    image = paint(pattern, width, height, 3, 0)
+    assert image.shape == (height, width, 3)
+    assert image.dtype == np.uint8
+    np.testing.assert_array_equal(image, paint(pattern, width, height, 3, 0))
 
 
 @pytest.mark.parametrize("pattern", list(Pattern))
@@ -48,7 +48,7 @@ def test_snow_depends_on_the_seed() -> None:
 
 
 def test_the_ball_is_white_and_whole() -> None:
-    """It never leaves the picture: the bright area is the same wherever it is."""
+    """It never leaves the image: the bright area is the same wherever it is."""
     areas = [
         int((paint(Pattern.BALL, 320, 240, index, 0)[:, :, 0] > 127).sum()) for index in range(0, 200, 9)
     ]

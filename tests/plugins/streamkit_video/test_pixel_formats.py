@@ -14,21 +14,21 @@ PACKED = ("BGR", "RGB", "BGRA", "RGBA")
 
 
 def smooth_colour(width: int, height: int) -> np.ndarray:
-    """A BGR picture without sharp edges and without colours that limited range cuts."""
+    """A BGR image without sharp edges and without colours that limited range cuts."""
     rows, columns = np.mgrid[:height, :width]
     planes = [80 + 90 * columns / max(width, 1), 200 - 90 * rows / max(height, 1), 120 + 0 * rows]
     return np.rint(np.stack(planes, axis=2)).astype(np.uint8)
 
 
-def picture(pixel_format: str, width: int, height: int) -> np.ndarray:
-    """The smooth picture in a format."""
+def image(pixel_format: str, width: int, height: int) -> np.ndarray:
+    """The smooth image in a format."""
     return convert(smooth_colour(width, height), "BGR", pixel_format)
 
 
 @pytest.mark.parametrize(("source", "target"), list(itertools.permutations(FORMATS, 2)))
 def test_every_pair_there_and_back(source: str, target: str) -> None:
     """What both formats can hold survives: colour, but for chroma's resolution, else brightness."""
-    original = picture(source, 32, 24)
+    original = image(source, 32, 24)
     there = convert(original, source, target)
     back = convert(there, target, source)
     assert image_height(there, target) == 24
@@ -42,7 +42,7 @@ def test_every_pair_there_and_back(source: str, target: str) -> None:
 def test_grey_of_planar_is_the_luma_plane_without_copy() -> None:
     """GRAY8 shares the memory of I420 and NV12, and its values are the plane's own, limited range or not."""
     for source in PLANAR:
-        data = picture(source, 16, 10)
+        data = image(source, 16, 10)
         grey = convert(data, source, "GRAY8")
         assert np.shares_memory(grey, data)
         np.testing.assert_array_equal(grey, data[:10])
@@ -51,7 +51,7 @@ def test_grey_of_planar_is_the_luma_plane_without_copy() -> None:
 
 def test_the_same_format_is_the_same_array() -> None:
     """Nothing is copied where nothing changes."""
-    data = picture("BGRA", 8, 6)
+    data = image("BGRA", 8, 6)
     assert convert(data, "BGRA", "BGRA") is data
 
 
@@ -66,7 +66,7 @@ def test_channels_are_where_their_names_say() -> None:
 
 def test_nv12_interleaves_the_chroma_of_i420() -> None:
     """U and V alternate, and OpenCV reads both layouts as the same colours."""
-    planar = picture("I420", 16, 8)
+    planar = image("I420", 16, 8)
     interleaved = convert(planar, "I420", "NV12")
     np.testing.assert_array_equal(interleaved[8:].reshape(-1)[0::2], planar[8:].reshape(-1)[:32])
     np.testing.assert_array_equal(interleaved[8:].reshape(-1)[1::2], planar[8:].reshape(-1)[32:])

@@ -1,4 +1,4 @@
-"""Tests of scaling pictures."""
+"""Tests of scaling images."""
 
 import cv2
 import numpy as np
@@ -27,7 +27,7 @@ def spot_place(grey: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("method", list(ScaleMethod))
 @pytest.mark.parametrize("size", [(60, 40), (180, 140), (120, 160)])
 def test_the_homography_says_where_pixels_go(method: ScaleMethod, size: tuple[int, int]) -> None:
-    """A spot in the scaled picture lies where `scaling_homography` maps the spot before."""
+    """A spot in the scaled image lies where `scaling_homography` maps the spot before."""
     scaled = scale_image(blob(120, 80, 71.0, 33.0), "BGR", size, method)
     expected = cv2.perspectiveTransform(np.array([[[71.0, 33.0]]]), scaling_homography((120, 80), size))[0, 0]
     # Nearest takes one of two equally near pixels when halving: a quarter pixel of the result.
@@ -38,11 +38,11 @@ def test_the_homography_says_where_pixels_go(method: ScaleMethod, size: tuple[in
 @pytest.mark.parametrize("pixel_format", FORMATS)
 def test_formats_scale_alike(pixel_format: str) -> None:
     """Scaling in any format shows what scaling in BGR shows."""
-    picture = cv2.GaussianBlur(
+    image = cv2.GaussianBlur(
         np.random.default_rng(0).integers(0, 256, (80, 120, 3), dtype=np.uint8), (0, 0), 6
     )
-    here = scale_image(convert(picture, "BGR", pixel_format), pixel_format, (60, 40), ScaleMethod.AREA)
-    there = convert(scale_image(picture, "BGR", (60, 40), ScaleMethod.AREA), "BGR", pixel_format)
+    here = scale_image(convert(image, "BGR", pixel_format), pixel_format, (60, 40), ScaleMethod.AREA)
+    there = convert(scale_image(image, "BGR", (60, 40), ScaleMethod.AREA), "BGR", pixel_format)
     assert here.shape == there.shape
     assert np.abs(here.astype(int) - there).max() <= 3
 

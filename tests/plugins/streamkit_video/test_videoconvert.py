@@ -20,7 +20,7 @@ def frames_of(description: str) -> list[Frame]:
 
 @pytest.mark.parametrize(("source", "target"), list(itertools.product(FORMATS, FORMATS)))
 def test_every_pair_of_formats(source: str, target: str) -> None:
-    """Size, rate, times and numbers stay; the format is the one asked for."""
+    """Size, rate, times and numbers stay; the format is the requested one."""
     frames = frames_of(
         f"videotestsrc num-buffers=2 ! video/x-raw, format={source}, width=16, height=12 "
         f"! videoconvert ! video/x-raw, format={target}"

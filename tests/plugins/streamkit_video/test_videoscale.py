@@ -19,7 +19,7 @@ def frames_of(description: str) -> list[Frame]:
 
 @pytest.mark.parametrize("method", [str(method) for method in ScaleMethod])
 def test_caps_decide_the_size(method: str) -> None:
-    """The size after it is the one asked for; format, rate and times stay."""
+    """The size is the requested one; format, rate and times stay."""
     frames = frames_of(
         "videotestsrc num-buffers=2 ! video/x-raw, format=NV12, width=64, height=48 "
         f"! videoscale method={method} ! video/x-raw, width=20, height=30"
@@ -34,7 +34,7 @@ def test_caps_decide_the_size(method: str) -> None:
     ("asked", "size"), [("width=32", (32, 24)), ("height=12", (16, 12)), ("width=9", (9, 7))]
 )
 def test_the_other_side_follows_in_proportion(asked: str, size: tuple[int, int]) -> None:
-    """Where only one side is given, the picture keeps its shape."""
+    """Where only one side is given, the image keeps its shape."""
     (frame,) = frames_of(
         "videotestsrc num-buffers=1 ! video/x-raw, format=BGR, width=64, height=48 "
         f"! videoscale ! video/x-raw, {asked}"

@@ -47,7 +47,7 @@ def test_patterns_repeat_bit_for_bit(pattern: str) -> None:
 
 
 def test_a_still_pattern_is_painted_once() -> None:
-    """Frames of a picture that does not change share its memory."""
+    """Frames of an image that does not change share its memory."""
     frames = frames_of("videotestsrc num-buffers=3 ! video/x-raw, width=64, height=48")
     assert frames[0].data is frames[2].data
 

@@ -20,7 +20,7 @@ def _appearance(batch: int = 8) -> AppearanceModel:
     return AppearanceModel(AppearanceSettings(RECIPE, batch, 0.95, 5), None, empty_gallery(16))
 
 
-def test_nothing_is_seen_before_a_space() -> None:
+def test_no_features_before_a_space() -> None:
     """One window makes no space; the second does."""
     under_test = _appearance()
     assert under_test.process(_windows(1), learn=True, label="") is None
@@ -31,8 +31,8 @@ def test_nothing_is_seen_before_a_space() -> None:
     assert projection.vectors.shape == (1, 4)
 
 
-def test_clipped_and_flat_windows_neither_teach_nor_join() -> None:
-    """Windows that lie outside by more than a quarter, or are flat, are looked at only."""
+def test_clipped_and_flat_windows_are_neither_learnt_nor_added() -> None:
+    """Windows that are clipped by more than a quarter, or are flat, are projected only."""
     under_test = _appearance()
     flat = Windows(np.full((4, 16, 16), 9, np.float32), np.ones(4, bool), np.zeros(4), np.zeros(4, bool))
     for windows in (_windows(4, clipped=0.3), flat):
@@ -42,8 +42,8 @@ def test_clipped_and_flat_windows_neither_teach_nor_join() -> None:
     assert under_test.gallery.labels == ("car",) * 4
 
 
-def test_known_windows_are_named_in_every_version() -> None:
-    """When the space moves on, the gallery is embedded again: names stay right."""
+def test_known_windows_are_labelled_in_every_version() -> None:
+    """When the space moves on, the gallery is embedded again: labels stay right."""
     under_test = _appearance(batch=2)
     first, second = _windows(2), _windows(2, 1)
     under_test.process(first, learn=True, label="car")
@@ -62,8 +62,8 @@ def test_known_windows_are_named_in_every_version() -> None:
     assert len(versions) == 6
 
 
-def test_learning_can_rest() -> None:
-    """Without `learn` the space is the same object, whatever is looked at."""
+def test_learning_can_be_paused() -> None:
+    """Without `learn` the space is the same object, whatever is processed."""
     under_test = _appearance(batch=2)
     under_test.process(_windows(4), learn=True, label="")
     space = under_test.space

@@ -1,4 +1,4 @@
-"""Eigen-images: the mean and the eigenvectors as grey pictures."""
+"""Eigen-images: the mean and the eigenvectors as grey images."""
 
 import numpy as np
 import pytest

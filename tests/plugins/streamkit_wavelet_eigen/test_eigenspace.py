@@ -158,12 +158,12 @@ def test_update_with_another_length_is_refused() -> None:
 
 def _faces(folder: Path) -> np.ndarray:
     """All 400 ORL faces, 32 by 32, as vectors, person by person turned into a stream of all."""
-    pictures = [
+    images = [
         cv2.resize(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), (32, 32), interpolation=cv2.INTER_AREA)
         for person in range(1, 41)
         for path in (folder / "orl" / f"s{person}" / f"{view}.pgm" for view in range(1, 11))
     ]
-    return np.stack(pictures).reshape(400, -1).astype(np.float64)
+    return np.stack(images).reshape(400, -1).astype(np.float64)
 
 
 def test_subspaces_are_those_of_scikit_learn(streamkit_data: Path) -> None:
@@ -177,7 +177,7 @@ def test_subspaces_are_those_of_scikit_learn(streamkit_data: Path) -> None:
 
 
 def test_energy_is_held_by_the_fewest() -> None:
-    """No smaller number of eigenvectors holds the share asked for."""
+    """No smaller number of eigenvectors keeps the requested share."""
     vectors = _low_rank(60, 100, 12, noise=0.05)
     whole = learn_eigenspace(vectors, 59)
     held = np.cumsum(_eigenvalues(whole)) / _eigenvalues(whole).sum()
@@ -189,7 +189,7 @@ def test_energy_is_held_by_the_fewest() -> None:
 
 
 def test_reconstruction_errors_are_the_distance_to_the_space() -> None:
-    """What lies in the space has error 0; what lies beside it has its own length."""
+    """What lies in the space has error 0; what is orthogonal to it has its own length."""
     space = learn_eigenspace(_low_rank(30, 80, 4), 4)
     inside = space.reconstruct(np.array([[3.0, -2.0, 1.0, 0.5]]))
     beside = np.random.default_rng(1).normal(size=80)

@@ -139,7 +139,7 @@ def test_the_same_target_is_nearer_than_others() -> None:
 
 
 def test_unusable_windows_are_counted_and_finite() -> None:
-    """Flat, clipped and tiny windows, and boxes of NaN, give finite rows and are told at the end."""
+    """Flat, clipped and tiny windows, and boxes of NaN, give finite rows and are counted at the end."""
     image = np.random.default_rng(1).integers(0, 256, (240, 320), np.uint8)
     image[:, 200:] = 77
     boxes = np.array(
@@ -156,12 +156,12 @@ def test_unusable_windows_are_counted_and_finite() -> None:
     assert np.isfinite(vectors).all()
     assert (vectors[[2, 5]] == 0).all()
     assert np.abs(vectors[0]).max() > 0
-    told = message.fields
-    assert (told["windows"], told["flat"], told["clipped"], told["tiny"]) == (6, 2, 2, 2)
+    counts = message.fields
+    assert (counts["windows"], counts["flat"], counts["clipped"], counts["tiny"]) == (6, 2, 2, 2)
 
 
 def test_one_pixel_frames() -> None:
-    """A picture of 1x1 gives flat windows and teaches nothing."""
+    """An image of 1x1 gives flat windows and nothing is learnt."""
     caps = raw_video_caps("GRAY8", 1, 1)
     with Harness("waveleteigen") as harness:
         (frame,) = harness.push(Frame(np.full((1, 1), 9, np.uint8), caps).attach(_detections(3)))
@@ -217,7 +217,7 @@ def test_settings_that_do_not_fit_are_errors_at_start(properties: dict[str, Any]
         Harness("waveleteigen", **properties)
 
 
-def test_learning_off_without_a_model_is_told() -> None:
+def test_learning_off_without_a_model_is_reported() -> None:
     """Such a pipeline would silently have no features."""
     with Harness("waveleteigen", learn=False) as harness:
         assert any("no model" in message.text for message in harness.messages)
@@ -273,7 +273,7 @@ def _facts(frame: Frame) -> TargetFeatures:
     return facts
 
 
-def test_tracks_are_looked_at_along_their_angle() -> None:
+def test_windows_of_tracks_are_rotated_by_their_angle() -> None:
     """A turned track has nearly the vector it had upright; as an upright detection it has another."""
     with Harness("waveleteigen", targets="tracks", mode="raw", learn=True, batch=1000, margin=1.0) as harness:
         (upright,) = harness.push(_scene("abcd"))
@@ -287,7 +287,7 @@ def test_tracks_are_looked_at_along_their_angle() -> None:
 
 
 def test_a_given_window_has_one_row() -> None:
-    """Whatever is detected, the given place is looked at in each frame."""
+    """Whatever is detected, the fixed window is used in each frame."""
     with Harness("waveleteigen", window="16,36,48,48", mode="raw") as harness:
         for seed in range(3):
             (frame,) = harness.push(_scene("ab", noise_seed=seed))
@@ -295,7 +295,7 @@ def test_a_given_window_has_one_row() -> None:
     assert _vectors(frame).shape == (1, 16)
 
 
-def test_facts_tell_what_a_window_was_like() -> None:
+def test_target_features_describe_windows() -> None:
     """Flags, reconstruction error and energy, row by row with the vectors."""
     with Harness("waveleteigen", components=2, batch=1000) as harness:
         harness.push(_frame(6))
@@ -325,8 +325,8 @@ def _gallery(folder: Path, names: str = "abcd", views: int = 4) -> Path:
         (folder / name).mkdir(parents=True)
         for view in range(views):
             noise = np.random.default_rng(view).normal(0, 6, (48, 48))
-            picture = np.clip(_picture(ord(name), 48) + noise, 0, 255).astype(np.uint8)
-            cv2.imwrite(str(folder / name / f"{view}.png"), picture)
+            image = np.clip(_picture(ord(name), 48) + noise, 0, 255).astype(np.uint8)
+            cv2.imwrite(str(folder / name / f"{view}.png"), image)
     return folder
 
 
@@ -336,7 +336,7 @@ def _gallery(folder: Path, names: str = "abcd", views: int = 4) -> Path:
      {"mode": "raw", "discriminative": True, "components": 8}],
 )  # fmt: skip
 def test_targets_are_recognised_by_a_gallery(tmp_path: Path, properties: dict[str, Any]) -> None:
-    """A folder of pictures is space and gallery; each detection gets the label of its nearest neighbour."""
+    """A folder of images is space and gallery; each detection gets the label of its nearest neighbour."""
     gallery = str(_gallery(tmp_path / "gallery"))
     with Harness("waveleteigen", gallery=gallery, learn=False, margin=2.0, **properties) as harness:
         (frame,) = harness.push(_scene("dbca"))
@@ -355,7 +355,7 @@ def test_targets_that_are_not_sure_have_no_label(tmp_path: Path) -> None:
     assert _facts(frame).labels == ("a", "", "c", "")
 
 
-def test_a_label_is_taught_and_saved(tmp_path: Path) -> None:
+def test_a_label_is_added_and_saved(tmp_path: Path) -> None:
     """While `label` is set windows join the gallery; the model file brings it to the next stream."""
     path = str(tmp_path / "model.npz")
     with Harness("waveleteigen", mode="raw", window="16,36,48,48", margin=1.0, batch=3, save=path) as harness:
@@ -371,7 +371,7 @@ def test_a_label_is_taught_and_saved(tmp_path: Path) -> None:
 
 
 def test_the_gallery_of_a_label_is_bounded(tmp_path: Path) -> None:
-    """However long it is taught, a label keeps at most `gallery-limit` windows."""
+    """However long windows are added, a label keeps at most `gallery-limit` windows."""
     path = tmp_path / "model.npz"
     with Harness("waveleteigen", label="car", gallery_limit=7, save=str(path)) as harness:
         for seed in range(5):

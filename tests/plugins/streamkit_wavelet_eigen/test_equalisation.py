@@ -9,7 +9,7 @@ from streamkit_wavelet_eigen.equalisation import equalise
 
 @pytest.mark.parametrize("levels", [1, 2, 7, 256])
 def test_equalised_levels_are_those_of_opencv(levels: int) -> None:
-    """Every grey level is the one that cv2.equalizeHist gives, for pictures of few levels and of many."""
+    """Every grey level is the one that cv2.equalizeHist gives, for images of few levels and of many."""
     generator = np.random.default_rng(levels)
     shades, chosen = generator.integers(0, 256, (40, levels)), generator.integers(0, levels, (40, 240))
     patches = np.take_along_axis(shades, chosen, axis=1).reshape(40, 12, 20).astype(np.uint8)

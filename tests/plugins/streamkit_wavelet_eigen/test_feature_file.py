@@ -1,4 +1,4 @@
-"""Files of vectors: complete or not there, columns beside vectors, bounded memory, npz and parquet alike."""
+"""Files of vectors: complete or absent, columns with vectors, bounded memory, npz and parquet alike."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -48,7 +48,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 @WRITERS
 def test_what_is_written_is_read(tmp_path: Path, make: Make, end: str) -> None:
-    """Rows of several frames stand one after the other, in every column."""
+    """Rows of several frames are concatenated in every column."""
     path = tmp_path / f"features.{end}"
     writer = make(path)
     parts = [_rows(4, 1), _rows(0, 2), _rows(3, 3)]

@@ -73,7 +73,7 @@ def test_windows_that_are_not_finite_are_refused(value: float) -> None:
 
 @pytest.mark.parametrize("shape", [(2, 8, 8), (16, 16), (2, 16, 16, 1)])
 def test_windows_of_another_size_are_refused(shape: tuple[int, ...]) -> None:
-    """The error names the size asked for and the shape it got."""
+    """The error names the expected size and the shape it got."""
     with pytest.raises(ValueError, match=r"float32\[n, 16, 16\], got shape"):
         _learnt().embed(np.zeros(shape, np.float32))
 
@@ -94,7 +94,7 @@ def test_blocks_are_projected_each(basis: Basis) -> None:
 
 @pytest.mark.parametrize(("blocks", "basis"), [(1, Basis.SHARED), (4, Basis.SHARED), (4, Basis.PER_BLOCK)])
 def test_error_and_energy_are_those_of_the_reconstruction(blocks: int, basis: Basis) -> None:
-    """The error told with a vector is the distance to the reconstructed window; energy is the share kept."""
+    """The error of a vector is the distance to the reconstructed window; energy is the share kept."""
     space = learn_space(_windows(30), _recipe(blocks=blocks, components=5, basis=basis))
     given = _windows(6, seed=9)
     projection = space.project(given, np.zeros(6, bool))
@@ -141,8 +141,8 @@ def test_a_fisher_step_shortens_the_vectors() -> None:
 
 @pytest.mark.parametrize(("mode", "least"), [(Mode.RAW, 0.88), (Mode.PAPER, 0.85)])
 def test_faces_are_recognised(streamkit_data: Path, mode: Mode, least: float) -> None:
-    """ORL, 5 training pictures, 40 components, nearest neighbour: near the published 93 and 91 %."""
-    pictures = np.stack(
+    """ORL, 5 training images, 40 components, nearest neighbour: near the published 93 and 91 %."""
+    images = np.stack(
         [
             cv2.resize(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), (64, 64), interpolation=cv2.INTER_AREA)
             for person in range(1, 41)
@@ -154,8 +154,8 @@ def test_faces_are_recognised(streamkit_data: Path, mode: Mode, least: float) ->
     training = np.zeros(400, bool)
     training[chosen] = True
     how = Preprocessing(mode)
-    space = learn_space(pictures[training], Recipe(64, how, components=40))
-    gallery, probes = space.embed(pictures[training]), space.embed(pictures[~training])
+    space = learn_space(images[training], Recipe(64, how, components=40))
+    gallery, probes = space.embed(images[training]), space.embed(images[~training])
     nearest = ((probes[:, None] - gallery[None]) ** 2).sum(axis=2).argmin(axis=1)
     labels = np.repeat(np.arange(40), 10)
     assert (labels[training][nearest] == labels[~training]).mean() >= least

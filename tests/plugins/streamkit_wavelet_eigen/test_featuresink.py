@@ -1,4 +1,4 @@
-"""featuresink writes each vector with its frame and place, whoever made the vector."""
+"""featuresink writes each vector with its frame and box, whatever the feature space."""
 
 import sys
 from pathlib import Path
@@ -67,7 +67,7 @@ def test_pipeline_writes_what_waveleteigen_attaches(tmp_path: Path) -> None:
 
 
 def test_vectors_of_another_space(tmp_path: Path) -> None:
-    """Without the facts waveleteigen tells, places come from the detections; what is unknown is NaN."""
+    """Without TargetFeatures boxes come from the detections; what is unknown is NaN."""
     path = tmp_path / "features.npz"
     vectors = np.array([[1.0, 2.0], [0.0, 0.0]], np.float32)
     with Harness("featuresink", location=str(path)) as harness:

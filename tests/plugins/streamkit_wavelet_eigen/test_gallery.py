@@ -119,12 +119,12 @@ def test_too_large_a_gallery_is_refused() -> None:
 
 
 def test_a_folder_is_a_gallery(tmp_path: Path) -> None:
-    """Folders are labels, pictures of any size windows; other files do not count."""
+    """Folders are labels, images of any size windows; other files do not count."""
     for label, size in (("car", 40), ("van", 16)):
         (tmp_path / label).mkdir()
         for number in range(2):
-            picture = np.full((size, size), 60 * number + 50, np.uint8)
-            cv2.imwrite(str(tmp_path / label / f"{number}.png"), picture)
+            image = np.full((size, size), 60 * number + 50, np.uint8)
+            cv2.imwrite(str(tmp_path / label / f"{number}.png"), image)
     (tmp_path / "car" / "notes.txt").write_text("red")
     (tmp_path / "readme.md").write_text("two cars")
     gallery = read_gallery(tmp_path, 16)

@@ -89,7 +89,7 @@ def test_blocks_are_learnt_from_a_stream(basis: Basis) -> None:
 
 
 def test_flat_windows_are_not_learnt() -> None:
-    """A window without structure has nothing to teach; only flat ones are an error."""
+    """A window without structure is not learnt; only flat ones are an error."""
     windows = np.concatenate([_windows(6), np.full((3, 8, 8), 90.0, np.float32)])
     learnt = learn_space(windows, RECIPE).spaces[0]
     np.testing.assert_allclose(learnt.mean, learn_space(_windows(6), RECIPE).spaces[0].mean)
@@ -128,11 +128,11 @@ def test_a_fisher_step_needs_a_label_for_each_window() -> None:
 
 @pytest.mark.parametrize("name", ["orl", "coil20"])
 def test_a_stream_follows_the_batch(streamkit_data: Path, name: str) -> None:
-    """After 200 pictures, 5 at a time, the first 8 principal angles to the batch are at most 5 degrees."""
-    pictures = _pictures(sorted((streamkit_data / name).rglob("*.p[gn][mg]")))
+    """After 200 images, 5 at a time, the first 8 principal angles to the batch are at most 5 degrees."""
+    images = _pictures(sorted((streamkit_data / name).rglob("*.p[gn][mg]")))
     recipe = Recipe(32, Preprocessing(Mode.RAW), components=16)
     for seed in range(3):
-        chosen = np.random.default_rng(seed).permutation(pictures)[:200]
+        chosen = np.random.default_rng(seed).permutation(images)[:200]
         under_test = SpaceLearner(recipe, batch=5, forgetting=1.0)
         under_test.add(chosen[:5])
         for first in range(5, 200, 5):

@@ -1,4 +1,4 @@
-"""Which windows an element looks at."""
+"""The targets that waveleteigen cuts windows around."""
 
 import numpy as np
 import pytest

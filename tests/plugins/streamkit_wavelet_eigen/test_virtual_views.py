@@ -33,7 +33,7 @@ def test_shifts_are_a_thirty_second_of_the_side() -> None:
 
 
 def test_every_view_differs_and_resembles() -> None:
-    """Each is another picture, and nearer to its own window than to the others."""
+    """Each is another image, and nearer to its own window than to the others."""
     given = _windows()
     for view in list(virtual_views(given, Views.SHIFTED))[1:]:
         apart = np.abs(view[:, None] - given[None]).mean(axis=(2, 3))

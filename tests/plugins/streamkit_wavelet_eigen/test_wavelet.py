@@ -1,4 +1,4 @@
-"""The batch transform is PyWavelets' periodized transform, and gives the picture back."""
+"""The batch transform is PyWavelets' periodized transform, and its inverse reconstructs the image."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_every_wavelet_reconstructs(wavelet: str) -> None:
 
 @pytest.mark.parametrize("wavelet", [name for name in WAVELETS if name != "dmey"])
 def test_the_inverse_is_that_of_pywavelets(wavelet: str) -> None:
-    """Any coefficients, not only those of a picture, come back as pywt.idwt2 brings them back."""
+    """Any coefficients, not only those of an image, are inverted as pywt.idwt2 does."""
     given = _patches(2, 32, 32, seed=5) - 128.0
     bands = Subbands(given)
     theirs = pywt.idwt2(

@@ -62,14 +62,14 @@ def test_the_longer_side_and_the_margin_set_the_square() -> None:
     ],
 )
 def test_clipped_tells_the_share_outside(box: tuple[float, float, float, float], share: float) -> None:
-    """The border is replicated, and the share of the window outside the picture reported."""
+    """The border is replicated, and the share of the window outside the image reported."""
     result = _cut(_ramp(), box)
     assert result.clipped[0] == pytest.approx(share, abs=0.02)
     assert np.isfinite(result.patches).all()
 
 
 def test_border_is_replicated() -> None:
-    """Left of the picture every row continues its first pixel."""
+    """Left of the image every row continues its first pixel."""
     image = _ramp()
     patch = _cut(image, (-8.5, 19.5, 7.5, 35.5)).patches[0]
     np.testing.assert_array_equal(patch[:, :8], np.repeat(image[20:36, :1], 8, axis=1))
@@ -114,7 +114,7 @@ def test_numbers_that_are_not_finite_are_flagged() -> None:
 
 
 def test_one_pixel_picture() -> None:
-    """A picture of one pixel gives constant windows, flat."""
+    """An image of one pixel gives constant windows, flat."""
     result = _cut(np.full((1, 1), 200, np.uint8), (0, 0, 40, 40))
     np.testing.assert_array_equal(result.patches, np.full((1, 16, 16), 200, np.float32))
     assert result.flat[0]
@@ -148,7 +148,7 @@ def test_a_quarter_turn_turns_the_window(quarter: int) -> None:
 @pytest.mark.parametrize("angle", [0.3, -1.1, 2.7])
 @pytest.mark.parametrize("size", [20.0, 60.0])
 def test_a_turned_target_looks_as_the_upright_one(angle: float, size: float) -> None:
-    """Turning picture and target together gives the same window, enlarged or shrunk."""
+    """Turning image and target together gives the same window, enlarged or shrunk."""
     image = _smooth()
     # A positive angle of getRotationMatrix2D turns from +x towards -y.
     matrix = cv2.getRotationMatrix2D((59.5, 59.5), -np.degrees(angle), 1.0)
@@ -162,7 +162,7 @@ def test_a_turned_target_looks_as_the_upright_one(angle: float, size: float) -> 
 
 @pytest.mark.parametrize(("x", "share"), [(30.0, 0.0), (-0.5, 0.5), (-500.0, 1.0)])
 def test_clipped_of_turned_windows(x: float, share: float) -> None:
-    """The share outside is told for turned windows too, and the patch stays finite."""
+    """The share outside is reported for rotated windows too, and the patch stays finite."""
     result = cut_windows(_ramp(), np.array([[x, 30.0, 16.0, 16.0, 0.7]]), 16, 1.0)
     assert result.clipped[0] == pytest.approx(share, abs=0.03)
     assert np.isfinite(result.patches).all()
@@ -170,7 +170,7 @@ def test_clipped_of_turned_windows(x: float, share: float) -> None:
 
 @pytest.mark.parametrize("angle", [0.0, 0.8, 1e9, -1e300])
 def test_huge_windows(angle: float) -> None:
-    """A target of 4000 px gives a finite window of the right size, in a small picture and in a large one."""
+    """A target of 4000 px gives a finite window of the right size, in a small image and in a large one."""
     large = np.asarray(cv2.resize(_smooth(), (4000, 4000)))
     for image in (_ramp(), large):
         middle = np.array(image.shape[::-1]) / 2

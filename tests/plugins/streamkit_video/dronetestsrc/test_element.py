@@ -39,7 +39,7 @@ def test_its_default_is_720p_grey() -> None:
     ("name", "shape"), [("GRAY8", (120, 160)), ("I420", (180, 160)), ("BGR", (120, 160, 3))]
 )
 def test_formats(name: str, shape: tuple[int, ...]) -> None:
-    """Each format has its layout and shows the same picture."""
+    """Each format has its layout and shows the same image."""
     frame = frames_of(f"dronetestsrc num-buffers=1 noise=0 ! {SMALL}, format={name}")[0]
     assert frame.data.shape == shape
     assert 60 < frame.data[:120].mean() < 170

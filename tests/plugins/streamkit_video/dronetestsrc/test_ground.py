@@ -1,4 +1,4 @@
-"""Tests of reading the picture of the ground."""
+"""Tests of reading the image of the ground."""
 
 from pathlib import Path
 
@@ -11,8 +11,8 @@ from streamkit_video.dronetestsrc.ground import load_ground
 
 def test_the_shipped_photograph_is_there_and_small() -> None:
     """It is colour, large enough for 720p at 1:1, and no more than a megabyte."""
-    picture = load_ground(None)
-    assert picture.shape == (1980, 2640, 3)
+    image = load_ground(None)
+    assert image.shape == (1980, 2640, 3)
     import streamkit_video
 
     folder = Path(streamkit_video.__file__).parent / "data"
@@ -21,7 +21,7 @@ def test_the_shipped_photograph_is_there_and_small() -> None:
 
 
 def test_another_picture(tmp_path: Path) -> None:
-    """A grey picture file is read as colour."""
+    """A grey image file is read as colour."""
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((70, 80), 9, np.uint8))
     assert load_ground(str(tmp_path / "grey.png")).shape == (70, 80, 3)
 

@@ -1,4 +1,4 @@
-"""Tests of the cars' pictures."""
+"""Tests of the cars' images."""
 
 import numpy as np
 import pytest
@@ -24,11 +24,11 @@ def moments(weights: np.ndarray) -> tuple[float, float, float]:
 def test_a_body_lies_where_it_is_put(heading: float, scale: float) -> None:
     """The body covers length times width, and its middle is the pose's, to a tenth of a pixel."""
     sprite = paint_car(26.0, 12.0, (255, 255, 255), scale, 1)
-    picture = np.zeros((80, 90), np.uint8)
+    image = np.zeros((80, 90), np.uint8)
     flat = np.concatenate([sprite.body[:, :, -1:] * 255.0, sprite.body[:, :, -1:]], axis=2)
     silhouette = type(sprite)(flat, sprite.shadow, sprite.local_from_sprite)
-    draw_body(picture, silhouette, placed(41.3, 38.6, heading))
-    mass, x, y = moments(picture / 255.0)
+    draw_body(image, silhouette, placed(41.3, 38.6, heading))
+    mass, x, y = moments(image / 255.0)
     # The rounded corners and the rounding of the hull take a few per cent.
     assert mass == pytest.approx(26.0 * 12.0 * scale**2, rel=0.07)
     assert (x, y) == pytest.approx((41.3, 38.6), abs=0.1 * max(1.0, scale))
@@ -36,28 +36,28 @@ def test_a_body_lies_where_it_is_put(heading: float, scale: float) -> None:
 
 def test_a_body_has_paint_glass_and_soft_edges() -> None:
     """A white car has dark windows, and no pixel at its border is all car or all ground."""
-    picture = np.full((40, 60, 3), 110, np.uint8)
-    draw_body(picture, paint_car(28.0, 12.0, COLOURS[0], 1.0, 3), placed(30.0, 20.0))
-    middle = picture[20, 16:45, 1].astype(int)
+    image = np.full((40, 60, 3), 110, np.uint8)
+    draw_body(image, paint_car(28.0, 12.0, COLOURS[0], 1.0, 3), placed(30.0, 20.0))
+    middle = image[20, 16:45, 1].astype(int)
     assert middle.max() > 225
     assert middle.min() < 80
-    side = picture[10:20, 30, 1].astype(int)
+    side = image[10:20, 30, 1].astype(int)
     assert ((side > 120) & (side < 200)).any()
 
 
 def test_a_shadow_darkens_only() -> None:
-    """Shadows take light and leave the rest of the picture alone."""
-    picture = np.full((40, 60), 110, np.uint8)
-    draw_shadow(picture, paint_car(28.0, 12.0, COLOURS[0], 1.0, 1), placed(30.0, 20.0))
-    assert picture.max() == 110
-    assert 45 <= picture[20, 30] <= 65
-    assert (picture[:6] == 110).all()
+    """Shadows darken and leave the rest of the image unchanged."""
+    image = np.full((40, 60), 110, np.uint8)
+    draw_shadow(image, paint_car(28.0, 12.0, COLOURS[0], 1.0, 1), placed(30.0, 20.0))
+    assert image.max() == 110
+    assert 45 <= image[20, 30] <= 65
+    assert (image[:6] == 110).all()
 
 
 @pytest.mark.parametrize("place", [(-300.0, 10.0), (0.0, 0.0), (59.0, 39.0), (1e5, -1e5)])
 def test_cars_are_cut_at_the_border(place: tuple[float, float]) -> None:
     """A car partly or wholly out of the frame is drawn as far as it is in it."""
-    picture = np.full((40, 60), 110, np.uint8)
-    draw_body(picture, paint_car(28.0, 12.0, COLOURS[1], 1.0, 1), placed(*place))
-    changed = (picture != 110).any()
+    image = np.full((40, 60), 110, np.uint8)
+    draw_body(image, paint_car(28.0, 12.0, COLOURS[1], 1.0, 1), placed(*place))
+    changed = (image != 110).any()
     assert changed == (abs(place[0]) < 100)

@@ -168,14 +168,14 @@ def test_the_same_settings_give_the_same_frames(ground: np.ndarray) -> None:
 
 def test_colour_shows_the_same_world(ground: np.ndarray, colour_ground: np.ndarray) -> None:
     """A world in colour has the truth of the grey one, and its brightness."""
-    grey, colour = (render(picture, 3, noise=0.0)[-1] for picture in (ground, colour_ground))
+    grey, colour = (render(image, 3, noise=0.0)[-1] for image in (ground, colour_ground))
     np.testing.assert_array_equal(grey.targets.centres, colour.targets.centres)
     difference = cv2.cvtColor(colour.image, cv2.COLOR_BGR2GRAY).astype(int) - grey.image
     assert np.abs(difference).max() <= 4
 
 
 def test_noise_has_its_deviation_and_no_memory() -> None:
-    """White: the deviation asked for, mean zero, nothing in common with neighbours or the next frame."""
+    """White: the requested deviation, mean zero, nothing in common with neighbours or the next frame."""
     noise = SensorNoise(2.0, seed=0)
     one, two = np.full((200, 300), 100, np.uint8), np.full((200, 300), 100, np.uint8)
     noise.add_to(one)

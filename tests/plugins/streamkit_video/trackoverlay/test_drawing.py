@@ -17,7 +17,7 @@ GREEN = (0, 255, 0)
 
 
 def black() -> np.ndarray:
-    """A black picture."""
+    """A black image."""
     return np.zeros((100, 140, 3), np.uint8)
 
 
@@ -30,21 +30,21 @@ def test_corners_of_a_turned_box() -> None:
 
 def test_an_outline_lies_on_its_sides() -> None:
     """Pixels at the sides have the colour, the middle and the outside stay."""
-    picture = black()
-    draw_outline(picture, box_corners(60.0, 50.0, 40.0, 20.0, 0.0), GREEN, LineStyle.SOLID)
+    image = black()
+    draw_outline(image, box_corners(60.0, 50.0, 40.0, 20.0, 0.0), GREEN, LineStyle.SOLID)
     for x, y in ((60, 40), (60, 60), (40, 50), (80, 50)):
-        assert picture[y, x].tolist() == [0, 255, 0]
-    assert not picture[50, 60].any()
-    assert not picture[:35].any()
+        assert image[y, x].tolist() == [0, 255, 0]
+    assert not image[50, 60].any()
+    assert not image[:35].any()
 
 
 def test_styles_differ() -> None:
     """Thin has fewer pixels than solid; dashed has gaps on every side, solid none."""
     drawn = {}
     for style in LineStyle:
-        picture = black()
-        draw_outline(picture, box_corners(60.0, 50.0, 60.0, 40.0, 0.0), GREEN, style)
-        drawn[style] = picture[:, :, 1]
+        image = black()
+        draw_outline(image, box_corners(60.0, 50.0, 60.0, 40.0, 0.0), GREEN, style)
+        drawn[style] = image[:, :, 1]
     assert drawn[LineStyle.THIN].sum() < 0.8 * drawn[LineStyle.SOLID].sum()
     assert drawn[LineStyle.SOLID][30, 32:88].min() > 200
     for side in (drawn[LineStyle.DASHED][30, 32:88], drawn[LineStyle.DASHED][32:68, 90]):
@@ -58,19 +58,19 @@ def test_styles_differ() -> None:
 )
 def test_anything_can_be_drawn_anywhere(style: LineStyle, place: tuple[float, float]) -> None:
     """Boxes beyond the border, far away or nowhere do no harm."""
-    picture = black()
+    image = black()
     corners = box_corners(*place, 20.0, 10.0, 0.3)
-    draw_outline(picture, corners, GREEN, style)
-    draw_label(picture, "17", corners, GREEN)
-    draw_trail(picture, corners, GREEN)
-    assert picture.any() == (place == (0.0, 0.0))
+    draw_outline(image, corners, GREEN, style)
+    draw_label(image, "17", corners, GREEN)
+    draw_trail(image, corners, GREEN)
+    assert image.any() == (place == (0.0, 0.0))
 
 
 def test_a_trail_is_thick_at_its_new_end() -> None:
     """The older half is one pixel wide, the newer two or more; one point is no trail."""
-    picture = black()
-    draw_trail(picture, np.array([[10.0, 50.0], [50.0, 50.0], [90.0, 50.0]]), GREEN)
-    widths = (picture[:, :, 1] > 100).sum(axis=0)
+    image = black()
+    draw_trail(image, np.array([[10.0, 50.0], [50.0, 50.0], [90.0, 50.0]]), GREEN)
+    widths = (image[:, :, 1] > 100).sum(axis=0)
     assert widths[20] < widths[80]
     lone = black()
     draw_trail(lone, np.array([[10.0, 50.0]]), GREEN)
@@ -79,21 +79,21 @@ def test_a_trail_is_thick_at_its_new_end() -> None:
 
 def test_a_label_stands_beside_its_box() -> None:
     """Letters in the colour lie to the upper right of the box."""
-    picture = np.full((100, 140, 3), 128, np.uint8)
-    draw_label(picture, "8", box_corners(60.0, 50.0, 20.0, 10.0, 0.0), GREEN)
-    rows, columns = np.nonzero((picture[:, :, 1] > 200) & (picture[:, :, 0] < 100))
+    image = np.full((100, 140, 3), 128, np.uint8)
+    draw_label(image, "8", box_corners(60.0, 50.0, 20.0, 10.0, 0.0), GREEN)
+    rows, columns = np.nonzero((image[:, :, 1] > 200) & (image[:, :, 0] < 100))
     assert columns.min() >= 70
     assert rows.max() <= 46
 
 
 def test_status_darkens_a_strip_and_writes() -> None:
     """White letters on a darker strip, the rest untouched."""
-    picture = np.full((200, 400, 3), 150, np.uint8)
-    draw_status(picture, "frame 7")
-    assert picture[:12].max() > 230
-    assert picture[1, 1].tolist() == [50, 50, 50]
-    assert (picture[60:] == 150).all()
-    assert (picture[:, 200:] == 150).all()
+    image = np.full((200, 400, 3), 150, np.uint8)
+    draw_status(image, "frame 7")
+    assert image[:12].max() > 230
+    assert image[1, 1].tolist() == [50, 50, 50]
+    assert (image[60:] == 150).all()
+    assert (image[:, 200:] == 150).all()
 
 
 def test_neighbouring_ids_have_different_colours() -> None:

@@ -36,9 +36,9 @@ def frame(*items: object, pts: int = 0) -> Frame:
     return Frame(np.full((120, 160, 3), 90, np.uint8), CAPS, pts=pts).attach(*items)
 
 
-def changed(picture: np.ndarray) -> np.ndarray:
+def changed(image: np.ndarray) -> np.ndarray:
     """Mask of pixels drawn."""
-    return (picture != 90).any(axis=2)
+    return (image != 90).any(axis=2)
 
 
 def test_boxes_have_the_colour_of_their_ids() -> None:
@@ -125,7 +125,7 @@ def test_the_ellipse_shows_how_well_a_place_is_known() -> None:
 
 
 def test_detections_show_on_request() -> None:
-    """Boxes of detections are thin and only there if asked for."""
+    """Boxes of detections are thin and drawn on request only."""
     item = Detections(np.zeros((1, 2)), np.array([[20.0, 30.0, 60.0, 70.0]]), np.ones(1), np.ones(1))
     for wanted in (False, True):
         with Harness("trackoverlay", detections=wanted, **PLAIN) as harness:
@@ -158,7 +158,7 @@ def test_the_snapshot_is_the_last_frame_with_a_confirmed_track(tmp_path: Path) -
 
 
 def test_the_snapshot_is_written_when_stopped_early(tmp_path: Path) -> None:
-    """A pipeline that never sees EOS leaves its picture, too."""
+    """A pipeline that never sees EOS writes its image, too."""
     target = tmp_path / "shot.jpg"
     with Harness("trackoverlay", snapshot=str(target)) as harness:
         harness.push(frame(Tracks((track(1, 50.0, 40.0),))))

@@ -1,4 +1,4 @@
-"""Tests of writing a picture whole or not at all."""
+"""Tests of writing an image whole or not at all."""
 
 from pathlib import Path
 
@@ -8,24 +8,24 @@ import pytest
 
 from streamkit_video.trackoverlay.snapshot import check_target, write_image
 
-PICTURE = np.full((6, 8, 3), 77, np.uint8)
+IMAGE = np.full((6, 8, 3), 77, np.uint8)
 
 
 def test_the_picture_is_written_and_nothing_else(tmp_path: Path) -> None:
-    """The file holds the picture; no draft stays; an older file is replaced."""
+    """The file holds the image; no temporary file stays; an older file is replaced."""
     target = tmp_path / "shot.png"
     target.write_bytes(b"old")
-    write_image(target, PICTURE)
-    np.testing.assert_array_equal(cv2.imread(str(target)), PICTURE)
+    write_image(target, IMAGE)
+    np.testing.assert_array_equal(cv2.imread(str(target)), IMAGE)
     assert [path.name for path in tmp_path.iterdir()] == ["shot.png"]
 
 
 def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
-    """A target that cannot be replaced is untouched and no draft stays."""
+    """A target that cannot be replaced is untouched and no temporary file stays."""
     target = tmp_path / "shot.png"
     target.mkdir()
     with pytest.raises(OSError, match=r"shot\.png"):
-        write_image(target, PICTURE)
+        write_image(target, IMAGE)
     assert [path.name for path in tmp_path.iterdir()] == ["shot.png"]
 
 

@@ -28,7 +28,7 @@ def test_paths_are_in_order_of_time_by_id() -> None:
 
 
 def test_old_points_are_forgotten() -> None:
-    """Only what is as young as asked for stays."""
+    """Only points younger than the limit stay."""
     trails = Trails()
     for time_ns in range(10):
         trails.extend([1], [(float(time_ns), 0.0)], time_ns)

@@ -28,7 +28,7 @@ def _run(folder: Path, *arguments: str, data: Path | None) -> subprocess.Complet
 
 
 @pytest.mark.parametrize("arguments", [(), ("--data", "nothing")])
-def test_missing_databases_are_told(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+def test_missing_databases_are_reported(tmp_path: Path, arguments: tuple[str, ...]) -> None:
     """Exit 1, one line that says what to give; no traceback, no file."""
     done = _run(tmp_path, *arguments, data=None)
     assert done.returncode == 1
@@ -37,8 +37,8 @@ def test_missing_databases_are_told(tmp_path: Path, arguments: tuple[str, ...]) 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_broken_database_is_told(tmp_path: Path) -> None:
-    """A process that fails ends the run with the name of the picture."""
+def test_a_broken_database_is_reported(tmp_path: Path) -> None:
+    """A process that fails ends the run with the name of the image."""
     for name in ("orl/s1", "coil20"):
         (tmp_path / "data" / name).mkdir(parents=True)
     cv2.imwrite(str(tmp_path / "data" / "orl" / "s1" / "1.pgm"), np.zeros((112, 92), np.uint8))

@@ -1,4 +1,4 @@
-"""The result page says what the results say, and the page in docs/ is made from the JSON beside it."""
+"""The result page says what the results say, and the page in docs/ is made from the JSON next to it."""
 
 import json
 import re

@@ -17,7 +17,7 @@ def _numbered(targets: int, views: int) -> np.ndarray:
     [(40, 10, 5, (200, 200)), (40, 10, 3, (120, 280)), (20, 24, 12, (240, 240)), (20, 24, 9, (180, 300))],
 )
 def test_sizes_and_balance(targets: int, views: int, training: int, sizes: tuple[int, int]) -> None:
-    """Each target has its share in both parts, every picture is in exactly one of them."""
+    """Each target has its share in both parts, every image is in exactly one of them."""
     found = list(splits(_numbered(targets, views), training))
     assert len(found) == 10
     for split in found:

@@ -53,7 +53,7 @@ def test_reading_a_is_above_the_published_cells(orl: list[Split], coil: list[Spl
 
 
 def test_reading_b_is_a_share(orl: list[Split]) -> None:
-    """Held-out faces are reconstructed by about four fifths, better the more targets teach the basis."""
+    """Held-out faces are reconstructed by about four fifths, better with more training targets."""
     figures = [figure["mean"] for figure in reading_b(orl)]
     assert 70.0 < min(figures) < max(figures) < 95.0
     assert figures[-1] > figures[0]
@@ -84,7 +84,7 @@ def test_chi_square_is_the_sum_over_all_bins() -> None:
 
 
 def test_missing_data_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No folder, a folder without databases, and a database with a picture gone: each names what to do."""
+    """No folder, a folder without databases, and an incomplete database: each error names the remedy."""
     monkeypatch.delenv("STREAMKIT_DATA", raising=False)
     with pytest.raises(MissingData, match="--data or set STREAMKIT_DATA"):
         data_folder()

@@ -16,7 +16,7 @@ def _pictures(count: int = 3) -> np.ndarray:
 
 
 def test_targets_lie_where_the_truth_says() -> None:
-    """Around each true centre lies the picture whose turn it is, within the noise."""
+    """Around each true centre is the image of that frame, within the noise."""
     scene = make_scene(_pictures(), 7)
     for index, (frame, (x, y)) in enumerate(zip(scene.frames, scene.centres, strict=True)):
         left, top = round(x - (TARGET_SIDE - 1) / 2), round(y - (TARGET_SIDE - 1) / 2)
