@@ -1,5 +1,5 @@
 """Appearance features of targets: wavelet preprocessing of windows, eigenspaces, and recognition.
 
-All modules but `element`, `featuresink` and `targets` work on plain arrays and serve as a library by
+All modules but `element` and `featuresink` work on plain arrays and serve as a library by
 themselves. The package `experiments` repeats the publication's experiments; no pipeline imports it.
 """

@@ -2,7 +2,6 @@
 
 import os
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -15,19 +14,6 @@ SIDE = 64
 
 class MissingData(FileNotFoundError):
     """The databases are missing or incomplete."""
-
-
-@dataclass(frozen=True, eq=False)
-class Database:
-    """Images of several targets.
-
-    Attributes:
-        name: `orl` or `coil20`.
-        images: uint8[targets, views, 64, 64].
-    """
-
-    name: str
-    images: NDArray[np.uint8]
 
 
 def data_folder(given: Path | None = None) -> Path:
@@ -48,14 +34,14 @@ def data_folder(given: Path | None = None) -> Path:
     )
 
 
-def read_orl(folder: Path) -> Database:
-    """The ORL faces: 40 people, 10 images each, scaled from 92x112 to 64x64 by area."""
+def read_orl(folder: Path) -> NDArray[np.uint8]:
+    """The ORL faces, uint8[40, 10, 64, 64]: 40 people, 10 images each, scaled from 92x112 by area."""
     names = [[f"orl/s{person}/{view}.pgm" for view in range(1, 11)] for person in range(1, 41)]
-    return Database("orl", _read(folder, names))
+    return _read(folder, names)
 
 
-def read_coil20(folder: Path) -> Database:
-    """COIL-20: 20 objects, 24 views 15 degrees apart, scaled from 128x128 to 64x64 by area."""
+def read_coil20(folder: Path) -> NDArray[np.uint8]:
+    """COIL-20, uint8[20, 24, 64, 64]: 20 objects, views 15 degrees apart, scaled from 128x128 by area."""
     found: dict[int, list[tuple[int, str]]] = {}
     for path in (folder / "coil20").iterdir():
         if match := re.fullmatch(r"obj(\d+)__(\d+)\.png", path.name):
@@ -63,7 +49,7 @@ def read_coil20(folder: Path) -> Database:
     names = [[name for _, name in sorted(found[target])] for target in sorted(found)]
     if len(names) != 20 or any(len(views) != 24 for views in names):
         raise MissingData(f"{folder / 'coil20'}: there must be 20 objects with 24 views each, objN__K.png")
-    return Database("coil20", _read(folder, names))
+    return _read(folder, names)
 
 
 def _read(folder: Path, names: list[list[str]]) -> NDArray[np.uint8]:

@@ -41,11 +41,7 @@ def reading_b(splits: Sequence[Split]) -> list[Figure]:
 
 def reading_c(splits: Sequence[Split]) -> list[Figure]:
     """Recognition over all targets with the paper chain and 1 to 10 features for each block, percent."""
-    by_count: list[list[float]] = [[] for _ in range(METHODS[PROPOSED].components)]
-    for split in splits:
-        for count, rate in enumerate(rates_by_features(split)):
-            by_count[count].append(rate)
-    return [figure_of(values) for values in by_count]
+    return [figure_of(rates) for rates in zip(*map(rates_by_features, splits), strict=True)]
 
 
 def _by_targets(splits: Sequence[Split], measure: Callable[[Split], float]) -> list[Figure]:

@@ -38,7 +38,7 @@ def run_partition(
         ImportError: a peer is not installed.
     """
     read = read_orl if partition.database == "orl" else read_coil20
-    parts = list(splits(read(folder).images, partition.training, repetitions))
+    parts = list(splits(read(folder), partition.training, repetitions))
     return {
         "training_pictures": len(parts[0].training.labels),
         "test_pictures": len(parts[0].test.labels),

@@ -21,13 +21,13 @@ from streamkit_wavelet_eigen.experiments.recognition import rates, reading_a, re
 @pytest.fixture(scope="module")
 def orl(shared_folder: Path) -> list[Split]:
     """Two splits of ORL with 5 training images."""
-    return list(splits(read_orl(data_folder(shared_folder)).images, 5, 2))
+    return list(splits(read_orl(data_folder(shared_folder)), 5, 2))
 
 
 @pytest.fixture(scope="module")
 def coil(shared_folder: Path) -> list[Split]:
     """Two splits of COIL-20 with 9 training images."""
-    return list(splits(read_coil20(data_folder(shared_folder)).images, 9, 2))
+    return list(splits(read_coil20(data_folder(shared_folder)), 9, 2))
 
 
 def test_presets_recognise_faces(orl: list[Split]) -> None:
