@@ -92,8 +92,8 @@ class WaveletEigenSpace:
         count, values = len(blocks), blocks.shape[1] * blocks.shape[2]
         centred = (blocks - self._stacked[2]).reshape(count, values)
         total = np.vecdot(centred, centred)
-        flat_coordinates = coordinates.reshape(count, coordinates.shape[1] * coordinates.shape[2])
-        kept = np.vecdot(flat_coordinates, flat_coordinates)
+        rows = coordinates.reshape(count, coordinates.shape[1] * coordinates.shape[2])
+        kept = np.vecdot(rows, rows)
         residual = np.maximum(total - kept, 0.0) / max(values, 1)
         energy = np.divide(kept, total, out=np.ones_like(total), where=total > 0)
         return Projection(self._vectors(coordinates, flat), np.sqrt(residual), np.clip(energy, 0.0, 1.0))

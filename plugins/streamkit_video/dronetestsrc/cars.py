@@ -145,12 +145,8 @@ def start_traffic(
     positions = np.empty((0, 2))
     for _ in range(count):
         tries = _random_positions(random, 30, frame_size, ground_from_frame)
-        gaps = (
-            np.hypot(*(tries[:, None] - positions[None]).transpose(2, 0, 1))
-            if len(positions)
-            else np.full((30, 1), np.inf)
-        )
-        best = int(np.minimum(gaps.min(axis=1), START_DISTANCE * scale).argmax())
+        gaps = np.hypot(*(tries[:, None] - positions[None]).transpose(2, 0, 1))
+        best = int(gaps.min(axis=1, initial=START_DISTANCE * scale).argmax())
         positions = np.vstack([positions, tries[best : best + 1]])
     speeds = np.sort(random.uniform(*SPEEDS, count))[random.permutation(count)] * scale
     return Traffic(

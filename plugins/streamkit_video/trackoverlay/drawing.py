@@ -49,12 +49,7 @@ def identity_colour(identity: int) -> Colour:
 def box_corners(x: float, y: float, length: float, width: float, angle: float) -> FloatArray:
     """float64[4, 2]: the corners of a rotated box in order around it, front right first, px.
 
-    Args:
-        x: centre.
-        y: centre.
-        length: along `angle`; at least `MIN_SIDE` is drawn.
-        width: across it.
-        angle: rad from +x towards +y.
+    x, y is its centre; the length is along `angle`, rad from +x towards +y; sides are at least `MIN_SIDE`.
     """
     along = np.array([math.cos(angle), math.sin(angle)]) * max(length, MIN_SIDE) / 2.0
     across = np.array([-math.sin(angle), math.cos(angle)]) * max(width, MIN_SIDE) / 2.0
@@ -63,13 +58,9 @@ def box_corners(x: float, y: float, length: float, width: float, angle: float) -
 
 
 def ellipse_points(x: float, y: float, covariance: FloatArray, deviations: float) -> FloatArray:
-    """float64[32, 2]: points on a confidence ellipse, px; NaN for an unknown covariance.
+    """float64[32, 2]: points on a confidence ellipse around x, y, px; NaN for an unknown covariance.
 
-    Args:
-        x: centre.
-        y: centre.
-        covariance: float64[2, 2], px squared.
-        deviations: size of the ellipse, standard deviations.
+    The covariance is float64[2, 2], px squared; `deviations` is the size in standard deviations.
     """
     if not np.isfinite(covariance).all():
         return np.full((len(CIRCLE), 2), np.nan)
@@ -79,14 +70,7 @@ def ellipse_points(x: float, y: float, covariance: FloatArray, deviations: float
 
 
 def draw_outline(image: ByteArray, corners: FloatArray, colour: Colour, style: LineStyle) -> None:
-    """Draws a closed outline.
-
-    Args:
-        image: uint8[h, w, 3], written to.
-        corners: float64[n, 2], px.
-        colour: BGR.
-        style: solid and dashed are 2 px wide, thin 1 px.
-    """
+    """Draws a closed outline through float64[n, 2] px; solid and dashed are 2 px wide, thin is 1 px."""
     if not np.isfinite(corners).all():
         return
     if style is LineStyle.DASHED:
