@@ -132,9 +132,9 @@ class BoundedQueue(Generic[Item]):
             self._changed.notify_all()
 
     def reopen(self) -> None:
-        """Takes `end` back: items follow after all."""
+        """Takes `end` back: items follow after all; a closed queue stays closed."""
         with self._changed:
-            self._has_ended, self._error = False, None
+            self._has_ended, self._error = self._is_closed, None
 
     def close(self) -> int:
         """Drops what is held and ignores what comes; wakes who waits. How many items were dropped."""

@@ -88,6 +88,14 @@ def test_an_end_comes_behind_the_last_item() -> None:
     assert queue.get(0.0) is None
 
 
+def test_a_closed_queue_stays_closed() -> None:
+    """Who reopens it after another thread has closed it makes no reader wait for what never comes."""
+    queue: BoundedQueue[int] = BoundedQueue()
+    queue.close()
+    queue.reopen()
+    assert queue.is_over
+
+
 def test_waiting_until_empty_ends_without_progress() -> None:
     """As long as items are taken it goes on; then the time is over."""
     queue: BoundedQueue[int] = BoundedQueue()
