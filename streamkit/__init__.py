@@ -61,9 +61,11 @@ if TYPE_CHECKING:
     from streamkit.flow.metadata import Track as Track
     from streamkit.flow.metadata import Tracks as Tracks
     from streamkit.flow.metadata import TrackState as TrackState
+    from streamkit.flow.record import TRACKS_CAPS as TRACKS_CAPS
     from streamkit.flow.record import TrackRecord as TrackRecord
     from streamkit.flow.record import decode_record as decode_record
     from streamkit.flow.record import encode_record as encode_record
+    from streamkit.flow.record import record_line as record_line
     from streamkit.flow.record import track_record as track_record
     from streamkit.flow.segment import Segment as Segment
     from streamkit.flow.signals import EndOfStream as EndOfStream
@@ -99,7 +101,9 @@ _HOMES = {
         "Detections", "Features", "FeatureSpace", "Pose", "Provenance", "Registration", "RegistrationStatus",
         "Track", "TrackState", "Tracks",
     ),
-    "streamkit.flow.record": ("TrackRecord", "decode_record", "encode_record", "track_record"),
+    "streamkit.flow.record": (
+        "TRACKS_CAPS", "TrackRecord", "decode_record", "encode_record", "record_line", "track_record",
+    ),
     "streamkit.flow.segment": ("Segment",),
     "streamkit.flow.signals": ("EndOfStream", "Flushing"),
     "streamkit.flow.video": ("LUMA_CAPS", "luma", "raw_video_caps"),

@@ -1,10 +1,10 @@
-"""Track records over zenoh: publishing, receiving, and writing them to files.
+"""Track records over zenoh: publishing and receiving.
 
     from streamkit_zenoh import TrackSubscriber
 
 `session`, `configuration`, `certificates`, `endpoints`, `keys` and `presence` open a zenoh session that finds
 its partners on the same machine without a router; `wire` is what travels, `publish` and `receive` are the two
-ends, `export` writes records for other programs.
+ends.
 """
 
 from typing import TYPE_CHECKING

@@ -4,6 +4,7 @@ import threading
 from collections.abc import Callable
 
 from streamkit import (
+    TRACKS_CAPS,
     Caps,
     Direction,
     Flushing,
@@ -22,7 +23,6 @@ from streamkit_zenoh.publish.quality import InvalidQuality, quality
 from streamkit_zenoh.session import close_session, plain
 from streamkit_zenoh.wire.forms import Form, MissingLibrary
 from streamkit_zenoh.wire.pictures import PictureFormat
-from streamkit_zenoh.wire.records import TRACKS_NAME
 
 # At the end of the stream zenoh may take its time to hand over the last records; a stop may not.
 FINISH_LIMIT_S = 12.0
@@ -131,7 +131,7 @@ class ZenohSink(Connection, Sink):
         if dropped:
             publication.records.count_lost(dropped, "queue full")
             self.count_drop("tracks: queue full", dropped)
-        if self._shows_frames and frame.caps.name != TRACKS_NAME:
+        if self._shows_frames and frame.caps.name != TRACKS_CAPS.name:
             self._take_picture(frame)
 
     def drain(self) -> None:

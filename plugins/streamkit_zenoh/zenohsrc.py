@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import zenoh
 
-from streamkit import Caps, Frame, Property, ResourceError, Source, encode_record
+from streamkit import TRACKS_CAPS, Caps, Frame, Property, ResourceError, Source, encode_record
 from streamkit_zenoh.connection import Connection
 from streamkit_zenoh.keys import FRAME, InvalidKey, records_key, stream_key
 from streamkit_zenoh.receive.decoding import RecordDecoder
@@ -18,7 +18,7 @@ from streamkit_zenoh.wire.forms import RECORD_LIMIT_BYTES, Form, form_of
 from streamkit_zenoh.wire.frame_header import picture_frame, read_header
 from streamkit_zenoh.wire.numbering import remember
 from streamkit_zenoh.wire.pictures import PICTURE_LIMIT_BYTES, decode_picture, picture_size
-from streamkit_zenoh.wire.records import TRACKS_CAPS, TRACKS_NAME, record_frame
+from streamkit_zenoh.wire.records import record_frame
 from streamkit_zenoh.wire.sequence import JUMP_WARNING
 
 LOOK_EVERY_S = 0.2
@@ -46,7 +46,7 @@ class ZenohSrc(Connection, Source):
     """
 
     is_live = True
-    src = f"{TRACKS_NAME}; video/x-raw, format={{ GRAY8, BGR }}"
+    src = "application/x-tracks; video/x-raw, format={ GRAY8, BGR }"
     key: str = Property("streamkit", doc="What zenohsink has as key; may have wildcards, uav/*.")
     receive: Content = Property(
         Content.TRACKS, doc="tracks: records from KEY/tracks; frame: pictures from KEY/frame."

@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import msgspec
 
 from streamkit.errors import StreamError
+from streamkit.flow.caps import Caps
+from streamkit.flow.ground import ground_positions
 from streamkit.flow.metadata import Detections, Registration, RegistrationStatus, Track, Tracks, TrackState
 from streamkit.masking import mask_secrets
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from streamkit.flow.frame import Frame
 
 SCHEMA: Literal["streamkit.tracks/1"] = "streamkit.tracks/1"
+# Caps of frames whose data is a record in JSON.
+TRACKS_CAPS = Caps("application/x-tracks")
 
 Natural = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 Nanoseconds = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
@@ -152,24 +154,28 @@ def track_record(
     source: str,
     published_ns: int | None,
     dropped: int = 0,
-    places: Mapping[int, tuple[float, float, float | None]] | None = None,
+    ground_altitude_m: float | None = None,
     provenance: bool = False,
 ) -> TrackRecord:
-    """The record of a frame, from its `Tracks` and `Registration`.
+    """The record of a frame, from its `Tracks` and `Registration`; the one in its data with `TRACKS_CAPS`.
 
     Args:
         frame: any frame; without `Tracks` the record has no targets.
         source: who publishes; told with its secrets masked.
         published_ns: UTC now, ns; None leaves it and the age out.
         dropped: records lost so far.
-        places: where targets are on the ground, by id: latitude, longitude (deg, WGS84), radius of error (m).
+        ground_altitude_m: altitude of the ground; targets of frames with a pose then have `geo`.
         provenance: whether to tell where each row comes from, and how well the frame was placed.
 
     Raises:
         ValueError: a track's place, size, angle or score is not a finite number.
+        StreamError: the frame has `TRACKS_CAPS`, and its data is no record.
     """
+    if frame.caps.name == TRACKS_CAPS.name:
+        return decode_record(frame.data)
     capture, tracks, registration = frame.capture, frame.get(Tracks), frame.get(Registration)
     detections = frame.get(Detections) if provenance else None
+    positions = {} if ground_altitude_m is None else ground_positions(frame, ground_altitude_m)
     return TrackRecord(
         schema=SCHEMA,
         source=mask_secrets(source),
@@ -186,7 +192,9 @@ def track_record(
         height=_pixels(frame, "height"),
         registration=_registration_record(registration, provenance) if registration else None,
         tracks=tuple(
-            _target_record(track, places, _provenance_record(track, detections) if provenance else None)
+            _target_record(
+                track, positions.get(track.id), _provenance_record(track, detections) if provenance else None
+            )
             for track in tracks.tracks
         )
         if tracks
@@ -213,6 +221,17 @@ def decode_record(data: bytes | bytearray | memoryview | str) -> TrackRecord:
         raise StreamError(f"not a track record ({SCHEMA}): {error} [{size} bytes]") from None
 
 
+def record_line(frame: Frame) -> bytes:
+    """The data of a frame with `TRACKS_CAPS` on one line, with fields that `TrackRecord` does not know.
+
+    Raises:
+        StreamError: the data is no record.
+    """
+    data = bytes(frame.data)
+    record = decode_record(data)
+    return encode_record(record) if b"\n" in data else data
+
+
 def _pixels(frame: Frame, field: str) -> int | None:
     value = frame.caps.get(field)
     return value if isinstance(value, int) else None
@@ -233,7 +252,7 @@ def _registration_record(registration: Registration, provenance: bool) -> Regist
 
 def _target_record(
     track: Track,
-    places: Mapping[int, tuple[float, float, float | None]] | None,
+    position: tuple[float, float] | None,
     provenance: ProvenanceRecord | None,
 ) -> TargetRecord:
     x, y, length, width = float(track.x), float(track.y), float(track.length), float(track.width)
@@ -263,13 +282,9 @@ def _target_record(
         position_covariance=((xx, xy), (yx, yy)) if spread else None,
         score=score,
         age_ns=int(track.age_ns),
-        geo=_geo_record(places.get(track.id)) if places else None,
+        geo=None if position is None else GeoRecord(lat=position[0], lon=position[1]),
         provenance=provenance,
     )
-
-
-def _geo_record(place: tuple[float, float, float | None] | None) -> GeoRecord | None:
-    return None if place is None else GeoRecord(lat=place[0], lon=place[1], error_m=place[2])
 
 
 def _provenance_record(track: Track, detections: Detections | None) -> ProvenanceRecord | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import msgspec
 import zenoh
 
-from streamkit import Frame, StreamError, TrackRecord, TrackState
+from streamkit import TRACKS_CAPS, Frame, StreamError, TrackRecord, TrackState, record_line, track_record
 from streamkit_zenoh.keys import RECORDS, TRACK
 from streamkit_zenoh.publish.answers import Answer
 from streamkit_zenoh.publish.line import SendingLine
@@ -15,7 +15,7 @@ from streamkit_zenoh.publish.outlet import Outlet
 from streamkit_zenoh.publish.quality import Quality
 from streamkit_zenoh.wire.forms import Codec, Form
 from streamkit_zenoh.wire.numbering import Stamp
-from streamkit_zenoh.wire.records import TRACKS_NAME, essence, payload_of, record_of
+from streamkit_zenoh.wire.records import without_pixels
 
 SHOWN = (TrackState.CONFIRMED, TrackState.COASTING)
 
@@ -114,7 +114,7 @@ class RecordsFeed:
         if self.fault is not None:
             self.demand_sound()
         self.frames += 1
-        self._last = item = Outgoing(essence(frame), self._outlet.stamp(), self._utc_ns())
+        self._last = item = Outgoing(without_pixels(frame), self._outlet.stamp(), self._utc_ns())
         if not (self._outlet.is_wanted or self._each_is_wanted):
             self._answerable = item
             self._outlet.settle(item.stamp)
@@ -218,12 +218,18 @@ class RecordsFeed:
 
     def _record(self, item: Outgoing, published_ns: int) -> TrackRecord:
         settings = self._settings
-        return record_of(item.frame, settings.source, published_ns, self._lost, settings.ground_altitude_m)
+        return track_record(
+            item.frame,
+            source=settings.source,
+            published_ns=published_ns,
+            dropped=self._lost,
+            ground_altitude_m=settings.ground_altitude_m,
+        )
 
     def _payload(self, item: Outgoing, published_ns: int) -> tuple[TrackRecord, bytes]:
         record = self._record(item, published_ns)
-        if item.frame.caps.name == TRACKS_NAME and self._codec.form is Form.JSON:
-            return record, payload_of(item.frame, "", None, 0)
+        if item.frame.caps.name == TRACKS_CAPS.name and self._codec.form is Form.JSON:
+            return record, record_line(item.frame)
         return record, self._codec.encode(record)
 
     def _not_sent(self, error: Exception) -> None:

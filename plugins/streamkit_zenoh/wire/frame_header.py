@@ -20,8 +20,9 @@ from streamkit import (
     TrackRecord,
     Tracks,
     raw_video_caps,
+    track_record,
 )
-from streamkit_zenoh.wire.records import capture_of, record_of, tracks_of
+from streamkit_zenoh.wire.records import capture_of, tracks_of
 
 FRAME_SCHEMA: Literal["streamkit.frame/1"] = "streamkit.frame/1"
 # What a header may say a picture measures: 32768 x 32768 is more than any sensor.
@@ -91,7 +92,7 @@ def frame_header(frame: Frame, source: str, published_ns: int, dropped: int, sha
     registration, detections, pose = frame.get(Registration), frame.get(Detections), frame.get(Pose)
     header = FrameHeader(
         schema=FRAME_SCHEMA,
-        record=record_of(frame, source, published_ns, dropped),
+        record=track_record(frame, source=source, published_ns=published_ns, dropped=dropped),
         format="GRAY8" if len(shape) == 2 else "BGR",
         picture_width=shape[1],
         picture_height=shape[0],

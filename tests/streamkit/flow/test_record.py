@@ -12,6 +12,7 @@ from streamkit import (
     Caps,
     Capture,
     Frame,
+    Pose,
     Registration,
     RegistrationStatus,
     StreamError,
@@ -191,12 +192,17 @@ def test_geo_is_read() -> None:
 
 
 def test_places_on_the_ground_are_written() -> None:
-    """Whoever knows where a target is says so by its id; the others have no place."""
-    frame = _frame(Tracks((_track(), _track(id=8))))
-    record = track_record(frame, source="a", published_ns=5, places={8: (48.1, 11.5, None)})
+    """A target below the camera has `geo`; one near the horizon has none, and none has it without ground."""
+    pose = Pose(
+        48.1, 11.5, 600.0, heading=0.0, pitch=0.0, roll=0.0, sensor_angles=(0.0, -math.pi / 2, 0.0),
+        field_of_view=(math.radians(178), 1.0),
+    )  # fmt: skip
+    frame = _frame(Tracks((_track(x=0.0, y=539.5), _track(id=8, x=959.5, y=539.5))), pose)
+    record = track_record(frame, source="a", published_ns=5, ground_altitude_m=500.0)
     written = json.loads(encode_record(record))["tracks"]
     assert "geo" not in written[0]
-    assert written[1]["geo"] == {"lat": 48.1, "lon": 11.5}
+    assert written[1]["geo"] == pytest.approx({"lat": 48.1, "lon": 11.5}, abs=1e-12)
+    assert b'"geo"' not in encode_record(track_record(frame, source="a", published_ns=5))
 
 
 def _changed(**changes: Any) -> bytes:

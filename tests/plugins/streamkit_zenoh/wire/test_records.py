@@ -18,9 +18,10 @@ from streamkit import (
     decode_record,
     encode_record,
     raw_video_caps,
+    record_line,
     track_record,
 )
-from streamkit_zenoh.wire.records import frame_of, payload_of
+from streamkit_zenoh.wire.records import record_frame
 
 
 def _track(number: int, velocity: tuple[float, float] = (3.0, -1.5)) -> Track:
@@ -42,10 +43,18 @@ def _frame() -> Frame:
     )
 
 
+def _payload(frame: Frame, source: str, published_ns: int, dropped: int = 0) -> bytes:
+    return encode_record(track_record(frame, source=source, published_ns=published_ns, dropped=dropped))
+
+
+def _received(payload: bytes, arrival_ns: int, epoch: int = 0) -> Frame:
+    return record_frame(decode_record(payload), payload, arrival_ns, epoch)
+
+
 def test_a_record_restores_the_frames_times_and_metadata() -> None:
     """Times, tracks and the place on the reference plane come back exactly."""
     given = _frame()
-    frame = frame_of(payload_of(given, "uav/1", 5_000, 0), arrival_ns=77, epoch=10)
+    frame = _received(_payload(given, "uav/1", 5_000), 77, 10)
     assert (frame.pts, frame.seq, frame.epoch, frame.arrival_ns) == (123, 17, 12, 77)
     assert frame.capture == given.capture
     assert str(frame.caps) == "application/x-tracks, width=(int)6, height=(int)4" or frame.caps["width"] == 6
@@ -64,7 +73,7 @@ def test_a_record_restores_the_frames_times_and_metadata() -> None:
 def test_what_is_not_said_is_nan() -> None:
     """A velocity that was not known is not zero on the other side; nor is a size."""
     frame = Frame(b"", Caps("video/x-raw")).attach(Tracks((_track(1, (float("nan"), 0.0)),)))
-    received = frame_of(payload_of(frame, "a", 1, 0), arrival_ns=1)
+    received = _received(_payload(frame, "a", 1), 1)
     tracks = received.get(Tracks)
     assert tracks is not None
     assert np.isnan(tracks.tracks[0].velocity).all()
@@ -74,15 +83,16 @@ def test_what_is_not_said_is_nan() -> None:
 
 def test_a_record_that_is_passed_on_stays_as_it_is() -> None:
     """Source, times and even the bytes are those of the first publisher."""
-    payload = payload_of(_frame(), "uav/1", 5_000, 3)
-    assert payload_of(frame_of(payload, arrival_ns=1), "other", 9_000, 0) == payload
+    payload = _payload(_frame(), "uav/1", 5_000, 3)
+    assert record_line(_received(payload, 1)) == payload
+    assert _payload(_received(payload, 1), "other", 9_000) == payload
 
 
 def test_a_record_on_many_lines_becomes_one() -> None:
     """A record of another make may be printed prettily; a line of a file it must be one line."""
     record = track_record(_frame(), source="uav/1", published_ns=5_000)
     pretty = json.dumps(json.loads(encode_record(record)), indent=2).encode()
-    passed = payload_of(Frame(pretty, Caps("application/x-tracks")), "other", 1, 0)
+    passed = record_line(Frame(pretty, Caps("application/x-tracks")))
     assert b"\n" not in passed
     assert decode_record(passed) == record
 
@@ -91,6 +101,6 @@ def test_a_record_on_many_lines_becomes_one() -> None:
 def test_what_is_no_record_is_refused(data: bytes) -> None:
     """Both ways, data that is no record is a StreamError."""
     with pytest.raises(StreamError, match="not a track record"):
-        frame_of(data, arrival_ns=1)
+        record_line(Frame(data, Caps("application/x-tracks")))
     with pytest.raises(StreamError, match="not a track record"):
-        payload_of(Frame(data, Caps("application/x-tracks")), "a", 1, 0)
+        _payload(Frame(data, Caps("application/x-tracks")), "a", 1)

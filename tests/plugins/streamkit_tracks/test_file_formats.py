@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from streamkit_zenoh.export.files import KINDS, FileKind, utc_text
+from streamkit_tracks.file_formats import FORMATS, FileKind, utc_text
 
 
 def _track(number: int, state: str = "confirmed", **more: Any) -> dict[str, Any]:
@@ -35,7 +35,7 @@ RECORDS = [
 
 
 def _written(kind: FileKind) -> str:
-    file = KINDS[kind]()
+    file = FORMATS[kind]()
     return (file.begin() + b"".join(map(file.record, RECORDS)) + file.end()).decode()
 
 
@@ -67,7 +67,7 @@ def test_geojson_is_a_collection_of_points() -> None:
     assert feature["geometry"] == {"type": "Point", "coordinates": [11.5, 48.125]}
     assert feature["properties"]["id"] == 7
     assert feature["properties"]["time"] == "2025-11-21T01:53:20.123Z"
-    file = KINDS[FileKind.GEOJSON]()
+    file = FORMATS[FileKind.GEOJSON]()
     assert json.loads(file.begin() + file.end()) == {"type": "FeatureCollection", "features": []}
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from streamkit_zenoh.wire.georeference import Camera, ground_places
+from streamkit.geometry.camera import Camera, ground_coordinates
 
 DEGREE_M = 111_320.0
 DOWN = (0.0, -math.pi / 2, 0.0)
@@ -21,17 +21,17 @@ def _camera(**changes: object) -> Camera:
 
 def _metres(camera: Camera, *pixels: tuple[float, float]) -> np.ndarray:
     """North and east of the camera, m."""
-    degrees = ground_places(camera, np.array(pixels)) - (camera.latitude, camera.longitude)
+    degrees = ground_coordinates(camera, np.array(pixels)) - (camera.latitude, camera.longitude)
     return degrees * (DEGREE_M, DEGREE_M * math.cos(math.radians(camera.latitude)))
 
 
 def test_straight_down_the_centre_is_below() -> None:
-    """With 90 deg across and 100 m of height, the picture's edges are 100 m away; up is north."""
+    """With 90 deg across and 100 m of height, the frame's edges are 100 m away; up is north."""
     found = _metres(_camera(), (100, 100), (100, -0.5), (200.5, 100))
     np.testing.assert_allclose(found, [[0, 0], [100, 0], [0, 100]], atol=0.3)
 
 
-def test_the_heading_turns_the_picture() -> None:
+def test_the_heading_turns_the_frame() -> None:
     """Flying east, up is east and right is south."""
     found = _metres(_camera(platform=(math.pi / 2, 0.0, 0.0)), (100, -0.5), (200.5, 100))
     np.testing.assert_allclose(found, [[0, 100], [-100, 0]], atol=0.3)
@@ -51,4 +51,6 @@ def test_a_slanted_view_looks_ahead() -> None:
 def test_the_sky_has_no_place(height_m: float) -> None:
     """At and above the horizon, and just below it, there is nothing to say."""
     level = _camera(sensor=(0.0, 0.0, 0.0), height_m=height_m)
-    assert np.isnan(ground_places(level, np.array([(100.0, 50.0), (100.0, 100.0), (100.0, 103.0)]))).all()
+    assert np.isnan(
+        ground_coordinates(level, np.array([(100.0, 50.0), (100.0, 100.0), (100.0, 103.0)]))
+    ).all()

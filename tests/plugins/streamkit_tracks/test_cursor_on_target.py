@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from streamkit_zenoh.export.cursor_on_target import EventSender, InvalidAddress, events
+from streamkit_tracks.cursor_on_target import EventSender, InvalidAddress, events
 
 PLACE = {"lat": 48.125, "lon": 11.5}
 RECORD = {
@@ -49,8 +49,8 @@ def test_udp_sends_a_datagram_an_event() -> None:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(5)
         sender = EventSender(f"udp://127.0.0.1:{receiver.getsockname()[1]}")
-        sender.send(b"one")
-        sender.send(b"two")
+        sender.send([b"one"])
+        sender.send([b"two"])
         assert [receiver.recv(100), receiver.recv(100)] == [b"one", b"two"]
         sender.close()
 
@@ -61,19 +61,19 @@ def test_tcp_connects_again() -> None:
         server.settimeout(5)
         sender = EventSender(f"tcp://127.0.0.1:{server.getsockname()[1]}")
         link, _ = server.accept()
-        sender.send(b"one")
+        sender.send([b"one"])
         assert link.recv(100) == b"one"
         link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
         link.close()
         refused = 0
         for _ in range(100):
             try:
-                sender.send(b"two")
+                sender.send([b"two"])
             except OSError:
                 refused += 1
                 break
         assert refused == 1
-        sender.send(b"three")
+        sender.send([b"three"])
         link, _ = server.accept()
         assert link.recv(100) == b"three"
         link.close()

@@ -1,4 +1,4 @@
-"""Files of track records: JSON lines, MOT Challenge text, CSV, GeoJSON and KML, written as records come."""
+"""File formats for track records: MOT Challenge text, CSV, GeoJSON and KML, written record by record."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from datetime import UTC, datetime
 from typing import Any
 from xml.sax.saxutils import escape
 
+from typing_extensions import override
+
 Record = Mapping[str, Any]
 
 CSV_COLUMNS = (
@@ -20,11 +22,11 @@ CSV_COLUMNS = (
 )  # fmt: skip
 NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 SHOWN = ("confirmed", "coasting")
-MOT_CORNER = 1.5  # a box begins half a pixel before the centre of its first pixel, which is number 1
+MOT_CORNER = 1.5  # a box starts half a pixel before the centre of its first pixel, and pixels count from 1
 
 
 class FileKind(enum.StrEnum):
-    """What a file of records looks like."""
+    """Format of a file of records; auto is by the file's suffix."""
 
     AUTO = "auto"
     JSONL = "jsonl"
@@ -42,32 +44,32 @@ SUFFIXES = {
 }
 
 
-class RecordFile:
-    """What is written before the first record, for each one, and behind the last; base of the kinds."""
+class RecordFormat:
+    """Base of the formats: the bytes before the first record, of each record, and after the last one."""
 
     def begin(self) -> bytes:
-        """What comes first."""
+        """The start of the file."""
         return b""
 
     def record(self, record: Record) -> bytes:
-        """What is written for a record."""
+        """The bytes of a record."""
         raise NotImplementedError
 
     def end(self) -> bytes:
-        """What comes last."""
+        """The end of the file."""
         return b""
 
 
-class MotFile(RecordFile):
+class MotFormat(RecordFormat):
     """MOT Challenge: frame, id, left, top, width, height, score, -1, -1, -1; frames and pixels count from 1.
 
-    Confirmed and coasting targets, with the upright box around the turned one.
+    Confirmed and coasting targets, with the axis-aligned box around the rotated one.
 
     Source: Milan et al., MOT16: A Benchmark for Multi-Object Tracking, arXiv 1603.00831, table 4.
     """
 
+    @override
     def record(self, record: Record) -> bytes:
-        """A line a target."""
         lines = []
         for track in _shown(record):
             left, top, right, bottom = track["bbox"]
@@ -78,68 +80,69 @@ class MotFile(RecordFile):
         return "".join(lines).encode()
 
 
-class CsvFile(RecordFile):
-    """A row a target, with all its numbers; what is not known is empty."""
+class CsvFormat(RecordFormat):
+    """A row per target, tentative ones included; unknown values are empty."""
 
+    @override
     def begin(self) -> bytes:
-        """The names of the columns."""
         return _csv([CSV_COLUMNS])
 
+    @override
     def record(self, record: Record) -> bytes:
-        """A row a target, tentative ones included."""
         rows = []
         for track in record["tracks"]:
             boxed = dict(zip(("x0", "y0", "x1", "y1"), track["bbox"], strict=True))
-            # The target's own width comes last: the record's is that of the frame.
-            facts = {**record, **track.get("geo", {}), **boxed, **track}
-            rows.append([facts.get(name, "") for name in CSV_COLUMNS])
+            # The target comes last: its width replaces the frame's.
+            fields = {**record, **track.get("geo", {}), **boxed, **track}
+            rows.append([fields.get(name, "") for name in CSV_COLUMNS])
         return _csv(rows)
 
 
-class GeoJsonFile(RecordFile):
-    """A feature collection (RFC 7946): a point for each target at each time, where its place is known."""
+class GeoJsonFormat(RecordFormat):
+    """A feature collection (RFC 7946): a point for each target and time with ground coordinates."""
 
     def __init__(self) -> None:
         self._separator = b""
 
+    @override
     def begin(self) -> bytes:
-        """The collection opens."""
         return b'{"type": "FeatureCollection", "features": ['
 
+    @override
     def record(self, record: Record) -> bytes:
-        """A feature a target."""
         written = b""
         for track in _located(record):
-            place = track["geo"]
+            position = track["geo"]
             names = ("id", "state", "score", "age_ns")
-            facts = {name: track[name] for name in names} | {"source": record["source"], "seq": record["seq"]}
+            fields = {name: track[name] for name in names}
+            fields |= {"source": record["source"], "seq": record["seq"]}
             if (time := utc_text(record)) is not None:
-                facts["time"] = time
-            if "error_m" in place:
-                facts["error_m"] = place["error_m"]
-            point = {"type": "Point", "coordinates": [place["lon"], place["lat"]]}
-            feature = {"type": "Feature", "geometry": point, "properties": facts}
+                fields["time"] = time
+            if "error_m" in position:
+                fields["error_m"] = position["error_m"]
+            point = {"type": "Point", "coordinates": [position["lon"], position["lat"]]}
+            feature = {"type": "Feature", "geometry": point, "properties": fields}
             written += self._separator + b"\n" + json.dumps(feature).encode()
             self._separator = b","
         return written
 
+    @override
     def end(self) -> bytes:
-        """The collection closes."""
         return b"\n]}\n"
 
 
-class KmlFile(RecordFile):
-    """KML 2.2: a placemark for each target at each time, where its place is known; viewers play them."""
+class KmlFormat(RecordFormat):
+    """KML 2.2: a placemark with a time stamp for each target and time with ground coordinates."""
 
+    @override
     def begin(self) -> bytes:
-        """The document opens."""
         return (
             b'<?xml version="1.0" encoding="UTF-8"?>\n'
             b'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n'
         )
 
+    @override
     def record(self, record: Record) -> bytes:
-        """A placemark a target."""
         time = utc_text(record)
         when = f"<TimeStamp><when>{time}</when></TimeStamp>" if time else ""
         source = escape(xml_text(record["source"]))
@@ -150,41 +153,35 @@ class KmlFile(RecordFile):
             for track in _located(record)
         ).encode()
 
+    @override
     def end(self) -> bytes:
-        """The document closes."""
         return b"</Document></kml>\n"
 
 
-KINDS: dict[FileKind, type[RecordFile]] = {
-    FileKind.MOT: MotFile,
-    FileKind.CSV: CsvFile,
-    FileKind.GEOJSON: GeoJsonFile,
-    FileKind.KML: KmlFile,
+FORMATS: dict[FileKind, type[RecordFormat]] = {
+    FileKind.MOT: MotFormat,
+    FileKind.CSV: CsvFormat,
+    FileKind.GEOJSON: GeoJsonFormat,
+    FileKind.KML: KmlFormat,
 }
-
-
-def needs_places(kind: FileKind) -> bool:
-    """Whether targets without a place on the ground are left out of such a file."""
-    return kind in (FileKind.GEOJSON, FileKind.KML)
+# These leave out targets without ground coordinates.
+GEOGRAPHIC = frozenset((FileKind.GEOJSON, FileKind.KML))
 
 
 def utc_text(record: Record) -> str | None:
-    """When a record's frame was captured, else published, in ISO 8601; None where neither is known."""
+    """Time of capture, else of publishing, in ISO 8601; None where neither is known."""
     time_ns = record.get("capture_ns", record.get("published_ns"))
     if time_ns is None:
         return None
     try:
-        return (
-            datetime.fromtimestamp(time_ns / 1e9, UTC)
-            .isoformat(timespec="milliseconds")
-            .replace("+00:00", "Z")
-        )
+        time = datetime.fromtimestamp(time_ns / 1e9, UTC)
     except (OverflowError, ValueError):
         return None
+    return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def xml_text(text: str) -> str:
-    """The text without the characters that XML cannot have, escaped or not: records come from the network."""
+    """The text with each character that XML 1.0 does not allow, escaped or not, replaced by `?`."""
     return NOT_IN_XML.sub("?", text)
 
 

@@ -1,4 +1,4 @@
-"""Cursor-on-Target events, which TAK clients and servers show on their maps, and the way there."""
+"""Cursor-on-Target events, which TAK clients and servers show on their maps, over UDP or TCP."""
 
 from __future__ import annotations
 
@@ -9,28 +9,27 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from streamkit_zenoh.export.files import xml_text
+from streamkit_tracks.file_formats import SHOWN, xml_text
 
 ADDRESS = re.compile(r"(?P<protocol>udp|tcp)://(?P<host>\[[0-9a-fA-F:]+\]|[^/:\s]+):(?P<port>\d{1,5})/?")
-# By the schema: what is not known.
+# The schema's value for an unknown length.
 UNKNOWN_M = 9_999_999.0
 SEND_LIMIT_S = 1.0
-SHOWN = ("confirmed", "coasting")
 
 
 class InvalidAddress(ValueError):
-    """A text is no address."""
+    """A text is not udp://HOST:PORT or tcp://HOST:PORT."""
 
 
 def events(
     record: Mapping[str, Any], kind: str, stale_s: float, now: datetime | None = None
 ) -> Iterator[bytes]:
-    """One event for each confirmed target whose place is known.
+    """One event for each confirmed target with ground coordinates.
 
     Args:
-        record: a record as JSON has it.
+        record: a record with the fields of its JSON.
         kind: the event's type in the CoT hierarchy, `a-u-G` for something unknown on the ground.
-        stale_s: how long it holds.
+        stale_s: how long it is valid.
         now: UTC; the record's own time if None.
 
     Source: Kristan, Cursor-on-Target Message Router User's Guide, MITRE MP090284 (Event.xsd).
@@ -39,7 +38,7 @@ def events(
     for track in record["tracks"]:
         if track["state"] not in SHOWN or "geo" not in track:
             continue
-        place = track["geo"]
+        position = track["geo"]
         name = xml_text(f"{record['source']} {track['id']}")
         uid = quoteattr(f"streamkit.{name.replace(' ', '.')}")
         times = (
@@ -48,8 +47,8 @@ def events(
         yield (
             f'<?xml version="1.0" encoding="UTF-8"?><event version="2.0" uid={uid} type={quoteattr(kind)} '
             f'how="m-f" {times}>'
-            f'<point lat="{place["lat"]:.8f}" lon="{place["lon"]:.8f}" hae="{UNKNOWN_M}" '
-            f'ce="{place.get("error_m", UNKNOWN_M)}" le="{UNKNOWN_M}"/>'
+            f'<point lat="{position["lat"]:.8f}" lon="{position["lon"]:.8f}" hae="{UNKNOWN_M}" '
+            f'ce="{position.get("error_m", UNKNOWN_M)}" le="{UNKNOWN_M}"/>'
             f"<detail><contact callsign={quoteattr(name)}/></detail></event>"
         ).encode()
 
@@ -64,13 +63,13 @@ def _text(time: datetime) -> str:
 
 
 class EventSender:
-    """Sends events over UDP, one a datagram, or TCP, one behind the other; never waits long.
+    """Sends events over UDP, one per datagram, or TCP; every call ends within about a second.
 
     Args:
         address: `udp://239.2.3.1:6969` or `tcp://tak.example.org:8087`.
 
     Raises:
-        InvalidAddress: it is none.
+        InvalidAddress: the address is malformed.
         OSError: a TCP server does not answer.
     """
 
@@ -83,36 +82,37 @@ class EventSender:
         self._socket: socket.socket | None = None
         self._connect()
 
-    def send(self, event: bytes) -> None:
-        """Sends an event; a TCP link that broke is opened again.
+    def send(self, events: list[bytes]) -> None:
+        """Sends events; a lost TCP connection is opened again.
 
         Raises:
-            OSError: it could not be sent.
+            OSError: an event was not sent, nor those after it.
         """
         if self._socket is None:
             self._connect()
         assert self._socket is not None
         try:
-            self._socket.sendall(event)
+            for event in events:
+                self._socket.sendall(event)
         except OSError:
             self.close()
             raise
 
     def close(self) -> None:
-        """Lets go of the link."""
-        link, self._socket = self._socket, None
-        if link is not None:
-            link.close()
+        """Closes the socket."""
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
 
     def _connect(self) -> None:
         if self._is_tcp:
             self._socket = socket.create_connection(self._target, SEND_LIMIT_S)
             return
-        family, kind, protocol, _, place = socket.getaddrinfo(*self._target, type=socket.SOCK_DGRAM)[0]
+        family, kind, protocol, _, destination = socket.getaddrinfo(*self._target, type=socket.SOCK_DGRAM)[0]
         link = socket.socket(family, kind, protocol)
         try:
             link.settimeout(SEND_LIMIT_S)
-            link.connect(place)
+            link.connect(destination)
         except OSError:
             link.close()
             raise

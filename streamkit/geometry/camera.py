@@ -1,4 +1,4 @@
-"""Where on the ground the pixels of a posed camera are, on flat ground of a known altitude."""
+"""A posed camera above flat ground: the ground coordinates of its pixels."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from streamkit.geometry.earth import metres_per_degree
 
 FloatArray = NDArray[np.float64]
 
-# Nearer to the horizon than this (3 deg) a pixel is hundreds of metres long, and ground is not flat.
-LEAST_DESCENT = math.sin(math.radians(3.0))
+# Closer to the horizon than 3 deg a pixel is hundreds of metres long, and flat ground is no model.
+MIN_DESCENT = math.sin(math.radians(3.0))
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Where a camera is and how it looks.
+    """Position and orientation of a camera.
 
     Attributes:
         latitude: deg, WGS84.
         longitude: deg, WGS84.
-        height_m: above the ground that is looked at.
+        height_m: above the ground.
         platform: heading (clockwise from north), pitch (nose up), roll (right wing down), rad.
-        sensor: azimuth, elevation, roll of the sensor to the platform, rad.
+        sensor: azimuth, elevation, roll of the sensor relative to the platform, rad.
         field_of_view: horizontal, vertical, rad.
-        size: width, height of the picture, px.
+        size: width, height of the frame, px.
     """
 
     latitude: float
@@ -39,8 +39,8 @@ class Camera:
     size: tuple[int, int]
 
 
-def ground_places(camera: Camera, pixels: FloatArray) -> FloatArray:
-    """Latitude and longitude of pixels; NaN where the ray does not meet the ground, or too flat.
+def ground_coordinates(camera: Camera, pixels: FloatArray) -> FloatArray:
+    """Latitude and longitude of pixels; NaN where the ray descends by less than 3 deg.
 
     Args:
         camera: the camera.
@@ -61,14 +61,14 @@ def ground_places(camera: Camera, pixels: FloatArray) -> FloatArray:
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     # North, east, down.
     directions = rays @ (_rotation(*camera.platform) @ _rotation(*camera.sensor)).T
-    descent = np.where(directions[:, 2] >= LEAST_DESCENT, directions[:, 2], math.nan)
+    descent = np.where(directions[:, 2] >= MIN_DESCENT, directions[:, 2], math.nan)
     metres = directions[:, :2] * (camera.height_m / descent)[:, np.newaxis]
     degrees = metres / np.array(metres_per_degree(camera.latitude))
     return np.asarray(degrees + np.array([camera.latitude, camera.longitude]), dtype=np.float64)
 
 
 def _rotation(yaw: float, pitch: float, roll: float) -> FloatArray:
-    """float64[3, 3]: forward-right-down of the body to its frame, by yaw, then pitch, then roll."""
+    """float64[3, 3]: forward-right-down of the body to its parent, by yaw, then pitch, then roll."""
     cy, sy, cp, sp, cr, sr = (f(a) for a in (yaw, pitch, roll) for f in (math.cos, math.sin))
     about_down = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     about_right = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
