@@ -29,11 +29,12 @@ import zenoh
 
 from streamkit import Frame, Pipeline, Registration, TrackRecord, Tracks, raw_video_caps, track_record
 from streamkit_zenoh import TrackSubscriber
-from streamkit_zenoh.session import SessionSettings, close_session, open_session
-from streamkit_zenoh.wire.forms import Codec, Form
+from streamkit_zenoh.configuration import SessionSettings
+from streamkit_zenoh.session import close_session, open_session
+from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.frame_header import frame_header
+from streamkit_zenoh.wire.images import ImageFormat, encode_image
 from streamkit_zenoh.wire.numbering import Stamp
-from streamkit_zenoh.wire.pictures import PictureFormat, encode_picture
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord, StreamStatus
 
@@ -166,10 +167,10 @@ class Stranger:
 
     def __init__(self, seed: int) -> None:
         self._chance = random.Random(seed)
-        self._codecs = {form: Codec(TrackRecord, TRACKS_SCHEMA, form) for form in Form}
-        self._status = {form: Codec(StatusRecord, STATUS_SCHEMA, form) for form in Form}
+        self._codecs = {form: Codec(TrackRecord, TRACKS_SCHEMA, form) for form in Encoding}
+        self._status = {form: Codec(StatusRecord, STATUS_SCHEMA, form) for form in Encoding}
         frame = self._frame(1)
-        self._picture = encode_picture(frame.data, PictureFormat.PNG)
+        self._picture = encode_image(frame.data, ImageFormat.PNG)
         self._header = frame_header(frame, "x", 2, 0, frame.data.shape)
         self._record = track_record(frame, source="x", published_ns=2)
         stream = StreamStatus(
@@ -188,42 +189,42 @@ class Stranger:
     def good(self, number: int) -> list[Message]:
         """A good record for each kind of receiver."""
         frame = self._frame(GOOD_FROM + number)
-        codec = self._codecs[Form.JSON]
+        codec = self._codecs[Encoding.JSON]
         record = codec.encode(track_record(frame, source="good", published_ns=2))
         stamp = Stamp(RUN, number).attachment()
         header = frame_header(frame, "good", 2, 0, frame.data.shape)
         return [
-            (f"{KEY}/tracks", record, codec.encoding, stamp),
-            (f"{KEY}/track/1", record, codec.encoding, stamp),
+            (f"{KEY}/tracks", record, codec.content_type, stamp),
+            (f"{KEY}/track/1", record, codec.content_type, stamp),
             (f"{KEY}/frame", self._picture, "image/png", Stamp(RUN, number).attachment(header)),
         ]
 
     def hostile(self) -> Message:
         """One message of a kind chosen by chance."""
         chance = self._chance
-        form = chance.choice(list(Form))
+        form = chance.choice(list(Encoding))
         kind = chance.randrange(8)
         stamp = self._stamp()
         where = chance.choice(("tracks", f"track/{chance.randrange(5000)}"))
         if kind <= 1:
             codec = self._codecs[form]
-            return f"{KEY}/{where}", self._mutated(codec.encode(self._record)), codec.encoding, stamp
+            return f"{KEY}/{where}", self._mutated(codec.encode(self._record)), codec.content_type, stamp
         if kind == 2:
             status = self._status[form]
-            return f"{KEY}/status", self._mutated(status.encode(self._state)), status.encoding, stamp
+            return f"{KEY}/status", self._mutated(status.encode(self._state)), status.content_type, stamp
         if kind == 3:
-            payload = self._extreme(self._codecs[Form.JSON].encode(self._record))
-            return f"{KEY}/{where}", payload, self._codecs[Form.JSON].encoding, stamp
+            payload = self._extreme(self._codecs[Encoding.JSON].encode(self._record))
+            return f"{KEY}/{where}", payload, self._codecs[Encoding.JSON].content_type, stamp
         if kind == 4:
-            payload = self._extreme(self._status[Form.JSON].encode(self._state))
-            return f"{KEY}/status", payload, self._status[Form.JSON].encoding, stamp
+            payload = self._extreme(self._status[Encoding.JSON].encode(self._state))
+            return f"{KEY}/status", payload, self._status[Encoding.JSON].content_type, stamp
         if kind == 5:
             header = self._extreme(self._header) if chance.random() < 0.5 else self._mutated(self._header)
             picture = self._mutated(self._picture) if chance.random() < 0.7 else self._picture
             return f"{KEY}/frame", picture, "image/png", stamp + b"\n" + header
         if kind == 6:
             nested = b"[" * 200_000 if chance.random() < 0.02 else b'{"tracks":' * 50
-            return f"{KEY}/{where}", nested, self._codecs[Form.JSON].encoding, stamp
+            return f"{KEY}/{where}", nested, self._codecs[Encoding.JSON].content_type, stamp
         klv = KLV_KEY + bytes([0x80 | chance.randrange(128)]) + chance.randbytes(chance.randrange(600))
         return f"{KEY}/{chance.choice(('tracks', 'status', 'frame'))}", klv, self._encoding(), stamp
 
@@ -303,7 +304,7 @@ def answering(stranger: Stranger) -> Callable[[zenoh.Query], None]:
 def fuzz(minutes: float, seed: int) -> list[str]:
     """Runs it; what was violated."""
     endpoint, chance, stranger = free_endpoint(), random.Random(seed), Stranger(seed)
-    session = open_session(SessionSettings(listen=(endpoint,)))
+    session = open_session(SessionSettings(listen=endpoint))
     receivers = [Receiver(kind, endpoint) for kind in KINDS]
     violations: list[str] = []
     sent, slowest_s, number, limit_s = 0, 0.0, 0, START_LIMIT_S

@@ -32,7 +32,8 @@ from streamkit import (
     track_record,
 )
 from streamkit.testing import Harness
-from streamkit_zenoh.session import SessionSettings, close_session, open_session
+from streamkit_zenoh.configuration import SessionSettings
+from streamkit_zenoh.session import close_session, open_session
 
 ENDPOINT = "tcp/127.0.0.1:17601"
 TRACKS = 50
@@ -87,8 +88,8 @@ def median_us(frame: Frame, call: Callable[[], object]) -> tuple[float, float]:
 
 def subscribe() -> None:
     """The other process: receives and does nothing."""
-    session = open_session(SessionSettings(connect=(ENDPOINT,)))
-    handler = zenoh.handlers.Callback(lambda _sample: None, indirect=False)
+    session = open_session(SessionSettings(connect=ENDPOINT))
+    handler = zenoh.handlers.Callback(lambda sample: None, indirect=False)
     held = [session.declare_subscriber(key, handler) for key in ("bench/bare", "bench/ours/tracks")]
     sys.stdin.read()
     del held
@@ -110,7 +111,7 @@ def main() -> None:
             congestion_control=zenoh.CongestionControl.BLOCK,
             reliability=zenoh.Reliability.RELIABLE,
         )
-        while not (bare.matching_status.matching and ours.element._publication.tracks.is_wanted):
+        while not (bare.matching_status.matching and ours.element._publication.tracks.has_subscriber):
             time.sleep(0.05)
         calls: dict[str, Callable[[], object]] = {
             "bare put": lambda: bare.put(payload),

@@ -3,8 +3,8 @@
     from streamkit_zenoh import TrackSubscriber
 
 `session`, `configuration`, `certificates`, `endpoints`, `keys` and `presence` open a zenoh session that finds
-its partners on the same machine without a router; `wire` is what travels, `publish` and `receive` are the two
-ends.
+its partners on the same machine without a router; `wire` defines what is transmitted, `publish` publishes and
+`receiver` receives it.
 """
 
 from typing import TYPE_CHECKING

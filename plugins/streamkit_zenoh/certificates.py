@@ -1,4 +1,4 @@
-"""Why a TLS link is refused: zenoh's own error seldom says, a plain handshake does."""
+"""The reason why a TLS link is refused, found by a plain handshake: zenoh's own error seldom names it."""
 
 import json
 import socket
@@ -21,13 +21,12 @@ def certificate_fault(endpoint: str, config: zenoh.Config) -> str | None:
         config: with the certificates under `transport/link/tls`.
 
     Returns:
-        What is wrong with a certificate, or None where nothing is, or nobody answers.
+        What is wrong with a certificate; None if nothing is, or the endpoint does not answer.
     """
     match = ENDPOINT.fullmatch(endpoint)
     if match is None or match["protocol"] != "tls":
         return None
     settings = json.loads(config.get_json("transport/link/tls")) or {}
-    host = match["host"].strip("[]")
     try:
         context = ssl.create_default_context(cafile=settings.get("root_ca_certificate"))
         context.check_hostname = settings.get("verify_name_on_connect") is not False
@@ -36,23 +35,23 @@ def certificate_fault(endpoint: str, config: zenoh.Config) -> str | None:
             context.load_cert_chain(certificate, key)
     except (OSError, ValueError) as error:
         return f"the certificates of the configuration cannot be used: {error}"
-    return _handshake(context, host, int(match["port"]))
+    return _handshake(context, match["host"].strip("[]"), int(match["port"]))
 
 
 def _handshake(context: ssl.SSLContext, host: str, port: int) -> str | None:
     began_s = time.monotonic()
     try:
         with (
-            socket.create_connection((host, port), HANDSHAKE_LIMIT_S) as plain,
-            context.wrap_socket(plain, server_hostname=host) as link,
+            socket.create_connection((host, port), HANDSHAKE_LIMIT_S) as connection,
+            context.wrap_socket(connection, server_hostname=host) as link,
         ):
-            # With TLS 1.3 the other side judges our certificate after the handshake: one more way and back.
+            # With TLS 1.3 the server checks the client's certificate one round trip after the handshake.
             link.settimeout(max(ANSWER_LIMIT_S, 3 * (time.monotonic() - began_s)))
             link.recv(1)
-    except TimeoutError:
-        return None
     except ssl.SSLCertVerificationError as error:
         return f"its certificate is not trusted: {error.verify_message}"
+    except TimeoutError:
+        return None
     except ssl.SSLError as error:
         return f"TLS is refused: {error.reason or error}"
     except OSError:

@@ -1,29 +1,31 @@
-"""How a session is to be opened, as settings and as zenoh's own configuration."""
+"""SessionSettings, and the zenoh configuration that follows from them."""
 
 import json
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import zenoh
 
-from streamkit_zenoh.endpoints import is_local, is_secure, redact
+from streamkit import mask_secrets
+from streamkit.settings import setting
+from streamkit_zenoh.endpoints import endpoints, is_local, is_secure
 
-# Sessions of one machine find each other here without a router and without multicast: each listens on the
-# first free port and connects to those below it, which are taken by the ones before.
+# Sessions on one machine find each other here without router and multicast: each listens on the first free
+# port and connects to the ports below it.
 MEETING_PORTS = range(7450, 7514)
 CLIENT_CONNECT_LIMIT_MS = 5_000
 CONNECT_RETRY = {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2}
-# How long the other side takes a silent one for alive: with zenoh's own 10 s, a dead link is seen too late.
+# After so long without a message the peer closes the link; zenoh's default of 10 s detects a dead link late.
 LEASE_MS = 2_500
-# Bounds what a stranger can make this process hold; a mosaic must fit.
+# Bounds the memory that a message from the network takes; a mosaic must fit.
 MESSAGE_LIMIT_BYTES = 128 * 1024 * 1024
-# Where zenoh's own library was built says nothing to a user.
-SOURCE_PLACE = re.compile(r"\s+at /\S+\.rs:\d+\.?")
+# Position in zenoh's source code, which its errors end with.
+SOURCE_POSITION = re.compile(r"\s+at /\S+\.rs:\d+\.?")
 
 
 class Mode(StrEnum):
-    """How a session takes part: peers find each other, a client speaks to one router or peer."""
+    """Role of a session: peers connect to each other, a client to one router or peer."""
 
     AUTO = "auto"
     PEER = "peer"
@@ -31,51 +33,66 @@ class Mode(StrEnum):
 
 
 class Reach(StrEnum):
-    """Who is found without endpoints: sessions on this machine, or on the whole local network."""
+    """Which sessions are found without endpoints: those on this machine, or on the local network."""
 
     LOCAL = "local"
     NETWORK = "network"
 
 
 class SessionFailure(OSError):
-    """A session cannot be opened; says why, without secrets."""
+    """A session cannot be opened; the message says why, without secrets."""
 
 
 @dataclass(frozen=True)
 class SessionSettings:
-    """How a session is opened.
+    """How a session is opened; each field but `cut_off_s` is a property of zenohsink and zenohsrc.
 
     Attributes:
-        mode: `auto` is a client where `connect` names another machine or an encrypted link and nothing is
-            listened on, else a peer.
-        connect: endpoints to connect to; a peer goes on trying, a client needs one of them at once.
-        listen: endpoints to listen on.
-        reach: who is found where neither is given.
-        config: a zenoh configuration file, for TLS, passwords and all else; the rest is put on top of it.
-        patience_s: how long a slow receiver may hold up a sender before its link is closed.
+        cut_off_s: how long a receiver that takes nothing may block a sender before its link is closed.
     """
 
-    mode: Mode = Mode.AUTO
-    connect: tuple[str, ...] = ()
-    listen: tuple[str, ...] = ()
-    reach: Reach = Reach.LOCAL
-    config: str | None = None
-    patience_s: float = 5.0
+    connect: str | None = setting(
+        None,
+        doc="Endpoints to connect to, with commas: tcp/HOST:PORT of a router, a publisher or a receiver.",
+    )
+    listen: str | None = setting(None, doc="Endpoints to listen on, with commas: tcp/0.0.0.0:7447.")
+    mode: Mode = setting(
+        Mode.AUTO,
+        doc="auto: a client where connect names another machine and nothing is listened on, else a peer.",
+    )
+    reach: Reach = setting(
+        Reach.LOCAL,
+        doc="Sessions found without connect and listen: those on this machine, or on the local network.",
+    )
+    config: str | None = setting(
+        None, doc="A zenoh configuration file (JSON5), for TLS, passwords and everything else."
+    )
+    cut_off_s: float = 5.0
 
     @property
-    def is_client(self) -> bool:
-        """Whether the session is a client's."""
-        far = any(not is_local(endpoint) or is_secure(endpoint) for endpoint in self.connect)
-        return self.mode is Mode.CLIENT or (self.mode is Mode.AUTO and far and not self.listen)
+    def connect_endpoints(self) -> tuple[str, ...]:
+        """The endpoints of `connect`; raises InvalidEndpoint."""
+        return endpoints(self.connect)
+
+    @property
+    def listen_endpoints(self) -> tuple[str, ...]:
+        """The endpoints of `listen`; raises InvalidEndpoint."""
+        return endpoints(self.listen)
+
+    def is_client(self, connect: tuple[str, ...]) -> bool:
+        """Whether a session that connects to these endpoints is a client."""
+        remote = any(not is_local(endpoint) or is_secure(endpoint) for endpoint in connect)
+        automatic = self.mode is Mode.AUTO and remote and not self.listen_endpoints
+        return self.mode is Mode.CLIENT or automatic
 
 
-def plain(error: Exception) -> str:
-    """Zenoh's error as one line for users: no secrets, no places in its source."""
-    return redact(SOURCE_PLACE.sub("", str(error)).strip())
+def error_line(error: Exception) -> str:
+    """A zenoh error as one line, without secrets and positions in zenoh's source code."""
+    return mask_secrets(SOURCE_POSITION.sub("", str(error)).strip())
 
 
 def local_configuration(settings: SessionSettings, port: int | None) -> zenoh.Config:
-    """The configuration of a session on this machine that listens at a meeting port, or at any.
+    """The configuration of a session on this machine that listens on a meeting port, or on any for None.
 
     Raises:
         SessionFailure: the configuration file cannot be read.
@@ -88,62 +105,62 @@ def local_configuration(settings: SessionSettings, port: int | None) -> zenoh.Co
         _put(config, "listen/exit_on_failure", True)
     ports = MEETING_PORTS if port is None else range(MEETING_PORTS.start, port)
     _put(config, "connect/endpoints", [f"tcp/127.0.0.1:{lower}" for lower in ports])
-    _close_scouting(config)
-    # Gossip would make this session known to, and connect it with, machines that a local one knows.
+    _disable_scouting(config)
+    # Gossip would introduce this session to machines that another local session knows.
     _put(config, "scouting/gossip/enabled", False)
     return config
 
 
 def meets_locally(settings: SessionSettings) -> bool:
-    """Whether nothing says whom to meet, neither the settings nor the file: then it is this machine.
+    """Whether neither settings nor file name a partner, so that sessions on this machine are found.
 
     Raises:
         SessionFailure: the configuration file cannot be read.
     """
-    if settings.connect or settings.listen or settings.reach is Reach.NETWORK:
+    if settings.connect_endpoints or settings.listen_endpoints or settings.reach is Reach.NETWORK:
         return False
     if not settings.config:
         return True
     config = base_configuration(settings)
-    told = connected(config, settings) or _told(config, "listen/endpoints")
-    return not told and not _scouts(config) and mode_of(config) != "router"
+    is_set = connected(config, settings) or _is_set(config, "listen/endpoints")
+    return not is_set and not _scouts(config) and mode_of(config) != "router"
 
 
 def configuration(settings: SessionSettings) -> zenoh.Config:
-    """The configuration of a session with endpoints, from the settings or from the file, or on the network.
+    """The configuration of a session with endpoints, from settings or file, or on the local network.
 
     Raises:
         SessionFailure: the configuration file cannot be read.
     """
     config = base_configuration(settings)
-    endpoints, mode = connected(config, settings), mode_of(config)
-    if settings.connect:
-        _put(config, "connect/endpoints", list(settings.connect))
-    if endpoints and mode == "client":
+    connect, mode = connected(config, settings), mode_of(config)
+    if settings.connect_endpoints:
+        _put(config, "connect/endpoints", list(connect))
+    if connect and mode == "client":
         _put(config, "connect/timeout_ms", CLIENT_CONNECT_LIMIT_MS)
-    if settings.listen:
-        _put(config, "listen/endpoints", list(settings.listen))
+    if settings.listen_endpoints:
+        _put(config, "listen/endpoints", list(settings.listen_endpoints))
         _put(config, "listen/exit_on_failure", True)
     if settings.reach is Reach.NETWORK:
         return config
-    if not settings.listen and not _told(config, "listen/endpoints"):
-        _put(config, "listen/endpoints", _reachable(endpoints, mode))
-    _close_scouting(config)
-    # A router brings the peers that connect to it together by gossip. Who only listens needs no introduction:
-    # everybody comes to it, and a stranger could name any place.
-    if not endpoints and not _told(config, "scouting/gossip/autoconnect"):
+    if not settings.listen_endpoints and not _is_set(config, "listen/endpoints"):
+        _put(config, "listen/endpoints", _default_listen(connect, mode))
+    _disable_scouting(config)
+    # A router introduces its peers to each other by gossip. A session that only listens needs no
+    # introduction, and a stranger could introduce it to any address.
+    if not connect and not _is_set(config, "scouting/gossip/autoconnect"):
         _put(config, "scouting/gossip/autoconnect", {"router": [], "peer": []})
-    named = (*endpoints, *_endpoints(config, "listen/endpoints"))
-    if any(is_secure(endpoint) for endpoint in named) and not _told(config, "transport/link/protocols"):
-        # A partner that is introduced over an encrypted link is not to be connected to in clear.
+    named = (*connect, *_endpoints(config, "listen/endpoints"))
+    if any(is_secure(endpoint) for endpoint in named) and not _is_set(config, "transport/link/protocols"):
+        # No plain-text link to a peer that is introduced over an encrypted one.
         _put(config, "transport/link/protocols", sorted({name.partition("/")[0] for name in named}))
     return config
 
 
-def _close_scouting(config: zenoh.Config) -> None:
+def _disable_scouting(config: zenoh.Config) -> None:
     """Opens no scouting socket unless the file asks for one.
 
-    A session with a scouting socket connects to whatever place a forged HELLO names, and hands over all it
+    A session with a scouting socket connects to the address in a forged HELLO, and sends there all it
     publishes. zenoh binds that socket to all interfaces, whatever `scouting/multicast/interface` says.
     """
     if not _scouts(config):
@@ -151,25 +168,25 @@ def _close_scouting(config: zenoh.Config) -> None:
 
 
 def _scouts(config: zenoh.Config) -> bool:
-    """Whether the configuration file asks for multicast scouting; zenoh's own default does not count."""
+    """Whether the configuration file enables multicast scouting; zenoh's own default does not count."""
     return bool(json.loads(config.get_json("scouting/multicast/enabled")))
 
 
-def _reachable(endpoints: tuple[str, ...], mode: str) -> list[str]:
-    """Where a session listens that was not told to: nowhere in clear beside an encrypted link.
+def _default_listen(connect: tuple[str, ...], mode: str) -> list[str]:
+    """Endpoints to listen on by default: none in plain text next to an encrypted link.
 
-    A router brings peers together, it does not pass records between them: each must be reachable.
+    A router introduces peers and does not forward records between them: each must be reachable.
     """
-    if mode == "client" or any(is_secure(endpoint) for endpoint in endpoints):
+    if mode == "client" or any(is_secure(endpoint) for endpoint in connect):
         return []
     if mode == "router":
         return ["tcp/127.0.0.1:7447"]
-    abroad = any(not is_local(endpoint) for endpoint in endpoints)
-    return ["tcp/[::]:0" if abroad else "tcp/127.0.0.1:0"]
+    is_remote = any(not is_local(endpoint) for endpoint in connect)
+    return ["tcp/[::]:0" if is_remote else "tcp/127.0.0.1:0"]
 
 
 def base_configuration(settings: SessionSettings) -> zenoh.Config:
-    """The configuration file, or zenoh's own defaults, with what streamkit always sets.
+    """The configuration file, or zenoh's defaults, with what streamkit always sets.
 
     Raises:
         SessionFailure: the file cannot be read.
@@ -178,43 +195,43 @@ def base_configuration(settings: SessionSettings) -> zenoh.Config:
         config = zenoh.Config.from_file(settings.config) if settings.config else zenoh.Config()
     except Exception as error:
         raise SessionFailure(
-            f"zenoh configuration {settings.config}: {plain(error)}; give a JSON5 file as zenoh documents it"
+            f"zenoh configuration {settings.config}: {error_line(error)}; "
+            "give a JSON5 file as zenoh documents it"
         ) from None
-    if settings.mode is not Mode.AUTO or not _told(config, "mode"):
-        named = replace(settings, connect=connected(config, settings))
-        _put(config, "mode", "client" if named.is_client else "peer")
+    if settings.mode is not Mode.AUTO or not _is_set(config, "mode"):
+        _put(config, "mode", "client" if settings.is_client(connected(config, settings)) else "peer")
     _put(config, "connect/retry", CONNECT_RETRY)
     _put(config, "transport/link/tx/lease", LEASE_MS)
     _put(config, "transport/link/rx/max_message_size", MESSAGE_LIMIT_BYTES)
-    # A record that lies in shared memory is lost when its publisher closes before it has been read.
+    # A record in shared memory is lost when its publisher closes before it is read.
     _put(config, "transport/shared_memory/enabled", False)
-    if not _told(config, "adminspace/enabled"):
-        # It tells configuration and partners to whoever asks.
+    if not _is_set(config, "adminspace/enabled"):
+        # It shows configuration and partners to any session.
         _put(config, "adminspace/enabled", False)
-    patience_us = round(settings.patience_s * 1e6)
-    _put(config, "transport/link/tx/queue/congestion_control/block/wait_before_close", patience_us)
+    cut_off_us = round(settings.cut_off_s * 1e6)
+    _put(config, "transport/link/tx/queue/congestion_control/block/wait_before_close", cut_off_us)
     return config
 
 
 def connected(config: zenoh.Config, settings: SessionSettings) -> tuple[str, ...]:
     """The endpoints that a session connects to, from the settings, else from the file."""
-    return settings.connect or _endpoints(config, "connect/endpoints")
+    return settings.connect_endpoints or _endpoints(config, "connect/endpoints")
 
 
 def _endpoints(config: zenoh.Config, key: str) -> tuple[str, ...]:
     found = json.loads(config.get_json(key))
     if isinstance(found, dict):
-        found = [endpoint for endpoints in found.values() for endpoint in endpoints]
+        found = [endpoint for named in found.values() for endpoint in named]
     return tuple(str(endpoint) for endpoint in found or ())
 
 
 def mode_of(config: zenoh.Config) -> str:
-    """How a session of this configuration takes part: peer, client or router."""
+    """Role of a session with this configuration: peer, client or router."""
     return str(json.loads(config.get_json("mode")) or "peer")
 
 
-def _told(config: zenoh.Config, key: str) -> bool:
-    """Whether the configuration says something else than zenoh does by itself."""
+def _is_set(config: zenoh.Config, key: str) -> bool:
+    """Whether the configuration differs from zenoh's default."""
     return str(config.get_json(key)) != str(zenoh.Config().get_json(key))
 
 

@@ -1,4 +1,4 @@
-"""Zenoh endpoints as users write them: checked, told apart, and shown without their secrets."""
+"""Zenoh endpoints as users write them: parsed, and classified as local or secure."""
 
 import ipaddress
 import re
@@ -14,12 +14,7 @@ SOCKET_FILE = re.compile(r"(unixsock-stream|unixpipe)/[^\s?#]+")
 
 
 class InvalidEndpoint(ValueError):
-    """A text is no endpoint; the message shows it without its secrets."""
-
-
-def redact(text: str) -> str:
-    """The text with everything secret in it masked; what stands behind # configures a link, with keys."""
-    return mask_secrets(text)
+    """A text is not an endpoint; the message masks its secrets."""
 
 
 def endpoints(text: str | None) -> tuple[str, ...]:
@@ -37,7 +32,7 @@ def endpoints(text: str | None) -> tuple[str, ...]:
         if (match is None or int(match["port"]) > 65535) and not SOCKET_FILE.fullmatch(part):
             raise InvalidEndpoint(
                 f"an endpoint must be PROTOCOL/HOST:PORT with one of {', '.join(PROTOCOLS)}, "
-                f"got {redact(part)!r}; write for example tcp/192.168.0.7:7447"
+                f"got {mask_secrets(part)!r}; write for example tcp/192.168.0.7:7447"
             )
     return parts
 
@@ -57,5 +52,5 @@ def is_local(endpoint: str) -> bool:
 
 
 def is_secure(endpoint: str) -> bool:
-    """Whether nothing travels in clear on it."""
+    """Whether its link is encrypted."""
     return endpoint.startswith(("tls/", "quic/"))

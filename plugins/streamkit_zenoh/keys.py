@@ -1,48 +1,48 @@
-"""The keys of zenoh that streamkit uses: where records and pictures go, and who is there."""
+"""The zenoh keys that streamkit uses: streams below a user's key, and liveliness tokens."""
 
 from urllib.parse import quote, unquote
 
 import zenoh
 
-RECORDS = "tracks"
+TRACKS = "tracks"
 TRACK = "track"
 FRAME = "frame"
 MOSAIC = "mosaic"
 STATUS = "status"
 SCHEMA = "schema"
 ALIVE = "alive"
-STREAMS = (RECORDS, FRAME, MOSAIC, STATUS)
-# Receivers' tokens lie apart from the users' keys: a receiver's key may have wildcards, a token's not.
+STREAMS = (TRACKS, FRAME, MOSAIC, STATUS)
+# Receivers' tokens lie outside the users' keys: a receiver's key may have wildcards, a token may not.
 LISTENING = "streamkit/listening"
-# By this parameter of a query a receiver says which token is its own.
+# Query parameter that holds the name of the asking receiver.
 RECEIVER = "receiver"
 
 
 class InvalidKey(ValueError):
-    """A text is no key, or has wildcards where one key is needed."""
+    """A text is not a key, or has wildcards where one key is needed."""
 
 
 def records_key(key: str) -> str:
     """The key expression of the records: `uav/1` gives `uav/1/tracks`, and `uav/*` gives `uav/*/tracks`.
 
-    A text that ends in `/tracks` is taken as it is, and so is the key of one track, `uav/1/track/7`.
+    A text that ends in `/tracks` stays as it is, and so does the key of one track, `uav/1/track/7`.
 
     Raises:
-        InvalidKey: zenoh does not take it.
+        InvalidKey: zenoh does not accept it.
     """
     words = key.split("/")
     if len(words) > 2 and words[-2] == TRACK:
         return _checked(key, key)
-    return stream_key(key, RECORDS)
+    return stream_key(key, TRACKS)
 
 
 def stream_key(key: str, stream: str) -> str:
     """The key expression of one of the streams below a key: `uav/1` and `frame` give `uav/1/frame`.
 
-    A text that ends in the stream's name is taken as it is.
+    A text that ends in the stream's name stays as it is.
 
     Raises:
-        InvalidKey: zenoh does not take it.
+        InvalidKey: zenoh does not accept it.
     """
     return _checked(key if key == stream or key.endswith(f"/{stream}") else f"{key}/{stream}", key)
 
@@ -58,19 +58,19 @@ def _checked(expression: str, key: str) -> str:
 
 
 def publication_key(key: str) -> str:
-    """The one key records are published at.
+    """The key that records are published at.
 
     Raises:
-        InvalidKey: it is none, or has wildcards.
+        InvalidKey: zenoh does not accept it, or it has wildcards.
     """
-    expression = stream_key(key, RECORDS)
+    expression = stream_key(key, TRACKS)
     if "*" in expression:
         raise InvalidKey(f"a publisher's key must not have wildcards, got {key!r}; write for example uav/1")
     return expression
 
 
 def root_of(expression: str) -> str:
-    """What stands before the stream's own words: `uav/1/tracks` and `uav/1/track/7` give `uav/1`."""
+    """The key above the stream: `uav/1/tracks` and `uav/1/track/7` give `uav/1`."""
     words = expression.split("/")
     if len(words) > 1 and words[-2] == TRACK:
         return "/".join(words[:-2])
@@ -78,23 +78,23 @@ def root_of(expression: str) -> str:
 
 
 def alive_key(expression: str) -> str:
-    """Where a publisher of `expression` shows that it lives: `uav/1/tracks` gives `uav/1/alive`."""
+    """Key of a publisher's liveliness token: `uav/1/tracks` gives `uav/1/alive`."""
     root = root_of(expression)
     return f"{root}/{ALIVE}" if root else ALIVE
 
 
 def receiver_name(session: str, records: str) -> str:
-    """A receiver's name: its session, and its key expression escaped into one word."""
+    """A receiver's name: the id of its session, and its key expression escaped into one word."""
     return f"{session}/{quote(records, safe='')}"
 
 
 def listening_key(session: str, records: str) -> str:
-    """Where a receiver shows that it listens: its token ends in its name."""
+    """Key of a receiver's liveliness token, which ends in its name."""
     return f"{LISTENING}/{receiver_name(session, records)}"
 
 
 def listens_to(token: str, records: str) -> bool:
-    """Whether a receiver's token says that it receives what is published at `records`."""
+    """Whether the receiver with this token receives what is published at `records`."""
     try:
         return zenoh.KeyExpr(unquote(token.rsplit("/", 1)[-1])).includes(records)
     except zenoh.ZError:

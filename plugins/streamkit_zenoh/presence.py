@@ -1,47 +1,47 @@
-"""Who is there: publishers that live, and receivers that listen, shown by zenoh's liveliness tokens."""
+"""Presence of publishers and receivers, by zenoh's liveliness tokens, and delivery to receivers."""
 
 import threading
-from collections import OrderedDict
+import time
 from collections.abc import Callable
 
 import zenoh
 
 from streamkit_zenoh.keys import LISTENING, alive_key, listening_key, listens_to
-from streamkit_zenoh.wire.numbering import remember
+from streamkit_zenoh.wire.numbering import RecentDict
 
 # Tokens come from the network: their number is bounded.
 TOKEN_LIMIT = 10_000
 CONFIRM_LIMIT_S = 5.0
 
 
-class Watch:
-    """Keeps the set of tokens below a key expression.
+class LivelinessWatch:
+    """Keeps the set of live tokens that match a key expression.
 
-    A session tells a watch of the tokens it knew before in a thread of its own, which may come after such a
-    token's end. So a token told after its end is asked for: only one that answers is there again.
+    A session reports tokens it knew before in a thread of its own, possibly after such a token's end. A token
+    that is reported after its end is therefore queried, and counts again only if it replies.
 
     Args:
         session: an open session.
         expression: which tokens.
-        changed: called from zenoh's thread with the number of tokens there, after each change.
-        appeared: called from zenoh's thread with each token that is there, before it is counted.
+        changed: called from zenoh's thread with the number of live tokens, after each change.
+        appeared: called from zenoh's thread with each live token, before it is counted.
     """
 
     def __init__(
         self,
         session: zenoh.Session,
         expression: str,
-        changed: Callable[[int], None] | None = None,
-        appeared: Callable[[str], None] | None = None,
+        changed: Callable[[int], None] = lambda count: None,
+        appeared: Callable[[str], None] = lambda token: None,
     ) -> None:
         self._session = session
         self._tokens: set[str] = set()
-        self._ended: OrderedDict[str, int] = OrderedDict()  # how often each has ended
+        self._ends: RecentDict[str, int] = RecentDict()  # how often each token has ended
         self._closed = False
         self._lock = threading.Lock()
         self._changed = changed
         self._appeared = appeared
-        # Called in zenoh's own thread, so that a token's end is seen behind the records sent before it.
+        # Called in zenoh's own thread, so that a token's end follows the records sent before it.
         handler = zenoh.handlers.Callback(self._take, indirect=False)
         self._subscriber = session.liveliness().declare_subscriber(expression, handler, history=True)
 
@@ -50,49 +50,39 @@ class Watch:
         if sample.kind == zenoh.SampleKind.DELETE:
             with self._lock:
                 self._tokens.discard(token)
-                remember(self._ended, token, self._ended.get(token, 0) + 1)
+                self._ends[token] = self._ends.get(token, 0) + 1
                 count = len(self._tokens)
-            self._tell(count)
-        elif not self._appears(token, 0):
-            self._confirm(token, self._ended.get(token, 0))
+            self._changed(count)
+        elif not self._add(token, 0):
+            self._query(token, self._ends.get(token, 0))
 
-    def _appears(self, token: str, ends: int) -> bool:
-        """Notes a token that is there; False where it has ended more often than said."""
-        if self._appeared is not None:
-            self._appeared(token)
+    def _add(self, token: str, ends: int) -> bool:
+        """Adds a live token; False if it has ended more often than `ends`."""
+        self._appeared(token)
         with self._lock:
-            if self._closed or self._ended.get(token, 0) != ends:
+            if self._closed or self._ends.get(token, 0) != ends:
                 return False
             if len(self._tokens) < TOKEN_LIMIT:
                 self._tokens.add(token)
             count = len(self._tokens)
-        self._tell(count)
+        self._changed(count)
         return True
 
-    def _confirm(self, token: str, ends: int) -> None:
-        """Takes a token as there once somebody says so, unless it ends first."""
+    def _query(self, token: str, ends: int) -> None:
+        """Adds a token once it replies, unless it ends first."""
 
-        def answered(reply: zenoh.Reply) -> None:
+        def replied(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                self._appears(token, ends)
+                self._add(token, ends)
 
-        # In a thread of its own: zenoh holds a lock while it tells answers, and `changed` may ask for more.
-        handler = zenoh.handlers.Callback(answered, indirect=True)
+        # In a thread of its own: zenoh holds a lock during the callback, and `changed` may query.
+        handler = zenoh.handlers.Callback(replied, indirect=True)
         self._session.liveliness().get(token, handler, timeout=CONFIRM_LIMIT_S)
 
-    def _tell(self, count: int) -> None:
-        if self._changed is not None:
-            self._changed(count)
-
-    def count(self, wanted: Callable[[str], bool] = lambda token: True) -> int:
-        """How many tokens are there that are wanted."""
+    def tokens(self) -> list[str]:
+        """The live tokens."""
         with self._lock:
-            return sum(wanted(token) for token in self._tokens)
-
-    def tokens(self, wanted: Callable[[str], bool]) -> list[str]:
-        """The tokens that are there and wanted."""
-        with self._lock:
-            return sorted(token for token in self._tokens if wanted(token))
+            return sorted(self._tokens)
 
     def close(self) -> None:
         """Stops watching."""
@@ -101,92 +91,103 @@ class Watch:
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
-def show_publisher(session: zenoh.Session, records: str) -> zenoh.LivelinessToken:
+def declare_publisher_token(session: zenoh.Session, records: str) -> zenoh.LivelinessToken:
     """Shows that records are published at this key, for as long as the session is open.
 
-    Leave the token to the session's close: taken back by itself, its end overtakes records under way.
+    Leave the token to the session's close: undeclared on its own, its end overtakes records under way.
     """
     return session.liveliness().declare_token(alive_key(records))
 
 
-def show_receiver(session: zenoh.Session, records: str) -> zenoh.LivelinessToken:
+def declare_receiver_token(session: zenoh.Session, records: str) -> zenoh.LivelinessToken:
     """Shows that records of this key expression are received; declare the subscriber first."""
     return session.liveliness().declare_token(listening_key(str(session.info.zid()), records))
 
 
-def confirm_receiver(session: zenoh.Session, records: str) -> zenoh.Queryable[None]:
-    """Lets publishers ask whether everything they have sent has been taken: see `wait_until_taken`."""
+def declare_delivery_queryable(session: zenoh.Session, records: str) -> zenoh.Queryable[None]:
+    """Lets publishers ask whether everything they have sent was received: see `wait_until_delivered`."""
     key = listening_key(str(session.info.zid()), records)
 
-    def answer(query: zenoh.Query) -> None:
+    def reply(query: zenoh.Query) -> None:
         with query:
             query.reply(key, b"")
 
-    return session.declare_queryable(key, zenoh.handlers.Callback(answer, indirect=False))
+    return session.declare_queryable(key, zenoh.handlers.Callback(reply, indirect=False))
 
 
-def wait_until_taken(
-    session: zenoh.Session, records: str, receivers: Watch, limit_s: float, cancelled: threading.Event
+def watch_receivers(
+    session: zenoh.Session, appeared: Callable[[str], None] = lambda token: None
+) -> LivelinessWatch:
+    """Watches the tokens of all receivers; see `LivelinessWatch` for `appeared`."""
+    return LivelinessWatch(session, f"{LISTENING}/**", appeared=appeared)
+
+
+def wait_until_delivered(
+    session: zenoh.Session,
+    records: str,
+    receivers: LivelinessWatch,
+    limit_s: float,
+    cancelled: threading.Event,
 ) -> bool:
-    """Waits until what was sent has been taken by receivers that show themselves, and by a router between.
+    """Waits until receivers with a token, and a router in between, have received what was sent.
 
-    A question of the lowest priority comes behind all that was sent before. Without it the end of a session
-    overtakes records that are under way, and they are lost.
+    A query of the lowest priority follows everything sent before. Without it the end of a session overtakes
+    records under way, which are then lost.
 
     Returns:
-        Whether all have answered, or there was nobody to ask.
+        Whether all have replied, or there was none to ask.
     """
-    tokens = receivers.tokens(lambda token: listens_to(token, records))
-    # Nobody answers at this key; a router on the way says so when it has come to the question.
-    asked = [*tokens, f"{LISTENING}/nobody/{session.info.zid()}"]
-    left = threading.Semaphore(0)
+    tokens = [token for token in receivers.tokens() if listens_to(token, records)]
+    # No queryable has this key; a router in between ends the query once it has come to it.
+    queried = [*tokens, f"{LISTENING}/nobody/{session.info.zid()}"]
+    finished = threading.Semaphore(0)
 
     def ignore(reply: zenoh.Reply) -> None:
-        """Only the end of the answers counts."""
+        """Only the end of the replies counts."""
 
-    for key in asked:
+    for key in queried:
         session.get(
             key,
-            zenoh.handlers.Callback(ignore, left.release, indirect=False),
-            # zenoh ends a question that is not answered, too: that must not look like an answer.
+            zenoh.handlers.Callback(ignore, finished.release, indirect=False),
+            # zenoh also ends a query without reply, which must not count as one.
             timeout=limit_s + 5.0,
             priority=zenoh.Priority.BACKGROUND,
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
-    waited_s, answered = 0.0, 0
-    while answered < len(asked) and waited_s < limit_s and not cancelled.is_set():
-        if left.acquire(timeout=0.05):
-            answered += 1
-        else:
-            waited_s += 0.05
-    return answered == len(asked)
-
-
-def watch_receivers(session: zenoh.Session, appeared: Callable[[str], None] | None = None) -> Watch:
-    """Watches every receiver that shows itself; see `Watch` for `appeared`."""
-    return Watch(session, f"{LISTENING}/**", appeared=appeared)
+    deadline_s, count = time.monotonic() + limit_s, 0
+    while count < len(queried) and time.monotonic() < deadline_s and not cancelled.is_set():
+        count += finished.acquire(timeout=0.05)
+    return count == len(queried)
 
 
 def wait_for_receivers(
-    publisher: zenoh.Publisher, receivers: Watch, wanted: int, limit_s: float, cancelled: threading.Event
+    publisher: zenoh.Publisher,
+    receivers: LivelinessWatch,
+    wanted: int,
+    limit_s: float,
+    cancelled: threading.Event,
 ) -> bool:
-    """Waits until records would reach `wanted` receivers.
+    """Waits until records reach `wanted` receivers.
 
-    zenoh tells a publisher whether it has any subscriber, not how many. So for one receiver that is asked,
-    and any subscriber counts; for more, those that show themselves with `show_receiver` are counted.
+    zenoh reports whether a publisher has any subscriber, not how many. For one receiver any subscriber
+    counts; for more, those with a receiver token are counted.
 
     Returns:
-        Whether they are there; False when the time is over or the wait was cancelled.
+        Whether they are there; False at the time limit or when cancelled.
     """
-    records = str(publisher.key_expr)
-    left_s = limit_s
+    records, deadline_s = str(publisher.key_expr), time.monotonic() + limit_s
     while not cancelled.is_set():
-        # zenoh's stub says bool, the library gives an object that is always true.
-        matching = getattr(publisher.matching_status, "matching", False)
-        if matching and (wanted <= 1 or receivers.count(lambda token: listens_to(token, records)) >= wanted):
+        if is_matching(publisher) and (
+            wanted <= 1 or sum(listens_to(token, records) for token in receivers.tokens()) >= wanted
+        ):
             return True
-        if left_s <= 0:
+        if time.monotonic() >= deadline_s:
             return False
         cancelled.wait(0.02)
-        left_s -= 0.02
     return False
+
+
+def is_matching(publisher: zenoh.Publisher) -> bool:
+    """Whether a publisher has a subscriber."""
+    # zenoh's stub declares a bool; the library returns an object that is always true.
+    return bool(getattr(publisher.matching_status, "matching", False))

@@ -1,4 +1,4 @@
-"""A zenoh session that stays on this machine unless told otherwise, and opens and closes within bounds."""
+"""Opens and closes a zenoh session within time limits; it stays on this machine unless told otherwise."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -6,37 +6,34 @@ from typing import Any
 
 import zenoh
 
+from streamkit import mask_secrets
 from streamkit_zenoh.certificates import certificate_fault
 from streamkit_zenoh.configuration import (
     MEETING_PORTS,
-    Mode,
-    Reach,
     SessionFailure,
     SessionSettings,
     base_configuration,
     configuration,
     connected,
+    error_line,
     local_configuration,
     meets_locally,
     mode_of,
-    plain,
 )
-from streamkit_zenoh.endpoints import redact
 
 OPEN_LIMIT_S = 10.0
-
-__all__ = ["Mode", "Reach", "SessionFailure", "SessionSettings", "close_session", "open_session", "plain"]
 
 
 def open_session(settings: SessionSettings, limit_s: float = OPEN_LIMIT_S) -> zenoh.Session:
     """Opens a session.
 
     Raises:
+        InvalidEndpoint: an endpoint of the settings is malformed.
         SessionFailure: an endpoint cannot be used, a client's router is not there, the configuration is
-            wrong, or nothing has happened within the limit.
+            wrong, or the time limit is over.
     """
     if not meets_locally(settings):
-        return _opened(configuration(settings), settings, limit_s)
+        return _open(configuration(settings), settings, limit_s)
     if mode_of(base_configuration(settings)) == "client":
         return _open_local_client(settings, limit_s)
     return _open_at_meeting_port(settings, limit_s)
@@ -48,12 +45,12 @@ def close_session(
     cancelled: threading.Event | None = None,
     undeclare: Sequence[Callable[[], object]] = (),
 ) -> bool:
-    """Takes declarations back, then closes a session, after what it has still to send.
+    """Undeclares, then closes a session, which sends what is queued.
 
-    zenoh gives up on a receiver that takes nothing after about 10 s, so the thread that closes always ends.
+    zenoh gives up on a receiver that takes nothing after about 10 s, so the closing thread always ends.
 
     Returns:
-        Whether the session was closed in time and without failure; else it ends in the background.
+        Whether the session closed in time and without failure; else it ends in the background.
     """
     calls: list[Callable[[], object]] = [*undeclare, session.close]
     failures: list[Exception] = []
@@ -63,19 +60,24 @@ def close_session(
             try:
                 call()
             except Exception as error:
-                # zenoh does not take back what another thread is using; the rest must be closed all the same.
+                # zenoh does not undeclare what another thread is using; the rest is closed all the same.
                 failures.append(error)
 
-    return _Outcome(close_all).wait(limit_s, cancelled) and not failures
+    return _Call(close_all).wait(limit_s, cancelled) and not failures
 
 
-class _Outcome:
-    """What became of a call in a thread of its own, so that the caller is never held up by it."""
+class _Call:
+    """A call in a thread of its own, whose caller waits for a limited time.
 
-    def __init__(self, call: Callable[[], Any], discard: Callable[[Any], Any] | None = None) -> None:
+    Args:
+        function: called at once.
+        discard: called with the result if the caller has given up.
+    """
+
+    def __init__(self, function: Callable[[], Any], discard: Callable[[Any], Any] | None = None) -> None:
         self.value: Any = None
         self.error: Exception | None = None
-        self._call = call
+        self._function = function
         self._discard = discard
         self._abandoned = False
         self._lock = threading.Lock()
@@ -84,11 +86,11 @@ class _Outcome:
         self._thread.start()
 
     def _run(self) -> None:
+        value = None
         try:
-            value = self._call()
+            value = self._function()
         except Exception as error:
             self.error = error
-            value = None
         with self._lock:
             self.value = value
             self._done.set()
@@ -97,7 +99,7 @@ class _Outcome:
             self._discard(value)
 
     def wait(self, limit_s: float, cancelled: threading.Event | None = None) -> bool:
-        """Whether the call came back in time; otherwise its result is discarded when it does."""
+        """Whether the call returned in time; otherwise its result is discarded."""
         left_s = limit_s
         while not self._done.wait(min(0.05, left_s) if cancelled else left_s):
             left_s -= 0.05
@@ -111,41 +113,35 @@ class _Outcome:
         return True
 
 
-def _opened(config: zenoh.Config, settings: SessionSettings, limit_s: float) -> zenoh.Session:
+def _open(config: zenoh.Config, settings: SessionSettings, limit_s: float) -> zenoh.Session:
     endpoints = connected(config, settings)
-    # What a wrong certificate is will not become right by trying on, which a peer would do in silence.
-    fault = _certificate_fault(endpoints, config)
-    if fault is not None:
-        raise SessionFailure(fault)
-    outcome = _Outcome(lambda: zenoh.open(config), lambda session: session.close())
-    target = redact(", ".join((*endpoints, *settings.listen)) or f"reach={settings.reach}")
-    if not outcome.wait(limit_s):
-        raise SessionFailure(f"zenoh ({target}): no session within {limit_s:g} s; check the endpoints")
-    if outcome.error is not None:
-        is_client = str(config.get_json("mode")) == '"client"'
-        remedy = "start the router or name another endpoint" if is_client else "name another endpoint"
-        if str(config.get_json("transport/auth/usrpwd/user")) != "null":
-            remedy += ", or see whether it knows the user and password under transport/auth/usrpwd"
-        raise SessionFailure(f"zenoh ({target}): {plain(outcome.error)}; {remedy}") from None
-    session: zenoh.Session = outcome.value
-    return session
-
-
-def _certificate_fault(endpoints: tuple[str, ...], config: zenoh.Config) -> str | None:
+    # A peer would silently retry for ever with a wrong certificate.
     for endpoint in endpoints:
         fault = certificate_fault(endpoint, config)
         if fault is not None:
-            return (
-                f"zenoh ({redact(endpoint)}): {fault}; see root_ca_certificate, connect_certificate and "
-                "connect_private_key under transport/link/tls of the configuration file"
+            raise SessionFailure(
+                f"zenoh ({mask_secrets(endpoint)}): {fault}; see root_ca_certificate, connect_certificate "
+                "and connect_private_key under transport/link/tls of the configuration file"
             )
-    return None
+    call = _Call(lambda: zenoh.open(config), lambda session: session.close())
+    named = ", ".join((*endpoints, *settings.listen_endpoints)) or f"reach={settings.reach}"
+    target = mask_secrets(named)
+    if not call.wait(limit_s):
+        raise SessionFailure(f"zenoh ({target}): no session within {limit_s:g} s; check the endpoints")
+    if call.error is not None:
+        is_client = mode_of(config) == "client"
+        remedy = "start the router or name another endpoint" if is_client else "name another endpoint"
+        if str(config.get_json("transport/auth/usrpwd/user")) != "null":
+            remedy += ", or see whether it knows the user and password under transport/auth/usrpwd"
+        raise SessionFailure(f"zenoh ({target}): {error_line(call.error)}; {remedy}") from None
+    session: zenoh.Session = call.value
+    return session
 
 
 def _open_local_client(settings: SessionSettings, limit_s: float) -> zenoh.Session:
     """A client of the first session that answers at a meeting port."""
     try:
-        return _opened(local_configuration(settings, None), settings, limit_s)
+        return _open(local_configuration(settings, None), settings, limit_s)
     except SessionFailure:
         raise SessionFailure(
             f"zenoh (mode=client): nobody answers at tcp/127.0.0.1:{MEETING_PORTS[0]} to "
@@ -154,11 +150,11 @@ def _open_local_client(settings: SessionSettings, limit_s: float) -> zenoh.Sessi
 
 
 def _open_at_meeting_port(settings: SessionSettings, limit_s: float) -> zenoh.Session:
-    """A session at the first free meeting port; beyond the last one, it meets those that have one."""
+    """A session at the first free meeting port; if all are taken, one that connects to all of them."""
     for port in MEETING_PORTS:
         try:
-            return _opened(local_configuration(settings, port), settings, limit_s)
+            return _open(local_configuration(settings, port), settings, limit_s)
         except SessionFailure as failure:
             if "in use" not in str(failure):
                 raise
-    return _opened(local_configuration(settings, None), settings, limit_s)
+    return _open(local_configuration(settings, None), settings, limit_s)

@@ -1,27 +1,25 @@
-"""TrackSubscriber: track records from zenoh for a program of one's own, without a pipeline."""
+"""TrackSubscriber: track records from zenoh for a Python program, without a pipeline."""
 
 import threading
 import time
 from collections.abc import Iterator
-from types import TracebackType
 from typing import NamedTuple, Self
 
 from streamkit import TrackRecord
-from streamkit_zenoh.endpoints import endpoints
+from streamkit_zenoh.configuration import Mode, Reach, SessionSettings
 from streamkit_zenoh.keys import records_key
-from streamkit_zenoh.receive.decoding import RecordDecoder
-from streamkit_zenoh.receive.mailbox import Mailbox
-from streamkit_zenoh.receive.reception import Counts, Received, Reception
-from streamkit_zenoh.session import Mode, Reach, SessionSettings, close_session, open_session
-from streamkit_zenoh.wire.forms import RECORD_LIMIT_BYTES, BadPayload
+from streamkit_zenoh.receiver import Counts, MessageReceiver
+from streamkit_zenoh.session import close_session, open_session
+from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, Decoder
+from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 
 LOOK_EVERY_S = 0.2
 CLOSE_LIMIT_S = 2.0
-HELD_LIMIT_BYTES = 64 * 1024 * 1024
+QUEUE_LIMIT_BYTES = 64 * 1024 * 1024
 
 
 class Update(NamedTuple):
-    """What is new at a key: a record, or None where what was there has ended."""
+    """News of a key: a record, or None when the key was deleted."""
 
     key: str
     record: TrackRecord | None
@@ -34,24 +32,24 @@ class TrackSubscriber:
             for record in subscriber:
                 print(record.seq, [track.id for track in record.tracks])
 
-    By default it holds one record, the newest: whoever is slow sees the present and not the past. What is
-    missed, overwritten or not a record is in `counts`. The last record of each publisher comes at once.
+    By default it holds one record, the newest, so that a slow reader sees the present. Lost, overwritten and
+    invalid messages are in `counts`. The last record of each publisher is received at once.
 
     Args:
-        key: what zenohsink has as key; wildcards are fine. `uav/1/track/*` gives each target by itself.
+        key: the key of zenohsink, possibly with wildcards. `uav/1/track/*` gives each target by itself.
         connect: endpoints to connect to, with commas; without it and `listen`, publishers on this machine.
         listen: endpoints to listen on, with commas.
         mode: auto, peer or client.
-        reach: who is found without endpoints: local is this machine, network the local network.
-        config: a zenoh configuration file, for TLS, passwords and all else.
+        reach: which publishers are found without endpoints: local is this machine, network the local network.
+        config: a zenoh configuration file, for TLS, passwords and everything else.
         ring: most records held; the oldest is dropped for a new one.
-        lossless: holds the publisher up instead of dropping, and with it everything else it sends here.
-        ask_last: whether the last record of each publisher is asked for.
-        ends_with_publisher: whether iteration ends when the last publisher has gone.
+        lossless: blocks the publisher instead of dropping, and with it everything else it sends here.
+        ask_last: whether to query the last record of each publisher.
+        ends_with_publisher: whether iteration ends when the last publisher is gone.
 
     Raises:
-        InvalidKey: the key is none.
-        InvalidEndpoint: an endpoint is none.
+        InvalidKey: the key is malformed.
+        InvalidEndpoint: an endpoint is malformed.
         SessionFailure: the session cannot be opened.
     """
 
@@ -69,45 +67,50 @@ class TrackSubscriber:
         ask_last: bool = True,
         ends_with_publisher: bool = False,
     ) -> None:
-        self._decoder = RecordDecoder()
-        self._box: Mailbox[Received] = Mailbox(ring, HELD_LIMIT_BYTES, newest=not lossless)
-        self._ends = ends_with_publisher
+        self._decoder = Decoder(TrackRecord, TRACKS_SCHEMA)
         self._closing = threading.Lock()
         expression = records_key(key)
-        settings = SessionSettings(Mode(mode), endpoints(connect), endpoints(listen), Reach(reach), config)
-        self._session = open_session(settings)
-        self._reception = Reception(
-            self._session, expression, self._box, RECORD_LIMIT_BYTES, ask_last, self._publishers_changed
+        self._session = open_session(SessionSettings(connect, listen, Mode(mode), Reach(reach), config))
+        self._receiver = MessageReceiver(
+            self._session,
+            expression,
+            capacity=ring,
+            max_bytes=QUEUE_LIMIT_BYTES,
+            newest=not lossless,
+            limit_bytes=RECORD_LIMIT_BYTES,
+            ask_last=ask_last,
+            ends_with_publisher=ends_with_publisher,
         )
+        self._queue = self._receiver.queue
 
     @property
     def counts(self) -> Counts:
         """What became of the messages so far."""
-        return self._reception.counts()
+        return self._receiver.counts()
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing is held and nothing follows."""
-        return self._box.is_over
+        """Whether no record is held and none follows."""
+        return self._queue.is_over
 
     @property
     def has_vanished(self) -> bool:
-        """Whether the last publisher has gone without an end of its stream: killed, or the way to it cut."""
-        return self._reception.has_vanished
+        """Whether all publishers are gone and at least one never reported `ended`: killed, or cut off."""
+        return self._receiver.has_vanished
 
     def __iter__(self) -> Iterator[TrackRecord]:
-        """Records as they come, until `close` is called or the last publisher has gone."""
+        """Records as they are received, until `close` is called or the last publisher is gone."""
         return (update.record for update in self.updates() if update.record is not None)
 
     def updates(self) -> Iterator[Update]:
-        """Records with their keys, and the ends of targets, as they come."""
-        while not self._box.is_over:
+        """Records with their keys, and deletions of keys, as they are received."""
+        while not self._queue.is_over:
             update = self.update(LOOK_EVERY_S)
             if update is not None:
                 yield update
 
     def get(self, timeout_s: float) -> TrackRecord | None:
-        """The next record, or None when none has come within the limit."""
+        """The next record; None when none is received within the time limit."""
         deadline_s = time.monotonic() + timeout_s
         while (update := self.update(max(0.0, deadline_s - time.monotonic()))) is not None:
             if update.record is not None:
@@ -115,32 +118,26 @@ class TrackSubscriber:
         return None
 
     def update(self, timeout_s: float) -> Update | None:
-        """The next record or end, or None when none has come within the limit; bad data is skipped."""
+        """The next record or deletion; None when none is received within the time limit."""
         deadline_s = time.monotonic() + timeout_s
-        while (message := self._box.take(max(0.0, deadline_s - time.monotonic()))) is not None:
+        while (message := self._queue.get(max(0.0, deadline_s - time.monotonic()))) is not None:
             if message.is_deleted:
                 return Update(message.key, None)
             try:
-                return Update(message.key, self._decoder.decode(message))
+                return Update(message.key, self._decoder.decode(message.content_type, message.payload))
             except BadPayload:
-                self._reception.count_bad()
+                self._receiver.count_bad()
         return None
 
     def close(self) -> bool:
-        """Ends iteration and the session; whether zenoh closed within bounds."""
-        self._box.close()
+        """Ends iteration and the session; whether zenoh closed within the time limit."""
+        self._queue.close()
         with self._closing:
-            declared, self._reception.declared = self._reception.declared, []
-            return close_session(self._session, CLOSE_LIMIT_S, undeclare=declared) if declared else True
+            undeclare, self._receiver.undeclare = self._receiver.undeclare, []
+            return close_session(self._session, CLOSE_LIMIT_S, undeclare=undeclare) if undeclare else True
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
-
-    def _publishers_changed(self, count: int) -> None:
-        if self._ends:
-            self._box.end(count == 0)

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from streamkit_zenoh.session import SessionFailure, SessionSettings, close_session, open_session
+from streamkit_zenoh.configuration import SessionFailure, SessionSettings
+from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.subscriber import TrackSubscriber
 from streamkit_zenoh.wire.numbering import Stamp
 from tests.acceptance.zenoh_links import BINARY, free_port, router, wait_for

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import pytest
 import zenoh
 
-from streamkit_zenoh.session import Mode, Reach, SessionSettings, close_session, open_session
+from streamkit_zenoh.configuration import Mode, Reach, SessionSettings
+from streamkit_zenoh.session import close_session, open_session
 from tests.acceptance.zenoh_links import BINARY, free_port, wait_for
 
 KEY = "acceptance/exposure"
@@ -193,7 +194,7 @@ def _raw_session(port: int, *connect: str) -> zenoh.Session:
 def test_who_only_listens_is_sent_nowhere() -> None:
     """A stranger that connects and tells of a third one by gossip leads nobody there."""
     port = free_port()
-    session = open_session(SessionSettings(listen=(f"tcp/127.0.0.1:{port}",)))
+    session = open_session(SessionSettings(listen=f"tcp/127.0.0.1:{port}"))
     third = _raw_session(free_port())
     third_port = next(one for one in _listening_ports() if one != port)
     stranger = _raw_session(free_port(), f"tcp/127.0.0.1:{port}", f"tcp/127.0.0.1:{third_port}")
@@ -213,12 +214,12 @@ def _listening_ports() -> list[int]:
     return [one.port for one in sockets_of(os.getpid()) if one.state == LISTENING and one.protocol == "tcp"]
 
 
-@pytest.mark.parametrize("settings", [SessionSettings(), SessionSettings(listen=("tcp/127.0.0.1:0",))])
+@pytest.mark.parametrize("settings", [SessionSettings(), SessionSettings(listen="tcp/127.0.0.1:0")])
 def test_a_session_tells_nothing_of_itself(settings: SessionSettings) -> None:
     """The admin space, which shows configuration and partners, answers nobody."""
     session = open_session(settings)
     port = next(one.port for one in sockets_of(os.getpid()) if one.state == LISTENING)
-    asking = open_session(SessionSettings(mode=Mode.CLIENT, connect=(f"tcp/127.0.0.1:{port}",)))
+    asking = open_session(SessionSettings(mode=Mode.CLIENT, connect=f"tcp/127.0.0.1:{port}"))
     try:
         answers = asking.get("@/**", timeout=2.0)
         # zenoh answers a session's own question about that session itself.

@@ -10,18 +10,19 @@ import pytest
 import zenoh
 
 from streamkit import Frame, Pipeline, Registration, Tracks, raw_video_caps, track_record
-from streamkit_zenoh.session import SessionSettings, close_session, open_session
+from streamkit_zenoh.configuration import SessionSettings
+from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.subscriber import TrackSubscriber
-from streamkit_zenoh.wire.forms import BadPayload, Codec, Form, form_of
+from streamkit_zenoh.wire.encodings import BadPayload, Codec, Encoding, encoding_of
 from streamkit_zenoh.wire.frame_header import frame_header, read_header
+from streamkit_zenoh.wire.images import ImageFormat, decode_image, encode_image
 from streamkit_zenoh.wire.numbering import read_attachment
-from streamkit_zenoh.wire.pictures import PictureFormat, decode_picture, encode_picture
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 from tests.acceptance.zenoh_links import free_port, wait_for
 
 KEY = "acceptance/hostile"
 COUNT = 10_000
-ENCODINGS = [f"application/{form};{TRACKS_SCHEMA}" for form in Form] + [
+ENCODINGS = [f"application/{form};{TRACKS_SCHEMA}" for form in Encoding] + [
     "zenoh/bytes",
     "image/jpeg",
     "x" * 200,
@@ -37,7 +38,7 @@ def endpoint() -> str:
 @pytest.fixture
 def publisher(endpoint: str) -> Iterator[zenoh.Session]:
     """A stranger's session, which listens."""
-    session = open_session(SessionSettings(listen=(endpoint,)))
+    session = open_session(SessionSettings(listen=endpoint))
     yield session
     close_session(session, 5.0)
 
@@ -66,7 +67,7 @@ def _hostile_records(count: int) -> list[tuple[bytes, str, bytes]]:
     from streamkit import TrackRecord
 
     generator = random.Random(7)
-    good = {form: Codec(TrackRecord, TRACKS_SCHEMA, form) for form in Form}
+    good = {form: Codec(TrackRecord, TRACKS_SCHEMA, form) for form in Encoding}
     record = track_record(_frame(1), source="x", published_ns=2)
     samples = [codec.encode(record) for codec in good.values()]
     return [
@@ -83,11 +84,11 @@ def _bad_among(messages: list[tuple[bytes, str, bytes]]) -> int:
     """How many are no records; those with stamps that go back are not passed on, and not looked at."""
     from streamkit import TrackRecord
 
-    codecs = {form: Codec(TrackRecord, TRACKS_SCHEMA, form) for form in Form}
+    codecs = {form: Codec(TrackRecord, TRACKS_SCHEMA, form) for form in Encoding}
     bad = 0
     for payload, encoding, attachment in messages:
         assert read_attachment(attachment) is not None
-        form = form_of(encoding)
+        form = encoding_of(encoding)
         try:
             if form is None:
                 raise BadPayload(encoding)
@@ -116,7 +117,7 @@ def test_a_subscriber_survives_and_counts(publisher: zenoh.Session, endpoint: st
         counts = subscriber.counts
         assert passed + counts.bad + counts.repeated == COUNT
         assert counts.bad > COUNT // 2
-        good = Codec(type(track_record(_frame(1), source="x", published_ns=2)), TRACKS_SCHEMA, Form.JSON)
+        good = Codec(type(track_record(_frame(1), source="x", published_ns=2)), TRACKS_SCHEMA, Encoding.JSON)
         publisher.put(f"{KEY}/tracks", good.encode(track_record(_frame(77), source="x", published_ns=2)))
         record = subscriber.get(10)
         assert record is not None
@@ -139,7 +140,7 @@ def test_pictures_of_strangers_are_counted(publisher: zenoh.Session, endpoint: s
     """Broken pictures, lying headers, and both: none crashes, each is counted."""
     generator = random.Random(3)
     header = frame_header(_frame(1), "x", 2, 0, (24, 32))
-    picture = encode_picture(np.zeros((24, 32), np.uint8), PictureFormat.PNG)
+    picture = encode_image(np.zeros((24, 32), np.uint8), ImageFormat.PNG)
     messages = []
     for _ in range(COUNT // 10):
         payload = _mutated(picture, generator) if generator.random() < 0.7 else picture
@@ -151,7 +152,7 @@ def test_pictures_of_strangers_are_counted(publisher: zenoh.Session, endpoint: s
         messages[number] = (payload, encoding, stamped)
         try:
             said = read_header(read_attachment(stamped)[1])
-            shape = decode_picture(payload).shape
+            shape = decode_image(payload).shape
             if shape[:2] != (said.picture_height, said.picture_width):
                 raise ValueError(shape)
         except ValueError:

@@ -9,7 +9,8 @@ import numpy as np
 import zenoh
 
 from streamkit import Pipeline
-from streamkit_zenoh.session import SessionSettings, close_session, open_session
+from streamkit_zenoh.configuration import SessionSettings
+from streamkit_zenoh.session import close_session, open_session
 from tests.acceptance.zenoh_links import free_port, wait_for
 
 KEY = "acceptance/mosaic"
@@ -18,7 +19,7 @@ KEY = "acceptance/mosaic"
 def test_the_growing_mosaic_is_published() -> None:
     """From the stitcher's pad to zenohsink's: pictures that grow, and the last one for who asks later."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    session = open_session(SessionSettings(listen=(endpoint,)))
+    session = open_session(SessionSettings(listen=endpoint))
     samples: list[zenoh.Sample] = []
     held = threading.Lock()
 
@@ -35,7 +36,7 @@ def test_the_growing_mosaic_is_published() -> None:
     try:
         with Pipeline.parse(text) as pipeline:
             pipeline.ready()
-            assert wait_for(lambda: pipeline["out"]._publication.mosaics.outlet.is_wanted)
+            assert wait_for(lambda: pipeline["out"]._publication.images["mosaic"].publisher.has_subscriber)
             pipeline.play()
             message = pipeline.wait(60)
             assert message is not None

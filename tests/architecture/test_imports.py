@@ -60,16 +60,15 @@ GLUE = {
     "streamkit_tracks.record_file",
     "streamkit_zenoh.connection",
     "streamkit_zenoh",
-    "streamkit_zenoh.publish.picture_feed",
+    "streamkit_zenoh.publish.frame_publisher",
     "streamkit_zenoh.publish.publication",
-    "streamkit_zenoh.publish.records_feed",
-    "streamkit_zenoh.receive.decoding",
+    "streamkit_zenoh.publish.record_publisher",
     "streamkit_zenoh.subscribe",
     "streamkit_zenoh.subscribe_output",
     "streamkit_zenoh.subscriber",
     "streamkit_zenoh.wire.frame_header",
     "streamkit_zenoh.wire.records",
-    "streamkit_zenoh.wire.schemas.write",
+    "streamkit_zenoh.wire.schemas",
 }
 # Public names that work on plain text and know nothing of the engine.
 PLAIN_NAMES = {("streamkit", "Choice"), ("streamkit", "mask_secrets")}

@@ -1,4 +1,4 @@
-"""How things are published: bounded lines, one outlet a stream, answers for those who come late.
+"""Publishing: numbered messages per stream, a bounded queue before each, replies to queries for the last one.
 
-`records_feed` and `picture_feed` take frames; the others import nothing of streamkit.
+`record_publisher` and `frame_publisher` take frames; the other modules need no streamkit.
 """

@@ -1,214 +1,168 @@
-"""Everything that is published below one key, put together."""
+"""Publication: all streams of one publisher, its replies to queries, and its liveliness token."""
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
 from typing import Literal
 
 import zenoh
 
 from streamkit import TrackRecord
-from streamkit_zenoh.keys import FRAME, LISTENING, MOSAIC, RECORDS, SCHEMA, STATUS, TRACK, listens_to
-from streamkit_zenoh.presence import show_publisher, wait_until_taken, watch_receivers
-from streamkit_zenoh.publish.answers import Answer, Answers, schema_answers
-from streamkit_zenoh.publish.outlet import Outlet
-from streamkit_zenoh.publish.picture_feed import PictureFeed, PictureSettings
-from streamkit_zenoh.publish.quality import Quality
-from streamkit_zenoh.publish.records_feed import FeedSettings, RecordsFeed
+from streamkit_zenoh.keys import LISTENING, MOSAIC, SCHEMA, STATUS, TRACK, TRACKS, listens_to
+from streamkit_zenoh.presence import declare_publisher_token, wait_until_delivered, watch_receivers
+from streamkit_zenoh.publish.frame_publisher import FramePublisher
+from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher
+from streamkit_zenoh.publish.qos import Qos
+from streamkit_zenoh.publish.record_publisher import RecordPublisher
+from streamkit_zenoh.publish.replies import QueryResponder, Reply
+from streamkit_zenoh.publish.settings import PublicationSettings
 from streamkit_zenoh.session import close_session
-from streamkit_zenoh.wire.forms import Codec, Form
-from streamkit_zenoh.wire.pictures import PictureFormat
+from streamkit_zenoh.wire.encodings import Codec
+from streamkit_zenoh.wire.frame_header import FRAME_SCHEMA
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA
+from streamkit_zenoh.wire.schemas import schema_files, schema_index
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
 
 JOIN_LIMIT_S = 1.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class PublicationSettings:
-    """What is published below `root`, and how; see the properties of zenohsink."""
-
-    root: str
-    source: str
-    form: Form
-    tracks: bool
-    track: bool
-    status: bool
-    frame_every_ns: int
-    has_frame: bool
-    has_mosaic: bool
-    frame_width: int
-    frame_format: PictureFormat
-    mosaic_format: PictureFormat
-    picture_quality: int
-    max_queue: int
-    patience_s: float
-    cut_off_s: float
-    ground_altitude_m: float | None
-    qualities: Mapping[str, Quality]
-
-
 class Publication:
-    """The streams of one publisher, its answers, and the token that shows that it lives.
+    """The streams of one publisher.
 
     Args:
         session: an open session; closed by `close`.
+        root: the key below which everything is published.
         settings: what to publish.
+        qos: quality of service by stream.
+        image_streams: which of `frame` and `mosaic` to publish.
         utc_ns: the clock.
-        failed: called with what went wrong, from the sending threads.
+        failed: called in the sending threads with what went wrong.
 
     Attributes:
-        tracks: the outlet of the records.
+        tracks: publisher of the records.
         records: takes frames for their records.
-        pictures: takes frames for their pictures, or None.
-        mosaics: takes mosaics, or None.
-        receivers: watches who listens.
+        images: takes frames for their images, by stream.
+        receivers: watches the tokens of receivers.
+
+    Raises:
+        MissingLibrary: the encoding's library is not installed; nothing is declared then.
     """
 
     def __init__(
         self,
         session: zenoh.Session,
+        root: str,
         settings: PublicationSettings,
+        qos: dict[str, Qos],
+        image_streams: Iterable[str],
         utc_ns: Callable[[], int],
         failed: Callable[[Exception], None],
     ) -> None:
+        codec = Codec(TrackRecord, TRACKS_SCHEMA, settings.encoding)
+        self._status_codec = Codec(StatusRecord, STATUS_SCHEMA, settings.encoding)
         self._session = session
+        self._root = root
         self._settings = settings
+        self._qos = qos
         self._utc_ns = utc_ns
         self._began_s = time.monotonic()
         self._run = utc_ns()
         self._has_ended = False
-        # Made first: where a library is missing, nothing has been declared yet.
-        records = Codec(TrackRecord, TRACKS_SCHEMA, settings.form)
-        self._status_codec = Codec(StatusRecord, STATUS_SCHEMA, settings.form)
-        self.tracks = self._outlet(RECORDS, records.encoding)
-        self._status = self._outlet(STATUS, self._status_codec.encoding) if settings.status else None
-        self._each = session.declare_publisher(f"{settings.root}/{TRACK}/*") if settings.track else None
-        self.records = RecordsFeed(
-            session, self.tracks, self._each, records, self._feed_settings(), utc_ns, failed, self._tick
+        self.tracks = self._publisher(TRACKS, codec.content_type)
+        self._status = self._publisher(STATUS, self._status_codec.content_type) if settings.status else None
+        self.records = RecordPublisher(
+            session, self.tracks, codec, settings, qos[TRACK], utc_ns, failed, self._publish_status
         )
-        self.pictures = self._picture_feed(FRAME, failed) if settings.has_frame else None
-        self.mosaics = self._picture_feed(MOSAIC, failed) if settings.has_mosaic else None
+        self.images = {name: self._frame_publisher(name, failed) for name in image_streams}
+        self._executors = [self.records.executor, *(images.executor for images in self.images.values())]
         self.receivers = watch_receivers(session, self._receiver_appeared)
-        self._answers = self._answer(failed)
-        # The token is left to the session's close: its end must not overtake the last records.
-        self._alive = show_publisher(session, self.tracks.key)
+        image_replies = (images.replies for images in self.images.values())
+        providers = [self.records.replies, *image_replies, self._status_reply, self._schema_replies]
+        self._responder = QueryResponder(session, root, providers, failed)
+        # Undeclared by the session's close: on its own, its end overtakes the last records.
+        self._token = declare_publisher_token(session, self.tracks.key)
 
     def flush(self, patience_s: float, cancelled: threading.Event) -> int:
-        """Waits until everything is sent; how many messages are left."""
-        left = self.records.line.flush(patience_s, cancelled)
-        for feed in (self.pictures, self.mosaics):
-            if feed is not None:
-                left += feed.line.flush(patience_s, cancelled)
+        """Waits until everything is sent and delivered; returns how many messages are left."""
+        left = sum(executor.wait_idle(patience_s, cancelled) for executor in self._executors)
         if not left and not cancelled.is_set():
             self.records.end_tracks()
-        self._end()
-        wait_until_taken(self._session, self.tracks.key, self.receivers, patience_s, cancelled)
+        self._publish_end()
+        wait_until_delivered(self._session, self.tracks.key, self.receivers, patience_s, cancelled)
         return left
-
-    def _end(self) -> None:
-        """Tells once that the stream has ended."""
-        if not self._has_ended:
-            self._has_ended = True
-            self._tick()
 
     def close(self, limit_s: float, cancelled: threading.Event | None = None) -> bool:
         """Ends all streams and the session; whether that was done within the limit."""
-        left = self.records.line.close()
+        left, *_ = [executor.abandon() for executor in self._executors]
         if left:
             self.records.count_lost(left, "not sent before the end")
-        lines = [self.records.line]
-        for feed in (self.pictures, self.mosaics):
-            if feed is not None:
-                feed.line.close()
-        outlets = [outlet for outlet in (*self._outlets(), self._status) if outlet is not None]
-        undeclare: list[Callable[[], object]] = [self._end, self.receivers.close, self._answers.close]
-        undeclare += [outlet.close for outlet in outlets]
+        publishers = [*self._publishers(), *([] if self._status is None else [self._status])]
+        undeclare: list[Callable[[], object]] = [
+            self._publish_end,
+            self.receivers.close,
+            self._responder.close,
+            *(publisher.close for publisher in publishers),
+        ]
         is_closed = close_session(self._session, limit_s, cancelled, undeclare)
-        for feed in (self.pictures, self.mosaics):
-            if feed is not None:
-                is_closed &= feed.line.join(JOIN_LIMIT_S)
-        return all(line.join(JOIN_LIMIT_S) for line in lines) and is_closed
+        ended = [executor.close(JOIN_LIMIT_S) for executor in self._executors]
+        return is_closed and all(ended)
 
     def drops(self) -> Iterator[tuple[str, str, int]]:
-        """Stream, reason and number of what was not delivered."""
-        for outlet in self._outlets():
-            for drop in outlet.drop_counts():
+        """Stream, reason and number of the messages not delivered."""
+        for publisher in self._publishers():
+            for drop in publisher.drop_counts():
                 yield drop.stream, drop.reason, drop.count
 
-    def _outlets(self) -> list[Outlet]:
-        feeds = (self.pictures, self.mosaics)
-        return [self.tracks, *(feed.outlet for feed in feeds if feed is not None)]
+    def _publishers(self) -> list[NumberedPublisher]:
+        return [self.tracks, *(images.publisher for images in self.images.values())]
 
-    def _outlet(self, name: str, encoding: str) -> Outlet:
-        key = f"{self._settings.root}/{name}" if self._settings.root else name
-        return Outlet(
-            self._session,
-            key,
-            name,
-            self._run,
-            encoding,
-            self._settings.qualities[name],
-            self._settings.cut_off_s,
+    def _publisher(self, name: str, content_type: str) -> NumberedPublisher:
+        cut_off_s = self._settings.cut_off_s
+        return NumberedPublisher(
+            self._session, self._root, name, self._run, content_type, self._qos[name], cut_off_s
         )
 
-    def _feed_settings(self) -> FeedSettings:
-        settings = self._settings
-        return FeedSettings(
-            settings.source,
-            settings.tracks,
-            settings.track,
-            settings.patience_s,
-            settings.max_queue,
-            settings.qualities[TRACK],
-            settings.ground_altitude_m,
-        )
-
-    def _picture_feed(self, name: str, failed: Callable[[Exception], None]) -> PictureFeed:
-        settings = self._settings
-        is_frame = name == FRAME
-        form = settings.frame_format if is_frame else settings.mosaic_format
-        chosen = PictureSettings(
-            settings.source,
-            form,
+    def _frame_publisher(self, name: str, failed: Callable[[Exception], None]) -> FramePublisher:
+        settings, is_mosaic = self._settings, name == MOSAIC
+        image_format = settings.mosaic_format if is_mosaic else settings.frame_format
+        return FramePublisher(
+            self._publisher(name, f"image/{image_format};{FRAME_SCHEMA}"),
+            settings.key,
+            image_format,
             settings.picture_quality,
-            settings.frame_width if is_frame else 0,
-            settings.frame_every_ns if is_frame else 0,
-            on_change=not is_frame,
+            width=0 if is_mosaic else settings.frame_width,
+            rate=0.0 if is_mosaic else settings.frame_rate,
+            only_changes=is_mosaic,
+            utc_ns=self._utc_ns,
+            failed=failed,
         )
-        outlet = self._outlet(name, f"image/{form};streamkit.frame/1")
-        return PictureFeed(outlet, chosen, self._utc_ns, failed)
-
-    def _answer(self, failed: Callable[[Exception], None]) -> Answers:
-        answers = Answers(self._session, self._settings.root, failed)
-        answers.add(self.records.answers)
-        for feed in (self.pictures, self.mosaics):
-            if feed is not None:
-                answers.add(feed.answers)
-        answers.add_personal(self._status_answer)
-        root = f"{self._settings.root}/{SCHEMA}"
-        answers.add(lambda asked: schema_answers(asked, root))
-        return answers
 
     def _receiver_appeared(self, token: str) -> None:
         name = token.removeprefix(f"{LISTENING}/")
-        for outlet in self._outlets():
-            if listens_to(token, outlet.key):
-                outlet.receiver_appeared(name)
+        for publisher in self._publishers():
+            if listens_to(token, publisher.key):
+                publisher.add_receiver(name)
 
-    def _status_answer(self, asked: zenoh.KeyExpr, receiver: str | None) -> Iterable[Answer]:
+    def _status_reply(self, asked: zenoh.KeyExpr, receiver: str | None) -> Iterable[Reply]:
         if self._status is not None and asked.intersects(self._status.key):
-            # Whoever asks listens already: from the next number on, everything is sent to it.
-            self.tracks.look()
+            # The asking receiver has subscribed: from the next number on, it is sent everything.
+            self.tracks.refresh()
             payload = self._status_codec.encode(self._status_record(receiver))
-            yield Answer(self._status.key, payload, self._status.encoding)
+            yield Reply(self._status.key, payload, self._status.encoding)
 
-    def _tick(self) -> None:
+    def _schema_replies(self, asked: zenoh.KeyExpr, receiver: str | None) -> Iterable[Reply]:
+        return schema_replies(asked, f"{self._root}/{SCHEMA}")
+
+    def _publish_end(self) -> None:
+        if not self._has_ended:
+            self._has_ended = True
+            self._publish_status()
+
+    def _publish_status(self) -> None:
         if self._status is None:
             return
-        self._status.look()
-        if self._status.is_wanted:
+        self._status.refresh()
+        if self._status.has_subscriber:
             payload = self._status_codec.encode(self._status_record())
             self._status.put(payload, self._status.stamp().attachment())
 
@@ -217,7 +171,7 @@ class Publication:
         playing: Literal["starting", "playing"] = "playing" if frames else "starting"
         return StatusRecord(
             schema=STATUS_SCHEMA,
-            source=self._settings.source,
+            source=self._settings.key,
             state="ended" if self._has_ended else playing,
             run=self._run,
             published_ns=self._utc_ns(),
@@ -227,6 +181,16 @@ class Publication:
             epoch=None if frame is None else frame.epoch,
             tracks=self.records.targets,
             age_ms=self.records.age_ms,
-            streams=tuple(outlet.status(receiver) for outlet in self._outlets()),
-            drops=tuple(drop for outlet in self._outlets() for drop in outlet.drop_counts()),
+            streams=tuple(publisher.status(receiver) for publisher in self._publishers()),
+            drops=tuple(drop for publisher in self._publishers() for drop in publisher.drop_counts()),
         )
+
+
+def schema_replies(asked: zenoh.KeyExpr, root: str) -> Iterable[Reply]:
+    """Replies with all schemas at `root` itself, and with each file at `root/NAME`."""
+    if asked.intersects(root):
+        yield Reply(root, schema_index(), zenoh.Encoding.APPLICATION_JSON)
+    for name, content in schema_files().items():
+        if asked.intersects(f"{root}/{name}"):
+            media_type = "application/schema+json" if name.endswith(".json") else "text/plain"
+            yield Reply(f"{root}/{name}", content, zenoh.Encoding(media_type))

@@ -1,4 +1,4 @@
-"""What travels: records in four encodings, frames with their metadata, numbers that show gaps, schemas.
+"""What is transmitted: records in four encodings, frames with metadata, message numbers, schemas.
 
-All but `frame_header` import nothing of streamkit.
+`encodings`, `protobuf`, `images`, `sequence`, `numbering` and `status` need no streamkit.
 """

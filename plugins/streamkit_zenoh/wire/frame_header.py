@@ -1,4 +1,4 @@
-"""What travels with a picture: the frame's record, and the metadata that records have not."""
+"""The header of an image: the frame's record, and the metadata that a record does not hold."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from streamkit import (
 from streamkit_zenoh.wire.records import capture_of, tracks_of
 
 FRAME_SCHEMA: Literal["streamkit.frame/1"] = "streamkit.frame/1"
-# What a header may say a picture measures: 32768 x 32768 is more than any sensor.
+# Largest width and height in a header: more than any sensor has.
 SIDE_LIMIT_PX = 32_768
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +34,7 @@ Matrix3 = tuple[Row3, Row3, Row3]
 
 
 class DetectionRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One thing found, in pixels of the frame: see `streamkit.Detections`."""
+    """A detection, in pixels of the frame: see `streamkit.Detections`."""
 
     centroid: tuple[float, float]
     bbox: tuple[float, float, float, float]
@@ -44,7 +44,7 @@ class DetectionRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=T
 
 
 class MotionRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A registration, whole: see `streamkit.Registration`; matrices that are not known are left out."""
+    """A registration: see `streamkit.Registration`; unknown matrices are left out."""
 
     reference: int
     status: RegistrationStatus
@@ -58,18 +58,18 @@ class MotionRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
 
 class FrameHeader(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The second line of a picture's attachment, as JSON.
+    """The second line of an image's attachment, as JSON; in pixels of the frame before scaling.
 
     Attributes:
-        schema: name and version of this form.
-        record: times, size and tracks of the frame, in pixels of the frame before scaling.
-        format: GRAY8 or BGR: what the picture decodes to.
-        picture_width: of the picture, px; the frame's own size is in `record`.
-        picture_height: px.
+        schema: name and version of the schema.
+        record: times, size and tracks of the frame.
+        format: GRAY8 or BGR, to which the image decodes.
+        picture_width: width of the image, px; that of the frame is in `record`.
+        picture_height: height of the image, px.
         duration_ns: of the frame.
-        motion: its registration, in pixels of the frame before scaling.
-        detections: what was found in it; None where nothing looked.
-        pose: where the camera was: the fields of `streamkit.Pose`.
+        motion: its registration.
+        detections: None without a detector.
+        pose: the fields of `streamkit.Pose`.
     """
 
     schema: Literal["streamkit.frame/1"]
@@ -88,7 +88,7 @@ _DECODER = msgspec.json.Decoder(FrameHeader)
 
 
 def frame_header(frame: Frame, source: str, published_ns: int, dropped: int, shape: tuple[int, ...]) -> bytes:
-    """The header of a frame whose picture has this array shape."""
+    """Encodes the header of a frame whose image has this array shape."""
     registration, detections, pose = frame.get(Registration), frame.get(Detections), frame.get(Pose)
     header = FrameHeader(
         schema=FRAME_SCHEMA,
@@ -105,10 +105,10 @@ def frame_header(frame: Frame, source: str, published_ns: int, dropped: int, sha
 
 
 def read_header(data: bytes) -> FrameHeader:
-    """Reads and checks a header.
+    """Decodes and validates a header.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is invalid.
     """
     try:
         header = _DECODER.decode(data)
@@ -120,18 +120,18 @@ def read_header(data: bytes) -> FrameHeader:
     return header
 
 
-def picture_frame(picture: NDArray[np.uint8], header: FrameHeader, arrival_ns: int, epoch: int) -> Frame:
-    """The frame with this picture, its metadata in pixels of the picture.
+def image_frame(image: NDArray[np.uint8], header: FrameHeader, arrival_ns: int, epoch: int) -> Frame:
+    """The frame with this image, its metadata in pixels of the image.
 
     Raises:
-        ValueError: the pose is none.
+        ValueError: the pose is invalid.
     """
     record = header.record
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     scaling = _scaling(record.width or width, record.height or height, width, height)
-    caps: Caps = raw_video_caps("GRAY8" if picture.ndim == 2 else "BGR", width, height, None)
+    caps: Caps = raw_video_caps("GRAY8" if image.ndim == 2 else "BGR", width, height, None)
     frame = Frame(
-        picture,
+        image,
         caps,
         pts=record.pts_ns,
         duration=header.duration_ns,
@@ -184,7 +184,7 @@ def _detections(item: Detections) -> tuple[DetectionRecord, ...]:
 
 
 def _scaling(width: int, height: int, new_width: int, new_height: int) -> FloatArray:
-    """float64[3, 3] of pixels before to pixels after: corners stay corners, pixel centres lie at integers."""
+    """float64[3, 3] from pixels before to pixels after scaling; pixel centres are at integers."""
     across, down = new_width / width, new_height / height
     return np.array([[across, 0, (across - 1) / 2], [0, down, (down - 1) / 2], [0, 0, 1.0]])
 

@@ -1,4 +1,4 @@
-"""The status record: how a publisher is doing, once a second."""
+"""The status record, which a publisher sends once a second."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         name: tracks, frame, mosaic or status.
         run: when its publisher began, UTC ns; the first word of every attachment.
-        settled_number: every message with a lower number has been sent or dropped: whoever has not heard it,
-            will not.
-        published: messages given to zenoh.
-        bytes: their size together.
-        has_subscriber: 1 while anybody listens, else 0.
-        next_number: the next message gets it; whoever asked for this and listened is sent all from there on.
-        first_number: in an answer to a receiver that shows itself: it is sent all from there on.
+        settled_number: all messages with lower numbers were sent or dropped; those not received are lost.
+        published: messages passed to zenoh.
+        bytes: their total size.
+        has_subscriber: 1 while there is a subscriber, else 0.
+        next_number: of the next message; a subscriber that asked for this status is sent all from it on.
+        first_number: in a reply to a receiver with a token: it is sent all from this number on.
     """
 
     name: str
@@ -35,7 +34,7 @@ class StreamStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DropCount(msgspec.Struct, frozen=True, kw_only=True):
-    """Messages that the publisher itself has not delivered."""
+    """Messages that the publisher dropped."""
 
     stream: str
     reason: str
@@ -43,22 +42,22 @@ class DropCount(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StatusRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """How a publisher is doing; what is not known is left out.
+    """State and counters of a publisher; unknown values are left out.
 
     Attributes:
-        schema: name and version of this form.
+        schema: name and version of the schema.
         source: the publisher's key.
         state: starting until the first frame, then playing, and ended at the end of the stream.
         run: when the publisher began, UTC ns.
         published_ns: UTC.
         uptime_s: since it began.
-        frames: frames that came in.
-        seq: number of the last frame.
+        frames: frames received.
+        seq: sequence number of the last frame.
         epoch: of the last frame.
         tracks: targets in the last frame.
-        age_ms: from capture to publishing, of the last record published.
-        streams: what it publishes.
-        drops: what it has not delivered, by stream and reason.
+        age_ms: from capture to publishing, of the last record.
+        streams: its streams but this one.
+        drops: messages it dropped, by stream and reason.
     """
 
     schema: Literal["streamkit.status/1"]

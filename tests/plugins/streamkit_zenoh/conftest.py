@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator
 import pytest
 import zenoh
 
-from streamkit_zenoh.session import SessionSettings, close_session, open_session
+from streamkit_zenoh.configuration import SessionSettings
+from streamkit_zenoh.session import close_session, open_session
 
 
 @pytest.fixture

@@ -82,8 +82,8 @@ def test_a_local_session_neither_scouts_nor_gossips(settings: SessionSettings) -
 @pytest.mark.parametrize(
     ("settings", "autoconnect"),
     [
-        (SessionSettings(listen=("tcp/0.0.0.0:1",)), {"router": [], "peer": []}),
-        (SessionSettings(connect=("tcp/127.0.0.1:1",)), None),
+        (SessionSettings(listen="tcp/0.0.0.0:1"), {"router": [], "peer": []}),
+        (SessionSettings(connect="tcp/127.0.0.1:1"), None),
         (SessionSettings(reach=Reach.NETWORK), None),
     ],
 )
@@ -95,15 +95,13 @@ def test_only_a_named_partner_introduces_others(settings: SessionSettings, autoc
 @pytest.mark.parametrize(
     ("connect", "protocols"),
     [
-        (("tls/10.0.0.1:1",), ["tls"]),
-        (("tls/10.0.0.1:1", "quic/10.0.0.2:1"), ["quic", "tls"]),
-        (("tls/10.0.0.1:1", "tcp/127.0.0.1:1"), ["tcp", "tls"]),
-        (("tcp/10.0.0.1:1",), None),
+        ("tls/10.0.0.1:1", ["tls"]),
+        ("tls/10.0.0.1:1,quic/10.0.0.2:1", ["quic", "tls"]),
+        ("tls/10.0.0.1:1,tcp/127.0.0.1:1", ["tcp", "tls"]),
+        ("tcp/10.0.0.1:1", None),
     ],
 )
-def test_beside_an_encrypted_link_no_other_kind_is_opened(
-    connect: tuple[str, ...], protocols: list[str] | None
-) -> None:
+def test_beside_an_encrypted_link_no_other_kind_is_opened(connect: str, protocols: list[str] | None) -> None:
     """A router may name partners in clear: they are not connected to."""
     settings = SessionSettings(connect=connect, mode=Mode.PEER)
     assert _found(settings, "transport/link/protocols") == protocols
@@ -119,17 +117,17 @@ def test_what_the_file_says_holds(tmp_path: Path) -> None:
     settings = _settings(tmp_path / "z.json5", content)
     assert _found(settings, "mode") == "peer"
     assert _found(settings, "scouting/multicast/enabled") is True
-    above = _settings(tmp_path / "z.json5", content, connect=("tcp/10.0.0.2:2",), mode=Mode.CLIENT)
+    above = _settings(tmp_path / "z.json5", content, connect="tcp/10.0.0.2:2", mode=Mode.CLIENT)
     assert (_found(above, "mode"), _found(above, "connect/endpoints")) == ("client", ["tcp/10.0.0.2:2"])
 
 
 @pytest.mark.parametrize(
     ("settings", "mode"),
     [
-        (SessionSettings(connect=("tcp/127.0.0.1:1",)), "peer"),
-        (SessionSettings(connect=("tls/127.0.0.1:1",)), "client"),
-        (SessionSettings(connect=("tcp/10.0.0.1:1",)), "client"),
-        (SessionSettings(listen=("tcp/0.0.0.0:1",)), "peer"),
+        (SessionSettings(connect="tcp/127.0.0.1:1"), "peer"),
+        (SessionSettings(connect="tls/127.0.0.1:1"), "client"),
+        (SessionSettings(connect="tcp/10.0.0.1:1"), "client"),
+        (SessionSettings(listen="tcp/0.0.0.0:1"), "peer"),
         (SessionSettings(reach=Reach.NETWORK), "peer"),
     ],
 )
@@ -140,7 +138,7 @@ def test_the_mode_follows_from_the_endpoints(settings: SessionSettings, mode: st
 
 def test_dead_links_and_large_messages_are_bounded() -> None:
     """A link that says nothing is given up within 3 s; shared memory, which loses records, is off."""
-    settings = SessionSettings(listen=("tcp/127.0.0.1:0",))
+    settings = SessionSettings(listen="tcp/127.0.0.1:0")
     assert _found(settings, "transport/link/tx/lease") == LEASE_MS < 3000
     assert _found(settings, "transport/link/rx/max_message_size") == MESSAGE_LIMIT_BYTES
     assert _found(settings, "transport/shared_memory/enabled") is False

@@ -8,12 +8,12 @@ import zenoh
 
 from streamkit_zenoh.keys import alive_key
 from streamkit_zenoh.presence import (
-    Watch,
-    confirm_receiver,
-    show_publisher,
-    show_receiver,
+    LivelinessWatch,
+    declare_delivery_queryable,
+    declare_publisher_token,
+    declare_receiver_token,
     wait_for_receivers,
-    wait_until_taken,
+    wait_until_delivered,
     watch_receivers,
 )
 
@@ -23,8 +23,8 @@ NEVER = threading.Event()
 
 def test_a_publishers_life_is_seen(open_test_session: Opener, endpoint: str, key: str) -> None:
     """A token that was there before is seen, and so is its end with the session's close."""
-    publishing = open_test_session(listen=(endpoint,))
-    token = show_publisher(publishing, f"{key}/tracks")
+    publishing = open_test_session(listen=endpoint)
+    token = declare_publisher_token(publishing, f"{key}/tracks")
     counts: list[int] = []
     there, gone = threading.Event(), threading.Event()
 
@@ -32,7 +32,7 @@ def test_a_publishers_life_is_seen(open_test_session: Opener, endpoint: str, key
         counts.append(count)
         (there if count else gone).set()
 
-    watch = Watch(open_test_session(connect=(endpoint,)), alive_key(f"{key}/tracks"), changed)
+    watch = LivelinessWatch(open_test_session(connect=endpoint), alive_key(f"{key}/tracks"), changed)
     assert there.wait(10)
     assert token is not None
     publishing.close()
@@ -50,8 +50,8 @@ class Told(NamedTuple):
 
 def test_a_life_told_after_its_end_is_asked_for(open_test_session: Opener, endpoint: str, key: str) -> None:
     """Zenoh may tell of a token it knew when that has ended: it counts again only where it is there again."""
-    publishing = open_test_session(listen=(endpoint,))
-    token = show_publisher(publishing, key)
+    publishing = open_test_session(listen=endpoint)
+    token = declare_publisher_token(publishing, key)
     counts: list[int] = []
     told = threading.Condition()
 
@@ -60,8 +60,8 @@ def test_a_life_told_after_its_end_is_asked_for(open_test_session: Opener, endpo
             counts.append(count)
             told.notify_all()
 
-    watching = open_test_session(connect=(endpoint,))
-    watch = Watch(watching, alive_key(key), changed)
+    watching = open_test_session(connect=endpoint)
+    watch = LivelinessWatch(watching, alive_key(key), changed)
     with told:
         assert told.wait_for(lambda: counts == [1], 10)
         token.undeclare()
@@ -69,7 +69,7 @@ def test_a_life_told_after_its_end_is_asked_for(open_test_session: Opener, endpo
     watch._take(cast("zenoh.Sample", Told(alive_key(key), zenoh.SampleKind.PUT)))
     assert list(watching.liveliness().get(alive_key(key), timeout=10)) == []
     assert counts == [1, 0]
-    again = show_publisher(publishing, key)
+    again = declare_publisher_token(publishing, key)
     with told:
         assert told.wait_for(lambda: counts == [1, 0, 1], 10)
     watch.close()
@@ -78,13 +78,13 @@ def test_a_life_told_after_its_end_is_asked_for(open_test_session: Opener, endpo
 
 def test_receivers_are_counted(open_test_session: Opener, endpoint: str, key: str) -> None:
     """Two that receive the key are enough for two, and not for three; others do not count."""
-    publishing = open_test_session(listen=(endpoint,))
+    publishing = open_test_session(listen=endpoint)
     publisher, receivers = publishing.declare_publisher(f"{key}/tracks"), watch_receivers(publishing)
     assert not wait_for_receivers(publisher, receivers, 1, 0.0, NEVER)
     held = []
     for expression in (f"{key}/tracks", "test/*/tracks", "elsewhere/tracks"):
-        session = open_test_session(connect=(endpoint,))
-        held += [session.declare_subscriber(expression), show_receiver(session, expression)]
+        session = open_test_session(connect=endpoint)
+        held += [session.declare_subscriber(expression), declare_receiver_token(session, expression)]
     assert wait_for_receivers(publisher, receivers, 2, 10.0, NEVER)
     assert not wait_for_receivers(publisher, receivers, 3, 0.1, NEVER)
     receivers.close()
@@ -92,9 +92,9 @@ def test_receivers_are_counted(open_test_session: Opener, endpoint: str, key: st
 
 def test_any_subscriber_is_one_receiver(open_test_session: Opener, endpoint: str, key: str) -> None:
     """A subscriber of another make shows no token, and is served all the same."""
-    publishing = open_test_session(listen=(endpoint,))
+    publishing = open_test_session(listen=endpoint)
     publisher, receivers = publishing.declare_publisher(f"{key}/tracks"), watch_receivers(publishing)
-    subscriber = open_test_session(connect=(endpoint,)).declare_subscriber(f"{key}/**")
+    subscriber = open_test_session(connect=endpoint).declare_subscriber(f"{key}/**")
     assert wait_for_receivers(publisher, receivers, 1, 10.0, NEVER)
     subscriber.undeclare()
     receivers.close()
@@ -111,11 +111,11 @@ def test_a_cancelled_wait_ends(open_test_session: Opener, key: str) -> None:
 
 def test_a_publisher_waits_until_all_is_taken(open_test_session: Opener, endpoint: str, key: str) -> None:
     """A receiver answers behind what was sent to it, however much that is; nobody to ask is no wait."""
-    publishing = open_test_session(listen=(endpoint,))
+    publishing = open_test_session(listen=endpoint)
     receivers = watch_receivers(publishing)
     records = f"{key}/tracks"
-    assert wait_until_taken(publishing, records, receivers, 10.0, NEVER)
-    receiving, taken = open_test_session(connect=(endpoint,)), []
+    assert wait_until_delivered(publishing, records, receivers, 10.0, NEVER)
+    receiving, taken = open_test_session(connect=endpoint), []
     slow = threading.Event()
 
     def take(sample: zenoh.Sample) -> None:
@@ -123,16 +123,20 @@ def test_a_publisher_waits_until_all_is_taken(open_test_session: Opener, endpoin
         taken.append(sample)
 
     subscriber = receiving.declare_subscriber(records, zenoh.handlers.Callback(take, indirect=False))
-    held = [subscriber, confirm_receiver(receiving, records), show_receiver(receiving, records)]
+    held = [
+        subscriber,
+        declare_delivery_queryable(receiving, records),
+        declare_receiver_token(receiving, records),
+    ]
     publisher = publishing.declare_publisher(records, congestion_control=zenoh.CongestionControl.BLOCK)
     assert wait_for_receivers(publisher, receivers, 2, 0.0, NEVER) is False
     for _ in range(1000):
-        if receivers.count():
+        if receivers.tokens():
             break
         slow.wait(0.01)
     for _ in range(200):
         publisher.put(bytes(1000))
-    assert wait_until_taken(publishing, records, receivers, 20.0, NEVER)
+    assert wait_until_delivered(publishing, records, receivers, 20.0, NEVER)
     assert len(taken) == 200
     assert held
     receivers.close()
@@ -142,23 +146,27 @@ def test_waiting_for_a_receiver_that_takes_nothing_is_bounded(
     open_test_session: Opener, endpoint: str, key: str
 ) -> None:
     """A stuck receiver costs the limit, and nothing where the pipeline stops."""
-    publishing = open_test_session(listen=(endpoint,))
+    publishing = open_test_session(listen=endpoint)
     receivers, records, stuck = watch_receivers(publishing), f"{key}/tracks", threading.Event()
-    receiving = open_test_session(connect=(endpoint,))
+    receiving = open_test_session(connect=endpoint)
     subscriber = receiving.declare_subscriber(
         records, zenoh.handlers.Callback(lambda _: stuck.wait(20), indirect=False)
     )
-    held = [subscriber, confirm_receiver(receiving, records), show_receiver(receiving, records)]
+    held = [
+        subscriber,
+        declare_delivery_queryable(receiving, records),
+        declare_receiver_token(receiving, records),
+    ]
     publisher = publishing.declare_publisher(records)
     for _ in range(1000):
-        if receivers.count() and publisher.matching_status.matching:
+        if receivers.tokens() and publisher.matching_status.matching:
             break
         NEVER.wait(0.01)
     publisher.put(b"x")
     stopping = threading.Event()
     stopping.set()
-    assert not wait_until_taken(publishing, records, receivers, 3600.0, stopping)
-    assert not wait_until_taken(publishing, records, receivers, 0.2, NEVER)
+    assert not wait_until_delivered(publishing, records, receivers, 3600.0, stopping)
+    assert not wait_until_delivered(publishing, records, receivers, 0.2, NEVER)
     assert held
     stuck.set()
     receivers.close()

@@ -9,16 +9,15 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from streamkit_zenoh.configuration import MEETING_PORTS
-from streamkit_zenoh.session import (
+from streamkit_zenoh.configuration import (
+    MEETING_PORTS,
     Mode,
     Reach,
     SessionFailure,
     SessionSettings,
-    close_session,
-    open_session,
-    plain,
+    error_line,
 )
+from streamkit_zenoh.session import close_session, open_session
 
 Opener = Callable[..., zenoh.Session]
 
@@ -128,15 +127,15 @@ def test_taken_ports_are_passed_over(open_test_session: Opener) -> None:
 
 def test_peers_meet_at_an_endpoint_in_either_order(open_test_session: Opener, endpoint: str) -> None:
     """A peer goes on trying: who connects may start first."""
-    first = open_test_session(connect=(endpoint,))
-    second = open_test_session(listen=(endpoint,))
+    first = open_test_session(connect=endpoint)
+    second = open_test_session(listen=endpoint)
     assert _wait_for(lambda: str(second.info.zid()) in _peers(first))
 
 
 def test_a_client_speaks_to_a_publisher_directly(open_test_session: Opener, endpoint: str, key: str) -> None:
     """No router is needed between a client and the session it names."""
-    publisher = open_test_session(listen=(endpoint,)).declare_publisher(key)
-    client = open_test_session(mode=Mode.CLIENT, connect=(endpoint,))
+    publisher = open_test_session(listen=endpoint).declare_publisher(key)
+    client = open_test_session(mode=Mode.CLIENT, connect=endpoint)
     came = threading.Event()
     client.declare_subscriber(key, zenoh.handlers.Callback(lambda _: came.set(), indirect=False))
     assert _wait_for(lambda: publisher.matching_status.matching)
@@ -159,7 +158,7 @@ def test_peers_meet_through_a_router(
         )
     )
     router = open_test_session(config=str(configuration))
-    one, other = open_test_session(connect=(endpoint,)), open_test_session(connect=(endpoint,))
+    one, other = open_test_session(connect=endpoint), open_test_session(connect=endpoint)
     publisher, came = one.declare_publisher(key), threading.Event()
     other.declare_subscriber(key, zenoh.handlers.Callback(lambda _: came.set(), indirect=False))
     assert _wait_for(lambda: publisher.matching_status.matching)
@@ -173,22 +172,22 @@ def test_peers_meet_through_a_router(
     [
         (SessionSettings(), False),
         (SessionSettings(mode=Mode.CLIENT), True),
-        (SessionSettings(connect=("tcp/127.0.0.1:1",)), False),
-        (SessionSettings(connect=("tcp/10.0.0.1:1",)), True),
-        (SessionSettings(connect=("tcp/10.0.0.1:1",), listen=("tcp/0.0.0.0:2",)), False),
-        (SessionSettings(connect=("tcp/10.0.0.1:1",), mode=Mode.PEER), False),
+        (SessionSettings(connect="tcp/127.0.0.1:1"), False),
+        (SessionSettings(connect="tcp/10.0.0.1:1"), True),
+        (SessionSettings(connect="tcp/10.0.0.1:1", listen="tcp/0.0.0.0:2"), False),
+        (SessionSettings(connect="tcp/10.0.0.1:1", mode=Mode.PEER), False),
     ],
 )
 def test_auto_is_a_client_of_other_machines(settings: SessionSettings, expected: bool) -> None:
     """Naming another machine opens no port on this one."""
-    assert settings.is_client is expected
+    assert settings.is_client(settings.connect_endpoints) is expected
 
 
 def test_a_taken_endpoint_is_refused(open_test_session: Opener, endpoint: str) -> None:
     """Two cannot listen at one place; the error names it and nothing of zenoh's source."""
-    open_test_session(listen=(endpoint,))
+    open_test_session(listen=endpoint)
     with pytest.raises(SessionFailure, match="in use") as caught:
-        open_session(SessionSettings(listen=(endpoint,)))
+        open_session(SessionSettings(listen=endpoint))
     assert endpoint in str(caught.value)
     assert ".rs" not in str(caught.value)
 
@@ -197,7 +196,7 @@ def test_a_client_without_its_router_fails(endpoint: str, monkeypatch: pytest.Mo
     """A client needs what it names; the error says what to do."""
     monkeypatch.setattr("streamkit_zenoh.configuration.CLIENT_CONNECT_LIMIT_MS", 200)
     with pytest.raises(SessionFailure, match="start the router or name another endpoint"):
-        open_session(SessionSettings(mode=Mode.CLIENT, connect=(endpoint,)))
+        open_session(SessionSettings(mode=Mode.CLIENT, connect=endpoint))
 
 
 def test_opening_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -214,7 +213,7 @@ def test_opening_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(zenoh, "open", hang)
     with pytest.raises(SessionFailure, match=r"no session within 0\.1 s"):
-        open_session(SessionSettings(listen=("tcp/127.0.0.1:0",)), limit_s=0.1)
+        open_session(SessionSettings(listen="tcp/127.0.0.1:0"), limit_s=0.1)
     release.set()
     assert closed.wait(5)
 
@@ -273,7 +272,7 @@ def test_a_configuration_file_is_the_base(open_test_session: Opener, endpoint: s
     path = tmp_path / "zenoh.json5"
     path.write_text(json.dumps({"mode": "peer", "listen": {"endpoints": [endpoint]}}))
     listener = open_test_session(config=str(path))
-    other = open_test_session(connect=(endpoint,))
+    other = open_test_session(connect=endpoint)
     assert _wait_for(lambda: str(listener.info.zid()) in _peers(other))
 
 
@@ -293,9 +292,9 @@ def test_reach_network_listens_to_the_network(open_test_session: Opener) -> None
     assert not session.is_closed()
 
 
-def test_errors_are_made_plain() -> None:
+def test_errors_are_made_error_line() -> None:
     """Places in zenoh's source and secrets are taken out."""
     error = RuntimeError(
         "no way to tls/a:1#key=SECRET [x at /build/src/io/tcp.rs:61.] at /build/src/unicast.rs:338."
     )
-    assert plain(error) == "no way to tls/a:1#*** [x]"
+    assert error_line(error) == "no way to tls/a:1#*** [x]"

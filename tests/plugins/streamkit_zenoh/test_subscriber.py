@@ -20,9 +20,9 @@ from streamkit import (
 )
 from streamkit.testing import Harness
 from streamkit_zenoh.keys import InvalidKey
-from streamkit_zenoh.presence import show_publisher
+from streamkit_zenoh.presence import declare_publisher_token
 from streamkit_zenoh.subscriber import TrackSubscriber
-from streamkit_zenoh.wire.forms import Codec, Form
+from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.numbering import Stamp
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord, StreamStatus
 
@@ -135,7 +135,7 @@ def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key
     with TrackSubscriber(f"{key}/track/*", connect=endpoint, ring=64) as subscriber:
         harness = sink(track_qos="block")
         publication = harness.element._publication
-        _wait_for(lambda: publication.records._each_is_wanted)
+        _wait_for(lambda: publication.records._has_track_subscriber)
         confirmed, tentative, lost = TrackState.CONFIRMED, TrackState.TENTATIVE, TrackState.LOST
         harness.push(_frame(0, confirmed, tentative, confirmed))
         harness.push(_frame(1, confirmed, confirmed, lost))
@@ -169,7 +169,7 @@ def test_what_is_dropped_there_is_seen_here(sink: Callable[..., Harness], key: s
 def test_bad_data_is_counted(open_test_session: Opener, key: str, endpoint: str) -> None:
     """Neither what is no record nor what is too large ends the iteration."""
     with TrackSubscriber(key, listen=endpoint, ring=64) as subscriber:
-        session = open_test_session(connect=(endpoint,))
+        session = open_test_session(connect=endpoint)
         publisher = session.declare_publisher(
             f"{key}/tracks", congestion_control=zenoh.CongestionControl.BLOCK
         )
@@ -198,15 +198,15 @@ def _status(
 
 def test_tail_losses_are_told_by_the_status(open_test_session: Opener, key: str, endpoint: str) -> None:
     """A publisher that ends says how far it was: what did not come counts as lost, with no record behind."""
-    codec = Codec(StatusRecord, STATUS_SCHEMA, Form.JSON)
+    codec = Codec(StatusRecord, STATUS_SCHEMA, Encoding.JSON)
     with TrackSubscriber(key, listen=endpoint, ring=8) as subscriber:
-        session = open_test_session(connect=(endpoint,))
+        session = open_test_session(connect=endpoint)
         publisher = session.declare_publisher(f"{key}/tracks")
         _wait_for(lambda: publisher.matching_status.matching)
         publisher.put(b"{}", attachment=Stamp(5, 0).attachment())
         for state, lost in (("playing", 0), ("playing", 3), ("ended", 3)):
             status = _status(key, settled_number=4, state=state)
-            session.put(f"{key}/status", codec.encode(status), encoding=codec.encoding)
+            session.put(f"{key}/status", codec.encode(status), encoding=codec.content_type)
             _wait_for(lambda lost=lost: subscriber.counts.lost == lost)
 
 
@@ -215,7 +215,7 @@ def test_a_late_status_shows_what_was_lost_before_the_first_record(
     open_test_session: Opener, key: str, endpoint: str, delay_s: float
 ) -> None:
     """The answer to the receiver's question may come long behind the first record."""
-    codec = Codec(StatusRecord, STATUS_SCHEMA, Form.JSON)
+    codec = Codec(StatusRecord, STATUS_SCHEMA, Encoding.JSON)
     payload = codec.encode(_status(key, settled_number=0, first_number=0))
     asked, release = threading.Event(), threading.Event()
 
@@ -223,14 +223,14 @@ def test_a_late_status_shows_what_was_lost_before_the_first_record(
         asked.set()
         release.wait(delay_s)
         with query:
-            query.reply(f"{key}/status", payload, encoding=codec.encoding)
+            query.reply(f"{key}/status", payload, encoding=codec.content_type)
 
-    session = open_test_session(listen=(endpoint,))
+    session = open_test_session(listen=endpoint)
     session.declare_queryable(f"{key}/status", zenoh.handlers.Callback(answer_late, indirect=True))
     publisher = session.declare_publisher(f"{key}/tracks")
     with TrackSubscriber(key, connect=endpoint, ring=64) as subscriber:
         _wait_for(lambda: publisher.matching_status.matching)
-        token = show_publisher(session, f"{key}/tracks")
+        token = declare_publisher_token(session, f"{key}/tracks")
         assert asked.wait(10)
         for number in (5, 6, 9):
             publisher.put(b"{}", attachment=Stamp(5, number).attachment())
@@ -244,8 +244,8 @@ def test_presence_is_known(open_test_session: Opener, key: str, endpoint: str) -
     """Publishers that come and go are counted while nothing is published."""
     with TrackSubscriber(key, listen=endpoint) as subscriber:
         assert subscriber.counts.publishers == 0
-        session = open_test_session(connect=(endpoint,))
-        token = show_publisher(session, f"{key}/tracks")
+        session = open_test_session(connect=endpoint)
+        token = declare_publisher_token(session, f"{key}/tracks")
         _wait_for(lambda: subscriber.counts.publishers == 1)
         token.undeclare()
         _wait_for(lambda: subscriber.counts.publishers == 0)

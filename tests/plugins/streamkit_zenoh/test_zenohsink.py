@@ -28,7 +28,7 @@ from streamkit import (
     raw_video_caps,
 )
 from streamkit.testing import Harness
-from streamkit_zenoh.wire.forms import Codec, Form
+from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.numbering import read_attachment
 from streamkit_zenoh.wire.status import StatusRecord
 
@@ -262,10 +262,10 @@ def test_the_last_of_everything_is_answered(
     with Harness("zenohsink", key=key, listen=endpoint, encoding=encoding) as harness:
         for seq in range(3):
             harness.push(_frame(seq).attach(_many_tracks(2)))
-        found = _asked(open_test_session(connect=(endpoint,)), f"{key}/**")
+        found = _asked(open_test_session(connect=endpoint), f"{key}/**")
     keys = {"tracks", "track/0", "track/1", "status", "schema", "schema/streamkit.proto"}
     assert {f"{key}/{name}" for name in keys} <= set(found)
-    codec = Codec(TrackRecord, "streamkit.tracks/1", Form(encoding))
+    codec = Codec(TrackRecord, "streamkit.tracks/1", Encoding(encoding))
     whole, one = found[f"{key}/tracks"], found[f"{key}/track/1"]
     assert str(whole.encoding) == f"application/{encoding};streamkit.tracks/1"
     assert [track.id for track in codec.decode(whole.payload.to_bytes()).tracks] == [0, 1]
@@ -273,7 +273,7 @@ def test_the_last_of_everything_is_answered(
     stamp, _ = read_attachment(whole.attachment.to_bytes())
     assert stamp is not None
     assert stamp.number == 2
-    status = Codec(StatusRecord, "streamkit.status/1", Form(encoding)).decode(
+    status = Codec(StatusRecord, "streamkit.status/1", Encoding(encoding)).decode(
         found[f"{key}/status"].payload.to_bytes()
     )
     assert (status.state, status.frames, status.seq, status.source) == ("playing", 3, 2, key)
@@ -283,7 +283,7 @@ def test_status_comes_once_a_second_and_at_the_end(
     open_test_session: Opener, key: str, endpoint: str
 ) -> None:
     """State, counters and age; the last one says that the stream has ended, and how far it was."""
-    subscriber = _Subscriber(open_test_session(listen=(endpoint,)), f"{key}/status", 3)
+    subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/status", 3)
     with Harness("zenohsink", key=key, connect=endpoint) as harness:
         harness.push(_frame(0, Capture(time.time_ns() - 10**9, "rtcp")))
         wait = threading.Event()
@@ -307,9 +307,9 @@ def test_status_comes_once_a_second_and_at_the_end(
 def test_streams_can_be_switched_off(open_test_session: Opener, key: str, endpoint: str) -> None:
     """What is off is neither published nor answered."""
     with Harness("zenohsink", key=key, listen=endpoint, tracks=False, track=False, status=False) as harness:
-        subscriber = _Subscriber(open_test_session(connect=(endpoint,)), f"{key}/**", 1)
+        subscriber = _Subscriber(open_test_session(connect=endpoint), f"{key}/**", 1)
         harness.push(_frame(0).attach(_many_tracks(2)))
-        found = _asked(open_test_session(connect=(endpoint,)), f"{key}/**")
+        found = _asked(open_test_session(connect=endpoint), f"{key}/**")
         harness.push(_frame(1).attach(_many_tracks(2)))
         harness.drain()
     assert {name.split("/")[2] for name in found} == {"schema"}
@@ -318,14 +318,14 @@ def test_streams_can_be_switched_off(open_test_session: Opener, key: str, endpoi
 
 def test_pictures_come_at_their_rate(open_test_session: Opener, key: str, endpoint: str) -> None:
     """30 frames a second at a rate of 10 are every third one, scaled, with their header."""
-    subscriber = _Subscriber(open_test_session(listen=(endpoint,)), f"{key}/frame", 4)
+    subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/frame", 4)
     text = (
         "videotestsrc num-buffers=12 ! video/x-raw, format=GRAY8, width=64, height=48, framerate=30/1 "
         f"! zenohsink name=z key={key} connect={endpoint} sync=true frame-rate=10 frame-width=32"
     )
     with Pipeline.parse(text) as pipeline:
         pipeline.ready()
-        assert _wait_for(lambda: pipeline["z"]._publication.pictures.outlet.is_wanted)
+        assert _wait_for(lambda: pipeline["z"]._publication.images["frame"].publisher.has_subscriber)
         pipeline.play()
         assert pipeline.wait(20) is not None
     assert subscriber.enough.wait(10)
@@ -339,9 +339,9 @@ def test_pictures_come_at_their_rate(open_test_session: Opener, key: str, endpoi
 
 def test_the_frame_pad_publishes_other_pictures(open_test_session: Opener, key: str, endpoint: str) -> None:
     """What comes in at the pad `frame` is shown, a picture with tracks drawn on it for example."""
-    subscriber = _Subscriber(open_test_session(listen=(endpoint,)), f"{key}/frame", 1)
+    subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/frame", 1)
     with Harness("zenohsink", key=key, connect=endpoint, frame_format="png") as harness:
-        assert _wait_for(lambda: harness.element._publication.pictures.outlet.is_wanted)
+        assert _wait_for(lambda: harness.element._publication.images["frame"].publisher.has_subscriber)
         harness.push(_frame(5).replace(data=np.full((2, 4), 77, np.uint8)), "frame")
         assert subscriber.enough.wait(10)
         harness.drain()
@@ -351,7 +351,7 @@ def test_the_frame_pad_publishes_other_pictures(open_test_session: Opener, key: 
 
 def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, endpoint: str) -> None:
     """A picture that is as the last one was is not sent again; EOS comes when both pads have ended."""
-    subscriber = _Subscriber(open_test_session(listen=(endpoint,)), f"{key}/mosaic", 2)
+    subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/mosaic", 2)
     text = (
         f"zenohsink name=z key={key} connect={endpoint} mosaic-format=png "
         "appsrc name=main caps=video/x-raw,format=GRAY8,width=8,height=8 ! z. "
@@ -359,7 +359,7 @@ def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, e
     )
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
-        assert _wait_for(lambda: pipeline["z"]._publication.mosaics.outlet.is_wanted)
+        assert _wait_for(lambda: pipeline["z"]._publication.images["mosaic"].publisher.has_subscriber)
         for number, level in enumerate((10, 10, 20)):
             pipeline["ground"].push(np.full((8, 8), level, np.uint8))
             assert _wait_for(lambda number=number: len(subscriber.samples) >= (1, 1, 2)[number])
@@ -375,7 +375,7 @@ def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, e
 
 def test_a_track_without_a_place_ends_the_stream(open_test_session: Opener, key: str, endpoint: str) -> None:
     """The record is made in the background; its fault is the pipeline's at the next frame all the same."""
-    subscriber = _Subscriber(open_test_session(listen=(endpoint,)), f"{key}/tracks", 1)
+    subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/tracks", 1)
     with Harness("zenohsink", key=key, connect=endpoint, wait_subscribers=1) as harness:
         covariance = np.eye(2)
         bad = Track(
@@ -398,7 +398,7 @@ def test_a_bad_quality_is_an_error_at_start(property_name: str, key: str) -> Non
 
 def test_quality_reaches_the_subscriber(open_test_session: Opener, key: str, endpoint: str) -> None:
     """Congestion control, priority and express are those of the property."""
-    subscriber = _Subscriber(open_test_session(listen=(endpoint,)), f"{key}/tracks", 1)
+    subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/tracks", 1)
     with Harness(
         "zenohsink", key=key, connect=endpoint, wait_subscribers=1, tracks_qos="drop,real-time,express"
     ) as harness:

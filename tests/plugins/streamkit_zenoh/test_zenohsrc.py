@@ -30,9 +30,9 @@ from streamkit import (
     track_record,
 )
 from streamkit.testing import Harness
-from streamkit_zenoh.presence import show_publisher
+from streamkit_zenoh.presence import declare_publisher_token
 from streamkit_zenoh.session import close_session
-from streamkit_zenoh.wire.forms import Codec, Form
+from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.numbering import Stamp
 
 Opener = Callable[..., zenoh.Session]
@@ -54,7 +54,7 @@ class _Publisher:
         self.publisher = session.declare_publisher(
             f"{key}/tracks", congestion_control=zenoh.CongestionControl.BLOCK
         )
-        self._token = show_publisher(session, f"{key}/tracks")
+        self._token = declare_publisher_token(session, f"{key}/tracks")
 
     def wait(self) -> None:
         never = threading.Event()
@@ -75,7 +75,7 @@ class _Publisher:
 @pytest.fixture
 def publisher(open_test_session: Opener, endpoint: str, key: str) -> _Publisher:
     """A publisher at `key` that listens on `endpoint`."""
-    return _Publisher(open_test_session(listen=(endpoint,)), key)
+    return _Publisher(open_test_session(listen=endpoint), key)
 
 
 @pytest.fixture
@@ -127,9 +127,7 @@ def test_wildcards_receive_several_publishers(open_test_session: Opener, endpoin
     pipeline = Pipeline.parse(f'zenohsrc key="{key}/*" listen={endpoint} ! appsink name=out')
     with pipeline:
         pipeline.play()
-        publishers = [
-            _Publisher(open_test_session(connect=(endpoint,)), f"{key}/{name}") for name in ("a", "b")
-        ]
+        publishers = [_Publisher(open_test_session(connect=endpoint), f"{key}/{name}") for name in ("a", "b")]
         for publisher in publishers:
             publisher.wait()
         for seq, publisher in enumerate(publishers):
@@ -210,7 +208,7 @@ def test_a_new_publisher_is_a_new_epoch(
         publisher.put(_payload(number, epoch=number), number)
     assert [pipeline["out"].pull(10).epoch for _ in range(3)] == [0, 1, 2]
     publisher.close()
-    second = _Publisher(open_test_session(listen=(endpoint,)), key)
+    second = _Publisher(open_test_session(listen=endpoint), key)
     second.wait()
     for number in range(2):
         second.put(_payload(number), number)
@@ -301,12 +299,12 @@ def test_other_encodings_become_json(
 ) -> None:
     """Behind zenohsrc a record is a line of JSON, however it came."""
     record = decode_record(_payload(3))
-    codec = Codec(TrackRecord, "streamkit.tracks/1", Form(encoding))
+    codec = Codec(TrackRecord, "streamkit.tracks/1", Encoding(encoding))
     with Pipeline.parse(f"zenohsrc key={key} listen={endpoint} num-buffers=1 ! appsink name=out") as pipeline:
         pipeline.play()
-        publisher = _Publisher(open_test_session(connect=(endpoint,)), key)
+        publisher = _Publisher(open_test_session(connect=endpoint), key)
         publisher.wait()
-        publisher.publisher.put(codec.encode(record), encoding=codec.encoding)
+        publisher.publisher.put(codec.encode(record), encoding=codec.content_type)
         (frame,) = pipeline["out"]
     assert bytes(frame.data) == _payload(3)
 
@@ -336,7 +334,7 @@ def test_a_pipeline_can_be_split_over_two_machines(key: str, endpoint: str) -> N
         drone.ready()
         never = threading.Event()
         for _ in range(1000):
-            if drone["z"]._publication.pictures.outlet.is_wanted:
+            if drone["z"]._publication.images["frame"].publisher.has_subscriber:
                 break
             never.wait(0.01)
         drone.play()

@@ -18,7 +18,7 @@ from streamkit import (
     TrackState,
     raw_video_caps,
 )
-from streamkit_zenoh.wire.frame_header import frame_header, picture_frame, read_header
+from streamkit_zenoh.wire.frame_header import frame_header, image_frame, read_header
 
 
 def _frame() -> Frame:
@@ -42,7 +42,7 @@ def test_everything_comes_back_exactly_at_full_size() -> None:
     """Times, registration whole, detections, tracks and pose: a tracker behind it works as before."""
     given = _frame()
     header = read_header(frame_header(given, "uav/1", 5_000, 0, (48, 64)))
-    frame = picture_frame(np.zeros((48, 64), np.uint8), header, 77, 10)
+    frame = image_frame(np.zeros((48, 64), np.uint8), header, 77, 10)
     assert (frame.pts, frame.duration, frame.seq, frame.epoch) == (123, 40, 17, 12)
     assert frame.capture == given.capture
     assert frame.caps["format"] == "GRAY8"
@@ -59,7 +59,7 @@ def test_everything_comes_back_exactly_at_full_size() -> None:
 def test_a_smaller_picture_has_its_own_pixels() -> None:
     """Scaled by a half, corners stay corners; the reference plane stays as it is."""
     header = read_header(frame_header(_frame(), "uav/1", 5_000, 0, (24, 32)))
-    frame = picture_frame(np.zeros((24, 32), np.uint8), header, 77, 0)
+    frame = image_frame(np.zeros((24, 32), np.uint8), header, 77, 0)
     detections, registration, tracks = frame.get(Detections), frame.get(Registration), frame.get(Tracks)
     assert detections is not None
     assert registration is not None
@@ -78,10 +78,10 @@ def test_what_is_not_there_does_not_come() -> None:
     """A frame without metadata has none afterwards; unknown matrices stay unknown."""
     bare = Frame(np.zeros((4, 6, 3), np.uint8), raw_video_caps("BGR", 6, 4))
     header = read_header(frame_header(bare, "a", 1, 0, (4, 6, 3)))
-    assert not picture_frame(np.zeros((4, 6, 3), np.uint8), header, 1, 0).metadata
+    assert not image_frame(np.zeros((4, 6, 3), np.uint8), header, 1, 0).metadata
     lost = bare.attach(Registration(np.full((3, 3), math.nan), np.eye(3), rmse=math.nan))
     header = read_header(frame_header(lost, "a", 1, 0, (4, 6, 3)))
-    registration = picture_frame(np.zeros((4, 6, 3), np.uint8), header, 1, 0).get(Registration)
+    registration = image_frame(np.zeros((4, 6, 3), np.uint8), header, 1, 0).get(Registration)
     assert registration is not None
     assert np.isnan(registration.to_previous).all()
     assert math.isnan(registration.rmse)

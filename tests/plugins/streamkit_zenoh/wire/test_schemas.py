@@ -1,42 +1,62 @@
-"""The schema files of the package are those of the records."""
+"""The schemas that are published are those of the records."""
 
 import json
 
+import pytest
 import zenoh
 
-from streamkit_zenoh.publish.answers import schema_answers
-from streamkit_zenoh.wire.protobuf import MESSAGES
-from streamkit_zenoh.wire.schemas import FOLDER, schema_files, schema_index
-from streamkit_zenoh.wire.schemas.write import KINDS, rendered
+from streamkit_zenoh.publish.publication import schema_replies
+from streamkit_zenoh.wire.protobuf import COLUMNS, PROTO_FILE, file_descriptor
+from streamkit_zenoh.wire.schemas import RECORD_TYPES, schema_files, schema_index
 
 
-def test_the_files_are_current() -> None:
-    """After a change of a record: python -m streamkit_zenoh.wire.schemas.write."""
-    assert {name: content.decode() for name, content in schema_files().items()} == rendered()
-    assert {path.suffix for path in FOLDER.iterdir() if path.is_file()} == {".py", ".json", ".proto"}
+def _numbers() -> dict[str, dict[str, int]]:
+    """Field numbers of streamkit.proto by message and field."""
+    messages = file_descriptor(PROTO_FILE.read_text(encoding="utf-8")).message_type
+    return {message.name: {field.name: field.number for field in message.field} for message in messages}
 
 
 def test_every_field_has_its_place_in_the_proto() -> None:
-    """A field that is added to a record and not to the table would be lost on the way in protobuf."""
-    for kind in KINDS.values():
-        if kind.__name__ in MESSAGES:
-            assert [field.name for field in MESSAGES[kind.__name__]] == list(kind.__struct_fields__)
+    """A field that is added to a record and not to streamkit.proto would be lost in protobuf."""
+    numbers = _numbers()
+    for kind in RECORD_TYPES.values():
+        if kind.__name__ in numbers:
+            assert list(numbers[kind.__name__]) == list(kind.__struct_fields__)
+    assert {name for fields in numbers.values() for name in fields} >= set(COLUMNS)
+
+
+def test_the_numbers_of_fields_never_change() -> None:
+    """Publishers and receivers of different versions read each other's records."""
+    numbers = _numbers()
+    for fields in numbers.values():
+        assert list(fields.values()) == list(range(1, len(fields) + 1))
+    assert numbers["TargetRecord"]["position_covariance"] == 11
+    assert numbers["TargetRecord"]["provenance"] == 15
+    assert (numbers["TrackRecord"]["tracks"], numbers["TrackRecord"]["dropped"]) == (13, 14)
+    assert (numbers["StatusRecord"]["drops"], numbers["StreamStatus"]["first_number"]) == (13, 8)
+
+
+@pytest.mark.parametrize("line", ["enum State {", "  map<string, int64> counts = 1;", "  double data;"])
+def test_an_unknown_statement_is_refused(line: str) -> None:
+    """A .proto file with more than messages and fields is not half understood."""
+    with pytest.raises(ValueError, match="not a message, field, syntax or package"):
+        file_descriptor(f"message A {{\n{line}\n}}")
 
 
 def test_queries_are_answered_as_they_ask() -> None:
     """The whole at the key itself, one file by its name, all by a wildcard."""
     root = "uav/1/schema"
-    assert [answer.key for answer in schema_answers(zenoh.KeyExpr(root), root)] == [root]
-    (proto,) = schema_answers(zenoh.KeyExpr(f"{root}/streamkit.proto"), root)
+    assert [reply.key for reply in schema_replies(zenoh.KeyExpr(root), root)] == [root]
+    (proto,) = schema_replies(zenoh.KeyExpr(f"{root}/streamkit.proto"), root)
     assert proto.payload.startswith(b"// Track records")
-    assert len(list(schema_answers(zenoh.KeyExpr("uav/1/**"), root))) == 1 + len(schema_files())
-    assert not list(schema_answers(zenoh.KeyExpr("uav/2/**"), root))
+    assert len(list(schema_replies(zenoh.KeyExpr("uav/1/**"), root))) == 1 + len(schema_files())
+    assert not list(schema_replies(zenoh.KeyExpr("uav/2/**"), root))
 
 
 def test_the_index_has_everything() -> None:
     """One answer is enough to know all kinds."""
     index = json.loads(schema_index())
-    assert set(index["json_schemas"]) == set(KINDS)
+    assert set(index["json_schemas"]) == set(RECORD_TYPES)
     assert "message TrackRecord {" in index["proto"]
     properties = index["json_schemas"]["streamkit.tracks/1"]["$defs"]["TrackRecord"]["properties"]
     assert {"seq", "epoch", "pts_ns", "capture_ns", "published_ns", "tracks"} <= set(properties)

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit_zenoh.wire.numbering import Arrival, Numbering, Stamp
-from streamkit_zenoh.wire.sequence import JUMP_LIMIT, OLDER_LIMIT, SPAN_LIMIT, Heard, Sequence
+from streamkit_zenoh.wire.numbering import LossTracker, Stamp
+from streamkit_zenoh.wire.sequence import JUMP_LIMIT, OLDER_LIMIT, SPAN_LIMIT, Arrival, ReceivedNumbers
 
 LARGEST = 10**19 - 1
 
@@ -36,19 +36,19 @@ def test_received_and_lost_make_the_whole_in_every_order(
 ) -> None:
     """Answer and status may come before, between and behind the messages; each message is new once."""
     joined, end, events = history
-    sequence, lost, passed = Sequence(), 0, list[int]()
+    sequence, lost, passed = ReceivedNumbers(), 0, list[int]()
     for event, number in events:
         if event == "arrived":
-            heard = sequence.arrived(number)
+            heard = sequence.received(number)
             lost += heard.lost
             passed += [number] * heard.is_new
             assert not heard.is_jump
         elif event == "answered":
-            passed += [number] * sequence.answered(number)
+            passed += [number] * sequence.replied(number)
         elif event == "begins":
-            lost += sequence.begins(number)
+            lost += sequence.starts_at(number)
         else:
-            lost += sequence.caught_up(number)
+            lost += sequence.settled_up_to(number)
     assert len(set(passed)) == len(passed)
     assert lost == end - joined - len([number for number in passed if number >= joined])
     assert lost >= 0
@@ -61,82 +61,82 @@ def test_received_and_lost_make_the_whole_in_every_order(
 )
 def test_forged_numbers_blind_nobody(first: int, between: list[int | None]) -> None:
     """Whatever a stranger sends between, each of the publisher's own messages is passed on once."""
-    sequence, number, forged = Sequence(), first, set[int]()
-    assert sequence.arrived(number) == Heard()
+    sequence, number, forged = ReceivedNumbers(), first, set[int]()
+    assert sequence.received(number) == Arrival()
     for stranger in [*between, *[None] * 20]:
         if stranger is not None:
-            sequence.arrived(stranger)
+            sequence.received(stranger)
             forged.add(stranger)
             continue
         number += 1
-        assert sequence.arrived(number).is_new is (number not in forged)
+        assert sequence.received(number).is_new is (number not in forged)
 
 
 @settings(deadline=None)
 @given(st.lists(st.integers(1, 2000), max_size=40))
 def test_losses_that_a_stranger_pretends_are_taken_back(ahead: list[int]) -> None:
     """Once the publisher's own numbers have passed the forged ones, nothing is lost."""
-    sequence = Sequence()
-    lost = sequence.arrived(0).lost
+    sequence = ReceivedNumbers()
+    lost = sequence.received(0).lost
     for step in ahead:
-        lost += sequence.arrived(step).lost
+        lost += sequence.received(step).lost
     for number in range(1, 2001):
-        lost += sequence.arrived(number).lost
+        lost += sequence.received(number).lost
     assert lost == 0
 
 
 def test_a_late_status_adds_what_was_lost_before_the_first_message() -> None:
     """The answer says 3, and the first message that came was 10: seven were dropped."""
-    sequence = Sequence()
-    assert [sequence.arrived(number).lost for number in (10, 11)] == [0, 0]
-    assert sequence.begins(3) == 7
-    assert sequence.begins(3) == 0
-    assert sequence.begins(5) == 0
-    assert sequence.arrived(4) == Heard(lost=-1)
+    sequence = ReceivedNumbers()
+    assert [sequence.received(number).lost for number in (10, 11)] == [0, 0]
+    assert sequence.starts_at(3) == 7
+    assert sequence.starts_at(3) == 0
+    assert sequence.starts_at(5) == 0
+    assert sequence.received(4) == Arrival(lost=-1)
 
 
 def test_all_lost_is_told_at_the_end() -> None:
     """A publisher that dropped everything says so with its last status."""
-    sequence = Sequence()
-    assert sequence.begins(3) == 0
-    assert sequence.caught_up(9) == 6
-    assert sequence.arrived(9) == Heard()
+    sequence = ReceivedNumbers()
+    assert sequence.starts_at(3) == 0
+    assert sequence.settled_up_to(9) == 6
+    assert sequence.received(9) == Arrival()
 
 
 def test_a_large_step_is_a_jump_and_not_a_loss() -> None:
     """It is told; the publisher's own numbers go on, and so do those behind the jump."""
-    sequence = Sequence()
-    assert [sequence.arrived(number) for number in (5, 6)] == [Heard(), Heard()]
-    assert sequence.arrived(LARGEST) == Heard(is_jump=True)
-    assert [sequence.arrived(number) for number in (7, 8)] == [Heard(), Heard()]
-    assert sequence.arrived(9 + JUMP_LIMIT) == Heard(lost=JUMP_LIMIT)
-    assert sequence.arrived(LARGEST) == Heard(is_new=False)
-    assert sequence.caught_up(LARGEST - 5) == 0
-    assert sequence.begins(-5) == 0
+    sequence = ReceivedNumbers()
+    assert [sequence.received(number) for number in (5, 6)] == [Arrival(), Arrival()]
+    assert sequence.received(LARGEST) == Arrival(is_jump=True)
+    assert [sequence.received(number) for number in (7, 8)] == [Arrival(), Arrival()]
+    assert sequence.received(9 + JUMP_LIMIT) == Arrival(lost=JUMP_LIMIT)
+    assert sequence.received(LARGEST) == Arrival(is_new=False)
+    assert sequence.settled_up_to(LARGEST - 5) == 0
+    assert sequence.starts_at(-5) == 0
 
 
 def test_a_forged_first_number_does_not_hide_the_publisher() -> None:
     """Only messages a little older than the first are taken for out of date."""
-    sequence = Sequence()
-    sequence.arrived(1000)
-    assert sequence.arrived(1000 - OLDER_LIMIT) == Heard(is_new=False)
-    assert sequence.arrived(5) == Heard(is_jump=True)
-    assert sequence.arrived(6) == Heard()
+    sequence = ReceivedNumbers()
+    sequence.received(1000)
+    assert sequence.received(1000 - OLDER_LIMIT) == Arrival(is_new=False)
+    assert sequence.received(5) == Arrival(is_jump=True)
+    assert sequence.received(6) == Arrival()
 
 
 def test_memory_is_bounded() -> None:
     """Numbers with gaps between make spans; those that grew longest ago are forgotten."""
-    sequence = Sequence()
+    sequence = ReceivedNumbers()
     for number in range(0, 10 * SPAN_LIMIT, 2):
-        sequence.arrived(number)
+        sequence.received(number)
     assert len(sequence._spans) == SPAN_LIMIT
 
 
 @pytest.mark.parametrize("forged", [Stamp(7, LARGEST), Stamp(LARGEST, 0), Stamp(LARGEST, LARGEST)])
 def test_one_forged_stamp_costs_nothing(forged: Stamp) -> None:
     """Of the publisher's run or another: what the publisher sends is new, and nothing of it lost."""
-    numbering = Numbering()
-    before = [numbering.arrived("a", Stamp(7, number)) for number in range(3)]
-    assert numbering.arrived("a", forged).is_new
-    after = [numbering.arrived("a", Stamp(7, number)) for number in range(3, 9)]
+    numbering = LossTracker()
+    before = [numbering.received("a", Stamp(7, number)) for number in range(3)]
+    assert numbering.received("a", forged).is_new
+    after = [numbering.received("a", Stamp(7, number)) for number in range(3, 9)]
     assert before + after == [Arrival()] * 9

@@ -1,4 +1,4 @@
-"""Pictures go to JPEG and PNG and back; a stranger's picture is measured before it is decoded."""
+"""Images go to JPEG and PNG and back; a stranger's image is measured before it is decoded."""
 
 import struct
 import zlib
@@ -7,20 +7,20 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_zenoh.wire.pictures import (
-    PICTURE_LIMIT_BYTES,
-    BadPicture,
-    Picture,
-    PictureFormat,
-    decode_picture,
-    displayable,
-    encode_picture,
-    picture_size,
+from streamkit_zenoh.wire.images import (
+    IMAGE_LIMIT_BYTES,
+    BadImage,
+    Image,
+    ImageFormat,
+    decode_image,
+    encode_image,
+    grey_or_bgr,
+    image_size,
     scaled_to_width,
 )
 
 
-def _picture(shape: tuple[int, ...]) -> Picture:
+def _image(shape: tuple[int, ...]) -> Image:
     return cv2.GaussianBlur(np.random.default_rng(1).integers(0, 255, shape, np.uint8), (9, 9), 5).astype(
         np.uint8
     )
@@ -29,25 +29,25 @@ def _picture(shape: tuple[int, ...]) -> Picture:
 @pytest.mark.parametrize("shape", [(40, 64), (40, 64, 3)])
 def test_png_is_exact_and_jpeg_near(shape: tuple[int, ...]) -> None:
     """Grey stays grey, colour stays BGR."""
-    picture = _picture(shape)
-    np.testing.assert_array_equal(decode_picture(encode_picture(picture, PictureFormat.PNG)), picture)
-    near = decode_picture(encode_picture(picture, PictureFormat.JPEG, 95))
+    image = _image(shape)
+    np.testing.assert_array_equal(decode_image(encode_image(image, ImageFormat.PNG)), image)
+    near = decode_image(encode_image(image, ImageFormat.JPEG, 95))
     assert near.shape == shape
-    assert np.abs(near.astype(int) - picture).mean() < 3
+    assert np.abs(near.astype(int) - image).mean() < 3
 
 
-@pytest.mark.parametrize("form", PictureFormat)
-def test_the_size_is_read_without_decoding(form: PictureFormat) -> None:
+@pytest.mark.parametrize("form", ImageFormat)
+def test_the_size_is_read_without_decoding(form: ImageFormat) -> None:
     """Width and height stand near the beginning of both."""
-    assert picture_size(encode_picture(_picture((30, 50, 3)), form)) == (50, 30)
+    assert image_size(encode_image(_image((30, 50, 3)), form)) == (50, 30)
 
 
 def test_pictures_are_only_made_smaller() -> None:
-    """The shape is kept; 0 leaves the picture as it is."""
-    picture = _picture((40, 64))
-    assert scaled_to_width(picture, 32).shape == (20, 32)
-    assert scaled_to_width(picture, 0) is picture
-    assert scaled_to_width(picture, 100) is picture
+    """The shape is kept; 0 leaves the image as it is."""
+    image = _image((40, 64))
+    assert scaled_to_width(image, 32).shape == (20, 32)
+    assert scaled_to_width(image, 0) is image
+    assert scaled_to_width(image, 100) is image
 
 
 @pytest.mark.parametrize("name", ["GRAY8", "BGR", "RGB", "BGRA", "RGBA", "I420", "NV12"])
@@ -55,7 +55,7 @@ def test_every_raw_format_can_be_shown(name: str) -> None:
     """A grey level is that grey level in every format."""
     shapes = {"GRAY8": (8, 8), "BGR": (8, 8, 3), "RGB": (8, 8, 3), "BGRA": (8, 8, 4), "RGBA": (8, 8, 4)}
     data = np.full(shapes.get(name, (12, 8)), 128, np.uint8)
-    shown = displayable(data, name)
+    shown = grey_or_bgr(data, name)
     assert shown.shape[:2] == (8, 8)
     assert abs(int(shown.mean()) - 128) <= 3
 
@@ -63,7 +63,7 @@ def test_every_raw_format_can_be_shown(name: str) -> None:
 def test_an_unknown_format_is_told() -> None:
     """The remedy is in the error."""
     with pytest.raises(ValueError, match="got YUY2; put a videoconvert before"):
-        displayable(np.zeros((4, 8), np.uint8), "YUY2")
+        grey_or_bgr(np.zeros((4, 8), np.uint8), "YUY2")
 
 
 def _png_of(width: int, height: int) -> bytes:
@@ -84,17 +84,17 @@ def _png_of(width: int, height: int) -> bytes:
         _png_of(60_000, 60_000),
         _png_of(0, 10),
         b"\xff\xd8\xff\xc0\x00\x11\x08\xff\xff\xff\xff" + bytes(20),
-        encode_picture(np.zeros((8, 8), np.uint8), PictureFormat.PNG)[:40],
-        bytes(PICTURE_LIMIT_BYTES + 1),
+        encode_image(np.zeros((8, 8), np.uint8), ImageFormat.PNG)[:40],
+        bytes(IMAGE_LIMIT_BYTES + 1),
     ],
 )
 def test_what_is_no_picture_is_refused(data: bytes) -> None:
     """Other data, broken files, and sizes that would fill the memory."""
-    with pytest.raises(BadPicture):
-        decode_picture(data)
+    with pytest.raises(BadImage):
+        decode_image(data)
 
 
 def test_what_cannot_be_written_is_told() -> None:
     """JPEG ends at 65535 px a side."""
-    with pytest.raises(BadPicture, match="jpeg of"):
-        encode_picture(np.zeros((1, 70_000), np.uint8), PictureFormat.JPEG)
+    with pytest.raises(BadImage, match="jpeg of"):
+        encode_image(np.zeros((1, 70_000), np.uint8), ImageFormat.JPEG)

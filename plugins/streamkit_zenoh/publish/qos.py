@@ -1,4 +1,4 @@
-"""Quality of service as users write it: congestion control, priority and express, of one stream."""
+"""Zenoh's quality of service as users write it: congestion control, priority and express."""
 
 from dataclasses import dataclass
 
@@ -17,18 +17,18 @@ PRIORITIES = {
 EXPRESS = "express"
 
 
-class InvalidQuality(ValueError):
-    """A text is no quality of service."""
+class InvalidQos(ValueError):
+    """A text is not a quality of service."""
 
 
 @dataclass(frozen=True)
-class Quality:
-    """How zenoh treats the messages of one stream.
+class Qos:
+    """Quality of service of one stream.
 
     Attributes:
-        congestion: block waits for room in zenoh's queue, drop throws the message away.
-        priority: which queue.
-        express: sent at once, and not together with what comes next.
+        congestion: whether a full zenoh queue blocks the publisher or drops the message.
+        priority: the zenoh queue.
+        express: whether messages are sent at once instead of in batches.
     """
 
     congestion: zenoh.CongestionControl
@@ -36,24 +36,22 @@ class Quality:
     express: bool = False
 
 
-def quality(text: str) -> Quality:
-    """Reads `block,data-high,express`: words in any order, each kind at most once.
-
-    What is not said is block and data, and not express.
+def parse_qos(text: str) -> Qos:
+    """Parses `block,data-high,express`: words in any order, by default block and data.
 
     Raises:
-        InvalidQuality: a word is none of these, or there are two of one kind.
+        InvalidQos: a word is unknown, or there are two of one kind.
     """
     words = [word.strip() for word in text.split(",") if word.strip()]
     congestion = [CONGESTION[word] for word in words if word in CONGESTION]
     priority = [PRIORITIES[word] for word in words if word in PRIORITIES]
     known = {*CONGESTION, *PRIORITIES, EXPRESS}
     if any(word not in known for word in words) or max(len(congestion), len(priority)) > 1:
-        raise InvalidQuality(
+        raise InvalidQos(
             f"a quality of service is one of {', '.join(CONGESTION)}, one of {', '.join(PRIORITIES)}, "
             f"and {EXPRESS} or not, with commas, got {text!r}; write for example drop,data-low"
         )
-    return Quality(
+    return Qos(
         congestion[0] if congestion else zenoh.CongestionControl.BLOCK,
         priority[0] if priority else zenoh.Priority.DATA,
         EXPRESS in words,

@@ -1,4 +1,4 @@
-"""An outlet knows who listens, from which number on, and says nothing more once it is closed."""
+"""A publisher knows who listens, from which number on, and says nothing more once it is closed."""
 
 from __future__ import annotations
 
@@ -8,41 +8,41 @@ from types import SimpleNamespace
 
 import zenoh
 
-from streamkit_zenoh.publish.outlet import Outlet
-from streamkit_zenoh.publish.quality import quality
+from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher
+from streamkit_zenoh.publish.qos import parse_qos
 from streamkit_zenoh.wire.numbering import KEY_LIMIT
 
 Opener = Callable[..., zenoh.Session]
 
 
-def _outlet(session: zenoh.Session, key: str) -> Outlet:
-    return Outlet(session, f"{key}/tracks", "tracks", 7, "application/json", quality("block"), 5.0)
+def _publisher(session: zenoh.Session, key: str) -> NumberedPublisher:
+    return NumberedPublisher(session, key, "tracks", 7, "application/json", parse_qos("block"), 5.0)
 
 
 def test_a_listener_that_is_told_late_does_no_harm(open_test_session: Opener, key: str) -> None:
     """Zenoh may call it for a moment after the publisher has been taken back."""
-    outlet = _outlet(open_test_session(), key)
-    outlet.close()
-    outlet._matching_changed(SimpleNamespace(matching=False))  # type: ignore[arg-type]
-    outlet.look()
-    assert not outlet.is_matching
-    assert not outlet.is_wanted
+    publisher = _publisher(open_test_session(), key)
+    publisher.close()
+    publisher._matching_changed(SimpleNamespace(matching=False))  # type: ignore[arg-type]
+    publisher.refresh()
+    assert not publisher.is_matching
+    assert not publisher.has_subscriber
 
 
 def test_a_receiver_is_told_what_it_is_sent(open_test_session: Opener, key: str) -> None:
     """From the number that came next when it was seen, however late it asks and however often it is seen."""
-    outlet = _outlet(open_test_session(), key)
+    publisher = _publisher(open_test_session(), key)
     numbers = []
     for name in ("early", "late", "early"):
-        outlet.receiver_appeared(name)
-        numbers.append(outlet.stamp().number)
+        publisher.add_receiver(name)
+        numbers.append(publisher.stamp().number)
     assert numbers == [0, 1, 2]
-    told = {name: outlet.status(name).first_number for name in ("early", "late", "unknown")}
+    told = {name: publisher.status(name).first_number for name in ("early", "late", "unknown")}
     assert told == {"early": 0, "late": 1, "unknown": None}
-    assert outlet.status().first_number is None
+    assert publisher.status().first_number is None
     for index in range(KEY_LIMIT + 1):
-        outlet.receiver_appeared(str(index))
-    assert outlet.status("early").first_number is None
+        publisher.add_receiver(str(index))
+    assert publisher.status("early").first_number is None
 
 
 def test_closing_while_receivers_leave_says_nothing(
@@ -50,15 +50,15 @@ def test_closing_while_receivers_leave_says_nothing(
 ) -> None:
     """Whatever the order in which both sides end, no callback fails."""
     complaints: list[threading.ExceptHookArgs] = []
-    session, other = open_test_session(listen=(endpoint,)), open_test_session(connect=(endpoint,))
+    session, other = open_test_session(listen=endpoint), open_test_session(connect=endpoint)
     hook, threading.excepthook = threading.excepthook, complaints.append
     try:
         for number in range(20):
-            outlet = _outlet(session, f"{key}/{number}")
+            publisher = _publisher(session, f"{key}/{number}")
             subscriber = other.declare_subscriber(f"{key}/{number}/tracks", zenoh.handlers.RingChannel(1))
             leaving = threading.Thread(target=subscriber.undeclare)
             leaving.start()
-            outlet.close()
+            publisher.close()
             leaving.join(10)
     finally:
         threading.excepthook = hook

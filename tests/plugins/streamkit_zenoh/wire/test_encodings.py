@@ -1,4 +1,4 @@
-"""A record is the same in every form, and what is none is refused in every form."""
+"""A record is the same in every encoding, and what is none is refused in every encoding."""
 
 import gc
 import random
@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from streamkit import TrackRecord, decode_record
-from streamkit_zenoh.wire.forms import RECORD_LIMIT_BYTES, BadPayload, Codec, Form, form_of
+from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, Codec, Encoding, encoding_of
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, DropCount, StatusRecord, StreamStatus
 
@@ -27,23 +27,23 @@ EMPTY_TARGET = FULL.replace(
 )
 
 
-def _codec(form: Form) -> Codec[TrackRecord]:
-    return Codec(TrackRecord, TRACKS_SCHEMA, form)
+def _codec(encoding: Encoding) -> Codec[TrackRecord]:
+    return Codec(TrackRecord, TRACKS_SCHEMA, encoding)
 
 
-@pytest.mark.parametrize("form", Form)
+@pytest.mark.parametrize("encoding", Encoding)
 @pytest.mark.parametrize("text", [FULL, BARE, EMPTY_TARGET])
-def test_a_record_survives_every_form(form: Form, text: bytes) -> None:
+def test_a_record_survives_every_encoding(encoding: Encoding, text: bytes) -> None:
     """Every number comes back exactly, and what was not said stays unsaid."""
     record = decode_record(text)
-    codec = _codec(form)
+    codec = _codec(encoding)
     assert codec.decode(codec.encode(record)) == record
-    assert form_of(codec.encoding) is form
-    assert codec.encoding.endswith(";streamkit.tracks/1")
+    assert encoding_of(codec.content_type) is encoding
+    assert codec.content_type.endswith(";streamkit.tracks/1")
 
 
-@pytest.mark.parametrize("form", Form)
-def test_the_status_survives_every_form(form: Form) -> None:
+@pytest.mark.parametrize("encoding", Encoding)
+def test_the_status_survives_every_encoding(encoding: Encoding) -> None:
     """The second kind of record goes the same ways."""
     stream = StreamStatus(name="tracks", run=17, settled_number=5, published=4, bytes=999, has_subscriber=1)
     status = StatusRecord(
@@ -51,7 +51,7 @@ def test_the_status_survives_every_form(form: Form) -> None:
         frames=5, seq=4, epoch=0, tracks=3, age_ms=12.5, streams=(stream,),
         drops=(DropCount(stream="tracks", reason="queue full", count=2),),
     )  # fmt: skip
-    codec = Codec(StatusRecord, STATUS_SCHEMA, form)
+    codec = Codec(StatusRecord, STATUS_SCHEMA, encoding)
     assert codec.decode(codec.encode(status)) == status
 
 
@@ -59,13 +59,13 @@ def _changed(**changes: Any) -> dict[str, Any]:
     return {**msgspec.json.decode(FULL), **changes}
 
 
-@pytest.mark.parametrize("form", [Form.MSGPACK, Form.CBOR, Form.PROTOBUF])
-def test_numbers_must_be_finite(form: Form) -> None:
+@pytest.mark.parametrize("encoding", [Encoding.MSGPACK, Encoding.CBOR, Encoding.PROTOBUF])
+def test_numbers_must_be_finite(encoding: Encoding) -> None:
     """JSON has no NaN; the other forms have, and records may not."""
     record = decode_record(FULL)
     target = msgspec.structs.replace(record.tracks[0], x=float("nan"))
     broken = msgspec.structs.replace(record, tracks=(target,))
-    codec = _codec(form)
+    codec = _codec(encoding)
     with pytest.raises(BadPayload, match="finite"):
         codec.decode(codec.encode(broken))
 
@@ -80,20 +80,24 @@ def test_numbers_must_be_finite(form: Form) -> None:
         {"capture_origin": "guess"},
     ],
 )
-@pytest.mark.parametrize("form", [Form.JSON, Form.MSGPACK, Form.CBOR])
-def test_what_breaks_the_schema_is_refused(form: Form, wrong: dict[str, Any]) -> None:
+@pytest.mark.parametrize("encoding", [Encoding.JSON, Encoding.MSGPACK, Encoding.CBOR])
+def test_what_breaks_the_schema_is_refused(encoding: Encoding, wrong: dict[str, Any]) -> None:
     """The reason names what was looked for and how."""
     import cbor2
 
-    writers = {Form.JSON: msgspec.json.encode, Form.MSGPACK: msgspec.msgpack.encode, Form.CBOR: cbor2.dumps}
-    with pytest.raises(BadPayload, match=rf"no streamkit.tracks/1 in {form}: "):
-        _codec(form).decode(writers[form](_changed(**wrong)))
+    writers = {
+        Encoding.JSON: msgspec.json.encode,
+        Encoding.MSGPACK: msgspec.msgpack.encode,
+        Encoding.CBOR: cbor2.dumps,
+    }
+    with pytest.raises(BadPayload, match=rf"no streamkit.tracks/1 in {encoding}: "):
+        _codec(encoding).decode(writers[encoding](_changed(**wrong)))
 
 
-@pytest.mark.parametrize("form", Form)
-def test_mutated_payloads_are_refused_or_read(form: Form) -> None:
+@pytest.mark.parametrize("encoding", Encoding)
+def test_mutated_payloads_are_refused_or_read(encoding: Encoding) -> None:
     """Whatever the bytes, the answer is a record or BadPayload, never another error."""
-    codec, generator = _codec(form), random.Random(f"{form}")
+    codec, generator = _codec(encoding), random.Random(f"{encoding}")
     good = codec.encode(decode_record(FULL))
     refused = 0
     for _ in range(2500):
@@ -110,10 +114,10 @@ def test_mutated_payloads_are_refused_or_read(form: Form) -> None:
     assert refused > 500
 
 
-@pytest.mark.parametrize("form", Form)
-def test_bombs_are_refused(form: Form) -> None:
+@pytest.mark.parametrize("encoding", Encoding)
+def test_bombs_are_refused(encoding: Encoding) -> None:
     """Deep nesting and lengths that lie cost no memory and no crash."""
-    codec = _codec(form)
+    codec = _codec(encoding)
     for data in (
         b"[" * 100_000,
         b"\x81" * 100_000,
@@ -127,10 +131,10 @@ def test_bombs_are_refused(form: Form) -> None:
         codec.decode(bytes(RECORD_LIMIT_BYTES + 1))
 
 
-@pytest.mark.parametrize("form", [Form.CBOR, Form.MSGPACK, Form.JSON])
-def test_text_that_is_none_is_refused_and_not_kept(form: Form) -> None:
+@pytest.mark.parametrize("encoding", [Encoding.CBOR, Encoding.MSGPACK, Encoding.JSON])
+def test_text_that_is_none_is_refused_and_not_kept(encoding: Encoding) -> None:
     """Bytes that are no UTF-8 where text stands: an error each, of which nothing stays in memory."""
-    codec = _codec(form)
+    codec = _codec(encoding)
     damaged = codec.encode(decode_record(FULL)).replace(b"uav/1", b"ua\xff\xfe1")
 
     def objects_after(count: int) -> int:
@@ -145,30 +149,32 @@ def test_text_that_is_none_is_refused_and_not_kept(form: Form) -> None:
 
 
 @pytest.mark.parametrize(
-    ("encoding", "form"),
+    ("content_type", "encoding"),
     [
-        ("zenoh/bytes", Form.JSON),
-        ("application/json", Form.JSON),
-        ("application/cbor;anything", Form.CBOR),
+        ("zenoh/bytes", Encoding.JSON),
+        ("application/json", Encoding.JSON),
+        ("application/cbor;anything", Encoding.CBOR),
         ("image/jpeg", None),
         ("application/xml", None),
     ],
 )
-def test_the_encoding_names_the_form(encoding: str, form: Form | None) -> None:
+def test_the_content_type_names_the_encoding(content_type: str, encoding: Encoding | None) -> None:
     """What says nothing is taken for JSON; what says something else is not guessed at."""
-    assert form_of(encoding) is form
+    assert encoding_of(content_type) is encoding
 
 
-@pytest.mark.parametrize(("form", "module"), [(Form.CBOR, "cbor2"), (Form.PROTOBUF, "google.protobuf")])
-def test_a_missing_library_is_named(form: Form, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("encoding", "module"), [(Encoding.CBOR, "cbor2"), (Encoding.PROTOBUF, "google.protobuf")]
+)
+def test_a_missing_library_is_named(encoding: Encoding, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The remedy is in the error."""
     import sys
 
-    from streamkit_zenoh.wire.forms import MissingLibrary
+    from streamkit_zenoh.wire.encodings import MissingLibrary
 
     monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.delitem(sys.modules, "streamkit_zenoh.wire.protobuf", raising=False)
     with pytest.raises(
-        MissingLibrary, match=rf"encoding={form} needs .* pip install 'streamkit\[encodings\]'"
+        MissingLibrary, match=rf"encoding={encoding} needs .* pip install 'streamkit\[encodings\]'"
     ):
-        _codec(form)
+        _codec(encoding)

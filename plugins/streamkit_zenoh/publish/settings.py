@@ -1,0 +1,62 @@
+"""PublicationSettings: what zenohsink publishes, and how; its properties."""
+
+from dataclasses import dataclass
+
+from streamkit.settings import setting
+from streamkit_zenoh.keys import FRAME, MOSAIC, STATUS, TRACK, TRACKS
+from streamkit_zenoh.publish.qos import Qos, parse_qos
+from streamkit_zenoh.wire.encodings import Encoding
+from streamkit_zenoh.wire.images import ImageFormat
+
+
+@dataclass(frozen=True)
+class PublicationSettings:
+    """What is published below a key; each field is a property of zenohsink."""
+
+    key: str = setting("streamkit", doc="Where to publish: records go to KEY/tracks, and name KEY as source.")
+    encoding: Encoding = setting(Encoding.JSON, doc="Encoding of records and status.")
+    tracks: bool = setting(True, doc="Publish a record per frame at KEY/tracks.")
+    track: bool = setting(
+        True, doc="Publish each confirmed target at KEY/track/ID, and delete it when it ends."
+    )
+    status: bool = setting(True, doc="Publish state, counters and age at KEY/status, once a second.")
+    frame_rate: float = setting(
+        0.0, min=0.0, max=1000.0, unit="/s", doc="Frames published at KEY/frame; 0 publishes none."
+    )
+    frame_width: int = setting(
+        960, min=0, max=16384, unit="px", doc="Wider frames are scaled to this width; 0 never scales."
+    )
+    frame_format: ImageFormat = setting(ImageFormat.JPEG, doc="Image format at KEY/frame.")
+    mosaic_format: ImageFormat = setting(ImageFormat.JPEG, doc="Image format at KEY/mosaic.")
+    picture_quality: int = setting(80, min=1, max=100, doc="Quality of JPEG images.")
+    max_queue: int = setting(256, min=1, max=100_000, doc="Records that may wait to be sent.")
+    patience_s: float = setting(
+        0.0,
+        min=0.0,
+        max=86_400.0,
+        unit="s",
+        doc="How long a frame may wait for room in the queue before the oldest record is dropped.",
+    )
+    cut_off_s: float = setting(
+        5.0, min=1.0, max=3600.0, unit="s", doc="A receiver that takes nothing for so long is cut off."
+    )
+    ground_altitude: float | None = setting(
+        None, unit="m", doc="Altitude of the ground, with the datum of the poses; adds ground coordinates."
+    )
+    tracks_qos: str = setting(
+        "block,data-high",
+        doc="Quality of service of KEY/tracks: block or drop, a priority (real-time to background), express.",
+    )
+    track_qos: str = setting("drop,data", doc="Quality of service of KEY/track/ID, in the same words.")
+    frame_qos: str = setting("drop,data-low", doc="Quality of service of KEY/frame, in the same words.")
+    mosaic_qos: str = setting("block,background", doc="Quality of service of KEY/mosaic, in the same words.")
+    status_qos: str = setting("block,data-high", doc="Quality of service of KEY/status, in the same words.")
+
+    def qos(self) -> dict[str, Qos]:
+        """Quality of service by stream.
+
+        Raises:
+            InvalidQos: one is malformed.
+        """
+        streams = (TRACKS, TRACK, FRAME, MOSAIC, STATUS)
+        return {stream: parse_qos(getattr(self, f"{stream}_qos")) for stream in streams}

@@ -1,0 +1,228 @@
+"""MessageReceiver: receives the messages of a key expression, bounded, with losses counted."""
+
+import threading
+from collections import Counter
+from collections.abc import Callable
+from typing import NamedTuple
+
+import msgspec
+import zenoh
+
+from streamkit.handoff.bounded_queue import BoundedQueue
+from streamkit_zenoh.keys import RECEIVER, STATUS, alive_key, receiver_name, root_of
+from streamkit_zenoh.presence import LivelinessWatch, declare_delivery_queryable, declare_receiver_token
+from streamkit_zenoh.wire.encodings import BadPayload, Decoder
+from streamkit_zenoh.wire.numbering import ATTACHMENT_LIMIT_BYTES, LossTracker, RecentDict, read_attachment
+from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
+
+QUERY_LIMIT_S = 5.0
+STATUS_LIMIT_BYTES = 64 * 1024
+
+
+class ReceivedMessage(NamedTuple):
+    """A message.
+
+    Attributes:
+        key: where it was published.
+        payload: its bytes.
+        content_type: zenoh's encoding, `application/json;streamkit.tracks/1`.
+        header: the attachment after the stamp.
+        run: run of its publisher; 0 without a stamp.
+        is_deleted: whether it deletes the key.
+    """
+
+    key: str
+    payload: bytes
+    content_type: str
+    header: bytes
+    run: int
+    is_deleted: bool
+
+
+class Counts(msgspec.Struct, frozen=True):
+    """What became of messages.
+
+    Attributes:
+        received: received once or more.
+        lost: gaps in the publishers' numbers.
+        overwritten: dropped from the full queue for newer ones.
+        repeated: received again; passed on once.
+        bad: too large, or invalid; skipped.
+        restarts: how often a publisher followed another.
+        jumps: steps of more than ten million numbers, not counted as losses: see `wire.sequence`.
+        publishers: alive now.
+    """
+
+    received: int
+    lost: int
+    overwritten: int
+    repeated: int
+    bad: int
+    restarts: int
+    jumps: int
+    publishers: int
+
+
+class MessageReceiver:
+    """Puts messages into a queue from zenoh's thread, which waits while a lossless queue is full.
+
+    Args:
+        session: an open session.
+        expression: which keys, with wildcards and several publishers if need be.
+        capacity: most messages in the queue.
+        max_bytes: most bytes in the queue.
+        newest: whether a full queue drops the oldest message; else the publisher waits.
+        limit_bytes: larger messages are bad.
+        ask_last: whether to query the last message of each publisher.
+        publishers_changed: called from zenoh's thread with the number of live publishers.
+
+    Attributes:
+        queue: the messages.
+        undeclare: calls that undeclare everything.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        expression: str,
+        *,
+        capacity: int,
+        max_bytes: int,
+        newest: bool,
+        limit_bytes: int,
+        ask_last: bool = True,
+        ends_with_publisher: bool = True,
+    ) -> None:
+        self.queue: BoundedQueue[ReceivedMessage] = BoundedQueue(capacity, max_bytes)
+        self._wait_s = 0.0 if newest else None
+        self._session = session
+        self._expression = expression
+        self._limit_bytes = limit_bytes
+        self._ask_last = ask_last
+        self._ends_with_publisher = ends_with_publisher
+        self._losses = LossTracker()
+        self._lock = threading.Lock()
+        self._counts: Counter[str] = Counter()
+        self._publishers = 0
+        self._running: RecentDict[str, tuple[int, bool]] = RecentDict()
+        self._status_decoder = Decoder(StatusRecord, STATUS_SCHEMA)
+        self._settled: RecentDict[tuple[str, int], int] = RecentDict()
+        # Called in zenoh's own thread, so that no messages wait but those in the queue.
+        direct = zenoh.handlers.Callback
+        self._status_key = f"{root_of(expression)}/{STATUS}"
+        name = receiver_name(str(session.info.zid()), expression)
+        self._status_selector = f"{self._status_key}?{RECEIVER}={name}"
+        # First: a publisher that has a subscriber for its records has one for its last status, too.
+        status = session.declare_subscriber(self._status_key, direct(self._status_published, indirect=False))
+        delivery = declare_delivery_queryable(session, expression)
+        subscriber = session.declare_subscriber(expression, direct(self._published, indirect=False))
+        # Right after the subscription: from here on publishers count what they send to this receiver.
+        token = declare_receiver_token(session, expression)
+        alive = LivelinessWatch(session, alive_key(expression), self._alive_changed)
+        self.undeclare: list[Callable[[], object]] = [
+            token.undeclare,
+            delivery.undeclare,
+            alive.close,
+            status.undeclare,
+            subscriber.undeclare,
+        ]
+
+    def counts(self) -> Counts:
+        """What became of the messages so far."""
+        with self._lock:
+            names = (name for name in Counts.__struct_fields__ if name != "publishers")
+            return Counts(publishers=self._publishers, **{name: self._counts[name] for name in names})
+
+    @property
+    def has_vanished(self) -> bool:
+        """Whether all publishers are gone and at least one never reported `ended`."""
+        with self._lock:
+            return not self._publishers and any(runs for _, runs in self._running.values())
+
+    def count_bad(self) -> None:
+        """Counts an invalid message."""
+        with self._lock:
+            self._counts["bad"] += 1
+
+    def _published(self, sample: zenoh.Sample, is_reply: bool = False) -> None:
+        attachment = sample.attachment
+        raw = b"" if attachment is None or len(attachment) > ATTACHMENT_LIMIT_BYTES else attachment.to_bytes()
+        stamp, header = read_attachment(raw)
+        key, size = str(sample.key_expr), len(sample.payload)
+        with self._lock:
+            arrival = (self._losses.replied if is_reply else self._losses.received)(key, stamp)
+            self._counts["received"] += arrival.is_new
+            self._counts["lost"] += arrival.lost
+            self._counts["restarts"] += arrival.is_restart
+            self._counts["jumps"] += arrival.is_jump
+            self._counts["repeated"] += not is_reply and not arrival.is_new
+            self._counts["bad"] += arrival.is_new and size > self._limit_bytes
+        if not arrival.is_new or size > self._limit_bytes:
+            return
+        run = 0 if stamp is None else stamp.run
+        is_deleted = sample.kind == zenoh.SampleKind.DELETE
+        message = ReceivedMessage(
+            key, sample.payload.to_bytes(), str(sample.encoding), header, run, is_deleted
+        )
+        dropped = self.queue.put(message, size + len(header), wait_s=self._wait_s)
+        if dropped:
+            with self._lock:
+                self._counts["overwritten"] += dropped
+
+    def _replied(self, reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            self._published(reply.ok, is_reply=True)
+
+    def _alive_changed(self, count: int) -> None:
+        with self._lock:
+            has_appeared = count > self._publishers
+            self._publishers = count
+        if has_appeared:
+            # The status first: it shows which records are published to this receiver.
+            handler = zenoh.handlers.Callback(self._status_replied, indirect=False)
+            self._session.get(self._status_selector, handler, timeout=QUERY_LIMIT_S)
+        if has_appeared and self._ask_last:
+            handler = zenoh.handlers.Callback(self._replied, indirect=False)
+            # After all published messages, whatever their priority.
+            self._session.get(
+                self._expression,
+                handler,
+                timeout=QUERY_LIMIT_S,
+                priority=zenoh.Priority.BACKGROUND,
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
+        if self._ends_with_publisher:
+            (self.queue.reopen if count else self.queue.end)()
+
+    def _status_replied(self, reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            self._status_published(reply.ok, is_reply=True)
+
+    def _status_published(self, sample: zenoh.Sample, is_reply: bool = False) -> None:
+        """Counts losses that no later record would show."""
+        if sample.kind == zenoh.SampleKind.DELETE or len(sample.payload) > STATUS_LIMIT_BYTES:
+            return
+        try:
+            status = self._status_decoder.decode(str(sample.encoding), sample.payload.to_bytes())
+        except BadPayload:
+            return
+        name = self._expression.rsplit("/", 1)[-1]
+        key = f"{str(sample.key_expr).removesuffix(STATUS)}{name}"
+        with self._lock:
+            self._note_state(status)
+            for stream in (stream for stream in status.streams if stream.name == name):
+                if is_reply:
+                    next_number = max(stream.next_number, stream.settled_number)
+                    first = next_number if stream.first_number is None else stream.first_number
+                    self._counts["lost"] += self._losses.starts_at(key, stream.run, first)
+                # A status may overtake records: its number is used when the next status is here.
+                previous = self._settled.get((key, stream.run), 0)
+                settled = stream.settled_number if status.state == "ended" else previous
+                self._counts["lost"] += self._losses.settled_up_to(key, stream.run, settled)
+                self._settled[key, stream.run] = stream.settled_number
+
+    def _note_state(self, status: StatusRecord) -> None:
+        """A reply from before the end may follow it, and one of an earlier run the next run."""
+        run, is_running = self._running.get(status.source, (status.run, True))
+        if status.run > run or (status.run == run and is_running):
+            self._running[status.source] = (status.run, status.state != "ended")
