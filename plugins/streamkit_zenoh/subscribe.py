@@ -1,4 +1,4 @@
-"""`streamkit subscribe`: prints tracks as they come from zenoh."""
+"""`streamkit subscribe`: prints tracks received from zenoh."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
     from streamkit_zenoh.subscriber import TrackSubscriber, Update
 
 LOOK_EVERY_S = 0.2
-HELD_RECORDS = 4096
+MAX_RECORDS = 4096
 
 
 class RecordFormat(enum.StrEnum):
-    """How records are shown."""
+    """How records are printed."""
 
     TEXT = "text"
     JSONL = "jsonl"
 
 
 def subscribe(
-    key: Annotated[str, typer.Argument(help="What zenohsink was given as key=, for example uav/1.")],
+    key: Annotated[str, typer.Argument(help="The key of zenohsink, for example uav/1.")],
     connect: Annotated[str | None, typer.Option(help="Endpoint to connect to, tcp/HOST:PORT.")] = None,
     listen: Annotated[str | None, typer.Option(help="Endpoint to listen on, tcp/0.0.0.0:7447.")] = None,
     mode: Annotated[str, typer.Option(help="auto, peer or client.")] = "auto",
@@ -39,23 +39,23 @@ def subscribe(
         str | None, typer.Option(help="zenoh configuration file, for TLS and passwords.")
     ] = None,
     form: Annotated[
-        RecordFormat, typer.Option("--format", help="text: a live table, or a line each where piped; jsonl.")
+        RecordFormat, typer.Option("--format", help="text: a live table, or lines when piped; jsonl.")
     ] = RecordFormat.TEXT,
-    count: Annotated[int | None, typer.Option(min=1, help="Records to print before leaving.")] = None,
+    count: Annotated[int | None, typer.Option(min=1, help="Records to print before the end.")] = None,
     timeout: Annotated[
-        float | None, typer.Option(min=0.0, help="Leave with 1 after so many s of silence.")
+        float | None, typer.Option(min=0.0, help="End with exit code 1 after so many s without a record.")
     ] = None,
-    gaps: Annotated[bool, typer.Option("--gaps", help="Tell what was missed, and sums at the end.")] = False,
-    age: Annotated[bool, typer.Option("--age", help="Tell how old records are on arrival.")] = False,
+    gaps: Annotated[bool, typer.Option("--gaps", help="Report lost records, and totals at the end.")] = False,
+    age: Annotated[bool, typer.Option("--age", help="Report the age of records on arrival.")] = False,
     newest: Annotated[bool, typer.Option("--newest", help="Skip to the newest record when slow.")] = False,
     stay: Annotated[
-        bool, typer.Option("--stay", help="Wait for the next publisher when one has gone.")
+        bool, typer.Option("--stay", help="Wait for the next publisher when one is gone.")
     ] = False,
 ) -> None:
-    """Prints the tracks that a zenohsink publishes, until it ends, Ctrl-C, the count or the timeout.
+    """Prints the tracks that a zenohsink publishes, until its end, Ctrl-C, the count or the timeout.
 
-    Exit code 0 at the end of the stream, the count or an interrupt; 1 for silence, or where the publisher
-    has gone without an end: killed, or the router between lost.
+    Exit code 0 at the end of the stream, the count or an interrupt; 1 at the timeout, or if the publisher
+    is gone without ending its stream: killed, or the router between lost.
     """
     from streamkit_zenoh.subscribe_output import printer_for
     from streamkit_zenoh.subscriber import TrackSubscriber
@@ -70,7 +70,7 @@ def subscribe(
             listen=listen,
             mode=mode,
             config=config,
-            ring=1 if newest else HELD_RECORDS,
+            ring=1 if newest else MAX_RECORDS,
             ends_with_publisher=not stay,
         )
     except (OSError, ValueError) as error:
@@ -80,7 +80,7 @@ def subscribe(
         with printer_for(form.value, subscriber, gaps, age) as printer:
             code, message = _print_all(subscriber, printer, count, timeout, lambda: bool(stopped))
     except BrokenPipeError:
-        # Whoever read has had enough. Python would complain when it flushes stdout on its way out.
+        # The reader of the pipe is gone. Python would report an error when it flushes stdout at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         code, message = 1, f"a record was not printed: {error.strerror}{write_remedy(error)}"
@@ -99,26 +99,26 @@ def _print_all(
     stopped: Callable[[], bool],
 ) -> tuple[int, str]:
     """Exit code and error."""
-    printed, heard_s = 0, time.monotonic()
+    printed, last_s = 0, time.monotonic()
     while not stopped() and (count is None or printed < count):
         update: Update | None = subscriber.update(LOOK_EVERY_S)
-        printer.look()
+        printer.refresh()
         if update is None and subscriber.is_over:
             if subscriber.has_vanished:
                 return 1, "the publisher has gone without ending its stream: killed, or the way to it is cut"
             return 0, ""
         if update is None:
-            if timeout_s is not None and time.monotonic() - heard_s > timeout_s:
-                return 1, f"no record has come within {timeout_s:g} s{_whom(subscriber)}"
+            if timeout_s is not None and time.monotonic() - last_s > timeout_s:
+                return 1, f"no record has come within {timeout_s:g} s{_remedy(subscriber)}"
             continue
-        heard_s = time.monotonic()
+        last_s = time.monotonic()
         if update.record is not None:
             printed += 1
             printer.show(update.record)
     return 0, ""
 
 
-def _whom(subscriber: TrackSubscriber) -> str:
+def _remedy(subscriber: TrackSubscriber) -> str:
     if subscriber.counts.publishers:
         return ", though a publisher is there"
     return ": no publisher is there; start it, or give both sides endpoints that meet (--connect, --listen)"
@@ -130,7 +130,7 @@ def _fail(message: str) -> NoReturn:
 
 
 def _leave(code: int) -> NoReturn:
-    """Ends the process, even where zenoh has left a thread that does not end."""
+    """Ends the process, even if zenoh has left a thread that does not end."""
     left = [t for t in threading.enumerate() if t is not threading.main_thread() and not t.daemon]
     if left:
         sys.stdout.flush()

@@ -1,12 +1,13 @@
-"""How `streamkit subscribe` shows records: lines of words, lines of JSON, or a live table."""
+"""Output of `streamkit subscribe`: lines of text, lines of JSON, or a live table."""
 
 from __future__ import annotations
 
 import sys
 import time
 from statistics import median, quantiles
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
+
+from typing_extensions import override
 
 from streamkit import TrackRecord, TrackState, encode_record
 from streamkit_zenoh.wire.sequence import JUMP_WARNING
@@ -18,18 +19,18 @@ if TYPE_CHECKING:
     from streamkit_zenoh.subscriber import TrackSubscriber
 
 REDRAW_EVERY_S = 0.1
-# Ages kept for the sums at the end: of the last hour at 30 records a second.
+# Ages kept for the totals at the end: an hour at 30 records a second.
 AGE_LIMIT = 108_000
-OFF = (TrackState.TENTATIVE,)
+HIDDEN = (TrackState.TENTATIVE,)
 
 
 class Printer:
-    """Shows records as lines; gaps and sums on stderr.
+    """Prints records as lines of text; gaps and totals to stderr.
 
     Args:
-        subscriber: what they come from, for its counts.
-        gaps: tell what was missed.
-        age: tell how old records are on arrival.
+        subscriber: for its counts.
+        gaps: report lost records.
+        age: report the age of records on arrival.
     """
 
     def __init__(self, subscriber: TrackSubscriber, gaps: bool, age: bool) -> None:
@@ -41,19 +42,23 @@ class Printer:
         self._ages_ms: list[float] = []
 
     def show(self, record: TrackRecord) -> None:
-        """Shows a record that has just come."""
+        """Prints a record that was just received."""
+        age_ms = self._store_age(record)
+        sys.stdout.write(self.line(record, age_ms if self.age else None) + "\n")
+        sys.stdout.flush()
+
+    def _store_age(self, record: TrackRecord) -> float | None:
         age_ms = arrival_age_ms(record, time.time_ns())
         if age_ms is not None and len(self._ages_ms) < AGE_LIMIT:
             self._ages_ms.append(age_ms)
-        sys.stdout.write(self.line(record, age_ms if self.age else None) + "\n")
-        sys.stdout.flush()
+        return age_ms
 
     def line(self, record: TrackRecord, age_ms: float | None) -> str:
         """A record as one line."""
         return as_text(record, age_ms)
 
-    def look(self) -> None:
-        """Tells what was missed since the last look, and once that numbers jump."""
+    def refresh(self) -> None:
+        """Reports records lost since the last call, and once that numbers jump."""
         self._warn_of_jumps()
         missed = self.missed()
         if self.gaps and missed > self._missed:
@@ -68,12 +73,12 @@ class Printer:
             sys.stderr.flush()
 
     def missed(self) -> int:
-        """Records lost on the way or dropped here."""
+        """Number of records lost, or dropped here."""
         counts = self._subscriber.counts
         return counts.lost + counts.overwritten
 
-    def sums(self) -> str:
-        """What was received and missed, and how old it was."""
+    def totals(self) -> str:
+        """Counts of records, and their ages."""
         words = []
         if self.gaps:
             counts = self._subscriber.counts
@@ -91,25 +96,29 @@ class Printer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.look()
-        if sums := self.sums():
-            sys.stderr.write(sums + "\n")
+    def __exit__(self, *error: object) -> None:
+        self.refresh()
+        if totals := self.totals():
+            sys.stderr.write(totals + "\n")
 
 
 class JsonPrinter(Printer):
-    """Shows records as lines of JSON; with `age`, one more field, `arrival_age_ms`."""
+    """Prints records as lines of JSON; with `age`, one more field, `arrival_age_ms`."""
 
+    def _store_age(self, record: TrackRecord) -> float | None:
+        age_ms = arrival_age_ms(record, time.time_ns())
+        if age_ms is not None and len(self._ages_ms) < AGE_LIMIT:
+            self._ages_ms.append(age_ms)
+        return age_ms
+
+    @override
     def line(self, record: TrackRecord, age_ms: float | None) -> str:
-        """The record as published, whatever its encoding was."""
         text = encode_record(record).decode()
         return text if age_ms is None else f'{text[:-1]},"arrival_age_ms":{age_ms:.3f}}}'
 
 
 class TablePrinter(Printer):
-    """A table that is drawn anew for each record: one row a target."""
+    """A live table with a row per target."""
 
     def __init__(self, subscriber: TrackSubscriber, gaps: bool, age: bool) -> None:
         super().__init__(subscriber, gaps, age)
@@ -117,15 +126,13 @@ class TablePrinter(Printer):
         self._record: TrackRecord | None = None
         self._drawn_s = 0.0
 
+    @override
     def show(self, record: TrackRecord) -> None:
-        """Draws the table, at most ten times a second."""
         self._record = record
-        age_ms = arrival_age_ms(record, time.time_ns())
-        if age_ms is not None and len(self._ages_ms) < AGE_LIMIT:
-            self._ages_ms.append(age_ms)
+        self._store_age(record)
 
-    def look(self) -> None:
-        """Draws what is new; before the first record, what is waited for."""
+    @override
+    def refresh(self) -> None:
         if self._live is not None and time.monotonic() - self._drawn_s > REDRAW_EVERY_S:
             self._drawn_s = time.monotonic()
             drawn = self._waiting() if self._record is None else self._table(self._record)
@@ -146,45 +153,43 @@ class TablePrinter(Printer):
         self._live.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._live is not None:
             if self._record is not None:
                 self._live.update(self._table(self._record), refresh=True)
             self._live.stop()
             self._warn_of_jumps()
-        if sums := self.sums():
-            sys.stderr.write(sums + "\n")
+        if totals := self.totals():
+            sys.stderr.write(totals + "\n")
 
 
 def printer_for(form: str, subscriber: TrackSubscriber, gaps: bool, age: bool) -> Printer:
-    """The printer of a format: `jsonl`, or `text`, which on a terminal is the table."""
+    """The printer of a format: `jsonl`, or `text`, which is the table on a terminal."""
     if form == "jsonl":
         return JsonPrinter(subscriber, gaps, age)
     return (TablePrinter if sys.stdout.isatty() else Printer)(subscriber, gaps, age)
 
 
 def arrival_age_ms(record: TrackRecord, now_ns: int) -> float | None:
-    """How old a record is now: from the frame's capture, else from publishing; None where it has neither."""
+    """Time since the frame's capture, else since publishing; None if the record has neither."""
     began_ns = record.published_ns if record.capture_ns is None else record.capture_ns
     return None if began_ns is None else (now_ns - began_ns) / 1e6
 
 
 def as_text(record: TrackRecord, age_ms: float | None = None) -> str:
-    """A record in words, on one line; tentative targets are left out."""
+    """A record as a line of text, without tentative targets."""
     time_s = f"{record.pts_ns / 1e9:8.3f} s" if record.pts_ns is not None else "       ? s"
     rows = [
         f"#{track.id} {track.state} ({track.x:.1f}, {track.y:.1f}) {track.length:.0f}x{track.width:.0f} px"
         for track in record.tracks
-        if track.state not in OFF
+        if track.state not in HIDDEN
     ]
     age = "" if age_ms is None else f"  age {age_ms:.1f} ms"
     return f"{record.source} seq {record.seq} {time_s}{age}  {len(rows)} tracks  {'  '.join(rows)}".rstrip()
 
 
 def as_table(record: TrackRecord, age_ms: float | None = None, missed: int | None = None) -> Table:
-    """A record as a table, one row a target; tentative targets are left out."""
+    """A record as a table with a row per target, without tentative targets."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
@@ -196,7 +201,7 @@ def as_table(record: TrackRecord, age_ms: float | None = None, missed: int | Non
     for name in ("id", "state", "x px", "y px", "size px", "vx px/s", "vy px/s", "score", "age s", "place"):
         table.add_column(name, justify="left" if name == "state" else "right", no_wrap=True)
     for track in record.tracks:
-        if track.state in OFF:
+        if track.state in HIDDEN:
             continue
         geo = track.geo
         table.add_row(

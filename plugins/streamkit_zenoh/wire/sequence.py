@@ -12,7 +12,7 @@ from typing import NamedTuple
 # 46 hours without a link at 60 messages a second.
 JUMP_LIMIT = 10_000_000
 JUMP_WARNING = (
-    "message numbers jump by more than ten million: somebody else sends in the publisher's name, or the "
+    "message numbers jump by more than ten million: another sender uses the publisher's name, or the "
     "link was down for very long; where that matters, let only known senders in (docs/zenoh-security.md)"
 )
 # A message at most so much older than the first one received is skipped as outdated.
