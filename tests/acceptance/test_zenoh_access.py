@@ -1,4 +1,4 @@
-"""The documented router lets in who has a certificate, and from each only what it is there for."""
+"""The documented router accepts clients with a certificate, and gives each its rights only."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Configured = Callable[[str], str]
 
 @pytest.fixture(scope="module")
 def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Those of the documented command."""
+    """The certificates that the documented command makes."""
     folder = tmp_path_factory.mktemp("certificates")
     subprocess.run(["sh", str(FOLDER / "make-test-certificates.sh"), str(folder)], check=True, timeout=60)
     return folder
@@ -32,7 +32,7 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def configured(certificates: Path, tmp_path: Path) -> Iterator[Configured]:
-    """The documented router, at another port; gives the configuration file of who has a certificate."""
+    """The documented router, at another port; returns the configuration file of a certificate's owner."""
     documented = zenoh.Config.from_file(str(FOLDER / "router-access.json5"))
     endpoint = f"tls/127.0.0.1:{free_port()}"
     tls = {
@@ -62,7 +62,7 @@ def configured(certificates: Path, tmp_path: Path) -> Iterator[Configured]:
 
 
 def _forge(session: zenoh.Session, key: str) -> None:
-    """What a stranger would send: a record with a stamp that is far ahead, and a status that ends all."""
+    """Forged messages: a record with a number far ahead, and a status `ended`."""
     for stream in ("tracks", "status"):
         session.put(
             f"{key}/{stream}",
@@ -73,7 +73,7 @@ def _forge(session: zenoh.Session, key: str) -> None:
 
 
 def test_only_the_drone_publishes(configured: Configured) -> None:
-    """The ground receives every record, in order and to the end; what it forges reaches nobody."""
+    """The ground receives every record, in order and to the end; messages it forges reach no receiver."""
     forger = open_session(SessionSettings(config=configured("ground")))
     try:
         with TrackSubscriber(
@@ -97,7 +97,7 @@ def test_only_the_drone_publishes(configured: Configured) -> None:
 
 
 def test_the_drone_publishes_below_its_key_only(configured: Configured) -> None:
-    """A drone that was taken over cannot speak for another one; for itself it can: the test is a true one."""
+    """A hijacked drone cannot publish for another one; that it can for itself validates the test."""
     drone = open_session(SessionSettings(config=configured("drone")))
     try:
         with (
@@ -114,11 +114,11 @@ def test_the_drone_publishes_below_its_key_only(configured: Configured) -> None:
         close_session(drone, 5.0)
 
 
-def test_who_has_no_certificate_stays_outside(configured: Configured) -> None:
-    """The error says so; nobody reads or writes anything without one."""
+def test_a_client_without_certificate_is_refused(configured: Configured) -> None:
+    """The error says so; without a certificate nothing is read or written."""
     with pytest.raises(SessionFailure, match=r"TLS is refused|Unable to connect"):
         open_session(SessionSettings(config=configured("nobody")))
-    # One that is trusted, but has no part in any policy, is let in and gets nothing.
+    # A trusted client without policy is accepted and gets nothing.
     with (
         TrackSubscriber(KEY, config=configured("client"), ring=100) as outsider,
         TrackSubscriber(KEY, config=configured("ground"), ring=100) as insider,

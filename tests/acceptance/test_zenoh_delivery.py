@@ -14,7 +14,7 @@ TIMES = ("published_ns", "age_ms", "source", "dropped")
 
 
 def without_times(line: str) -> dict[str, Any]:
-    """A record without what differs between two publishers of the same frame."""
+    """A record without the fields that differ between two publishers of the same frame."""
     return {name: value for name, value in json.loads(line).items() if name not in TIMES}
 
 

@@ -1,4 +1,4 @@
-"""However a pipeline with zenoh ends, its process does so within three seconds, with the right code."""
+"""A process with zenoh ends within three seconds and with the right exit code, however it ends."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _launch(text: str) -> subprocess.Popen[str]:
 
 
 def _publishing(meeting: Router) -> subprocess.Popen[str]:
-    """A pipeline that publishes; a subscriber has seen it when this returns."""
+    """A pipeline that publishes; a subscriber has received a record when this returns."""
     text = "videotestsrc ! video/x-raw, framerate=50/1 ! zenohsink sync=true"
     process = _launch(f"{text} key={KEY} mode=client connect={meeting.endpoint}")
     with TrackSubscriber(KEY, connect=meeting.endpoint, mode="client") as subscriber:
@@ -45,7 +45,7 @@ def _publishing(meeting: Router) -> subprocess.Popen[str]:
 
 
 def _end(process: subprocess.Popen[str], number: int) -> tuple[int, str, float]:
-    """Exit code, stderr and how long it took to end."""
+    """Exit code, stderr and the time it took to end."""
     process.send_signal(number)
     began_s = time.monotonic()
     try:
@@ -57,21 +57,21 @@ def _end(process: subprocess.Popen[str], number: int) -> tuple[int, str, float]:
 
 
 def complaints(err: str) -> list[str]:
-    """What was said beside that the interrupt was heard."""
+    """The output without the line about the interrupt."""
     return [line for line in err.splitlines() if line and not line.startswith("interrupt:")]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_ends_the_publisher(meeting: Router, number: int) -> None:
-    """Exit code 0, nothing said, no thread left."""
+    """Exit code 0, no output, no thread left."""
     code, err, took_s = _end(_publishing(meeting), number)
     assert code == 0, err
     assert not complaints(err)
     assert took_s < LIMIT_S
 
 
-def test_a_router_that_has_gone_does_not_keep_the_publisher(meeting: Router) -> None:
-    """With the link down the process ends as quickly; a pipeline goes on without its router."""
+def test_a_lost_router_does_not_delay_the_end(meeting: Router) -> None:
+    """The process ends as quickly without link; the pipeline continues without its router."""
     process = _publishing(meeting)
     meeting.kill()
     assert process.poll() is None
@@ -82,7 +82,7 @@ def test_a_router_that_has_gone_does_not_keep_the_publisher(meeting: Router) -> 
 
 
 def test_a_source_without_router_ends_too(meeting: Router) -> None:
-    """A source waits for publishers; a signal ends it, whether the router lives or not."""
+    """A signal ends a source that waits for publishers, with or without router."""
     session = open_session(SessionSettings(mode=Mode.CLIENT, connect=meeting.endpoint))
     process = _launch(f"zenohsrc key={KEY} mode=client connect={meeting.endpoint} ! fakesink")
     try:
@@ -98,7 +98,7 @@ def test_a_source_without_router_ends_too(meeting: Router) -> None:
 
 
 def test_a_full_disk_ends_the_pipeline(meeting: Router, tmp_path: Path) -> None:
-    """The file that cannot be written is named, with a remedy; exit code 1 while records go on coming."""
+    """The error names the file, with a remedy; exit code 1 while records still arrive."""
     location = tmp_path / "tracks.jsonl"
     location.symlink_to("/dev/full")
     source = f"zenohsrc key={KEY} mode=client connect={meeting.endpoint}"

@@ -1,4 +1,4 @@
-"""What a session opens: without settings only TCP on loopback, and no datagram makes it connect anywhere."""
+"""Sockets of a session: by default only TCP on loopback, and no datagram makes it connect."""
 
 from __future__ import annotations
 
@@ -70,14 +70,14 @@ def sockets_of(process: int) -> list[Socket]:
 
 
 def forged_hello(locator: str) -> bytes:
-    """A zenoh HELLO of a peer that nobody knows: header, version, kind and size of the identity, locators."""
+    """A zenoh HELLO of an unknown peer: header, version, kind and size of the identity, locators."""
     identity, place = os.urandom(16), locator.encode()
     head = bytes([HELLO | HAS_LOCATORS, VERSION, (len(identity) - 1) << 4 | PEER])
     return head + identity + bytes([1, len(place)]) + place
 
 
 class Trap:
-    """A place that forged HELLOs name; whoever connects to it has fallen for one."""
+    """An address that forged HELLOs name; a session that connects to it has accepted one."""
 
     def __init__(self) -> None:
         self._server = socket.create_server(("127.0.0.1", 0))
@@ -98,7 +98,7 @@ class Trap:
                         sender.sendto(hello, place)
 
     def caught(self, limit_s: float) -> bool:
-        """Whether somebody connects within the limit."""
+        """Whether a session connects within the time limit."""
         return bool(select.select([self._server], [], [], limit_s)[0])
 
     def close(self) -> None:
@@ -116,7 +116,7 @@ def trap() -> Iterator[Trap]:
 
 @contextlib.contextmanager
 def running(command: list[str], environment: dict[str, str]) -> Iterator[subprocess.Popen[bytes]]:
-    """A process for the time of the block."""
+    """A process that runs during the block."""
     process = subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
@@ -132,19 +132,19 @@ def running(command: list[str], environment: dict[str, str]) -> Iterator[subproc
 
 
 def is_open(kind: str, sockets: list[Socket]) -> bool:
-    """Whether a session of this kind has all that it opens."""
+    """Whether a session of this kind has opened all its sockets."""
     return any((one.state == LISTENING) is not kind.endswith("client") for one in sockets)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_default_session_has_loopback_tcp_only(kind: str, trap: Trap, tmp_path: Path) -> None:
-    """Whatever zenoh's variables of the environment say; forged HELLOs find nobody."""
+    """Whatever zenoh's environment variables are; forged HELLOs have no effect."""
     exposed = tmp_path / "exposed.json5"
     exposed.write_text(
         json.dumps({"listen": {"endpoints": [f"tcp/0.0.0.0:{free_port()}"]}, "adminspace": {"enabled": True}})
     )
     environment = {"ZENOH_CONFIG": str(exposed)}
-    # A client connects at once or fails: somebody must be there.
+    # A client connects at once or fails: it needs a peer.
     partner = open_session(SessionSettings())
     try:
         with running(KINDS[kind], environment) as process:
@@ -162,7 +162,7 @@ def test_a_default_session_has_loopback_tcp_only(kind: str, trap: Trap, tmp_path
 
 
 def test_only_reach_network_listens_to_hellos(trap: Trap) -> None:
-    """The forged HELLO is a good one: who asked for the network connects to what it names."""
+    """The forged HELLO is valid: with reach=network a session connects to the address it names."""
     session = open_session(SessionSettings(reach=Reach.NETWORK))
     try:
         assert any(one.protocol == "udp" for one in sockets_of(os.getpid()))
@@ -172,7 +172,7 @@ def test_only_reach_network_listens_to_hellos(trap: Trap) -> None:
 
 
 def test_sessions_on_the_network_meet() -> None:
-    """By multicast, and only where both asked for it."""
+    """By multicast, and only if both have reach=network."""
     one, other = (open_session(SessionSettings(reach=Reach.NETWORK)) for _ in range(2))
     try:
         assert wait_for(lambda: str(other.info.zid()) in {str(peer) for peer in one.info.peers_zid()})
@@ -182,7 +182,7 @@ def test_sessions_on_the_network_meet() -> None:
 
 
 def _raw_session(port: int, *connect: str) -> zenoh.Session:
-    """A stranger with zenoh's own defaults but for scouting: it gossips."""
+    """A session with zenoh's own defaults but scouting: it gossips."""
     config = zenoh.Config()
     config.insert_json5("mode", '"peer"')
     config.insert_json5("scouting/multicast/enabled", "false")
@@ -191,8 +191,8 @@ def _raw_session(port: int, *connect: str) -> zenoh.Session:
     return zenoh.open(config)
 
 
-def test_who_only_listens_is_sent_nowhere() -> None:
-    """A stranger that connects and tells of a third one by gossip leads nobody there."""
+def test_a_listening_session_follows_no_gossip() -> None:
+    """A peer that introduces a third one by gossip has no effect."""
     port = free_port()
     session = open_session(SessionSettings(listen=f"tcp/127.0.0.1:{port}"))
     third = _raw_session(free_port())
@@ -215,8 +215,8 @@ def _listening_ports() -> list[int]:
 
 
 @pytest.mark.parametrize("settings", [SessionSettings(), SessionSettings(listen="tcp/127.0.0.1:0")])
-def test_a_session_tells_nothing_of_itself(settings: SessionSettings) -> None:
-    """The admin space, which shows configuration and partners, answers nobody."""
+def test_the_admin_space_is_off(settings: SessionSettings) -> None:
+    """The admin space, which shows configuration and peers, answers no query."""
     session = open_session(settings)
     port = next(one.port for one in sockets_of(os.getpid()) if one.state == LISTENING)
     asking = open_session(SessionSettings(mode=Mode.CLIENT, connect=f"tcp/127.0.0.1:{port}"))

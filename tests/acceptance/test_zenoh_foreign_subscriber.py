@@ -1,4 +1,4 @@
-"""Subscribers that know nothing of streamkit read its records in every encoding, and its example works."""
+"""Subscribers without streamkit decode its records in every encoding, and the example works."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _frame(seq: int) -> Frame:
 
 
 def _run(script: Path, encoding: str) -> list[str]:
-    """What a script prints while five frames are published."""
+    """The output of a script while five frames are published."""
     key, endpoint = "acceptance/foreign", f"tcp/127.0.0.1:{free_port()}"
     with Harness("zenohsink", key=key, listen=endpoint, encoding=encoding, wait_subscribers=1) as harness:
         process = subprocess.Popen(
@@ -67,7 +67,7 @@ def _run(script: Path, encoding: str) -> list[str]:
 
 @pytest.mark.parametrize("encoding", ["json", "msgpack", "cbor", "protobuf"])
 def test_the_schema_is_enough(encoding: str) -> None:
-    """Read by the schema alone, every field of every record is what was published, to the last digit."""
+    """Decoded by the schema alone, every field of every record is exact."""
     found = [json.loads(line) for line in _run(FOREIGN, encoding)]
     for seq, record in enumerate(found):
         wanted = json.loads(
@@ -81,14 +81,14 @@ def test_the_schema_is_enough(encoding: str) -> None:
 
 
 def test_no_streamkit_is_imported() -> None:
-    """The foreign subscriber and the example stand on zenoh and what decodes."""
+    """The foreign subscriber and the example import only zenoh and decoders."""
     for script in (FOREIGN, EXAMPLE):
         assert "import streamkit" not in script.read_text(encoding="utf-8")
         assert "from streamkit" not in script.read_text(encoding="utf-8")
 
 
 def test_the_example_of_the_documentation_works() -> None:
-    """It follows the publisher, and prints a line per record."""
+    """It prints a line per record."""
     lines = _run(EXAMPLE, "json")
     assert "publisher there" in lines
     records = [line.split() for line in lines if line.startswith("record")]

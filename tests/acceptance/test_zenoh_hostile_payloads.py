@@ -1,4 +1,4 @@
-"""Whatever is sent at a receiver, it goes on, and every message that is no record is counted."""
+"""A receiver survives any message, and counts each one that is no record."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ ENCODINGS = [f"application/{form};{TRACKS_SCHEMA}" for form in Encoding] + [
 
 @pytest.fixture
 def endpoint() -> str:
-    """A place that nobody listens at."""
+    """A free endpoint."""
     return f"tcp/127.0.0.1:{free_port()}"
 
 
 @pytest.fixture
 def publisher(endpoint: str) -> Iterator[zenoh.Session]:
-    """A stranger's session, which listens."""
+    """An attacker's session, which listens."""
     session = open_session(SessionSettings(listen=endpoint))
     yield session
     close_session(session, 5.0)
@@ -81,7 +81,7 @@ def _hostile_records(count: int) -> list[tuple[bytes, str, bytes]]:
 
 
 def _bad_among(messages: list[tuple[bytes, str, bytes]]) -> int:
-    """How many are no records; those with stamps that go back are not passed on, and not looked at."""
+    """Number of messages that are no records; those with older stamps are skipped before decoding."""
     from streamkit import TrackRecord
 
     codecs = {form: Codec(TrackRecord, TRACKS_SCHEMA, form) for form in Encoding}
@@ -106,7 +106,7 @@ def _send(session: zenoh.Session, key: str, messages: list[tuple[bytes, str, byt
 
 
 def test_a_subscriber_survives_and_counts(publisher: zenoh.Session, endpoint: str) -> None:
-    """Every message is passed on, or counted as bad or repeated; the last good record still comes."""
+    """Every message is passed on, or counted as bad or repeated; the last valid record arrives."""
     messages = _hostile_records(COUNT)
     with TrackSubscriber(KEY, connect=endpoint, ring=2 * COUNT) as subscriber:
         _send(publisher, f"{KEY}/tracks", messages)
@@ -125,7 +125,7 @@ def test_a_subscriber_survives_and_counts(publisher: zenoh.Session, endpoint: st
 
 
 def test_a_source_survives_and_counts(publisher: zenoh.Session, endpoint: str) -> None:
-    """The pipeline goes on; what it counts as bad is what is bad."""
+    """The pipeline continues; exactly the invalid messages are counted."""
     messages = [(payload, encoding, b"") for payload, encoding, _ in _hostile_records(COUNT)]
     text = f"zenohsrc name=s key={KEY} connect={endpoint} max-records=20000 ! appsink name=out max-buffers=0"
     with Pipeline.parse(text) as pipeline:
@@ -136,8 +136,8 @@ def test_a_source_survives_and_counts(publisher: zenoh.Session, endpoint: str) -
         assert pipeline.error is None
 
 
-def test_pictures_of_strangers_are_counted(publisher: zenoh.Session, endpoint: str) -> None:
-    """Broken pictures, lying headers, and both: none crashes, each is counted."""
+def test_hostile_images_are_counted(publisher: zenoh.Session, endpoint: str) -> None:
+    """Damaged images, wrong headers, and both: none crashes, each is counted."""
     generator = random.Random(3)
     header = frame_header(_frame(1), "x", 2, 0, (24, 32))
     picture = encode_image(np.zeros((24, 32), np.uint8), ImageFormat.PNG)

@@ -17,7 +17,7 @@ KEY = "acceptance/mosaic"
 
 
 def test_the_growing_mosaic_is_published() -> None:
-    """From the stitcher's pad to zenohsink's: pictures that grow, and the last one for who asks later."""
+    """From the stitcher's pad to zenohsink's: mosaics that grow, and the last one for later queries."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     session = open_session(SessionSettings(listen=endpoint))
     samples: list[zenoh.Sample] = []

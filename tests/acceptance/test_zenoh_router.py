@@ -1,4 +1,4 @@
-"""Through a router: every record is delivered or counted, and who has gone is known within three seconds."""
+"""Through a router: every record is delivered or counted, and a lost publisher is known within 3 s."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SCRIPT = Path(__file__).parents[2] / "benchmarks" / "zenoh_delivery.py"
 
 @pytest.fixture(scope="module")
 def delivery() -> ModuleType:
-    """The benchmark, whose long form has 100 000 records and ten restarts."""
+    """The benchmark, which has 100 000 records and ten restarts in its long form."""
     spec = importlib.util.spec_from_file_location("zenoh_delivery", SCRIPT)
     assert spec is not None
     assert spec.loader is not None
@@ -26,7 +26,7 @@ def delivery() -> ModuleType:
 
 @pytest.mark.parametrize("patience_s", [0.0, 30.0])
 def test_three_subscribers_account_for_every_record(delivery: ModuleType, patience_s: float) -> None:
-    """At full speed: received and lost make the whole; where the stream waits, nothing is lost."""
+    """At full speed received and lost add up; with patience nothing is lost."""
     found = delivery.full_speed(3000, patience_s)
     published = found["published"]
     assert published["count"] == 3000
@@ -38,7 +38,7 @@ def test_three_subscribers_account_for_every_record(delivery: ModuleType, patien
 
 
 def test_a_router_may_die_and_so_may_the_publisher(delivery: ModuleType) -> None:
-    """Records go on when the router is back; what was missed is counted exactly; deaths are known in time."""
+    """Records continue when the router is back; losses are exact; lost processes are known in time."""
     found = delivery.failures(2, 100, 400.0)
     assert max(found["noticed_s"]) < 3.0
     assert max(found["publisher_dead_s"]) < 3.0

@@ -1,4 +1,4 @@
-"""TLS: nothing in clear, a wrong certificate is refused and the error says so, passwords are checked."""
+"""TLS: nothing in plain text, a wrong certificate is refused with its reason, passwords are checked."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WORD = "acceptance-of-tls"
 
 @pytest.fixture(scope="session")
 def certificates(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Two folders of certificates by the documented command: the right ones, and a stranger's."""
+    """Two folders of certificates by the documented command: the right ones, and an attacker's."""
     folders = tmp_path_factory.mktemp("right"), tmp_path_factory.mktemp("wrong")
     for folder in folders:
         subprocess.run(["sh", str(SCRIPT), str(folder)], check=True, timeout=60)
@@ -46,7 +46,7 @@ def _connecting(folder: Path, trusted: Path) -> dict[str, Any]:
 
 @pytest.fixture
 def tls_router(certificates: tuple[Path, Path]) -> Iterator[tuple[Router, Proxy, int]]:
-    """A router with mutual TLS behind a proxy that keeps what passes."""
+    """A router with mutual TLS behind a proxy that records its traffic."""
     port = free_port()
     with router(f"tls/127.0.0.1:{port}", transport__link__tls=_listening(certificates[0])) as running:
         proxy = Proxy(port)
@@ -71,7 +71,7 @@ def _publish(config: Path, count: int = 20) -> subprocess.CompletedProcess[str]:
 def test_mutual_tls_delivers_and_shows_nothing(
     tls_router: tuple[Router, Proxy, int], certificates: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    """All records arrive; neither keys nor records are readable on the wire, nor in clear anywhere else."""
+    """All records arrive; neither keys nor records are readable on the wire, nor on another socket."""
     _, proxy, _ = tls_router
     endpoint, right = f"tls/127.0.0.1:{proxy.port}", certificates[0]
     config = _config(tmp_path / "client.json5", endpoint, _connecting(right, right))
@@ -101,7 +101,7 @@ def test_a_wrong_certificate_is_refused(
     who: str,
     mode: str,
 ) -> None:
-    """The error names endpoint, fault and remedy, within a bound; nothing is sent."""
+    """The error names endpoint, fault and remedy within a time limit; nothing is sent."""
     _, proxy, _ = tls_router
     right, wrong = certificates
     tls = _connecting(right, wrong) if who == "server" else _connecting(wrong, right)
@@ -118,10 +118,10 @@ def test_a_wrong_certificate_is_refused(
     assert WORD.encode() not in proxy.seen
 
 
-def test_beside_tls_nothing_is_listened_on_in_clear(
+def test_with_tls_no_plain_socket_listens(
     tls_router: tuple[Router, Proxy, int], certificates: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    """A peer that is told an encrypted endpoint opens no other one."""
+    """A peer with an encrypted endpoint opens no other one."""
     _, proxy, _ = tls_router
     right = certificates[0]
     config = _config(tmp_path / "peer.json5", f"tls/127.0.0.1:{proxy.port}", _connecting(right, right))
@@ -135,7 +135,7 @@ def test_beside_tls_nothing_is_listened_on_in_clear(
 
 
 def _listening_sockets() -> list[str]:
-    """TCP sockets of this process that listen."""
+    """Listening TCP sockets of this process."""
     import os
 
     own = set()
@@ -149,14 +149,14 @@ def _listening_sockets() -> list[str]:
         for table in ("tcp", "tcp6")
         for line in Path(f"/proc/net/{table}").read_text(encoding="ascii").splitlines()[1:]
     ]
-    # The proxy of the test is the one that may listen: it is on loopback.
+    # The proxy of the test listens, on loopback.
     return [
         row[1] for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in own and "0100007F" not in row[1]
     ]
 
 
 def test_a_wrong_password_is_refused(tmp_path: Path) -> None:
-    """User and password go through zenoh's own configuration, and never appear in an error."""
+    """User and password are in zenoh's own configuration, and never in an error."""
     users = tmp_path / "users.txt"
     users.write_text("drone:right-password\n", encoding="utf-8")
     endpoint = f"tcp/127.0.0.1:{free_port()}"

@@ -31,7 +31,7 @@ def messages_of(proto):
 
 
 def varint(data, place):
-    """A number of seven bits a byte, and the place behind it."""
+    """A varint of seven bits per byte, and the position after it."""
     value = shift = 0
     while True:
         byte = data[place]
@@ -42,7 +42,7 @@ def varint(data, place):
 
 
 def signed(value):
-    """An int64 as the wire has it."""
+    """An int64 from its unsigned value."""
     return value - 2**64 if value >= 2**63 else value
 
 
@@ -77,12 +77,12 @@ def decoded(data, name, messages):
 
 
 def rows(numbers, columns):
-    """A matrix that was flattened."""
+    """A matrix from its flattened numbers."""
     return [numbers[start : start + columns] for start in range(0, len(numbers), columns)]
 
 
 def record_of(sample, messages):
-    """The record in whichever encoding the sample says."""
+    """The record, in the encoding that the sample names."""
     media_type, _, schema = str(sample.encoding).partition(";")
     assert schema == "streamkit.tracks/1", schema
     data = sample.payload.to_bytes()
@@ -101,7 +101,7 @@ def record_of(sample, messages):
 
 
 def main(key, endpoint, count):
-    """Prints so many records."""
+    """Prints a number of records."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))

@@ -1,4 +1,4 @@
-"""Processes and links for the zenoh acceptance tests: a router, a proxy that looks at what passes."""
+"""Processes and links for the zenoh acceptance tests: a router, a proxy that records traffic."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ session.close()
 
 
 def free_port() -> int:
-    """A port on loopback that nobody listens on."""
+    """A free port on loopback."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
@@ -36,7 +36,7 @@ def free_port() -> int:
 
 
 def wait_for(condition: Callable[[], bool], limit_s: float = 20.0) -> bool:
-    """Whether a condition has come true within the limit."""
+    """Whether a condition becomes true within the time limit."""
     deadline_s, never = time.monotonic() + limit_s, threading.Event()
     while not condition():
         if time.monotonic() > deadline_s:
@@ -71,7 +71,7 @@ class Router:
         assert self._process.stdout.readline() == "up\n"
 
     def kill(self) -> None:
-        """Ends it as a power cut would."""
+        """Kills it."""
         if self._process is not None:
             self._process.kill()
             self._process.communicate(timeout=10)
@@ -80,7 +80,7 @@ class Router:
 
 @contextlib.contextmanager
 def router(endpoint: str, **settings: Any) -> Iterator[Router]:
-    """A router for the time of the block."""
+    """A router that runs during the block."""
     running = Router(endpoint, **settings)
     try:
         yield running
@@ -89,7 +89,7 @@ def router(endpoint: str, **settings: Any) -> Iterator[Router]:
 
 
 class Proxy:
-    """Passes TCP connections on to another port, and keeps what passed."""
+    """Forwards TCP connections to another port, and records the traffic."""
 
     def __init__(self, target_port: int) -> None:
         self.seen = bytearray()

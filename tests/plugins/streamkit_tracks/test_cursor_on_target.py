@@ -20,8 +20,8 @@ RECORD = {
 }
 
 
-def test_an_event_a_target_with_a_place() -> None:
-    """Uid, type, times and point; tentative targets and those without a place are left out."""
+def test_an_event_per_target_with_coordinates() -> None:
+    """Uid, type, times and point; tentative targets and those without coordinates are left out."""
     (found,) = events(RECORD, "a-u-G", 5.0)
     event = ElementTree.fromstring(found)
     assert event.attrib == {
@@ -43,8 +43,8 @@ def test_an_event_a_target_with_a_place() -> None:
     assert b'time="2030-01-01T00:00:00.000Z"' in later
 
 
-def test_udp_sends_a_datagram_an_event() -> None:
-    """Each event arrives by itself."""
+def test_udp_sends_a_datagram_per_event() -> None:
+    """Each event is a datagram."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(5)
@@ -56,7 +56,7 @@ def test_udp_sends_a_datagram_an_event() -> None:
 
 
 def test_tcp_connects_again() -> None:
-    """A server that closed the link is told of by an error once, and connected to at the next event."""
+    """A closed connection is one error; the next event opens a new one."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(5)
         sender = EventSender(f"tcp://127.0.0.1:{server.getsockname()[1]}")
@@ -81,7 +81,7 @@ def test_tcp_connects_again() -> None:
 
 
 @pytest.mark.parametrize("address", ["", "udp://", "http://a:1", "tcp://a", "udp://a:0", "udp://a:70000"])
-def test_what_is_no_address_is_refused(address: str) -> None:
-    """With the two forms that are."""
+def test_malformed_addresses_are_refused(address: str) -> None:
+    """The error shows the two valid forms."""
     with pytest.raises(InvalidAddress, match="udp://HOST:PORT or tcp://HOST:PORT"):
         EventSender(address)

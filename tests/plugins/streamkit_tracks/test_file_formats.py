@@ -1,4 +1,4 @@
-"""Files for other programs are what their formats say, and hold what the records hold."""
+"""Files follow their formats, and hold the values of the records."""
 
 import csv
 import io
@@ -50,8 +50,8 @@ def test_mot_counts_frames_from_one() -> None:
     ]
 
 
-def test_csv_has_a_row_a_target() -> None:
-    """A target's own width is not the frame's, and what is not known is empty."""
+def test_csv_has_a_row_per_target() -> None:
+    """`width` is the target's, not the frame's, and unknown values are empty."""
     rows = list(csv.DictReader(io.StringIO(_written(FileKind.CSV))))
     assert [(row["seq"], row["id"], row["state"]) for row in rows] == [
         ("0", "7", "confirmed"), ("0", "8", "tentative"), ("2", "7", "confirmed"),
@@ -61,7 +61,7 @@ def test_csv_has_a_row_a_target() -> None:
 
 
 def test_geojson_is_a_collection_of_points() -> None:
-    """Longitude comes first; only confirmed targets with a place are there."""
+    """Longitude comes first; only confirmed targets with coordinates are there."""
     collection = json.loads(_written(FileKind.GEOJSON))
     (feature,) = collection["features"]
     assert feature["geometry"] == {"type": "Point", "coordinates": [11.5, 48.125]}
@@ -72,7 +72,7 @@ def test_geojson_is_a_collection_of_points() -> None:
 
 
 def test_kml_is_a_document_of_placemarks() -> None:
-    """Well-formed whatever the source is called, with time and place."""
+    """Well-formed whatever the source's name is, with time and coordinates."""
     root = ElementTree.fromstring(_written(FileKind.KML))
     space = {"k": "http://www.opengis.net/kml/2.2"}
     (mark,) = root.findall("k:Document/k:Placemark", space)
@@ -86,6 +86,6 @@ def test_kml_is_a_document_of_placemarks() -> None:
     ("record", "expected"),
     [({}, None), ({"published_ns": 0}, "1970-01-01T00:00:00.000Z"), ({"capture_ns": 10**25}, None)],
 )
-def test_a_time_that_is_none_is_left_out(record: dict[str, Any], expected: str | None) -> None:
-    """Publishing stands in for capture; a year beyond the calendar is no time."""
+def test_an_invalid_time_is_left_out(record: dict[str, Any], expected: str | None) -> None:
+    """Time of publishing replaces that of capture; a year beyond the calendar is invalid."""
     assert utc_text(record) == expected

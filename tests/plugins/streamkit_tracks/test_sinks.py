@@ -1,4 +1,4 @@
-"""tracksink, cotsink and mcapsink write what the frames say for other programs."""
+"""tracksink, cotsink and mcapsink write the tracks of frames for other programs."""
 
 import json
 import math
@@ -26,7 +26,7 @@ from streamkit.testing import Harness
 
 
 def _frame(seq: int, posed: bool = True) -> Frame:
-    """A track at the centre of a picture that looks straight down from 100 m."""
+    """A track at the centre of a frame that looks straight down from 100 m."""
     track = Track(7, TrackState.CONFIRMED, 31.5, 23.5, 8.0, 4.0, 0.0, (1.0, 2.0), np.eye(2), 0.5, 7)
     frame = Frame(
         np.zeros((48, 64), np.uint8), raw_video_caps("GRAY8", 64, 48), pts=seq * 40_000_000, seq=seq,
@@ -57,15 +57,15 @@ def _written(path: Path, **properties: object) -> bytes:
         ("a.kml", b"<?xml"),
     ],
 )
-def test_the_end_of_the_name_tells_the_format(tmp_path: Path, name: str, beginning: bytes) -> None:
-    """Whole files, begun and ended."""
+def test_the_suffix_selects_the_format(tmp_path: Path, name: str, beginning: bytes) -> None:
+    """Complete files."""
     assert _written(tmp_path / name, ground_altitude=500).startswith(beginning)
     given = {".jsonl": "jsonl", ".txt": "mot"}.get(Path(name).suffix, Path(name).suffix[1:])
     assert _written(tmp_path / "other", format=given, ground_altitude=500, source="a").startswith(beginning)
 
 
-def test_places_come_from_pose_and_ground(tmp_path: Path) -> None:
-    """Straight below the camera is where the camera is; the record says so, too."""
+def test_coordinates_follow_from_pose_and_ground(tmp_path: Path) -> None:
+    """A target below the camera has the camera's coordinates, also in the record."""
     collection = json.loads(_written(tmp_path / "a.geojson", ground_altitude=500))
     assert len(collection["features"]) == 3
     np.testing.assert_allclose(collection["features"][0]["geometry"]["coordinates"], [11.0, 48.0], atol=1e-9)
@@ -75,15 +75,15 @@ def test_places_come_from_pose_and_ground(tmp_path: Path) -> None:
     assert decode_record(_written(tmp_path / "b.jsonl").splitlines()[0]).tracks[0].geo is None
 
 
-def test_targets_without_a_place_are_counted(tmp_path: Path) -> None:
-    """A map without points says why."""
+def test_targets_without_coordinates_are_counted(tmp_path: Path) -> None:
+    """The reason of an empty map is counted."""
     with Harness("tracksink", location=str(tmp_path / "a.kml")) as harness:
         harness.push(_frame(0, posed=False))
         assert harness.element.drops["no target with a place"] == 1
 
 
-def test_a_file_is_whole_without_eos(tmp_path: Path) -> None:
-    """A stop closes the collection as the end of the stream does."""
+def test_a_file_is_complete_without_eos(tmp_path: Path) -> None:
+    """A stop ends the file as EOS does."""
     path = tmp_path / "a.geojson"
     with Harness("tracksink", location=str(path), ground_altitude=500) as harness:
         harness.push(_frame(0))
@@ -91,7 +91,7 @@ def test_a_file_is_whole_without_eos(tmp_path: Path) -> None:
 
 
 def test_mcap_has_records_schema_and_times(tmp_path: Path) -> None:
-    """The mcap library reads them back: JSON with its JSON Schema, at the time of capture."""
+    """The mcap library reads JSON with its JSON Schema, at the time of capture."""
     path = tmp_path / "a.mcap"
     with Harness("mcapsink", location=str(path), topic="/uav/tracks") as harness:
         for seq in range(3):
@@ -112,15 +112,15 @@ def test_mcap_has_records_schema_and_times(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("location", ["", "{}/missing/a.mcap"])
-def test_mcap_needs_a_place(tmp_path: Path, location: str) -> None:
-    """Without a location that can be written it does not start."""
+def test_mcap_needs_a_location(tmp_path: Path, location: str) -> None:
+    """Without a writable location it does not start."""
     with pytest.raises(ResourceError, match="location"):
         Harness("mcapsink", location=location.format(tmp_path))
 
 
 @pytest.mark.parametrize("element", ["mcapsink", "tracksink"])
-def test_a_full_disk_is_told(element: str) -> None:
-    """Once, with a remedy; the stop that follows has nothing to add."""
+def test_a_full_disk_is_reported_once(element: str) -> None:
+    """Once, with a remedy; the stop reports nothing."""
     text = f"videotestsrc ! {element} location=/dev/full"
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
@@ -132,8 +132,8 @@ def test_a_full_disk_is_told(element: str) -> None:
             assert "stop failed" not in message.text
 
 
-def test_cot_sends_targets_with_a_place() -> None:
-    """One datagram a target; a frame before its time and a target without a place send nothing."""
+def test_cot_sends_targets_with_coordinates() -> None:
+    """One datagram per target; a frame within the interval and a target without coordinates send none."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(5)
@@ -152,7 +152,7 @@ def test_cot_sends_targets_with_a_place() -> None:
                 receiver.recv(2000)
 
 
-def test_a_server_that_goes_is_told_and_does_not_end_the_stream() -> None:
+def test_a_lost_server_is_reported_and_does_not_end_the_stream() -> None:
     """Events that cannot be sent are counted; the warning names the address."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(5)

@@ -1,4 +1,4 @@
-"""tracksink: one line per frame, whole and in order, or a clear error."""
+"""tracksink: one complete line per frame, in order, or a clear error."""
 
 from pathlib import Path
 
@@ -42,7 +42,7 @@ def test_one_line_per_frame(tmp_path: Path) -> None:
 
 
 def test_equal_runs_write_equal_files_without_stamp(tmp_path: Path) -> None:
-    """The time of writing is all that differs between two runs, and can be left out."""
+    """Only the time of writing differs between two runs, and it can be left out."""
     paths = [tmp_path / name / "tracks.jsonl" for name in ("one", "two")]
     for path in paths:
         path.parent.mkdir()
@@ -52,16 +52,16 @@ def test_equal_runs_write_equal_files_without_stamp(tmp_path: Path) -> None:
     assert paths[0].read_bytes().count(b"\n") == 5
 
 
-def test_a_stop_without_eos_leaves_whole_lines(tmp_path: Path) -> None:
-    """What was rendered before a stop is in the file."""
+def test_a_stop_without_eos_leaves_complete_lines(tmp_path: Path) -> None:
+    """Frames rendered before a stop are in the file."""
     path = tmp_path / "tracks.jsonl"
     with Harness("tracksink", location=str(path), source="uav/9") as harness:
         harness.push(_frame(0))
     assert decode_record(path.read_bytes()).source == "uav/9"
 
 
-def test_records_are_written_as_they_came(tmp_path: Path) -> None:
-    """What zenohsrc passes on keeps its source and times."""
+def test_received_records_are_written_unchanged(tmp_path: Path) -> None:
+    """Records from zenohsrc keep their source and times."""
     path = tmp_path / "tracks.jsonl"
     payload = encode_record(track_record(_frame(3), source="uav/1", published_ns=5))
     text = f"appsrc name=in caps=application/x-tracks ! tracksink location={path}"
@@ -74,20 +74,20 @@ def test_records_are_written_as_they_came(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("location", ["{}/missing/tracks.jsonl", "{}"])
-def test_a_place_that_cannot_be_written_is_an_error(tmp_path: Path, location: str) -> None:
-    """The error names the place before the first frame."""
+def test_an_unwritable_location_is_an_error(tmp_path: Path, location: str) -> None:
+    """The error names the location before the first frame."""
     with pytest.raises(ResourceError, match="cannot be written"):
         Harness("tracksink", location=location.format(tmp_path))
 
 
 def test_a_location_is_needed() -> None:
-    """No file is written that was not named."""
+    """There is no default file."""
     with pytest.raises(ResourceError, match="location must be set"):
         Harness("tracksink")
 
 
 def test_a_full_disk_is_reported() -> None:
-    """A record that could not be written is never lost in silence."""
+    """A record that is not written is an error."""
     if not Path("/dev/full").exists():
         pytest.skip("/dev/full is not on this system")
     with pytest.raises(ElementFailure, match="a record was not written"):

@@ -1,4 +1,4 @@
-"""Keys and endpoints that no other test uses, and sessions that are closed again."""
+"""Keys and endpoints of one test, and sessions that are closed after it."""
 
 import socket
 import uuid
@@ -13,13 +13,13 @@ from streamkit_zenoh.session import close_session, open_session
 
 @pytest.fixture
 def key() -> str:
-    """A key of this test alone: tests of one machine may run side by side."""
+    """A key of this test alone: tests may run in parallel."""
     return f"test/{uuid.uuid4().hex}"
 
 
 @pytest.fixture
 def endpoint() -> str:
-    """An endpoint on loopback that nobody listens on."""
+    """A free endpoint on loopback."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"

@@ -1,4 +1,4 @@
-"""Publishes without end, until it is killed; a process of its own in the tests."""
+"""Publishes until it is killed; run as a process by the tests."""
 
 import sys
 

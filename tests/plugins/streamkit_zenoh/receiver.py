@@ -1,4 +1,4 @@
-"""Runs the pipeline given and prints the data of each frame, a line each; the tests' other process."""
+"""Runs a pipeline and prints the data of each frame on a line; run as a process by the tests."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Why a TLS link is refused is told where a handshake can tell it; where nobody answers, nothing is."""
+"""certificate_fault names the reason for a refused TLS link, and None if the endpoint does not answer."""
 
 import json
 import socket
@@ -19,27 +19,27 @@ def _config(**tls: object) -> zenoh.Config:
 
 @pytest.mark.parametrize("endpoint", ["tcp/127.0.0.1:1", "unixsock-stream//tmp/x", "quic/127.0.0.1:1"])
 def test_links_without_tls_have_no_certificates(endpoint: str) -> None:
-    """Nothing is tried."""
+    """No handshake is tried."""
     assert certificate_fault(endpoint, _config()) is None
 
 
-def test_nobody_there_is_no_fault_of_a_certificate() -> None:
-    """Whether somebody will come is zenoh's matter."""
+def test_an_endpoint_without_listener_has_no_certificate_fault() -> None:
+    """Zenoh decides whether to retry."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     assert certificate_fault(f"tls/127.0.0.1:{port}", _config()) is None
 
 
-def test_certificates_that_cannot_be_read_are_told(tmp_path: Path) -> None:
+def test_unreadable_certificates_are_reported(tmp_path: Path) -> None:
     """Before anything is sent."""
     fault = certificate_fault("tls/127.0.0.1:1", _config(root_ca_certificate=str(tmp_path / "none.pem")))
     assert fault is not None
     assert "cannot be used" in fault
 
 
-def test_who_speaks_no_tls_is_told() -> None:
-    """A plain server behind a tls/ endpoint."""
+def test_a_server_without_tls_is_reported() -> None:
+    """A plain TCP server at a tls/ endpoint."""
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def answer() -> None:

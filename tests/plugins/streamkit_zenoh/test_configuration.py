@@ -1,4 +1,4 @@
-"""What a session opens to the network is what it was told to open, and nothing else."""
+"""A session opens to the network what its settings name, and nothing else."""
 
 import json
 from pathlib import Path
@@ -41,10 +41,10 @@ def _found(settings: SessionSettings, key: str) -> Any:
         ({"mode": "router"}, False),
     ],
 )
-def test_a_file_without_partners_stays_on_this_machine(
+def test_a_file_without_endpoints_stays_on_this_machine(
     tmp_path: Path, content: dict[str, Any], local: bool
 ) -> None:
-    """Only what names somebody leads to somebody."""
+    """A file that names endpoints or enables scouting leaves the machine."""
     assert meets_locally(_settings(tmp_path / "z.json5", content)) is local
 
 
@@ -59,10 +59,10 @@ def test_a_file_without_partners_stays_on_this_machine(
         ({"listen": {"endpoints": ["tls/0.0.0.0:1"]}}, ["tls/0.0.0.0:1"]),
     ],
 )
-def test_who_is_not_told_to_listen_does_so_in_bounds(
+def test_the_default_listening_endpoint_is_limited(
     tmp_path: Path, content: dict[str, Any], listens: list[str]
 ) -> None:
-    """On loopback; for partners that a router brings; and never in clear beside an encrypted link."""
+    """Loopback; all addresses for peers of a router; none in plain text next to an encrypted link."""
     settings = _settings(tmp_path / "z.json5", content)
     assert _found(settings, "listen/endpoints") == listens
     assert _found(settings, "scouting/multicast/enabled") is False
@@ -70,7 +70,7 @@ def test_who_is_not_told_to_listen_does_so_in_bounds(
 
 @pytest.mark.parametrize("settings", [SessionSettings(), SessionSettings(mode=Mode.CLIENT)])
 def test_a_local_session_neither_scouts_nor_gossips(settings: SessionSettings) -> None:
-    """It meets others by their ports alone."""
+    """It finds other sessions by the meeting ports alone."""
     config = local_configuration(settings, MEETING_PORTS[3])
     assert json.loads(config.get_json("scouting/multicast/enabled")) is False
     assert json.loads(config.get_json("scouting/gossip/enabled")) is False
@@ -87,8 +87,8 @@ def test_a_local_session_neither_scouts_nor_gossips(settings: SessionSettings) -
         (SessionSettings(reach=Reach.NETWORK), None),
     ],
 )
-def test_only_a_named_partner_introduces_others(settings: SessionSettings, autoconnect: object) -> None:
-    """Who only listens connects to nobody that a stranger names."""
+def test_only_a_session_that_connects_follows_gossip(settings: SessionSettings, autoconnect: object) -> None:
+    """A session that only listens connects to no address that others name."""
     assert _found(settings, "scouting/gossip/autoconnect") == autoconnect
 
 
@@ -101,14 +101,14 @@ def test_only_a_named_partner_introduces_others(settings: SessionSettings, autoc
         ("tcp/10.0.0.1:1", None),
     ],
 )
-def test_beside_an_encrypted_link_no_other_kind_is_opened(connect: str, protocols: list[str] | None) -> None:
-    """A router may name partners in clear: they are not connected to."""
+def test_an_encrypted_endpoint_limits_the_protocols(connect: str, protocols: list[str] | None) -> None:
+    """A router may introduce plain-text peers: no link to them is opened."""
     settings = SessionSettings(connect=connect, mode=Mode.PEER)
     assert _found(settings, "transport/link/protocols") == protocols
 
 
-def test_what_the_file_says_holds(tmp_path: Path) -> None:
-    """Endpoints given as properties come on top; the mode does only where it is given."""
+def test_properties_override_the_file(tmp_path: Path) -> None:
+    """Endpoints of the properties replace those of the file; the mode does so if it is set."""
     content = {
         "mode": "peer",
         "connect": {"endpoints": ["tcp/10.0.0.1:1"]},
@@ -132,19 +132,19 @@ def test_what_the_file_says_holds(tmp_path: Path) -> None:
     ],
 )
 def test_the_mode_follows_from_the_endpoints(settings: SessionSettings, mode: str) -> None:
-    """Who only connects away, or encrypted, is a client: it opens nothing itself."""
+    """A session that only connects to another machine, or encrypted, is a client and listens on nothing."""
     assert _found(settings, "mode") == mode
 
 
 def test_dead_links_and_large_messages_are_bounded() -> None:
-    """A link that says nothing is given up within 3 s; shared memory, which loses records, is off."""
+    """A silent link is closed within 3 s; shared memory, which loses records, is off."""
     settings = SessionSettings(listen="tcp/127.0.0.1:0")
     assert _found(settings, "transport/link/tx/lease") == LEASE_MS < 3000
     assert _found(settings, "transport/link/rx/max_message_size") == MESSAGE_LIMIT_BYTES
     assert _found(settings, "transport/shared_memory/enabled") is False
 
 
-def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     """The error names it."""
     with pytest.raises(SessionFailure, match=r"zenoh configuration .*z\.json5"):
         configuration(SessionSettings(config=str(tmp_path / "z.json5")))

@@ -1,4 +1,4 @@
-"""Endpoints are checked before zenoh sees them, and shown without their secrets."""
+"""Endpoints are validated before zenoh gets them, and shown without their secrets."""
 
 import pytest
 
@@ -19,7 +19,7 @@ from streamkit_zenoh.endpoints import InvalidEndpoint, endpoints, is_local
     ],
 )
 def test_lists_are_split(text: str | None, expected: tuple[str, ...]) -> None:
-    """Commas part endpoints; blanks around them do not count."""
+    """Commas separate endpoints; blanks around them are ignored."""
     assert endpoints(text) == expected
 
 
@@ -27,8 +27,8 @@ def test_lists_are_split(text: str | None, expected: tuple[str, ...]) -> None:
     "text",
     ["127.0.0.1:7447", "tcp/127.0.0.1", "tcp/host:99999", "foo/host:1", "tcp/:1", "tcp:host:1", "tcp/a b:1"],
 )
-def test_what_is_no_endpoint_is_refused(text: str) -> None:
-    """Zenoh would take some of these, and try in silence for ever."""
+def test_malformed_endpoints_are_refused(text: str) -> None:
+    """Zenoh accepts some of these and retries silently for ever."""
     with pytest.raises(InvalidEndpoint, match="PROTOCOL/HOST:PORT"):
         endpoints(text)
 
@@ -67,7 +67,7 @@ def test_secrets_are_masked(text: str) -> None:
 
 
 def test_the_refusal_shows_no_secret() -> None:
-    """An endpoint that is refused may carry a secret all the same."""
+    """A refused endpoint may hold a secret."""
     with pytest.raises(InvalidEndpoint) as caught:
         endpoints("tcp/me:SECRET@host")
     assert "SECRET" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""Publishers and receivers know of each other by tokens, and nobody is waited for without bounds."""
+"""Publishers and receivers find each other by tokens, and every wait has a time limit."""
 
 import threading
 from collections.abc import Callable
@@ -21,8 +21,8 @@ Opener = Callable[..., zenoh.Session]
 NEVER = threading.Event()
 
 
-def test_a_publishers_life_is_seen(open_test_session: Opener, endpoint: str, key: str) -> None:
-    """A token that was there before is seen, and so is its end with the session's close."""
+def test_a_publishers_token_is_seen(open_test_session: Opener, endpoint: str, key: str) -> None:
+    """An existing token is reported, and its end with the session's close."""
     publishing = open_test_session(listen=endpoint)
     token = declare_publisher_token(publishing, f"{key}/tracks")
     counts: list[int] = []
@@ -41,15 +41,17 @@ def test_a_publishers_life_is_seen(open_test_session: Opener, endpoint: str, key
     watch.close()
 
 
-class Told(NamedTuple):
-    """What zenoh tells of a token."""
+class Notification(NamedTuple):
+    """What zenoh reports of a token."""
 
     key_expr: str
     kind: zenoh.SampleKind
 
 
-def test_a_life_told_after_its_end_is_asked_for(open_test_session: Opener, endpoint: str, key: str) -> None:
-    """Zenoh may tell of a token it knew when that has ended: it counts again only where it is there again."""
+def test_a_token_reported_after_its_end_is_queried(
+    open_test_session: Opener, endpoint: str, key: str
+) -> None:
+    """Zenoh may report an old token after its end: it counts only if it is declared again."""
     publishing = open_test_session(listen=endpoint)
     token = declare_publisher_token(publishing, key)
     counts: list[int] = []
@@ -66,7 +68,7 @@ def test_a_life_told_after_its_end_is_asked_for(open_test_session: Opener, endpo
         assert told.wait_for(lambda: counts == [1], 10)
         token.undeclare()
         assert told.wait_for(lambda: counts == [1, 0], 10)
-    watch._take(cast("zenoh.Sample", Told(alive_key(key), zenoh.SampleKind.PUT)))
+    watch._take(cast("zenoh.Sample", Notification(alive_key(key), zenoh.SampleKind.PUT)))
     assert list(watching.liveliness().get(alive_key(key), timeout=10)) == []
     assert counts == [1, 0]
     again = declare_publisher_token(publishing, key)
@@ -77,7 +79,7 @@ def test_a_life_told_after_its_end_is_asked_for(open_test_session: Opener, endpo
 
 
 def test_receivers_are_counted(open_test_session: Opener, endpoint: str, key: str) -> None:
-    """Two that receive the key are enough for two, and not for three; others do not count."""
+    """Two receivers of the key are enough for two, not for three; others do not count."""
     publishing = open_test_session(listen=endpoint)
     publisher, receivers = publishing.declare_publisher(f"{key}/tracks"), watch_receivers(publishing)
     assert not wait_for_receivers(publisher, receivers, 1, 0.0, NEVER)
@@ -91,7 +93,7 @@ def test_receivers_are_counted(open_test_session: Opener, endpoint: str, key: st
 
 
 def test_any_subscriber_is_one_receiver(open_test_session: Opener, endpoint: str, key: str) -> None:
-    """A subscriber of another make shows no token, and is served all the same."""
+    """A plain zenoh subscriber has no token, and counts for one receiver."""
     publishing = open_test_session(listen=endpoint)
     publisher, receivers = publishing.declare_publisher(f"{key}/tracks"), watch_receivers(publishing)
     subscriber = open_test_session(connect=endpoint).declare_subscriber(f"{key}/**")
@@ -109,8 +111,8 @@ def test_a_cancelled_wait_ends(open_test_session: Opener, key: str) -> None:
     receivers.close()
 
 
-def test_a_publisher_waits_until_all_is_taken(open_test_session: Opener, endpoint: str, key: str) -> None:
-    """A receiver answers behind what was sent to it, however much that is; nobody to ask is no wait."""
+def test_a_publisher_waits_until_all_is_delivered(open_test_session: Opener, endpoint: str, key: str) -> None:
+    """A receiver replies after everything that was sent to it; without receivers there is no wait."""
     publishing = open_test_session(listen=endpoint)
     receivers = watch_receivers(publishing)
     records = f"{key}/tracks"
@@ -145,7 +147,7 @@ def test_a_publisher_waits_until_all_is_taken(open_test_session: Opener, endpoin
 def test_waiting_for_a_receiver_that_takes_nothing_is_bounded(
     open_test_session: Opener, endpoint: str, key: str
 ) -> None:
-    """A stuck receiver costs the limit, and nothing where the pipeline stops."""
+    """A stuck receiver costs the time limit, and nothing when the pipeline stops."""
     publishing = open_test_session(listen=endpoint)
     receivers, records, stuck = watch_receivers(publishing), f"{key}/tracks", threading.Event()
     receiving = open_test_session(connect=endpoint)

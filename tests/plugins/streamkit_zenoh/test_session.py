@@ -1,4 +1,4 @@
-"""Sessions find each other on one machine, stay on it, and open and close within bounds."""
+"""Sessions find each other on one machine, stay on it, and open and close within time limits."""
 
 import json
 import socket
@@ -36,7 +36,7 @@ def _peers(session: zenoh.Session) -> set[str]:
 
 
 def test_sessions_meet_without_endpoints(open_test_session: Opener) -> None:
-    """Four sessions opened one after the other all find each other."""
+    """Four sessions opened in sequence all find each other."""
     sessions = [open_test_session() for _ in range(4)]
     names = {str(session.info.zid()) for session in sessions}
     for session in sessions:
@@ -45,7 +45,7 @@ def test_sessions_meet_without_endpoints(open_test_session: Opener) -> None:
 
 
 def test_many_sessions_meet_without_multicast(open_test_session: Opener) -> None:
-    """A machine with twenty feeds: the first one knows all the others."""
+    """A machine with twenty feeds: the first session is connected to all others."""
     first, *others = [open_test_session() for _ in range(20)]
     names = {str(session.info.zid()) for session in others}
     assert _wait_for(lambda: _peers(first) >= names, 30)
@@ -65,8 +65,8 @@ def test_a_client_without_endpoints_finds_a_session_of_this_machine(
     assert came.wait(5)
 
 
-def test_a_client_alone_is_told_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It needs somebody; the error stays short however many ports were tried."""
+def test_a_client_without_peer_fails_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error stays short however many ports were tried."""
     monkeypatch.setattr("streamkit_zenoh.configuration.CLIENT_CONNECT_LIMIT_MS", 200)
     ports = range(1, 3)
     monkeypatch.setattr("streamkit_zenoh.configuration.MEETING_PORTS", ports)
@@ -76,7 +76,7 @@ def test_a_client_alone_is_told_what_to_do(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_sessions_that_open_at_once_meet(open_test_session: Opener) -> None:
-    """Two that start in the same moment do not miss each other."""
+    """Two sessions that start at the same moment find each other."""
     together = threading.Barrier(2)
     sessions: list[zenoh.Session] = []
 
@@ -94,7 +94,7 @@ def test_sessions_that_open_at_once_meet(open_test_session: Opener) -> None:
 
 
 def test_a_local_session_listens_on_loopback_only(open_test_session: Opener) -> None:
-    """No other machine can connect unless told otherwise."""
+    """No other machine can connect by default."""
     locators = [
         str(link.src)
         for session in [open_test_session(), open_test_session()]
@@ -104,8 +104,8 @@ def test_a_local_session_listens_on_loopback_only(open_test_session: Opener) -> 
     assert all("127.0.0.1" in locator or "[::1]" in locator for locator in locators)
 
 
-def test_taken_ports_are_passed_over(open_test_session: Opener) -> None:
-    """With every meeting port taken by others, sessions still open and meet."""
+def test_ports_in_use_are_skipped(open_test_session: Opener) -> None:
+    """With every meeting port in use by others, sessions still find each other."""
     with_ports = []
     for port in MEETING_PORTS:
         taken = socket.socket()
@@ -126,13 +126,15 @@ def test_taken_ports_are_passed_over(open_test_session: Opener) -> None:
 
 
 def test_peers_meet_at_an_endpoint_in_either_order(open_test_session: Opener, endpoint: str) -> None:
-    """A peer goes on trying: who connects may start first."""
+    """A peer retries: the one that connects may start first."""
     first = open_test_session(connect=endpoint)
     second = open_test_session(listen=endpoint)
     assert _wait_for(lambda: str(second.info.zid()) in _peers(first))
 
 
-def test_a_client_speaks_to_a_publisher_directly(open_test_session: Opener, endpoint: str, key: str) -> None:
+def test_a_client_connects_to_a_publisher_directly(
+    open_test_session: Opener, endpoint: str, key: str
+) -> None:
     """No router is needed between a client and the session it names."""
     publisher = open_test_session(listen=endpoint).declare_publisher(key)
     client = open_test_session(mode=Mode.CLIENT, connect=endpoint)
@@ -179,12 +181,12 @@ def test_peers_meet_through_a_router(
     ],
 )
 def test_auto_is_a_client_of_other_machines(settings: SessionSettings, expected: bool) -> None:
-    """Naming another machine opens no port on this one."""
+    """A session that connects to another machine opens no port on this one."""
     assert settings.is_client(settings.connect_endpoints) is expected
 
 
-def test_a_taken_endpoint_is_refused(open_test_session: Opener, endpoint: str) -> None:
-    """Two cannot listen at one place; the error names it and nothing of zenoh's source."""
+def test_an_endpoint_in_use_is_refused(open_test_session: Opener, endpoint: str) -> None:
+    """The error names the endpoint, and no position in zenoh's source."""
     open_test_session(listen=endpoint)
     with pytest.raises(SessionFailure, match="in use") as caught:
         open_session(SessionSettings(listen=endpoint))
@@ -193,14 +195,14 @@ def test_a_taken_endpoint_is_refused(open_test_session: Opener, endpoint: str) -
 
 
 def test_a_client_without_its_router_fails(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A client needs what it names; the error says what to do."""
+    """The error has a remedy."""
     monkeypatch.setattr("streamkit_zenoh.configuration.CLIENT_CONNECT_LIMIT_MS", 200)
     with pytest.raises(SessionFailure, match="start the router or name another endpoint"):
         open_session(SessionSettings(mode=Mode.CLIENT, connect=endpoint))
 
 
 def test_opening_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A call of zenoh that does not come back is left behind; what it opens later is closed."""
+    """A call of zenoh that hangs is abandoned; a session it opens later is closed."""
     release, closed = threading.Event(), threading.Event()
 
     class _Late:
@@ -219,7 +221,7 @@ def test_opening_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_closing_is_bounded() -> None:
-    """A session that does not close is left behind in a thread that is no daemon."""
+    """A session that does not close is abandoned in a thread that is no daemon."""
     release = threading.Event()
 
     class _Stuck:
@@ -239,8 +241,8 @@ def test_closing_is_bounded() -> None:
         assert not thread.is_alive()
 
 
-def test_declarations_are_taken_back_before_the_close() -> None:
-    """A session closed before what it declared may hang."""
+def test_declarations_are_undeclared_before_the_close() -> None:
+    """A session closed before its declarations may hang."""
     calls: list[str] = []
 
     class _Session:
@@ -252,8 +254,8 @@ def test_declarations_are_taken_back_before_the_close() -> None:
     assert calls == ["one", "two", "close"]
 
 
-def test_a_declaration_that_cannot_be_taken_back_keeps_nothing_open() -> None:
-    """Zenoh refuses to take back what is in use: the session is closed all the same, and the caller told."""
+def test_a_failing_undeclare_does_not_prevent_the_close() -> None:
+    """Zenoh refuses to undeclare what is in use: the session closes, and the caller is notified."""
     calls: list[str] = []
 
     class _Session:
@@ -268,7 +270,7 @@ def test_a_declaration_that_cannot_be_taken_back_keeps_nothing_open() -> None:
 
 
 def test_a_configuration_file_is_the_base(open_test_session: Opener, endpoint: str, tmp_path: Path) -> None:
-    """What the file says holds where no setting says otherwise."""
+    """The file applies where no setting overrides it."""
     path = tmp_path / "zenoh.json5"
     path.write_text(json.dumps({"mode": "peer", "listen": {"endpoints": [endpoint]}}))
     listener = open_test_session(config=str(path))
@@ -292,8 +294,8 @@ def test_reach_network_listens_to_the_network(open_test_session: Opener) -> None
     assert not session.is_closed()
 
 
-def test_errors_are_made_error_line() -> None:
-    """Places in zenoh's source and secrets are taken out."""
+def test_errors_become_one_line() -> None:
+    """Positions in zenoh's source and secrets are removed."""
     error = RuntimeError(
         "no way to tls/a:1#key=SECRET [x at /build/src/io/tcp.rs:61.] at /build/src/unicast.rs:338."
     )

@@ -57,7 +57,7 @@ def _publish(key: str, endpoint: str, count: int, **properties: object) -> None:
 
 
 def test_jsonl_is_the_record_whatever_its_encoding(subscribe: Starter, key: str, endpoint: str) -> None:
-    """One JSON object a line; with --age how old it was here; sums at the end on stderr."""
+    """One JSON object per line; with --age its age on arrival; totals at the end on stderr."""
     process = subscribe("--format", "jsonl", "--age", "--gaps", "--timeout", "30")
     _publish(key, endpoint, 20, encoding="protobuf")
     out, err = process.communicate(timeout=20)
@@ -69,7 +69,7 @@ def test_jsonl_is_the_record_whatever_its_encoding(subscribe: Starter, key: str,
     assert "age on arrival: median" in err
 
 
-def test_text_is_a_line_each_where_piped(subscribe: Starter, key: str, endpoint: str) -> None:
+def test_text_is_a_line_per_record_when_piped(subscribe: Starter, key: str, endpoint: str) -> None:
     """Source, number, time and confirmed targets; the count ends it."""
     process = subscribe("--count", "2", "--timeout", "30")
     _publish(key, endpoint, 3)
@@ -83,7 +83,7 @@ def test_text_is_a_line_each_where_piped(subscribe: Starter, key: str, endpoint:
 def test_a_killed_publisher_is_an_error_within_three_seconds(
     subscribe: Starter, key: str, endpoint: str
 ) -> None:
-    """Who did not say that the stream ends has not ended it: exit code 1, and why."""
+    """Without the status `ended` the exit code is 1, with the reason."""
     process = subscribe("--format", "jsonl", "--timeout", "60")
     publisher = subprocess.Popen([sys.executable, str(PUBLISHER), key, endpoint])
     try:
@@ -104,7 +104,7 @@ def test_a_killed_publisher_is_an_error_within_three_seconds(
 def test_an_interrupt_ends_it_within_three_seconds(
     subscribe: Starter, key: str, endpoint: str, number: int
 ) -> None:
-    """Exit code 0, whether or not anybody publishes."""
+    """Exit code 0, with or without a publisher."""
     process = subscribe("--format", "jsonl", "--stay")
     _publish(key, endpoint, 1)
     assert process.stdout is not None
@@ -116,8 +116,8 @@ def test_an_interrupt_ends_it_within_three_seconds(
     assert (process.returncode, err) == (0, "")
 
 
-def test_a_terminal_is_told_what_is_waited_for(subscribe: Starter) -> None:
-    """Before the first record the table's place says that nobody publishes yet."""
+def test_a_terminal_shows_that_there_is_no_publisher(subscribe: Starter) -> None:
+    """Before the first record a line replaces the table."""
     ours, theirs = pty.openpty()
     try:
         process = subscribe("--timeout", "1", stdout=theirs)
@@ -130,8 +130,8 @@ def test_a_terminal_is_told_what_is_waited_for(subscribe: Starter) -> None:
         os.close(ours)
 
 
-def test_silence_is_an_error_when_asked(subscribe: Starter) -> None:
-    """--timeout ends it with 1, and says whether anybody is there at all."""
+def test_a_timeout_is_an_error(subscribe: Starter) -> None:
+    """--timeout ends with exit code 1, and reports whether there is a publisher."""
     process = subscribe("--timeout", "0.2")
     _, err = process.communicate(timeout=20)
     assert process.returncode == 1
@@ -141,8 +141,8 @@ def test_silence_is_an_error_when_asked(subscribe: Starter) -> None:
     )
 
 
-def test_a_full_disk_is_told(subscribe: Starter, key: str, endpoint: str) -> None:
-    """What cannot be written is an error, not silence."""
+def test_a_full_disk_is_reported_once(subscribe: Starter, key: str, endpoint: str) -> None:
+    """A record that is not written is an error."""
     with Path("/dev/full").open("w") as full:
         process = subscribe("--format", "jsonl", stdout=full)
         publisher = threading.Thread(target=_publish, args=(key, endpoint, 3))
@@ -157,7 +157,7 @@ def test_a_full_disk_is_told(subscribe: Starter, key: str, endpoint: str) -> Non
     ("arguments", "text"),
     [(("/uav",), "for example uav/1"), (("uav/1", "--connect", "here"), "PROTOCOL/HOST:PORT")],
 )
-def test_what_cannot_work_is_an_error(arguments: tuple[str, ...], text: str) -> None:
+def test_invalid_arguments_are_an_error(arguments: tuple[str, ...], text: str) -> None:
     """Exit code 1 and a remedy, at once."""
     done = subprocess.run(
         [str(BINARY), "subscribe", *arguments], capture_output=True, text=True, timeout=30, check=False
@@ -166,8 +166,8 @@ def test_what_cannot_work_is_an_error(arguments: tuple[str, ...], text: str) -> 
     assert text in done.stderr
 
 
-def test_the_table_has_a_row_a_target() -> None:
-    """Id, state, place, size, speed, score and age; what was missed in the title."""
+def test_the_table_has_a_row_per_target() -> None:
+    """Id, state, position, size, velocity, score and age; lost records in the title."""
     record = track_record(_frame(5), source="uav/1", published_ns=1)
     console = Console(width=120, record=True, file=None, force_terminal=False)
     with console.capture() as captured:
@@ -178,7 +178,7 @@ def test_the_table_has_a_row_a_target() -> None:
     assert row.split() == ["7", "confirmed", "1.5", "2.5", "30x14", "1.0", "2.0", "0.50", "7.0"]
 
 
-def test_words_for_a_record_without_time() -> None:
-    """What is not known is a question mark, not a zero."""
+def test_a_record_without_time_as_text() -> None:
+    """An unknown time is a question mark, not zero."""
     record = track_record(_frame(5).replace(pts=None), source="uav/1", published_ns=1)
     assert as_text(record).startswith("uav/1 seq 5        ? s  1 tracks")

@@ -1,4 +1,4 @@
-"""TrackSubscriber: the present of every publisher, typed, and a count of all that was missed."""
+"""TrackSubscriber: the newest record of every publisher, typed, and counts of all losses."""
 
 import threading
 import time
@@ -59,7 +59,7 @@ def _wait_for(condition: Callable[[], bool], limit_s: float = 10.0) -> None:
         never.wait(0.01)
 
 
-def test_it_is_found_in_the_package() -> None:
+def test_it_is_a_name_of_the_package() -> None:
     """`from streamkit_zenoh import TrackSubscriber` is what the documentation says."""
     assert streamkit_zenoh.TrackSubscriber is TrackSubscriber
     with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
@@ -70,7 +70,7 @@ def test_it_is_found_in_the_package() -> None:
 def test_records_come_in_every_encoding(
     sink: Callable[..., Harness], key: str, endpoint: str, encoding: str
 ) -> None:
-    """The encoding of each message says how to read it; iteration ends with the publisher."""
+    """Each message names its encoding; iteration ends with the publisher."""
     with TrackSubscriber(key, connect=endpoint, ring=64, ends_with_publisher=True) as subscriber:
         harness = sink(encoding=encoding, wait_subscribers=1)
         for seq in range(20):
@@ -83,7 +83,7 @@ def test_records_come_in_every_encoding(
 
 
 def test_a_slow_reader_sees_the_newest(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
-    """One record is held; what it replaced is counted."""
+    """One record is held; those it replaced are counted."""
     with TrackSubscriber(key, connect=endpoint) as subscriber:
         harness = sink(wait_subscribers=1)
         for seq in range(50):
@@ -96,8 +96,10 @@ def test_a_slow_reader_sees_the_newest(sink: Callable[..., Harness], key: str, e
         assert subscriber.get(0.0) is None
 
 
-def test_a_late_comer_has_state_at_once(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
-    """The last record comes without a new frame, and is not taken for a gap."""
+def test_a_late_subscriber_gets_the_last_record(
+    sink: Callable[..., Harness], key: str, endpoint: str
+) -> None:
+    """The last record arrives without a new frame, and counts as no gap."""
     harness = sink()
     for seq in range(5):
         harness.push(_frame(seq, TrackState.CONFIRMED))
@@ -112,8 +114,8 @@ def test_a_late_comer_has_state_at_once(sink: Callable[..., Harness], key: str, 
         assert update.key == f"{key}/track/0"
 
 
-def test_state_asked_for_overtakes_no_record(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
-    """Whoever comes while records are under way sees each once, in order, and takes none for lost."""
+def test_the_queried_record_overtakes_no_other(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
+    """A subscriber that joins during publishing gets each record once, in order, and counts no loss."""
     harness = sink(max_queue=10_000, wait_subscribers=0)
     for join in range(5):
         first = join * 300
@@ -131,7 +133,7 @@ def test_state_asked_for_overtakes_no_record(sink: Callable[..., Harness], key: 
 
 
 def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
-    """Confirmed and coasting targets have keys of their own, which are deleted when they end."""
+    """Confirmed and coasting targets have their own keys, which are deleted when they end."""
     with TrackSubscriber(f"{key}/track/*", connect=endpoint, ring=64) as subscriber:
         harness = sink(track_qos="block")
         publication = harness.element._publication
@@ -151,8 +153,10 @@ def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key
     assert subscriber.counts.lost == 0
 
 
-def test_what_is_dropped_there_is_seen_here(sink: Callable[..., Harness], key: str, endpoint: str) -> None:
-    """The publisher's own drops are gaps in the numbers: dropped there equals lost here, also at the end."""
+def test_drops_of_the_publisher_are_losses_of_the_receiver(
+    sink: Callable[..., Harness], key: str, endpoint: str
+) -> None:
+    """Drops are gaps in the numbers: their count equals the losses, also at the end."""
     with TrackSubscriber(key, connect=endpoint, ring=5000, ends_with_publisher=True) as subscriber:
         harness = sink(wait_subscribers=1, max_queue=2)
         harness.push(_frame(0))
@@ -167,7 +171,7 @@ def test_what_is_dropped_there_is_seen_here(sink: Callable[..., Harness], key: s
 
 
 def test_bad_data_is_counted(open_test_session: Opener, key: str, endpoint: str) -> None:
-    """Neither what is no record nor what is too large ends the iteration."""
+    """Neither an invalid nor a too large message ends the iteration."""
     with TrackSubscriber(key, listen=endpoint, ring=64) as subscriber:
         session = open_test_session(connect=endpoint)
         publisher = session.declare_publisher(
@@ -196,8 +200,8 @@ def _status(
     )  # fmt: skip
 
 
-def test_tail_losses_are_told_by_the_status(open_test_session: Opener, key: str, endpoint: str) -> None:
-    """A publisher that ends says how far it was: what did not come counts as lost, with no record behind."""
+def test_the_status_shows_losses_at_the_end(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """The last status holds the last number: missing records count as lost without a later one."""
     codec = Codec(StatusRecord, STATUS_SCHEMA, Encoding.JSON)
     with TrackSubscriber(key, listen=endpoint, ring=8) as subscriber:
         session = open_test_session(connect=endpoint)
@@ -214,7 +218,7 @@ def test_tail_losses_are_told_by_the_status(open_test_session: Opener, key: str,
 def test_a_late_status_shows_what_was_lost_before_the_first_record(
     open_test_session: Opener, key: str, endpoint: str, delay_s: float
 ) -> None:
-    """The answer to the receiver's question may come long behind the first record."""
+    """The reply to the receiver's query may arrive long after the first record."""
     codec = Codec(StatusRecord, STATUS_SCHEMA, Encoding.JSON)
     payload = codec.encode(_status(key, settled_number=0, first_number=0))
     asked, release = threading.Event(), threading.Event()
@@ -240,8 +244,8 @@ def test_a_late_status_shows_what_was_lost_before_the_first_record(
         token.undeclare()
 
 
-def test_presence_is_known(open_test_session: Opener, key: str, endpoint: str) -> None:
-    """Publishers that come and go are counted while nothing is published."""
+def test_publishers_are_counted(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """The number of live publishers is known without any message."""
     with TrackSubscriber(key, listen=endpoint) as subscriber:
         assert subscriber.counts.publishers == 0
         session = open_test_session(connect=endpoint)
@@ -252,7 +256,7 @@ def test_presence_is_known(open_test_session: Opener, key: str, endpoint: str) -
 
 
 def test_close_ends_the_iteration(key: str) -> None:
-    """Another thread may close; the iterator then ends, and closing twice does no harm."""
+    """Another thread may close; the iterator then ends, and a second close has no effect."""
     subscriber = TrackSubscriber(key)
     ended = threading.Event()
 
@@ -269,6 +273,6 @@ def test_close_ends_the_iteration(key: str) -> None:
 
 
 def test_a_bad_key_is_refused() -> None:
-    """With an example of a good one."""
+    """With an example of a valid one."""
     with pytest.raises(InvalidKey, match="for example uav/1"):
         TrackSubscriber("/uav")

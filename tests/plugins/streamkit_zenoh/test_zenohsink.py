@@ -1,4 +1,4 @@
-"""zenohsink: every frame's record arrives, also in another process; nothing is lost unseen."""
+"""zenohsink: every frame's record arrives, also in another process; every loss is counted."""
 
 import json
 import signal
@@ -81,7 +81,7 @@ def _received(process: subprocess.Popen[str]) -> list[TrackRecord]:
 
 @pytest.mark.parametrize("meeting", ["found", "named"])
 def test_every_record_reaches_another_process(key: str, endpoint: str, meeting: str) -> None:
-    """Two processes, no router: with the receiver there, each of 400 records arrives, in order."""
+    """Two processes, no router: once the receiver is there, each of 400 records arrives in order."""
     connect, listen = (f" connect={endpoint}", f" listen={endpoint}") if meeting == "named" else ("", "")
     receiver = _start_receiver(f"zenohsrc key={key}{connect} ! appsink name=out")
     Pipeline.parse(
@@ -106,7 +106,7 @@ def test_two_receivers_are_waited_for(key: str) -> None:
 
 
 def test_the_record_is_that_of_the_frame(open_test_session: Opener, key: str) -> None:
-    """JSON at KEY/tracks, with source, times and age, for subscribers of any make."""
+    """JSON at KEY/tracks, with source, times and age, for any zenoh subscriber."""
     subscriber = _Subscriber(open_test_session(), f"{key}/tracks", 1)
     before_ns = time.time_ns()
     capture = Capture(before_ns - 50_000_000, "rtcp")
@@ -123,7 +123,7 @@ def test_the_record_is_that_of_the_frame(open_test_session: Opener, key: str) ->
     assert record.age_ms >= 50.0
 
 
-def test_records_pass_on_as_they_are(open_test_session: Opener, key: str) -> None:
+def test_received_records_are_published_unchanged(open_test_session: Opener, key: str) -> None:
     """A bridge from zenohsrc to zenohsink changes nothing in the record."""
     from streamkit import encode_record, track_record
 
@@ -140,7 +140,7 @@ def test_records_pass_on_as_they_are(open_test_session: Opener, key: str) -> Non
 
 
 def test_waiting_for_receivers_is_bounded(key: str) -> None:
-    """Nobody comes: the error says how many were waited for, where, and what to do."""
+    """The error has the number of receivers, the key and a remedy."""
     text = f"videotestsrc num-buffers=1 ! zenohsink key={key} wait-subscribers=1 wait-timeout-s=0.1"
     with pytest.raises(
         ElementFailure, match=f"wait-subscribers=1: not there at {key}/tracks within 0.1 s; start them"
@@ -159,15 +159,17 @@ def test_a_pipeline_that_waits_can_be_stopped(key: str) -> None:
         assert time.monotonic() - started < 5.0
 
 
-def test_a_stuck_receiver_holds_up_nobody(endpoint: str, key: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Records that find no room are dropped and counted, the stuck receiver is cut off, and closing ends."""
+def test_a_stuck_receiver_does_not_block_the_pipeline(
+    endpoint: str, key: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Records that do not fit the queue are dropped and counted, the receiver is cut off, closing ends."""
     monkeypatch.setattr("streamkit_zenoh.zenohsink.FINISH_LIMIT_S", 1.0)
     receiver = _start_receiver(f"zenohsrc key={key} connect={endpoint} ! appsink name=out")
     try:
         with Harness(
             "zenohsink", key=key, listen=endpoint, wait_subscribers=1, max_queue=4, cut_off_s=1
         ) as harness:
-            # The kernel holds some megabytes before a sender is held up; large records fill them soon.
+            # The kernel buffers some megabytes before a sender blocks; large records fill them soon.
             frame = _frame(1).attach(_many_tracks(2000))
             harness.push(frame)
             receiver.send_signal(signal.SIGSTOP)
@@ -184,8 +186,8 @@ def test_a_stuck_receiver_holds_up_nobody(endpoint: str, key: str, monkeypatch: 
         receiver.communicate(timeout=10)
 
 
-def test_drops_are_told_in_the_records_that_follow(open_test_session: Opener, key: str) -> None:
-    """`dropped` counts what the publisher could not deliver so far."""
+def test_later_records_hold_the_number_of_drops(open_test_session: Opener, key: str) -> None:
+    """`dropped` counts the records that were not delivered so far."""
     subscriber = _Subscriber(open_test_session(), f"{key}/tracks", 2)
     with Harness("zenohsink", key=key, wait_subscribers=1) as harness:
         harness.push(_frame(0))
@@ -215,20 +217,20 @@ def _many_tracks(count: int) -> Tracks:
         ({"config": "/no/such/file.json5"}, "zenoh configuration"),
     ],
 )
-def test_what_cannot_work_is_an_error_at_start(properties: dict[str, str], text: str) -> None:
-    """Keys, endpoints and files are judged before the first frame."""
+def test_invalid_properties_are_an_error_at_start(properties: dict[str, str], text: str) -> None:
+    """Keys, endpoints and files are validated before the first frame."""
     with pytest.raises(ResourceError, match=text):
         Harness("zenohsink", **properties)
 
 
-def test_an_endpoint_where_nobody_is_is_told(endpoint: str, key: str) -> None:
-    """A peer goes on trying, and says so."""
+def test_an_endpoint_without_answer_is_reported(endpoint: str, key: str) -> None:
+    """A peer retries, and posts a warning."""
     with Harness("zenohsink", key=key, connect=endpoint) as harness:
         assert any(f"nobody answers at {endpoint} yet" in message.text for message in harness.messages)
 
 
 def test_graphs_show_no_secret(key: str) -> None:
-    """What an endpoint carries behind # may be a private key."""
+    """An endpoint may hold a private key after #."""
     pipeline = Pipeline.parse(
         f'fakesrc ! zenohsink name=z key={key} connect="tls/h:1#connect_private_key_base64=SECRET"'
     )
@@ -244,7 +246,7 @@ def test_no_thread_is_left(key: str) -> None:
 
 
 def _asked(session: zenoh.Session, expression: str, limit_s: float = 10.0) -> dict[str, zenoh.Sample]:
-    """What publishers answer, by key; asked again until there is an answer."""
+    """The publishers' replies by key; queried until there is one."""
     deadline_s, never = time.monotonic() + limit_s, threading.Event()
     while time.monotonic() < deadline_s:
         replies = [reply.ok for reply in session.get(expression, timeout=2.0)]
@@ -255,10 +257,10 @@ def _asked(session: zenoh.Session, expression: str, limit_s: float = 10.0) -> di
 
 
 @pytest.mark.parametrize("encoding", ["json", "msgpack", "cbor", "protobuf"])
-def test_the_last_of_everything_is_answered(
+def test_queries_are_answered_with_the_last_messages(
     open_test_session: Opener, key: str, endpoint: str, encoding: str
 ) -> None:
-    """Record, targets, status and schemas: a query gets them, with their encoding and numbers."""
+    """Record, targets, status and schemas, with their encoding and numbers."""
     with Harness("zenohsink", key=key, listen=endpoint, encoding=encoding) as harness:
         for seq in range(3):
             harness.push(_frame(seq).attach(_many_tracks(2)))
@@ -282,7 +284,7 @@ def test_the_last_of_everything_is_answered(
 def test_status_comes_once_a_second_and_at_the_end(
     open_test_session: Opener, key: str, endpoint: str
 ) -> None:
-    """State, counters and age; the last one says that the stream has ended, and how far it was."""
+    """State, counters and age; the last one has the state `ended` and the last number."""
     subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/status", 3)
     with Harness("zenohsink", key=key, connect=endpoint) as harness:
         harness.push(_frame(0, Capture(time.time_ns() - 10**9, "rtcp")))
@@ -305,7 +307,7 @@ def test_status_comes_once_a_second_and_at_the_end(
 
 
 def test_streams_can_be_switched_off(open_test_session: Opener, key: str, endpoint: str) -> None:
-    """What is off is neither published nor answered."""
+    """A disabled stream is neither published nor answered."""
     with Harness("zenohsink", key=key, listen=endpoint, tracks=False, track=False, status=False) as harness:
         subscriber = _Subscriber(open_test_session(connect=endpoint), f"{key}/**", 1)
         harness.push(_frame(0).attach(_many_tracks(2)))
@@ -316,8 +318,8 @@ def test_streams_can_be_switched_off(open_test_session: Opener, key: str, endpoi
     assert not subscriber.samples
 
 
-def test_pictures_come_at_their_rate(open_test_session: Opener, key: str, endpoint: str) -> None:
-    """30 frames a second at a rate of 10 are every third one, scaled, with their header."""
+def test_frames_are_published_at_their_rate(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """30 frames/s at a rate of 10 are every third one, scaled, with their header."""
     subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/frame", 4)
     text = (
         "videotestsrc num-buffers=12 ! video/x-raw, format=GRAY8, width=64, height=48, framerate=30/1 "
@@ -337,8 +339,8 @@ def test_pictures_come_at_their_rate(open_test_session: Opener, key: str, endpoi
     assert [picture.shape for picture in pictures] == [(24, 32)] * 4
 
 
-def test_the_frame_pad_publishes_other_pictures(open_test_session: Opener, key: str, endpoint: str) -> None:
-    """What comes in at the pad `frame` is shown, a picture with tracks drawn on it for example."""
+def test_frames_of_the_frame_pad_are_published(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """They may differ from those of the pad `sink`, for example with tracks drawn on them."""
     subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/frame", 1)
     with Harness("zenohsink", key=key, connect=endpoint, frame_format="png") as harness:
         assert _wait_for(lambda: harness.element._publication.images["frame"].publisher.has_subscriber)
@@ -350,7 +352,7 @@ def test_the_frame_pad_publishes_other_pictures(open_test_session: Opener, key: 
 
 
 def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, endpoint: str) -> None:
-    """A picture that is as the last one was is not sent again; EOS comes when both pads have ended."""
+    """A mosaic with the pixels of the last one is not sent; EOS follows that of both pads."""
     subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/mosaic", 2)
     text = (
         f"zenohsink name=z key={key} connect={endpoint} mosaic-format=png "
@@ -373,8 +375,8 @@ def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, e
     assert [int(picture[0, 0]) for picture in pictures] == [10, 20]
 
 
-def test_a_track_without_a_place_ends_the_stream(open_test_session: Opener, key: str, endpoint: str) -> None:
-    """The record is made in the background; its fault is the pipeline's at the next frame all the same."""
+def test_a_track_with_nan_ends_the_stream(open_test_session: Opener, key: str, endpoint: str) -> None:
+    """The record is made in another thread; its error ends the pipeline at the next frame."""
     subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/tracks", 1)
     with Harness("zenohsink", key=key, connect=endpoint, wait_subscribers=1) as harness:
         covariance = np.eye(2)
@@ -390,13 +392,13 @@ def test_a_track_without_a_place_ends_the_stream(open_test_session: Opener, key:
 @pytest.mark.parametrize(
     "property_name", ["tracks_qos", "track_qos", "frame_qos", "mosaic_qos", "status_qos"]
 )
-def test_a_bad_quality_is_an_error_at_start(property_name: str, key: str) -> None:
-    """Each stream's words are checked."""
+def test_a_malformed_qos_is_an_error_at_start(property_name: str, key: str) -> None:
+    """Each stream's property is validated."""
     with pytest.raises(ResourceError, match="write for example drop,data-low"):
         Harness("zenohsink", key=key, **{property_name: "fast"})
 
 
-def test_quality_reaches_the_subscriber(open_test_session: Opener, key: str, endpoint: str) -> None:
+def test_qos_reaches_the_subscriber(open_test_session: Opener, key: str, endpoint: str) -> None:
     """Congestion control, priority and express are those of the property."""
     subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/tracks", 1)
     with Harness(

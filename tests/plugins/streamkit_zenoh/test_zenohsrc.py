@@ -1,4 +1,4 @@
-"""zenohsrc: frames with tracks from records, an end when the publisher ends, and no trust in the network."""
+"""zenohsrc: frames with tracks from records, EOS when the publisher ends, invalid messages skipped."""
 
 import subprocess
 import sys
@@ -46,7 +46,7 @@ def _payload(seq: int, epoch: int = 0) -> bytes:
 
 
 class _Publisher:
-    """A publisher by hand, with its token, in a session of its own."""
+    """A plain zenoh publisher with a token, in a session of its own."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self.session = session
@@ -95,7 +95,7 @@ def receive(endpoint: str, key: str) -> Iterator[Callable[..., Pipeline]]:
 
 
 def test_records_become_frames(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
-    """Bytes as data, times of the record, tracks and registration as metadata; EOS at the publisher's end."""
+    """Record as data, its times, tracks and registration as metadata; EOS at the publisher's end."""
     pipeline = receive()
     publisher.wait()
     for seq in range(3, 8):
@@ -114,7 +114,7 @@ def test_records_become_frames(publisher: _Publisher, receive: Callable[..., Pip
 
 
 def test_num_buffers_ends_the_stream(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
-    """After so many records comes EOS, whatever the publisher does."""
+    """EOS follows so many records, whatever the publisher does."""
     pipeline = receive("num-buffers=3")
     publisher.wait()
     for seq in range(10):
@@ -123,7 +123,7 @@ def test_num_buffers_ends_the_stream(publisher: _Publisher, receive: Callable[..
 
 
 def test_wildcards_receive_several_publishers(open_test_session: Opener, endpoint: str, key: str) -> None:
-    """One receiver at KEY/* gets all, and ends when the last publisher has gone."""
+    """One receiver at KEY/* gets all, and ends when the last publisher is gone."""
     pipeline = Pipeline.parse(f'zenohsrc key="{key}/*" listen={endpoint} ! appsink name=out')
     with pipeline:
         pipeline.play()
@@ -139,10 +139,10 @@ def test_wildcards_receive_several_publishers(open_test_session: Opener, endpoin
         assert [frame.seq for frame in pipeline["out"]] == [7]
 
 
-def test_publishers_with_times_of_their_own_lose_nothing(
+def test_publishers_with_different_times_lose_nothing(
     publisher: _Publisher, receive: Callable[..., Pipeline]
 ) -> None:
-    """A time before the first one's begins a new epoch: within one, times only go up."""
+    """A pts before the first one's starts a new epoch: within an epoch, pts never decrease."""
     pipeline = receive()
     publisher.wait()
     for seq in (9, 10, 3, 11, 4):
@@ -158,7 +158,7 @@ def test_publishers_with_times_of_their_own_lose_nothing(
 
 
 def test_bad_data_is_counted_and_skipped(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
-    """What is no record neither ends the stream nor passes; one warning tells."""
+    """An invalid message neither ends the stream nor passes; one warning is posted."""
     pipeline = receive()
     publisher.wait()
     for data in (b"", b"{}", b"\xff" * 100, b"[" * 10_000, bytes(5 * 1024 * 1024)):
@@ -180,8 +180,8 @@ def test_lost_records_are_counted(publisher: _Publisher, receive: Callable[..., 
     assert pipeline["source"].drops["lost on the way"] == 2
 
 
-def test_a_forged_number_does_not_blind(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
-    """One message with the publisher's run and the largest number: all others still pass, and a warning."""
+def test_a_forged_number_hides_no_message(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
+    """After a message with the publisher's run and the largest number all others pass, with a warning."""
     pipeline = receive()
     publisher.wait()
     for seq, number in ((0, 0), (1, 10**19 - 1), (2, 1), (3, 2)):
@@ -201,7 +201,7 @@ def test_a_new_publisher_is_a_new_epoch(
     endpoint: str,
     key: str,
 ) -> None:
-    """With eos-on-disconnect=false the stream outlives its publisher; the next one has a new epoch."""
+    """With eos-on-disconnect=false the stream continues; the next publisher has a new epoch."""
     pipeline = receive("eos-on-disconnect=false")
     publisher.wait()
     for number in range(3):
@@ -217,7 +217,7 @@ def test_a_new_publisher_is_a_new_epoch(
 
 
 def test_newest_drops_the_oldest(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
-    """With `newest`, a slow reader sees the last records, and the others are counted."""
+    """With `newest`, a slow reader gets the last records, and the others are counted."""
     pipeline = receive("newest=true max-records=4", "max-buffers=1")
     publisher.wait()
     for number in range(200):
@@ -229,8 +229,10 @@ def test_newest_drops_the_oldest(publisher: _Publisher, receive: Callable[..., P
     assert len(seen) + pipeline["source"].drops["downstream too slow"] == 200
 
 
-def test_lossless_holds_the_publisher_up(publisher: _Publisher, receive: Callable[..., Pipeline]) -> None:
-    """Without `newest`, small boxes on the way lose nothing."""
+def test_without_newest_the_publisher_is_blocked(
+    publisher: _Publisher, receive: Callable[..., Pipeline]
+) -> None:
+    """Without `newest`, small queues lose nothing."""
     pipeline = receive("max-records=2", "max-buffers=1")
     publisher.wait()
     putter = threading.Thread(target=lambda: [publisher.put(_payload(seq), seq) for seq in range(2000)])
@@ -241,15 +243,15 @@ def test_lossless_holds_the_publisher_up(publisher: _Publisher, receive: Callabl
     assert pipeline["source"].drops.total() == 0
 
 
-def test_silence_is_an_error_when_asked(receive: Callable[..., Pipeline], key: str) -> None:
-    """With timeout-s, nothing heard is an error that names the key and a remedy."""
+def test_a_timeout_is_an_error(receive: Callable[..., Pipeline], key: str) -> None:
+    """With timeout-s, the error names the key and a remedy."""
     pipeline = receive("timeout-s=0.3")
     with pytest.raises(ElementFailure, match=f"no record at {key}/tracks for 0.3 s; start the publisher"):
         list(pipeline["out"])
 
 
 def test_a_killed_publisher_ends_the_stream(key: str, endpoint: str) -> None:
-    """A process that dies takes its token with it: the receiver gets EOS."""
+    """The token ends with its process: the receiver gets EOS."""
     script = Path(__file__).with_name("endless_publisher.py")
     with Pipeline.parse(f"zenohsrc key={key} listen={endpoint} ! appsink name=out drop=true") as pipeline:
         pipeline.play()
@@ -264,8 +266,8 @@ def test_a_killed_publisher_ends_the_stream(key: str, endpoint: str) -> None:
         assert message.error is None
 
 
-def test_waiting_can_be_stopped_and_finished(key: str) -> None:
-    """A source without publisher stops at once, and ends with EOS when asked to finish."""
+def test_a_wait_for_publishers_can_be_stopped(key: str) -> None:
+    """A source without publisher stops at once, and ends with EOS on request."""
     with Pipeline.parse(f"zenohsrc key={key} ! fakesink") as pipeline:
         pipeline.play()
         pipeline.finish()
@@ -277,7 +279,7 @@ def test_waiting_can_be_stopped_and_finished(key: str) -> None:
 
 
 def test_a_bad_key_is_an_error_at_start() -> None:
-    """What zenoh would not take as a key is refused with a good one."""
+    """The error has an example of a valid key."""
     with pytest.raises((ResourceError, ElementFailure), match="for example uav/1"):
         Pipeline.parse("zenohsrc key=/uav ! fakesink").run(timeout_s=5)
 
@@ -297,7 +299,7 @@ def test_no_thread_is_left(publisher: _Publisher, receive: Callable[..., Pipelin
 def test_other_encodings_become_json(
     open_test_session: Opener, key: str, endpoint: str, encoding: str
 ) -> None:
-    """Behind zenohsrc a record is a line of JSON, however it came."""
+    """Downstream of zenohsrc a record is a line of JSON, whatever its encoding was."""
     record = decode_record(_payload(3))
     codec = Codec(TrackRecord, "streamkit.tracks/1", Encoding(encoding))
     with Pipeline.parse(f"zenohsrc key={key} listen={endpoint} num-buffers=1 ! appsink name=out") as pipeline:
@@ -309,8 +311,8 @@ def test_other_encodings_become_json(
     assert bytes(frame.data) == _payload(3)
 
 
-def test_the_last_record_comes_when_asked_for(key: str, endpoint: str) -> None:
-    """With last=true a source that comes late begins with the state of the publisher."""
+def test_last_starts_with_the_last_record(key: str, endpoint: str) -> None:
+    """With last=true a late source starts with the publisher's last record."""
     with Harness("zenohsink", key=key, listen=endpoint) as sink:
         caps = Caps("video/x-raw, format=GRAY8, width=8, height=8")
         for seq in range(3):
@@ -322,7 +324,7 @@ def test_the_last_record_comes_when_asked_for(key: str, endpoint: str) -> None:
 
 
 def test_a_pipeline_can_be_split_over_two_machines(key: str, endpoint: str) -> None:
-    """Detections on one side, pictures with them and the registration on the other, exactly."""
+    """The other side gets frames, detections and registration exactly."""
     source = Pipeline.parse(f"zenohsrc name=s key={key} listen={endpoint} receive=frame ! appsink name=out")
     text = (
         "dronetestsrc num-buffers=12 seed=1 ! video/x-raw, width=320, height=240 ! stitch ! framediff "

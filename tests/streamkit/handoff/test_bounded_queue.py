@@ -89,7 +89,7 @@ def test_an_end_comes_behind_the_last_item() -> None:
 
 
 def test_a_closed_queue_stays_closed() -> None:
-    """Who reopens it after another thread has closed it makes no reader wait for what never comes."""
+    """A reader does not wait after another thread has reopened it."""
     queue: BoundedQueue[int] = BoundedQueue()
     queue.close()
     queue.reopen()

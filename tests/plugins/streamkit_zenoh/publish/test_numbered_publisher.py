@@ -1,4 +1,4 @@
-"""A publisher knows who listens, from which number on, and says nothing more once it is closed."""
+"""A publisher knows its receivers and their first numbers, and its listener has no effect after `close`."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def _publisher(session: zenoh.Session, key: str) -> NumberedPublisher:
     return NumberedPublisher(session, key, "tracks", 7, "application/json", parse_qos("block"), 5.0)
 
 
-def test_a_listener_that_is_told_late_does_no_harm(open_test_session: Opener, key: str) -> None:
-    """Zenoh may call it for a moment after the publisher has been taken back."""
+def test_a_late_notification_has_no_effect(open_test_session: Opener, key: str) -> None:
+    """Zenoh may call the listener shortly after the publisher is undeclared."""
     publisher = _publisher(open_test_session(), key)
     publisher.close()
     publisher._matching_changed(SimpleNamespace(matching=False))  # type: ignore[arg-type]
@@ -29,8 +29,8 @@ def test_a_listener_that_is_told_late_does_no_harm(open_test_session: Opener, ke
     assert not publisher.has_subscriber
 
 
-def test_a_receiver_is_told_what_it_is_sent(open_test_session: Opener, key: str) -> None:
-    """From the number that came next when it was seen, however late it asks and however often it is seen."""
+def test_a_receiver_has_a_first_number(open_test_session: Opener, key: str) -> None:
+    """The next number when its token was first seen, however late it asks."""
     publisher = _publisher(open_test_session(), key)
     numbers = []
     for name in ("early", "late", "early"):
@@ -45,7 +45,7 @@ def test_a_receiver_is_told_what_it_is_sent(open_test_session: Opener, key: str)
     assert publisher.status("early").first_number is None
 
 
-def test_closing_while_receivers_leave_says_nothing(
+def test_closing_while_receivers_leave_raises_nothing(
     open_test_session: Opener, key: str, endpoint: str
 ) -> None:
     """Whatever the order in which both sides end, no callback fails."""

@@ -1,4 +1,4 @@
-"""Quality of service is written in words, and checked before anything is sent."""
+"""Quality of service is parsed from words in any order."""
 
 import pytest
 import zenoh
@@ -15,8 +15,8 @@ from streamkit_zenoh.publish.qos import InvalidQos, Qos, parse_qos
         ("background,drop", Qos(zenoh.CongestionControl.DROP, zenoh.Priority.BACKGROUND, False)),
     ],
 )
-def test_words_are_read_in_any_order(text: str, expected: Qos) -> None:
-    """What is not said is block and data."""
+def test_words_may_have_any_order(text: str, expected: Qos) -> None:
+    """The default is block and data."""
     assert parse_qos(text) == expected
 
 

@@ -1,4 +1,4 @@
-"""A record is the same in every encoding, and what is none is refused in every encoding."""
+"""Every encoding gives the same record back, and refuses invalid data."""
 
 import gc
 import random
@@ -34,7 +34,7 @@ def _codec(encoding: Encoding) -> Codec[TrackRecord]:
 @pytest.mark.parametrize("encoding", Encoding)
 @pytest.mark.parametrize("text", [FULL, BARE, EMPTY_TARGET])
 def test_a_record_survives_every_encoding(encoding: Encoding, text: bytes) -> None:
-    """Every number comes back exactly, and what was not said stays unsaid."""
+    """Numbers are exact, and missing fields stay missing."""
     record = decode_record(text)
     codec = _codec(encoding)
     assert codec.decode(codec.encode(record)) == record
@@ -44,7 +44,7 @@ def test_a_record_survives_every_encoding(encoding: Encoding, text: bytes) -> No
 
 @pytest.mark.parametrize("encoding", Encoding)
 def test_the_status_survives_every_encoding(encoding: Encoding) -> None:
-    """The second kind of record goes the same ways."""
+    """The status has the same encodings."""
     stream = StreamStatus(name="tracks", run=17, settled_number=5, published=4, bytes=999, has_subscriber=1)
     status = StatusRecord(
         schema=STATUS_SCHEMA, source="uav/1", state="playing", run=17, published_ns=18, uptime_s=1.5,
@@ -61,7 +61,7 @@ def _changed(**changes: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("encoding", [Encoding.MSGPACK, Encoding.CBOR, Encoding.PROTOBUF])
 def test_numbers_must_be_finite(encoding: Encoding) -> None:
-    """JSON has no NaN; the other forms have, and records may not."""
+    """Other encodings than JSON have NaN; records must not."""
     record = decode_record(FULL)
     target = msgspec.structs.replace(record.tracks[0], x=float("nan"))
     broken = msgspec.structs.replace(record, tracks=(target,))
@@ -82,7 +82,7 @@ def test_numbers_must_be_finite(encoding: Encoding) -> None:
 )
 @pytest.mark.parametrize("encoding", [Encoding.JSON, Encoding.MSGPACK, Encoding.CBOR])
 def test_what_breaks_the_schema_is_refused(encoding: Encoding, wrong: dict[str, Any]) -> None:
-    """The reason names what was looked for and how."""
+    """The error names schema and encoding."""
     import cbor2
 
     writers = {
@@ -96,7 +96,7 @@ def test_what_breaks_the_schema_is_refused(encoding: Encoding, wrong: dict[str, 
 
 @pytest.mark.parametrize("encoding", Encoding)
 def test_mutated_payloads_are_refused_or_read(encoding: Encoding) -> None:
-    """Whatever the bytes, the answer is a record or BadPayload, never another error."""
+    """Any bytes give a record or BadPayload, never another error."""
     codec, generator = _codec(encoding), random.Random(f"{encoding}")
     good = codec.encode(decode_record(FULL))
     refused = 0
@@ -116,7 +116,7 @@ def test_mutated_payloads_are_refused_or_read(encoding: Encoding) -> None:
 
 @pytest.mark.parametrize("encoding", Encoding)
 def test_bombs_are_refused(encoding: Encoding) -> None:
-    """Deep nesting and lengths that lie cost no memory and no crash."""
+    """Deep nesting and wrong lengths cost no memory and no crash."""
     codec = _codec(encoding)
     for data in (
         b"[" * 100_000,
@@ -132,8 +132,8 @@ def test_bombs_are_refused(encoding: Encoding) -> None:
 
 
 @pytest.mark.parametrize("encoding", [Encoding.CBOR, Encoding.MSGPACK, Encoding.JSON])
-def test_text_that_is_none_is_refused_and_not_kept(encoding: Encoding) -> None:
-    """Bytes that are no UTF-8 where text stands: an error each, of which nothing stays in memory."""
+def test_invalid_text_is_refused_and_leaks_nothing(encoding: Encoding) -> None:
+    """Each text that is not UTF-8 is an error, which leaves nothing in memory."""
     codec = _codec(encoding)
     damaged = codec.encode(decode_record(FULL)).replace(b"uav/1", b"ua\xff\xfe1")
 
@@ -159,7 +159,7 @@ def test_text_that_is_none_is_refused_and_not_kept(encoding: Encoding) -> None:
     ],
 )
 def test_the_content_type_names_the_encoding(content_type: str, encoding: Encoding | None) -> None:
-    """What says nothing is taken for JSON; what says something else is not guessed at."""
+    """An unspecific content type is JSON; an unknown one has no encoding."""
     assert encoding_of(content_type) is encoding
 
 

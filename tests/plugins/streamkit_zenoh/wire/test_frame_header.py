@@ -1,4 +1,4 @@
-"""A picture's metadata survives the trip, in pixels of the picture that arrives."""
+"""The metadata of a frame is restored from the header, in pixels of the image."""
 
 import json
 import math
@@ -38,8 +38,8 @@ def _frame() -> Frame:
     return frame.attach(detections, registration, Tracks((track,)), Pose(48.0, 11.0, 900.0, source="misb"))
 
 
-def test_everything_comes_back_exactly_at_full_size() -> None:
-    """Times, registration whole, detections, tracks and pose: a tracker behind it works as before."""
+def test_metadata_is_exact_at_full_size() -> None:
+    """Times, registration, detections, tracks and pose."""
     given = _frame()
     header = read_header(frame_header(given, "uav/1", 5_000, 0, (48, 64)))
     frame = image_frame(np.zeros((48, 64), np.uint8), header, 77, 10)
@@ -56,8 +56,8 @@ def test_everything_comes_back_exactly_at_full_size() -> None:
     assert (tracks.tracks[0].id, tracks.tracks[0].x, tracks.tracks[0].velocity) == (9, 30.0, (3.0, -1.0))
 
 
-def test_a_smaller_picture_has_its_own_pixels() -> None:
-    """Scaled by a half, corners stay corners; the reference plane stays as it is."""
+def test_metadata_is_scaled_with_the_image() -> None:
+    """Scaled by a half, corners stay corners; the reference plane does not change."""
     header = read_header(frame_header(_frame(), "uav/1", 5_000, 0, (24, 32)))
     frame = image_frame(np.zeros((24, 32), np.uint8), header, 77, 0)
     detections, registration, tracks = frame.get(Detections), frame.get(Registration), frame.get(Tracks)
@@ -74,8 +74,8 @@ def test_a_smaller_picture_has_its_own_pixels() -> None:
     np.testing.assert_allclose(before[:2] / before[2], [32 / 2 - 0.25, 37 / 2 - 0.25])
 
 
-def test_what_is_not_there_does_not_come() -> None:
-    """A frame without metadata has none afterwards; unknown matrices stay unknown."""
+def test_missing_metadata_stays_missing() -> None:
+    """Unknown matrices stay unknown."""
     bare = Frame(np.zeros((4, 6, 3), np.uint8), raw_video_caps("BGR", 6, 4))
     header = read_header(frame_header(bare, "a", 1, 0, (4, 6, 3)))
     assert not image_frame(np.zeros((4, 6, 3), np.uint8), header, 1, 0).metadata
@@ -90,8 +90,8 @@ def test_what_is_not_there_does_not_come() -> None:
 @pytest.mark.parametrize(
     "change", [{"picture_width": 0}, {"picture_width": 10**6}, {"schema": "x"}, {"record": 1}]
 )
-def test_what_is_no_header_is_refused(change: dict[str, object]) -> None:
-    """Sizes are bounded, the record is checked."""
+def test_invalid_headers_are_refused(change: dict[str, object]) -> None:
+    """Sizes are bounded, the record is validated."""
     good = json.loads(frame_header(_frame(), "uav/1", 5_000, 0, (48, 64)))
     for data in (json.dumps({**good, **change}).encode(), b"", b"[" * 100_000):
         with pytest.raises(ValueError):  # noqa: PT011  each has its own words

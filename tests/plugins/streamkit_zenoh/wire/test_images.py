@@ -1,4 +1,4 @@
-"""Images go to JPEG and PNG and back; a stranger's image is measured before it is decoded."""
+"""Images are encoded as JPEG and PNG; the size is checked before decoding."""
 
 import struct
 import zlib
@@ -27,7 +27,7 @@ def _image(shape: tuple[int, ...]) -> Image:
 
 
 @pytest.mark.parametrize("shape", [(40, 64), (40, 64, 3)])
-def test_png_is_exact_and_jpeg_near(shape: tuple[int, ...]) -> None:
+def test_png_is_lossless_and_jpeg_is_close(shape: tuple[int, ...]) -> None:
     """Grey stays grey, colour stays BGR."""
     image = _image(shape)
     np.testing.assert_array_equal(decode_image(encode_image(image, ImageFormat.PNG)), image)
@@ -38,12 +38,12 @@ def test_png_is_exact_and_jpeg_near(shape: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("form", ImageFormat)
 def test_the_size_is_read_without_decoding(form: ImageFormat) -> None:
-    """Width and height stand near the beginning of both."""
+    """Width and height are in the header of both."""
     assert image_size(encode_image(_image((30, 50, 3)), form)) == (50, 30)
 
 
-def test_pictures_are_only_made_smaller() -> None:
-    """The shape is kept; 0 leaves the image as it is."""
+def test_images_are_only_scaled_down() -> None:
+    """The aspect ratio is kept; 0 does not scale."""
     image = _image((40, 64))
     assert scaled_to_width(image, 32).shape == (20, 32)
     assert scaled_to_width(image, 0) is image
@@ -51,8 +51,8 @@ def test_pictures_are_only_made_smaller() -> None:
 
 
 @pytest.mark.parametrize("name", ["GRAY8", "BGR", "RGB", "BGRA", "RGBA", "I420", "NV12"])
-def test_every_raw_format_can_be_shown(name: str) -> None:
-    """A grey level is that grey level in every format."""
+def test_every_raw_format_is_converted(name: str) -> None:
+    """A grey level is the same in every format."""
     shapes = {"GRAY8": (8, 8), "BGR": (8, 8, 3), "RGB": (8, 8, 3), "BGRA": (8, 8, 4), "RGBA": (8, 8, 4)}
     data = np.full(shapes.get(name, (12, 8)), 128, np.uint8)
     shown = grey_or_bgr(data, name)
@@ -60,7 +60,7 @@ def test_every_raw_format_can_be_shown(name: str) -> None:
     assert abs(int(shown.mean()) - 128) <= 3
 
 
-def test_an_unknown_format_is_told() -> None:
+def test_an_unknown_format_is_refused() -> None:
     """The remedy is in the error."""
     with pytest.raises(ValueError, match="got YUY2; put a videoconvert before"):
         grey_or_bgr(np.zeros((4, 8), np.uint8), "YUY2")
@@ -88,13 +88,13 @@ def _png_of(width: int, height: int) -> bytes:
         bytes(IMAGE_LIMIT_BYTES + 1),
     ],
 )
-def test_what_is_no_picture_is_refused(data: bytes) -> None:
-    """Other data, broken files, and sizes that would fill the memory."""
+def test_invalid_images_are_refused(data: bytes) -> None:
+    """Other data, damaged files, and sizes that would exhaust memory."""
     with pytest.raises(BadImage):
         decode_image(data)
 
 
-def test_what_cannot_be_written_is_told() -> None:
-    """JPEG ends at 65535 px a side."""
+def test_too_large_images_are_refused() -> None:
+    """JPEG has at most 65535 px a side."""
     with pytest.raises(BadImage, match="jpeg of"):
         encode_image(np.zeros((1, 70_000), np.uint8), ImageFormat.JPEG)

@@ -10,12 +10,12 @@ def _lost(numbering: LossTracker, *numbers: int, run: int = 7, key: str = "a") -
 
 
 def test_gaps_are_counted() -> None:
-    """Whatever is missing between two numbers of a run was lost; what came before the first was not."""
+    """Missing numbers between two of a run are losses; those before the first are not."""
     assert _lost(LossTracker(), 5, 6, 9, 10) == [0, 0, 2, 0]
 
 
-def test_what_comes_next_may_be_told() -> None:
-    """A publisher that is asked says where a receiver begins: what it misses from there on is lost."""
+def test_a_known_start_shows_losses() -> None:
+    """The reply to a receiver holds its first number: missing numbers from there on are losses."""
     numbering = LossTracker()
     numbering.starts_at("a", 7, 10)
     assert _lost(numbering, 12) == [2]
@@ -23,8 +23,8 @@ def test_what_comes_next_may_be_told() -> None:
     assert _lost(numbering, 14) == [1]
 
 
-def test_an_answer_is_state_for_a_late_comer() -> None:
-    """The last message is passed on once, and what follows it is not missed."""
+def test_a_reply_is_the_last_message_for_a_late_receiver() -> None:
+    """The last message is new once, and the next one shows no loss."""
     numbering = LossTracker()
     numbering.starts_at("a", 7, 10)
     assert numbering.replied("a", Stamp(7, 9)) == Arrival()
@@ -33,8 +33,8 @@ def test_an_answer_is_state_for_a_late_comer() -> None:
     assert numbering.replied("a", Stamp(7, 11)) == Arrival(is_new=False)
 
 
-def test_an_answer_may_overtake_what_comes_by_itself() -> None:
-    """Then nothing is lost by it: left out where it is known to come, else the others pass behind it."""
+def test_a_reply_may_overtake_published_messages() -> None:
+    """No message is lost: the reply is skipped if it will be published, else the others follow it."""
     told, untold = LossTracker(), LossTracker()
     told.starts_at("a", 7, 0)
     assert told.replied("a", Stamp(7, 3)) == Arrival(is_new=False)
@@ -45,8 +45,8 @@ def test_an_answer_may_overtake_what_comes_by_itself() -> None:
     assert sum(one.lost for one in passed) == 0
 
 
-def test_an_answer_after_a_gap_was_not_missed() -> None:
-    """The way was cut: of what came meanwhile, the last one was asked for and is here."""
+def test_a_reply_after_a_gap_is_no_loss() -> None:
+    """After an outage the last message is queried; the others are lost."""
     numbering = LossTracker()
     _lost(numbering, 0, 1)
     assert numbering.replied("a", Stamp(7, 6)) == Arrival()
@@ -55,14 +55,14 @@ def test_an_answer_after_a_gap_was_not_missed() -> None:
     assert numbering.settled_up_to("a", 7, 14) == 4
 
 
-def test_keys_are_apart() -> None:
-    """Two publishers count for themselves."""
+def test_keys_have_their_own_numbers() -> None:
+    """Two publishers are counted separately."""
     numbering = LossTracker()
     assert _lost(numbering, 0) + _lost(numbering, 7, key="b") + _lost(numbering, 1) == [0, 0, 0]
 
 
-def test_what_was_here_before_is_not_new() -> None:
-    """The last record, asked for, may be one that came by itself, or an older one."""
+def test_repetitions_are_not_new() -> None:
+    """A message may arrive twice, or be older than the first."""
     numbering = LossTracker()
     _lost(numbering, 3, 4)
     assert numbering.received("a", Stamp(7, 4)) == Arrival(is_new=False)
@@ -70,8 +70,8 @@ def test_what_was_here_before_is_not_new() -> None:
     assert _lost(numbering, 5) == [0]
 
 
-def test_a_new_run_is_a_restart_missed_from_its_first_number() -> None:
-    """Who has heard the publisher before was there when the next one began."""
+def test_a_new_run_is_a_restart_that_starts_at_zero() -> None:
+    """A receiver of the previous run was there when the next one began."""
     numbering = LossTracker()
     _lost(numbering, 0, 1)
     assert numbering.received("a", Stamp(9, 3)) == Arrival(lost=3, is_restart=True)
@@ -79,29 +79,29 @@ def test_a_new_run_is_a_restart_missed_from_its_first_number() -> None:
 
 
 def test_a_clock_set_back_is_a_restart_too() -> None:
-    """A publisher whose clock went back is heard all the same."""
+    """The run of a publisher whose clock was set back is lower."""
     numbering = LossTracker()
     _lost(numbering, 0, 1)
     assert numbering.received("a", Stamp(2, 5)) == Arrival(is_restart=True)
 
 
-def test_an_answer_of_the_past_is_not_new() -> None:
-    """What an older publisher answers does not come behind what the new one has said."""
+def test_a_reply_of_an_earlier_run_is_not_new() -> None:
+    """It does not follow messages of the new publisher."""
     numbering = LossTracker()
     _lost(numbering, 0)
     assert numbering.replied("a", Stamp(2, 5)) == Arrival(is_new=False)
 
 
 def test_two_publishers_at_one_key_cost_no_false_loss() -> None:
-    """After both are known, each is followed by its own numbers."""
+    """Each has its own numbers."""
     numbering = LossTracker()
     _lost(numbering, 5)
     _lost(numbering, 100, run=9)
     assert _lost(numbering, 6) + _lost(numbering, 101, run=9) + _lost(numbering, 7) == [0, 0, 0]
 
 
-def test_the_end_is_caught_up_with() -> None:
-    """A publisher that says how far it is shows what was lost behind the last record heard."""
+def test_the_settled_number_shows_losses_at_the_end() -> None:
+    """The status of a publisher shows the losses after the last message received."""
     numbering = LossTracker()
     _lost(numbering, 0, 1)
     assert numbering.settled_up_to("a", 7, 2) == 0
@@ -111,8 +111,8 @@ def test_the_end_is_caught_up_with() -> None:
     assert _lost(numbering, 5) == [0]
 
 
-def test_a_stamp_survives_the_trip() -> None:
-    """With and without a header behind it."""
+def test_a_stamp_is_read_from_its_attachment() -> None:
+    """With and without a header."""
     stamp = Stamp(1_763_690_000_171_000_000, 120)
     assert stamp.attachment() == b"1763690000171000000 120"
     assert read_attachment(stamp.attachment()) == (stamp, b"")
@@ -122,14 +122,14 @@ def test_a_stamp_survives_the_trip() -> None:
 @pytest.mark.parametrize(
     "data", [b"", b"1", b"-1 2", b"1.5 2", b"x", b"\xff", b"9" * 20 + b" 1", "٣ ٣".encode(), b"1 2 3"]
 )
-def test_what_is_no_stamp_tells_nothing(data: bytes) -> None:
-    """Other publishers may attach what they like."""
+def test_a_malformed_stamp_is_ignored(data: bytes) -> None:
+    """Other publishers may use any attachment."""
     assert read_attachment(data) == (None, b"")
     assert LossTracker().received("a", None) == Arrival()
 
 
 def test_memory_is_bounded() -> None:
-    """Keys heard longest ago are forgotten."""
+    """The keys set longest ago are dropped."""
     numbering = LossTracker()
     for index in range(KEY_LIMIT + 1):
         _lost(numbering, 0, key=str(index))

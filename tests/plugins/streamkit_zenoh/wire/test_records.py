@@ -1,4 +1,4 @@
-"""A frame becomes a record and back; what a record does not say stays unknown."""
+"""A frame becomes a record and a frame again; unknown values stay unknown."""
 
 import json
 
@@ -52,7 +52,7 @@ def _received(payload: bytes, arrival_ns: int, epoch: int = 0) -> Frame:
 
 
 def test_a_record_restores_the_frames_times_and_metadata() -> None:
-    """Times, tracks and the place on the reference plane come back exactly."""
+    """Times, tracks and registration are exact."""
     given = _frame()
     frame = _received(_payload(given, "uav/1", 5_000), 77, 10)
     assert (frame.pts, frame.seq, frame.epoch, frame.arrival_ns) == (123, 17, 12, 77)
@@ -70,8 +70,8 @@ def test_a_record_restores_the_frames_times_and_metadata() -> None:
     assert np.isnan(registration.to_previous).all()
 
 
-def test_what_is_not_said_is_nan() -> None:
-    """A velocity that was not known is not zero on the other side; nor is a size."""
+def test_unknown_values_are_nan() -> None:
+    """An unknown velocity is not zero; nor is a size."""
     frame = Frame(b"", Caps("video/x-raw")).attach(Tracks((_track(1, (float("nan"), 0.0)),)))
     received = _received(_payload(frame, "a", 1), 1)
     tracks = received.get(Tracks)
@@ -81,15 +81,15 @@ def test_what_is_not_said_is_nan() -> None:
     assert (received.pts, received.capture, received.caps.get("width")) == (None, None, None)
 
 
-def test_a_record_that_is_passed_on_stays_as_it_is() -> None:
-    """Source, times and even the bytes are those of the first publisher."""
+def test_a_received_record_is_passed_on_unchanged() -> None:
+    """Even the bytes are those of the first publisher."""
     payload = _payload(_frame(), "uav/1", 5_000, 3)
     assert record_line(_received(payload, 1)) == payload
     assert _payload(_received(payload, 1), "other", 9_000) == payload
 
 
 def test_a_record_on_many_lines_becomes_one() -> None:
-    """A record of another make may be printed prettily; a line of a file it must be one line."""
+    """A record of another publisher may be indented; in a file it is one line."""
     record = track_record(_frame(), source="uav/1", published_ns=5_000)
     pretty = json.dumps(json.loads(encode_record(record)), indent=2).encode()
     passed = record_line(Frame(pretty, Caps("application/x-tracks")))
@@ -98,8 +98,8 @@ def test_a_record_on_many_lines_becomes_one() -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"{}", b'{"schema": "streamkit.tracks/2"}', b"\x00\xff" * 50])
-def test_what_is_no_record_is_refused(data: bytes) -> None:
-    """Both ways, data that is no record is a StreamError."""
+def test_invalid_records_are_refused(data: bytes) -> None:
+    """Both functions raise StreamError."""
     with pytest.raises(StreamError, match="not a track record"):
         record_line(Frame(data, Caps("application/x-tracks")))
     with pytest.raises(StreamError, match="not a track record"):

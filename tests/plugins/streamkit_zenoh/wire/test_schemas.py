@@ -16,7 +16,7 @@ def _numbers() -> dict[str, dict[str, int]]:
     return {message.name: {field.name: field.number for field in message.field} for message in messages}
 
 
-def test_every_field_has_its_place_in_the_proto() -> None:
+def test_every_field_is_in_the_proto() -> None:
     """A field that is added to a record and not to streamkit.proto would be lost in protobuf."""
     numbers = _numbers()
     for kind in RECORD_TYPES.values():
@@ -38,13 +38,13 @@ def test_the_numbers_of_fields_never_change() -> None:
 
 @pytest.mark.parametrize("line", ["enum State {", "  map<string, int64> counts = 1;", "  double data;"])
 def test_an_unknown_statement_is_refused(line: str) -> None:
-    """A .proto file with more than messages and fields is not half understood."""
+    """The parser raises for anything but messages and fields."""
     with pytest.raises(ValueError, match="not a message, field, syntax or package"):
         file_descriptor(f"message A {{\n{line}\n}}")
 
 
-def test_queries_are_answered_as_they_ask() -> None:
-    """The whole at the key itself, one file by its name, all by a wildcard."""
+def test_schema_replies_match_the_query() -> None:
+    """All schemas at the key itself, one file by its name, everything by a wildcard."""
     root = "uav/1/schema"
     assert [reply.key for reply in schema_replies(zenoh.KeyExpr(root), root)] == [root]
     (proto,) = schema_replies(zenoh.KeyExpr(f"{root}/streamkit.proto"), root)
@@ -54,7 +54,7 @@ def test_queries_are_answered_as_they_ask() -> None:
 
 
 def test_the_index_has_everything() -> None:
-    """One answer is enough to know all kinds."""
+    """One reply holds all schemas."""
     index = json.loads(schema_index())
     assert set(index["json_schemas"]) == set(RECORD_TYPES)
     assert "message TrackRecord {" in index["proto"]

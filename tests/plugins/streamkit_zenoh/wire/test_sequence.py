@@ -1,4 +1,4 @@
-"""Losses are counted exactly in whatever order messages, answers and status come; no forged number blinds."""
+"""Losses are exact in any order of messages, replies and status; forged numbers hide no message."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LARGEST = 10**19 - 1
 
 @st.composite
 def _histories(draw: st.DrawFn) -> tuple[int, int, list[tuple[str, int]]]:
-    """First number sent here, next number at the end, and what happens here: messages, answer, status."""
+    """First number sent, next number at the end, and the events: messages, a reply, status."""
     joined = draw(st.integers(0, 40))
     count = draw(st.integers(0, 30))
     sent = sorted(draw(st.sets(st.integers(joined, joined + count)))) if count else []
@@ -31,10 +31,10 @@ def _histories(draw: st.DrawFn) -> tuple[int, int, list[tuple[str, int]]]:
 
 @settings(deadline=None)
 @given(_histories())
-def test_received_and_lost_make_the_whole_in_every_order(
+def test_received_and_lost_add_up_in_every_order(
     history: tuple[int, int, list[tuple[str, int]]],
 ) -> None:
-    """Answer and status may come before, between and behind the messages; each message is new once."""
+    """Reply and status may precede or follow any message; each message is new once."""
     joined, end, events = history
     sequence, lost, passed = ReceivedNumbers(), 0, list[int]()
     for event, number in events:
@@ -59,8 +59,8 @@ def test_received_and_lost_make_the_whole_in_every_order(
     st.integers(0, 1000),
     st.lists(st.one_of(st.none(), st.integers(0, 1100), st.integers(0, LARGEST)), max_size=SPAN_LIMIT - 2),
 )
-def test_forged_numbers_blind_nobody(first: int, between: list[int | None]) -> None:
-    """Whatever a stranger sends between, each of the publisher's own messages is passed on once."""
+def test_forged_numbers_hide_no_message(first: int, between: list[int | None]) -> None:
+    """Whatever is forged in between, each of the publisher's messages is new once."""
     sequence, number, forged = ReceivedNumbers(), first, set[int]()
     assert sequence.received(number) == Arrival()
     for stranger in [*between, *[None] * 20]:
@@ -74,7 +74,7 @@ def test_forged_numbers_blind_nobody(first: int, between: list[int | None]) -> N
 
 @settings(deadline=None)
 @given(st.lists(st.integers(1, 2000), max_size=40))
-def test_losses_that_a_stranger_pretends_are_taken_back(ahead: list[int]) -> None:
+def test_losses_from_forged_numbers_are_corrected(ahead: list[int]) -> None:
     """Once the publisher's own numbers have passed the forged ones, nothing is lost."""
     sequence = ReceivedNumbers()
     lost = sequence.received(0).lost
@@ -86,7 +86,7 @@ def test_losses_that_a_stranger_pretends_are_taken_back(ahead: list[int]) -> Non
 
 
 def test_a_late_status_adds_what_was_lost_before_the_first_message() -> None:
-    """The answer says 3, and the first message that came was 10: seven were dropped."""
+    """The status holds 3, and the first message received was 10: seven are lost."""
     sequence = ReceivedNumbers()
     assert [sequence.received(number).lost for number in (10, 11)] == [0, 0]
     assert sequence.starts_at(3) == 7
@@ -95,8 +95,8 @@ def test_a_late_status_adds_what_was_lost_before_the_first_message() -> None:
     assert sequence.received(4) == Arrival(lost=-1)
 
 
-def test_all_lost_is_told_at_the_end() -> None:
-    """A publisher that dropped everything says so with its last status."""
+def test_the_last_status_shows_that_all_is_lost() -> None:
+    """No message is needed."""
     sequence = ReceivedNumbers()
     assert sequence.starts_at(3) == 0
     assert sequence.settled_up_to(9) == 6
@@ -104,7 +104,7 @@ def test_all_lost_is_told_at_the_end() -> None:
 
 
 def test_a_large_step_is_a_jump_and_not_a_loss() -> None:
-    """It is told; the publisher's own numbers go on, and so do those behind the jump."""
+    """It is reported; the publisher's numbers continue, and so do those after the jump."""
     sequence = ReceivedNumbers()
     assert [sequence.received(number) for number in (5, 6)] == [Arrival(), Arrival()]
     assert sequence.received(LARGEST) == Arrival(is_jump=True)
@@ -116,7 +116,7 @@ def test_a_large_step_is_a_jump_and_not_a_loss() -> None:
 
 
 def test_a_forged_first_number_does_not_hide_the_publisher() -> None:
-    """Only messages a little older than the first are taken for out of date."""
+    """Only messages slightly older than the first are skipped as outdated."""
     sequence = ReceivedNumbers()
     sequence.received(1000)
     assert sequence.received(1000 - OLDER_LIMIT) == Arrival(is_new=False)
@@ -125,7 +125,7 @@ def test_a_forged_first_number_does_not_hide_the_publisher() -> None:
 
 
 def test_memory_is_bounded() -> None:
-    """Numbers with gaps between make spans; those that grew longest ago are forgotten."""
+    """Numbers with gaps form spans; those that grew longest ago are dropped."""
     sequence = ReceivedNumbers()
     for number in range(0, 10 * SPAN_LIMIT, 2):
         sequence.received(number)
@@ -133,8 +133,8 @@ def test_memory_is_bounded() -> None:
 
 
 @pytest.mark.parametrize("forged", [Stamp(7, LARGEST), Stamp(LARGEST, 0), Stamp(LARGEST, LARGEST)])
-def test_one_forged_stamp_costs_nothing(forged: Stamp) -> None:
-    """Of the publisher's run or another: what the publisher sends is new, and nothing of it lost."""
+def test_one_forged_stamp_has_no_effect(forged: Stamp) -> None:
+    """Of the publisher's run or another: the publisher's messages are new, and none is lost."""
     numbering = LossTracker()
     before = [numbering.received("a", Stamp(7, number)) for number in range(3)]
     assert numbering.received("a", forged).is_new
