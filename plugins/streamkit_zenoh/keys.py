@@ -57,16 +57,18 @@ def _checked(expression: str, key: str) -> str:
         ) from None
 
 
-def publication_key(key: str) -> str:
-    """The key that records are published at.
+def publication_root(key: str) -> str:
+    """The key below which a publisher's streams are: `uav/1` and `uav/1/tracks` give `uav/1`.
 
     Raises:
-        InvalidKey: zenoh does not accept it, or it has wildcards.
+        InvalidKey: zenoh does not accept it, it has wildcards, or nothing precedes `tracks`.
     """
-    expression = stream_key(key, TRACKS)
-    if "*" in expression:
+    root = root_of(stream_key(key, TRACKS))
+    if "*" in root:
         raise InvalidKey(f"a publisher's key must not have wildcards, got {key!r}; write for example uav/1")
-    return expression
+    if not root:
+        raise InvalidKey(f"a publisher's key must be more than {key!r}; write for example uav/1")
+    return root
 
 
 def root_of(expression: str) -> str:

@@ -21,7 +21,7 @@ from streamkit import (
 )
 from streamkit_zenoh.configuration import error_line
 from streamkit_zenoh.connection import Connection
-from streamkit_zenoh.keys import FRAME, MOSAIC, InvalidKey, publication_key, root_of
+from streamkit_zenoh.keys import FRAME, MOSAIC, InvalidKey, publication_root
 from streamkit_zenoh.presence import wait_for_receivers
 from streamkit_zenoh.publish.publication import Publication
 from streamkit_zenoh.publish.qos import InvalidQos
@@ -73,7 +73,7 @@ class ZenohSink(Connection, Sink):
         if self._publishes_frames:
             streams.insert(0, FRAME)
         try:
-            root, qos = root_of(publication_key(settings.key)), settings.qos()
+            root, qos = publication_root(settings.key), settings.qos()
         except (InvalidKey, InvalidQos) as error:
             raise ResourceError(str(error)) from None
         session = self.open_zenoh(settings.cut_off_s)

@@ -21,7 +21,7 @@ class NumberedPublisher:
 
     Args:
         session: an open session.
-        root: key of the publication, may be empty.
+        root: key of the publication.
         name: of the stream; the key is ROOT/NAME.
         run: when the publisher began, UTC ns.
         content_type: encoding and schema of the messages.
@@ -46,7 +46,7 @@ class NumberedPublisher:
         cut_off_s: float,
     ) -> None:
         self.name = name
-        self.key = f"{root}/{name}" if root else name
+        self.key = f"{root}/{name}"
         self.encoding = zenoh.Encoding(content_type)
         self.has_subscriber = False
         self.drops: Counter[str] = Counter()

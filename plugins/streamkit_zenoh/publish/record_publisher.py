@@ -72,7 +72,7 @@ class RecordPublisher:
         self.frames = 0
         self._session = session
         self._publisher = publisher
-        self._root = publisher.key.removesuffix(TRACKS)
+        self._track_key = publisher.key.removesuffix(TRACKS) + TRACK
         self._codec = codec
         self._settings = settings
         self._track_qos = track_qos
@@ -83,7 +83,7 @@ class RecordPublisher:
         self._lost = 0
         self._has_track_subscriber = False
         if settings.track:
-            watcher = session.declare_publisher(f"{self._root}{TRACK}/*")
+            watcher = session.declare_publisher(f"{self._track_key}/*")
             self._listener = watcher.declare_matching_listener(
                 zenoh.handlers.Callback(self._matching_changed, indirect=False)
             )
@@ -146,7 +146,7 @@ class RecordPublisher:
         if self._settings.tracks and asked.intersects(self._publisher.key):
             payload = self._payload(item, self._record(item, item.made_ns))
             yield Reply(self._publisher.key, payload, encoding, attachment)
-        if self._settings.track and asked.intersects(f"{self._root}{TRACK}/*"):
+        if self._settings.track and asked.intersects(f"{self._track_key}/*"):
             for key, payload in self._track_payloads(self._record(item, item.made_ns)):
                 if asked.intersects(key):
                     yield Reply(key, payload, encoding, attachment)
@@ -193,7 +193,7 @@ class RecordPublisher:
         for number in sorted(ids):
             # Never dropped: receivers would keep a target that has ended for ever.
             self._session.delete(
-                f"{self._root}{TRACK}/{number}",
+                f"{self._track_key}/{number}",
                 congestion_control=zenoh.CongestionControl.BLOCK,
                 priority=self._track_qos.priority,
                 express=self._track_qos.express,
@@ -205,7 +205,7 @@ class RecordPublisher:
         for target in record.tracks:
             if target.state in SHOWN:
                 alone = msgspec.structs.replace(record, tracks=(target,))
-                yield f"{self._root}{TRACK}/{target.id}", self._codec.encode(alone)
+                yield f"{self._track_key}/{target.id}", self._codec.encode(alone)
 
     def _record(self, item: Outgoing, published_ns: int) -> TrackRecord:
         return track_record(

@@ -7,7 +7,7 @@ from streamkit_zenoh.keys import (
     alive_key,
     listening_key,
     listens_to,
-    publication_key,
+    publication_root,
     records_key,
 )
 
@@ -40,7 +40,14 @@ def test_malformed_keys_are_refused(key: str) -> None:
 def test_publishers_need_one_key(key: str) -> None:
     """A publisher with wildcards would publish at the keys of others."""
     with pytest.raises(InvalidKey, match="wildcards"):
-        publication_key(key)
+        publication_root(key)
+
+
+def test_streams_of_a_publisher_are_below_its_root() -> None:
+    """With or without `tracks`; `tracks` alone leaves no root."""
+    assert publication_root("uav/1") == publication_root("uav/1/tracks") == "uav/1"
+    with pytest.raises(InvalidKey, match="must be more than 'tracks'"):
+        publication_root("tracks")
 
 
 @pytest.mark.parametrize(
@@ -51,7 +58,7 @@ def test_a_receivers_token_holds_its_key_expression(receiver: str, expected: boo
     """Wildcards are escaped in a token, which may have none."""
     token = listening_key("abc", records_key(receiver))
     assert "*" not in token
-    assert listens_to(token, publication_key("uav/1")) is expected
+    assert listens_to(token, "uav/1/tracks") is expected
 
 
 def test_a_malformed_token_is_no_receiver() -> None:

@@ -212,6 +212,7 @@ def _many_tracks(count: int) -> Tracks:
     [
         ({"key": "uav/*"}, "must not have wildcards"),
         ({"key": "/uav"}, "for example uav/1"),
+        ({"key": "tracks"}, "must be more than 'tracks'; write for example uav/1"),
         ({"listen": "here"}, "PROTOCOL/HOST:PORT"),
         ({"listen": "tcp/192.0.2.200:7447"}, "zenoh"),
         ({"config": "/no/such/file.json5"}, "zenoh configuration"),
