@@ -1,4 +1,4 @@
-"""Hostile zenoh messages at every kind of receiver: each goes on, within bounds, and says nothing unexpected.
+"""Hostile zenoh messages to every kind of receiver: each survives, within bounds and without complaints.
 
 A stranger's session sends mutated records, status and pictures, extreme numbers, forged stamps, garbage like
 KLV, deletions, garbage as answers, and tokens that come and go. After each batch one good record must pass
@@ -54,7 +54,7 @@ Message = tuple[str, bytes, str, bytes]
 
 
 def receive(kind: str, endpoint: str) -> None:
-    """A process: receives until its standard input ends, and prints the number of each good record."""
+    """A process: receives until the end of its input, and prints the number of each valid record."""
     if kind in ("subscriber", "updates"):
         key = f"{KEY}/track/*" if kind == "updates" else KEY
         with TrackSubscriber(key, connect=endpoint, ring=4096) as subscriber:
@@ -72,13 +72,13 @@ def receive(kind: str, endpoint: str) -> None:
 
 
 def say(seq: int) -> None:
-    """One line for a good record."""
+    """A line for a valid record."""
     if seq >= GOOD_FROM:
         print(json.dumps({"seq": seq}), flush=True)
 
 
 class Receiver:
-    """One of the processes above, and what is seen of it."""
+    """One of the processes above, and its observed behaviour."""
 
     def __init__(self, kind: str, endpoint: str) -> None:
         self.kind = kind
@@ -117,19 +117,19 @@ class Receiver:
                     self._changed.notify_all()
 
     def _read_complaints(self) -> None:
-        follows = 0  # lines of a traceback that are kept, too
+        follows = 0  # lines of a traceback to keep
         for line in self.process.stderr or ():
             follows = 30 if any(word in line for word in COMPLAINTS) else follows - 1
             if follows > 0 and len(self.complaints) < 60:
                 self.complaints.append(f"{self.kind}: stderr: {line.rstrip()[:300]}")
 
     def has_passed(self, seq: int, limit_s: float) -> bool:
-        """Whether this good record comes out within the limit."""
+        """Whether this valid record is printed within the time limit."""
         with self._changed:
             return self._changed.wait_for(lambda: self._last == seq, limit_s)
 
     def look(self) -> None:
-        """Notes memory and descriptors."""
+        """Stores memory and descriptors."""
         folder = Path(f"/proc/{self.process.pid}")
         status = folder.joinpath("status").read_text(encoding="ascii")
         resident_kb = next(line.split()[1] for line in status.splitlines() if line.startswith("VmRSS"))
@@ -137,7 +137,7 @@ class Receiver:
         self.descriptors.append(len(os.listdir(folder / "fd")))
 
     def end(self) -> list[str]:
-        """Ends it as a user would; what was wrong with that."""
+        """Ends it as a user would; returns the violations."""
         began_s = time.monotonic()
         try:
             if self.kind == "subscribe":
@@ -155,7 +155,7 @@ class Receiver:
         return wrong
 
     def growth(self) -> tuple[float, int]:
-        """Memory (MB) and descriptors in the last tenth, more than in the second tenth."""
+        """Growth of memory (MB) and descriptors from the second tenth to the last."""
         tenth = max(1, len(self.memory_mb) // 10)
         early, late = slice(tenth, 2 * tenth + 1), slice(-tenth, None)
         memory = median(self.memory_mb[late]) - median(self.memory_mb[early])
@@ -163,7 +163,7 @@ class Receiver:
 
 
 class Stranger:
-    """Makes messages, hostile and good."""
+    """Makes hostile and valid messages."""
 
     def __init__(self, seed: int) -> None:
         self._chance = random.Random(seed)
@@ -187,7 +187,7 @@ class Stranger:
         return frame.attach(Tracks(), Registration(np.eye(3), np.eye(3)))
 
     def good(self, number: int) -> list[Message]:
-        """A good record for each kind of receiver."""
+        """A valid record for each kind of receiver."""
         frame = self._frame(GOOD_FROM + number)
         codec = self._codecs[Encoding.JSON]
         record = codec.encode(track_record(frame, source="good", published_ns=2))
@@ -200,7 +200,7 @@ class Stranger:
         ]
 
     def hostile(self) -> Message:
-        """One message of a kind chosen by chance."""
+        """A message of a random kind."""
         chance = self._chance
         form = chance.choice(list(Encoding))
         kind = chance.randrange(8)
@@ -233,7 +233,7 @@ class Stranger:
         return self._chance.choice(words)
 
     def _stamp(self) -> bytes:
-        """Of the publisher's run or another; never a number that the publisher still uses."""
+        """A stamp of the publisher's run or another, never with a number that the publisher will use."""
         chance = self._chance
         number = chance.choice((0, 10**9, 10**19 - 1, chance.randrange(10**8, 10**19)))
         run = chance.choice((RUN, RUN, 10**19 - 1, chance.randrange(10**19)))
@@ -252,7 +252,7 @@ class Stranger:
         return bytes(changed)
 
     def _extreme(self, data: bytes) -> bytes:
-        """A JSON object with one value, anywhere in it, that its reader hardly expects."""
+        """A JSON object with an unexpected value at a random position."""
         whole = json.loads(data)
         place = whole
         while True:
@@ -265,14 +265,14 @@ class Stranger:
 
 
 def free_endpoint() -> str:
-    """A place on loopback that nobody listens at."""
+    """A free endpoint on loopback."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def send_hostile(session: zenoh.Session, stranger: Stranger, chance: random.Random) -> None:
-    """A batch; now and then a deletion."""
+    """Sends a batch with occasional deletions."""
     for _ in range(BATCH):
         key, payload, encoding, attachment = stranger.hostile()
         if chance.random() < 0.03:
@@ -282,14 +282,14 @@ def send_hostile(session: zenoh.Session, stranger: Stranger, chance: random.Rand
 
 
 def put(session: zenoh.Session, message: Message) -> None:
-    """Sends one message; waits for room."""
+    """Sends a message; blocks while zenoh's queue is full."""
     key, payload, encoding, attachment = message
     block = zenoh.CongestionControl.BLOCK
     session.put(key, payload, encoding=encoding, attachment=attachment, congestion_control=block)
 
 
 def answering(stranger: Stranger) -> Callable[[zenoh.Query], None]:
-    """Answers every question with garbage."""
+    """Replies to every query with garbage."""
 
     def answer(query: zenoh.Query) -> None:
         with query:
@@ -302,7 +302,7 @@ def answering(stranger: Stranger) -> Callable[[zenoh.Query], None]:
 
 
 def fuzz(minutes: float, seed: int) -> list[str]:
-    """Runs it; what was violated."""
+    """Runs it; returns the violations."""
     endpoint, chance, stranger = free_endpoint(), random.Random(seed), Stranger(seed)
     session = open_session(SessionSettings(listen=endpoint))
     receivers = [Receiver(kind, endpoint) for kind in KINDS]
@@ -339,7 +339,7 @@ def fuzz(minutes: float, seed: int) -> list[str]:
 
 
 def wait_for_subscribers(session: zenoh.Session) -> None:
-    """Until every receiver listens."""
+    """Waits until every receiver listens."""
     publishers = [session.declare_publisher(f"{KEY}/{name}") for name in ("frame", "track/1")]
     deadline_s = time.monotonic() + START_LIMIT_S
     while time.monotonic() < deadline_s:
@@ -352,7 +352,7 @@ def wait_for_subscribers(session: zenoh.Session) -> None:
 
 
 def judged(one: Receiver) -> list[str]:
-    """Prints a receiver's figures; what was violated."""
+    """Prints a receiver's figures; returns the violations."""
     if len(one.memory_mb) < 10:
         return [*one.complaints, f"{one.kind}: only {len(one.memory_mb)} looks"]
     memory, descriptors = one.growth()
@@ -369,7 +369,7 @@ def judged(one: Receiver) -> list[str]:
 
 
 def main() -> None:
-    """Reads the arguments, runs, and prints what was violated."""
+    """Parses the arguments, runs, and prints the violations."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--seed", type=int, default=7)

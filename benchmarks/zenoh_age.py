@@ -1,4 +1,4 @@
-"""How old a record is on arrival in another process, beside a bare put of the same bytes.
+"""Age of a record on arrival in another process, compared with a bare put of the same bytes.
 
 Run it:  python benchmarks/zenoh_age.py
 
@@ -81,7 +81,7 @@ def main() -> None:
         publish(str(location), endpoint)
         lines = [json.loads(line) for line in other.communicate(timeout=30)[0].splitlines()]
     for name, key in (("zenohsink", "bench/ours/tracks"), ("bare put", "bench/bare/tracks")):
-        # The first ones pay for imports and connections.
+        # The first ones include imports and connections.
         ages = [age / 1e3 for found, age in lines if found == key][10:]
         cuts = statistics.quantiles(ages, n=100)
         print(f"{name:10s} {len(ages)} records  median {cuts[49]:.2f} ms  99th percentile {cuts[98]:.2f} ms")

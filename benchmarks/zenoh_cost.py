@@ -1,4 +1,4 @@
-"""What zenohsink costs the stream per frame of 50 tracks, beside a bare `publisher.put` of the same bytes.
+"""Cost of zenohsink per frame of 50 tracks, compared with a bare `publisher.put` of the same bytes.
 
 Run it:  python benchmarks/zenoh_cost.py
 
@@ -43,7 +43,7 @@ PAUSE_S = 0.01
 
 
 def frame_of_many() -> Frame:
-    """A frame with 50 tracks, as a tracker gives them."""
+    """A frame with 50 tracks, as from a tracker."""
     noise = np.random.default_rng(0).normal(size=(TRACKS, 8))
     covariance = np.array([[1.53, 0.21], [0.21, 0.77]])
     tracks = tuple(
@@ -73,7 +73,7 @@ def frame_of_many() -> Frame:
 
 
 def median_us(frame: Frame, call: Callable[[], object]) -> tuple[float, float]:
-    """Median wall time of a call, and work of the whole process per call, us."""
+    """Median wall time of a call, and CPU time of the process per call, us."""
     walls = []
     began_s = time.process_time()
     for _ in range(FRAMES):
@@ -87,7 +87,7 @@ def median_us(frame: Frame, call: Callable[[], object]) -> tuple[float, float]:
 
 
 def subscribe() -> None:
-    """The other process: receives and does nothing."""
+    """The other process: receives and discards."""
     session = open_session(SessionSettings(connect=ENDPOINT))
     handler = zenoh.handlers.Callback(lambda sample: None, indirect=False)
     held = [session.declare_subscriber(key, handler) for key in ("bench/bare", "bench/ours/tracks")]

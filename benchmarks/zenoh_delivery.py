@@ -28,7 +28,7 @@ RESTARTS = 10
 
 
 def publish(key: str, endpoint: str, count: int, rate: float, patience_s: float) -> None:
-    """A process: pushes frames of three tracks into zenohsink, and says what was dropped."""
+    """A process: pushes frames of three tracks into zenohsink, and prints what was dropped."""
     import numpy as np
 
     from streamkit import Frame, Track, Tracks, TrackState, raw_video_caps
@@ -56,7 +56,7 @@ def publish(key: str, endpoint: str, count: int, rate: float, patience_s: float)
 
 
 def subscribe(key: str, endpoint: str, last: int) -> None:
-    """A process: receives until the last number or silence, and says what it has and what it counts."""
+    """A process: receives until the last number or a timeout, and prints its counts."""
     from streamkit_zenoh import TrackSubscriber
 
     seqs: list[int] = []
@@ -98,12 +98,12 @@ def route(endpoint: str) -> None:
 
 
 def say(**facts: Any) -> None:
-    """One line of JSON to the process that started this one."""
+    """Prints a line of JSON to the parent process."""
     print(json.dumps({**facts, "at_ns": time.monotonic_ns()}), flush=True)
 
 
 class Child:
-    """One of the processes above; its lines are read as they come."""
+    """One of the processes above, and the lines it prints."""
 
     def __init__(self, *arguments: object) -> None:
         command = [sys.executable, __file__, *map(str, arguments)]
@@ -118,7 +118,7 @@ class Child:
             self._lines.put(json.loads(line))
 
     def expect(self, limit_s: float, **facts: Any) -> dict[str, Any]:
-        """The next line with these facts."""
+        """The next line with these values."""
         deadline_s = time.monotonic() + limit_s
         while True:
             line = self._lines.get(timeout=max(0.01, deadline_s - time.monotonic()))
@@ -126,13 +126,13 @@ class Child:
                 return line
 
     def go(self) -> None:
-        """Lets a publisher begin."""
+        """Starts publishing."""
         assert self.process.stdin is not None
         self.process.stdin.write("go\n")
         self.process.stdin.flush()
 
     def kill(self) -> int:
-        """Ends it by SIGKILL; when, monotonic ns."""
+        """Kills it; returns the time, monotonic ns."""
         self.process.send_signal(signal.SIGKILL)
         at_ns = time.monotonic_ns()
         self.process.wait(10)
@@ -144,14 +144,14 @@ class Child:
 
 
 def free_endpoint() -> str:
-    """A place on loopback that nobody listens at."""
+    """A free endpoint on loopback."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def with_children(scenario: Callable[[list[Child], str], dict[str, Any]]) -> dict[str, Any]:
-    """Runs a scenario; whatever it started is ended."""
+    """Runs a scenario, and ends its processes."""
     children: list[Child] = []
     try:
         return scenario(children, free_endpoint())
@@ -161,13 +161,13 @@ def with_children(scenario: Callable[[list[Child], str], dict[str, Any]]) -> dic
 
 
 def started(children: list[Child], *arguments: object) -> Child:
-    """A new child that will be ended."""
+    """A new process of the scenario."""
     children.append(Child(*arguments))
     return children[-1]
 
 
 def full_speed(records: int, patience_s: float) -> dict[str, Any]:
-    """Everything at once through a router: what each subscriber got and counted."""
+    """Three subscribers through a router at full speed: what each received and counted."""
 
     def scenario(children: list[Child], endpoint: str) -> dict[str, Any]:
         started(children, "route", endpoint).expect(30, event="up")
@@ -188,7 +188,7 @@ def full_speed(records: int, patience_s: float) -> dict[str, Any]:
 
 
 def failures(restarts: int, records_between: int, rate: float) -> dict[str, Any]:
-    """Router killed and started again, then the publisher killed: who knew when, and what was counted."""
+    """Router killed and restarted, then the publisher killed: time of detection, and counts."""
 
     def scenario(children: list[Child], endpoint: str) -> dict[str, Any]:
         router = started(children, "route", endpoint)
@@ -218,7 +218,7 @@ def failures(restarts: int, records_between: int, rate: float) -> dict[str, Any]
 
 
 def elapsed_s(line: dict[str, Any], since_ns: int) -> float:
-    """From a moment to a line."""
+    """Seconds from a time to a line."""
     return float(line["at_ns"] - since_ns) / 1e9
 
 

@@ -74,7 +74,7 @@ class MessageReceiver:
         newest: whether a full queue drops the oldest message; else the publisher waits.
         limit_bytes: larger messages are bad.
         ask_last: whether to query the last message of each publisher.
-        publishers_changed: called from zenoh's thread with the number of live publishers.
+        ends_with_publisher: whether the queue ends while no publisher is alive.
 
     Attributes:
         queue: the messages.

@@ -188,5 +188,5 @@ class ZenohSrc(Connection, Source):
             return record_frame(record, payload, now_ns, self._epoch_base)
         header = read_header(message.header)
         if image_size(payload) != (header.picture_width, header.picture_height):
-            raise ValueError("the picture has another size than its header says")
+            raise ValueError("the image has another size than its header says")
         return image_frame(decode_image(payload), header, now_ns, self._epoch_base)

@@ -31,7 +31,7 @@ class NumberedPublisher:
     Attributes:
         name: of the stream.
         key: where it publishes.
-        has_subscriber: whether anybody listens.
+        has_subscriber: whether there is a subscriber.
         drops: messages not delivered, by reason.
     """
 

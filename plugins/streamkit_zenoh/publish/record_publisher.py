@@ -97,7 +97,7 @@ class RecordPublisher:
         )
 
     def submit(self, frame: Frame, cancelled: threading.Event) -> int:
-        """Queues a frame if anybody listens; returns how many were dropped from the queue.
+        """Queues a frame if there is a subscriber; returns how many were dropped from the queue.
 
         Raises:
             ValueError: a track of an earlier frame is not finite.
