@@ -89,7 +89,7 @@ def median_us(frame: Frame, call: Callable[[], object]) -> tuple[float, float]:
 def subscribe() -> None:
     """The other process: receives and discards."""
     session = open_session(SessionSettings(connect=ENDPOINT))
-    handler = zenoh.handlers.Callback(lambda sample: None, indirect=False)
+    handler = zenoh.handlers.Callback(lambda _sample: None, indirect=False)
     held = [session.declare_subscriber(key, handler) for key in ("bench/bare", "bench/ours/tracks")]
     sys.stdin.read()
     del held

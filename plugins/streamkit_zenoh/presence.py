@@ -31,8 +31,8 @@ class LivelinessWatch:
         self,
         session: zenoh.Session,
         expression: str,
-        changed: Callable[[int], None] = lambda count: None,
-        appeared: Callable[[str], None] = lambda token: None,
+        changed: Callable[[int], None] = lambda _count: None,
+        appeared: Callable[[str], None] = lambda _token: None,
     ) -> None:
         self._session = session
         self._tokens: set[str] = set()
@@ -116,7 +116,7 @@ def declare_delivery_queryable(session: zenoh.Session, records: str) -> zenoh.Qu
 
 
 def watch_receivers(
-    session: zenoh.Session, appeared: Callable[[str], None] = lambda token: None
+    session: zenoh.Session, appeared: Callable[[str], None] = lambda _token: None
 ) -> LivelinessWatch:
     """Watches the tokens of all receivers; see `LivelinessWatch` for `appeared`."""
     return LivelinessWatch(session, f"{LISTENING}/**", appeared=appeared)

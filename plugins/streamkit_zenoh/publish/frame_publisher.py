@@ -69,7 +69,7 @@ class FramePublisher:
         elif replaced := self.executor.offer(lambda: self._send(frame, stamp)):
             self.publisher.count_drop("replaced by a newer one", replaced)
 
-    def replies(self, asked: zenoh.KeyExpr, receiver: str | None) -> Iterable[Reply]:
+    def replies(self, asked: zenoh.KeyExpr, _receiver: str | None) -> Iterable[Reply]:
         """The last image, for a query that matches its key."""
         if self._last is not None and asked.intersects(self.publisher.key):
             payload, attachment = self._encoded(*self._last)

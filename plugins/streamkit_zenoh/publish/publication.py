@@ -150,7 +150,7 @@ class Publication:
             payload = self._status_codec.encode(self._status_record(receiver))
             yield Reply(self._status.key, payload, self._status.encoding)
 
-    def _schema_replies(self, asked: zenoh.KeyExpr, receiver: str | None) -> Iterable[Reply]:
+    def _schema_replies(self, asked: zenoh.KeyExpr, _receiver: str | None) -> Iterable[Reply]:
         return schema_replies(asked, f"{self._root}/{SCHEMA}")
 
     def _publish_end(self) -> None:

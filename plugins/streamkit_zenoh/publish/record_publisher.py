@@ -134,7 +134,7 @@ class RecordPublisher:
             self._delete(self._shown, stamp._replace(number=stamp.number + 1).attachment())
             self._shown = set()
 
-    def replies(self, asked: zenoh.KeyExpr, receiver: str | None) -> Iterable[Reply]:
+    def replies(self, asked: zenoh.KeyExpr, _receiver: str | None) -> Iterable[Reply]:
         """The last record sent, and that of each of its targets, for a query that matches their keys.
 
         A queued record is no reply: it would overtake the records before it.

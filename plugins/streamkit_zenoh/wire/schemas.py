@@ -3,6 +3,7 @@
 import json
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -20,7 +21,7 @@ RECORD_TYPES: dict[str, type[msgspec.Struct]] = {
 
 
 @lru_cache(maxsize=1)
-def json_schemas() -> dict[str, dict[str, object]]:
+def json_schemas() -> dict[str, dict[str, Any]]:
     """JSON Schemas by the schema's name, `streamkit.tracks/1`."""
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return {name: {**head, "title": name, **msgspec.json.schema(kind)} for name, kind in RECORD_TYPES.items()}

@@ -209,7 +209,7 @@ def test_opening_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         def close(self) -> None:
             closed.set()
 
-    def hang(config: zenoh.Config) -> _Late:
+    def hang(_config: zenoh.Config) -> _Late:
         release.wait(10)
         return _Late()
 

@@ -7,13 +7,45 @@ import zenoh
 
 from streamkit_zenoh.publish.publication import schema_replies
 from streamkit_zenoh.wire.protobuf import COLUMNS, PROTO_FILE, file_descriptor
-from streamkit_zenoh.wire.schemas import RECORD_TYPES, schema_files, schema_index
+from streamkit_zenoh.wire.schemas import RECORD_TYPES, json_schemas, schema_files, schema_index
+
+# Fields of the published schemas, optional ones with a question mark. A field may be added as an optional one
+# at the end; any other change needs a new schema number, `streamkit.tracks/2`.
+FIELDS = {
+    "DetectionRecord": "centroid bbox area score label?",
+    "DropCount": "stream reason count",
+    "FrameHeader": "schema record format picture_width picture_height duration_ns? motion? detections? pose?",
+    "GeoRecord": "lat lon error_m?",
+    "MatchRecord": "row gate? centroid bbox area score label?",
+    "MotionRecord": "reference status to_previous? to_reference? reference_change? keyframe? matches? "
+    "inliers? rmse?",
+    "ProvenanceRecord": "predicted? detection? shared? similarity? learnt? cause?",
+    "RegistrationRecord": "reference to_reference? status matches? inliers? rmse?",
+    "StatusRecord": "schema source state run published_ns uptime_s frames seq? epoch? tracks age_ms? streams "
+    "drops",
+    "StreamStatus": "name run settled_number published bytes has_subscriber next_number? first_number?",
+    "TargetRecord": "id state x y length width angle bbox vx? vy? position_covariance? score age_ns geo? "
+    "provenance?",
+    "TrackRecord": "schema source seq epoch pts_ns? capture_ns? capture_origin? published_ns? age_ms? width? "
+    "height? registration? tracks dropped",
+}
 
 
 def _numbers() -> dict[str, dict[str, int]]:
     """Field numbers of streamkit.proto by message and field."""
     messages = file_descriptor(PROTO_FILE.read_text(encoding="utf-8")).message_type
     return {message.name: {field.name: field.number for field in message.field} for message in messages}
+
+
+def test_the_fields_of_the_schemas_never_change() -> None:
+    """Programs are written against the published JSON Schemas."""
+    found = {}
+    for schema in json_schemas().values():
+        for name, kind in schema["$defs"].items():
+            if "properties" in kind:
+                required = kind["required"]
+                found[name] = " ".join(f if f in required else f"{f}?" for f in kind["properties"])
+    assert found == FIELDS
 
 
 def test_every_field_is_in_the_proto() -> None:
