@@ -1,10 +1,10 @@
 """Loops over pixels as machine code, and matrix products on the calling thread.
 
-No plugin, but what plugins with such loops stand on. It needs nothing of the engine.
+A library for plugins, independent of the engine.
 
 @kernel(BYTES, BYTES)
-def darken(picture, darker):
-    for row in range(picture.shape[0]):
+def darken(image, darker):
+    for row in range(image.shape[0]):
         ...
 
 prepare("my_package")

@@ -1,4 +1,4 @@
-"""What kernels take, as numba's types: arrays in memory of their own, [rows, columns], C-contiguous."""
+"""Argument types of kernels: arrays [rows, columns], C-contiguous, in their own memory."""
 
 from numba import types
 
@@ -9,7 +9,7 @@ FLOATS = types.Array(types.float32, 2, "C")
 FLAGS = types.Array(types.boolean, 1, "C")
 # Points, boxes, homographies.
 TABLE = types.Array(types.float64, 2, "C")
-# A picture of somebody else's, which is only read.
+# A read-only image.
 INPUT = types.Array(types.uint8, 2, "C", readonly=True)
-# The same, of which lines may be parts of longer ones.
+# A read-only image of any strides.
 VIEW = types.Array(types.uint8, 2, "A", readonly=True)

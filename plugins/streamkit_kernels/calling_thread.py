@@ -1,8 +1,8 @@
 """Matrix products that stay on the calling thread.
 
-OpenBLAS wakes its own threads for products of more than about 2^18 multiplications. Elements run side by side
-on threads of their own; waiting for a busy core then costs forty times the product itself. Blocks below that
-size are computed where they are asked for, and give the same bits whatever the number of cores.
+OpenBLAS wakes its own threads for products of more than about 2^18 multiplications. Elements run in parallel
+on their own threads; waiting for a busy core then costs forty times the product itself. Smaller blocks are
+computed on the calling thread, and give the same bits for any number of cores.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Real = TypeVar("Real", np.float32, np.float64)
 
 
 def product(left: NDArray[Real], right: NDArray[Real], out: NDArray[Real] | None = None) -> NDArray[Real]:
-    """The product left @ right in blocks that no BLAS hands to other threads.
+    """The product left @ right in blocks too small for BLAS to use other threads.
 
     Args:
         left: float32 or float64[..., n, p].
@@ -39,7 +39,7 @@ def product(left: NDArray[Real], right: NDArray[Real], out: NDArray[Real] | None
         return whole
     block = max(1, LARGEST_PRODUCT // max(inner * columns, 1))
     if depth >= SHORTEST_SUM and block < FEWEST_ROWS:
-        # long sums over few columns: cutting the sum reads the right side once, cutting rows once per block
+        # Long sums over few columns: splitting the sum reads `right` once, splitting rows once per block.
         np.matmul(left[..., :depth], right[..., :depth, :], out=out)
         for start in range(depth, inner, depth):
             part = slice(start, start + depth)

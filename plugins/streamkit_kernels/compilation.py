@@ -1,15 +1,19 @@
-"""Functions compiled by numba: one pass over a picture, without the interpreter and its lock."""
+"""Functions compiled by numba: one pass over an image without the interpreter and its lock."""
 
+import contextlib
+import hashlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
 from threading import Lock
 from typing import Any, ParamSpec, TypeVar
 
 import numba
 from numba import types
 from numba.core import event
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 
-# What an element says while it prepares.
+# Warning of an element whose start waits for the compiler.
 COMPILING = (
     "loops are being compiled for this machine, which takes up to some minutes, once; "
     "`streamkit prepare` does it beforehand"
@@ -22,31 +26,60 @@ _kernels: list[tuple[Any, tuple[types.Type, ...]]] = []
 _preparing = Lock()
 
 
-def compiled(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
-    """A function of plain arrays and numbers, compiled by numba when it is first called.
+class _PackageCache(FunctionCache):
+    """numba's cache of machine code, invalidated by a change of any module of the function's package.
 
-    The machine code is kept beside the module (or in the user's cache folder), so that only the first
-    process on a machine waits for the compiler. Results are the same on every machine: no fast-math.
-    Other threads run while the function does. A part of a kernel lies in the kernel's own module: numba
-    looks only there for changes since the code was kept, and sees none of a constant that is imported.
+    numba itself checks the function's own module only, and misses changes of imported kernels and constants.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        path = Path(function.__code__.co_filename)
+        if path.is_file():  # not within a zip archive
+            stamp = _sources_stamp(_package_folder(path) or path), _sources_stamp(Path(__file__).parent)
+            name = self._impl.filename_base
+            self._cache_file = IndexDataCacheFile(self._cache_path, name, stamp)  # type: ignore[no-untyped-call]
+
+
+def _package_folder(path: Path) -> Path | None:
+    """The folder of the outermost package that a module belongs to."""
+    folders = [folder for folder in path.parents if (folder / "__init__.py").is_file()]
+    return folders[-1] if folders else None
+
+
+@lru_cache(maxsize=64)
+def _sources_stamp(path: Path) -> str:
+    """SHA-256 of a module, or of the names and contents of all modules in a folder and below it."""
+    digest = hashlib.sha256()
+    for source in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+        content = source.read_bytes()
+        digest.update(f"{source.relative_to(path.parent)} {len(content)}\n".encode() + content)
+    return digest.hexdigest()
+
+
+def compiled(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
+    """A function of arrays and numbers, compiled by numba when it is first called.
+
+    The machine code is cached next to the module, or in the user's cache folder, until a source of the
+    function's package changes. Results are the same on every machine: no fast-math. The function runs without
+    the interpreter's lock.
 
     Args:
-        function: Loops in the part of Python that numba compiles; it must not keep its arguments.
+        function: in the part of Python that numba compiles; it must not keep its arguments.
 
     Returns:
-        The compiled function. A new set of argument types compiles anew.
+        The compiled function, compiled once for each set of argument types.
     """
-    options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-    try:
-        return numba.njit(cache=True, **options)(function)  # type: ignore[no-any-return]
-    except RuntimeError:  # no folder to keep machine code in, as in a read-only container
-        return numba.njit(**options)(function)  # type: ignore[no-any-return]
+    dispatcher: Any = numba.njit(nogil=True, error_model="numpy")(function)
+    with contextlib.suppress(RuntimeError):  # no writable folder, as in a read-only container
+        dispatcher._cache = _PackageCache(function)
+    return dispatcher  # type: ignore[no-any-return]
 
 
 def kernel(
     *arguments: types.Type,
 ) -> Callable[[Callable[_Parameters, _Result]], Callable[_Parameters, _Result]]:
-    """A compiled function that is called from Python, and the types of the arguments that it is called with.
+    """A compiled function that Python calls, with the types of its arguments.
 
     Args:
         arguments: numba's types, one for each argument.
@@ -61,12 +94,12 @@ def kernel(
 
 
 def prepare(package: str) -> None:
-    """Compiles every kernel of a package, or loads its machine code: no frame then waits for the compiler.
+    """Compiles every kernel of a package, or loads its machine code, so that no frame waits for the compiler.
 
-    From then on a call with other types raises a TypeError instead of compiling in mid-stream.
+    From then on a call with other types raises a TypeError instead of compiling while frames stream.
 
     Args:
-        package: its name; kernels count whose modules are imported.
+        package: its name; kernels of modules that are imported count.
     """
     with _preparing:
         for function, arguments in _kernels:
@@ -77,21 +110,21 @@ def prepare(package: str) -> None:
             function.disable_compile()
 
 
-class _Telling(event.Listener):
-    def __init__(self, tell: Callable[[], None]) -> None:
-        self._tell: Callable[[], None] | None = tell
+class _CompilationListener(event.Listener):
+    def __init__(self, callback: Callable[[], None]) -> None:
+        self._callback: Callable[[], None] | None = callback
 
     def on_start(self, event: event.Event) -> None:
-        tell, self._tell = self._tell, None
-        if tell is not None:
-            tell()
+        callback, self._callback = self._callback, None
+        if callback is not None:
+            callback()
 
     def on_end(self, event: event.Event) -> None:
         pass
 
 
-@contextmanager
-def telling(tell: Callable[[], None]) -> Iterator[None]:
-    """Calls `tell`, once, as soon as something within the block has to be compiled, not only loaded."""
-    with event.install_listener("numba:compile", _Telling(tell)):
+@contextlib.contextmanager
+def telling(callback: Callable[[], None]) -> Iterator[None]:
+    """Calls `callback` once, as soon as anything within the block is compiled and not only loaded."""
+    with event.install_listener("numba:compile", _CompilationListener(callback)):
         yield

@@ -1,4 +1,4 @@
-"""Compiled loops run wherever Python does, and are ready before the first frame."""
+"""Kernels run where no cache can be written, are compiled before the first frame, and are never stale."""
 
 import subprocess
 import sys
@@ -83,3 +83,52 @@ def test_the_wait_is_told_where_there_is_one(tmp_path: Path) -> None:
         for _ in range(2)
     ]  # fmt: skip
     assert said == ["told\n", ""]
+
+
+def test_a_change_in_another_module_of_the_package_invalidates_the_machine_code(tmp_path: Path) -> None:
+    """A kernel uses another module's compiled function, and that function the constant of a third module."""
+    package = tmp_path / "loops_of_a_package"
+    (package / "parts").mkdir(parents=True)
+    for folder in (package, package / "parts"):
+        (folder / "__init__.py").write_text("")
+    (package / "parts" / "steps.py").write_text(
+        textwrap.dedent("""
+        from loops_of_a_package.constants import AMOUNT
+        from streamkit_kernels import compiled
+
+        @compiled
+        def step(image):
+            image[0, 0] += AMOUNT
+        """)
+    )
+    (package / "kernels.py").write_text(
+        textwrap.dedent("""
+        from loops_of_a_package.parts.steps import step
+        from streamkit_kernels import BYTES, kernel
+
+        @kernel(BYTES)
+        def brighten(image):
+            step(image)
+        """)
+    )
+    program = textwrap.dedent("""
+        import numpy as np
+        from loops_of_a_package.kernels import brighten
+        from streamkit_kernels import prepare, telling
+
+        with telling(lambda: print("compiles")):
+            prepare("loops_of_a_package")
+        image = np.zeros((1, 1), np.uint8)
+        brighten(image)
+        print(image[0, 0])
+    """)
+    said = []
+    for amount in (1, 1, 2):
+        (package / "constants.py").write_text(f"AMOUNT = {amount}\n")
+        # -B: files of bytecode are checked by a time in whole seconds.
+        done = subprocess.run(
+            [sys.executable, "-B", "-c", program],
+            cwd=tmp_path, check=True, capture_output=True, text=True, timeout=60,
+        )  # fmt: skip
+        said.append(done.stdout.split())
+    assert said == [["compiles", "1"], ["1"], ["compiles", "2"]]
