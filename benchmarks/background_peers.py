@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit import Registration
-from streamkit_differencer.differencer import reduced, size_of
-from streamkit_differencer.objects import ObjectSettings, find_objects
+from streamkit_differencer.differencer import downsampled, size_of
+from streamkit_differencer.objects import find_objects
+from streamkit_differencer.settings import ObjectSettings
 
 ByteImage = npt.NDArray[np.uint8]
 FloatArray = npt.NDArray[np.float64]
@@ -107,7 +108,7 @@ class Peer:
 
     def update(self, picture: ByteImage, _: Registration | None) -> tuple[ByteImage, FloatArray]:
         """Mask at the working scale, and centroids in pixels of the frame."""
-        working = reduced(picture, self.settings.scale)
+        working = downsampled(picture, self.settings.scale)
         if self.canvas is None:
             mask = self._subtractor.apply(working, learningRate=self.settings.learning_rate)
         else:

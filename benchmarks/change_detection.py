@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit_differencer.differencer import Differencer
-from streamkit_differencer.pictures import full_size
+from streamkit_differencer.mask_values import full_size
 
 ByteImage = npt.NDArray[np.uint8]
 FIRST, LAST = 370, 1070

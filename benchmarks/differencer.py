@@ -22,7 +22,7 @@ from streamkit.testing import Harness
 from streamkit_differencer.differencer import Differencer
 from streamkit_differencer.element import motion as motion_of
 from streamkit_differencer.element import quality
-from streamkit_differencer.objects import ObjectSettings
+from streamkit_differencer.settings import DifferencerSettings, ObjectSettings
 
 ByteImage = npt.NDArray[np.uint8]
 FRESH_SEEDS = (31, 32, 33)
@@ -49,7 +49,9 @@ class Own:
     """framediff as it is set by default, or with some properties set."""
 
     def __init__(self, **settings: float) -> None:
-        self._differencer = Differencer(own_motion=True, object_settings=ObjectSettings(**settings))
+        self._differencer = Differencer(
+            DifferencerSettings(objects=ObjectSettings(**settings)), own_motion=True
+        )
 
     def update(self, picture: ByteImage, place: Registration | None) -> tuple[ByteImage, np.ndarray]:
         """Mask at the working scale or the frame's size, and centroids."""

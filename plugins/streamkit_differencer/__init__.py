@@ -1,7 +1,7 @@
-"""Finds what moves: frame differences with a background model anchored to the ground (element `framediff`).
+"""Detection of moving objects: a background model anchored to the ground (element `framediff`).
 
-The modules follow one frame through the element: `anchor` says where the frame lies on the canvas that the
-model is drawn on, `equations` and `model` tell foreground from background there, `illumination` keeps both at
-one brightness, `objects` makes objects of the foreground, and `differencer` calls them in order. They work on
-plain arrays and import nothing of the engine; `element` puts them into a pipeline.
+The modules follow one frame through the element: `canvas` places the frame on the canvas of the background
+model, `changes`, `pixel_classes`, `hysteresis`, `learning` and `model` separate foreground from background,
+`illumination` follows changes of exposure, `objects` extracts objects from the foreground, and `differencer`
+calls them in order. They work on plain arrays; `element` runs them in a pipeline.
 """

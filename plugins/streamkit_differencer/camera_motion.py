@@ -1,24 +1,21 @@
-"""The camera's own motion, for frames that come without registration: a mast that shakes, a slow pan.
+"""Camera motion measured from the frames, for frames without registration: a mast that shakes, a slow pan.
 
-Each frame is compared with a key picture and not with the frame before it, so that errors do not add up while
-the camera looks at the same place. A camera that stands still gives the very same matrix for every frame:
-nothing is then resampled, and nothing is blurred.
+Each frame is registered to a keyframe and not to the previous frame, so that errors do not accumulate while
+the view stays. A camera that stands still gives the same matrix for every frame: nothing is resampled.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from streamkit_differencer.arrays import ByteImage, Flags, FloatArray
 
-    ByteImage = NDArray[np.uint8]
-    PointArray = NDArray[np.float32]
-    Matrix = NDArray[np.float64]
+PointArray = NDArray[np.float32]
 
 MOST_POINTS = 160
 GRID = (12, 8)
@@ -29,32 +26,31 @@ WINDOW_PX = 17
 # Smaller eigenvalue of the gradients in a window, as OpenCV scales it, at which noise of 3 grey levels
 # moves a point by a sixth of a pixel.
 LEAST_TEXTURE = 1.7e-4
-# Points must lie in this many cells of a 4 by 4 grid: a single mover before a plain wall is no camera.
+# Cells of a 4 by 4 grid that points must lie in: a single moving object is no camera motion.
 SPREAD_CELLS = 6
 INLIER_PX = 1.0
 LOWEST_RATIO = 0.3
-# A key picture is renewed when less than this share of its points agrees, or when the view moved this far.
+# A keyframe is renewed when its inlier ratio falls below, or the view moves by more of its width.
 RENEWAL_RATIO = 0.5
 RENEWAL_SHIFT = 0.12
-# The camera stands still where the points lie hardly farther from their old places than from those fitted.
+# The camera stands still if the residuals without motion are hardly larger than those of the fit.
 STILL_PX = 0.12
 STILL_RATIO = 1.25
-# Where most points lie nearer than this to their old places, nothing is fitted at all.
+# Nothing is fitted where most points moved by less.
 QUICK_STILL_PX = 0.2
-# A step larger than this may be that of the traffic: if so many points stand, as a share of those that agree
-# with the step, the camera stands.
+# A larger step may be that of traffic: the camera stands still if this share of its inliers would.
 LARGE_STEP_PX = 2.0
 LARGE_STEP_SHARE = 0.4
 STANDING_PX = 0.4
 FEWEST_STANDING = 8
 RENEWAL_FRAMES = 12
-# A similarity that explains this share of the points is not bettered by a homography.
+# No homography is fitted where this share of the points are inliers of a similarity.
 ENOUGH_SHARE = 0.8
-# Smaller changes of brightness do not hinder the comparison.
+# Smaller changes of brightness do not disturb optical flow.
 SMALLEST_SHIFT, SMALLEST_GAIN = 6.0, 0.1
-PATIENCE_FRAMES = 5
-# A plain picture may be a lens that is covered for a moment.
-LONG_PATIENCE_FRAMES = 75
+MOST_MISSED_FRAMES = 5
+# An image without texture may be a lens that is covered for a moment.
+MOST_PLAIN_FRAMES = 75
 _FLOW: dict[str, Any] = {
     "winSize": (WINDOW_PX, WINDOW_PX),
     "maxLevel": 2,
@@ -66,38 +62,38 @@ _FLOW: dict[str, Any] = {
 
 @dataclass(slots=True)
 class CameraMotion:
-    """Follows a camera from frame to frame.
+    """Registers each frame to a keyframe.
 
     Attributes:
         plane: number of the plane that frames are placed on; goes up after a cut.
     """
 
     plane: int = 0
-    _key: ByteImage | None = None
+    _keyframe: ByteImage | None = None
     _points: PointArray = field(default_factory=lambda: np.zeros((0, 2), np.float32))
-    _key_to_plane: Matrix = field(default_factory=lambda: np.eye(3))
-    _placed: Matrix = field(default_factory=lambda: np.eye(3))
+    _keyframe_to_plane: FloatArray = field(default_factory=lambda: np.eye(3))
+    _placed: FloatArray = field(default_factory=lambda: np.eye(3))
     _missed: int = 0
     _age: int = 0
 
     def reset(self) -> None:
-        """Forgets the scene: the next frame is the key picture of a new plane."""
+        """Starts a new plane with the next frame."""
         self._begin(None)
 
-    def place(self, image: ByteImage) -> Matrix | None:
-        """Where a frame lies on the plane.
+    def place(self, image: ByteImage) -> FloatArray | None:
+        """Registers a frame.
 
         Args:
             image: uint8[h, w], all of one size until `reset`.
 
         Returns:
-            float64[3, 3], pixels of the frame to the plane, which is the first frame's; the same matrix as
-            before while the camera stands still or where the picture is too plain to tell. None if the frame
-            does not show the scene; after some of those a new plane begins.
+            float64[3, 3], frame pixels to the plane of the first frame; the last matrix while the camera
+            stands still or the image has too little texture. None if the frame shows another scene; after
+            some of those a new plane begins.
         """
-        if self._key is None or len(self._points) == 0:
-            # Too plain to tell motion from stillness: whatever comes next is compared where it is.
-            self._take_key(image, self._placed)
+        if self._keyframe is None or len(self._points) == 0:
+            # Without texture the camera counts as still.
+            self._set_keyframe(image, self._placed)
             return self._placed
         fit = self._fit(image)
         if fit is None:
@@ -105,40 +101,40 @@ class CameraMotion:
         self._missed = 0
         placed, ratio = fit
         self._placed = placed
-        away = corner_distance(self._placed, self._key_to_plane, image.shape)
+        away = corner_distance(self._placed, self._keyframe_to_plane, image.shape)
         self._age += 1
         is_worn = ratio < RENEWAL_RATIO and self._age >= RENEWAL_FRAMES
         if is_worn or away > RENEWAL_SHIFT * max(image.shape):
-            self._take_key(image, placed)
+            self._set_keyframe(image, placed)
         return self._placed
 
     def _begin(self, image: ByteImage | None) -> None:
         self.plane += 1
         self._missed = 0
         self._placed = np.eye(3)
-        self._key = None
+        self._keyframe = None
         if image is not None:
-            self._take_key(image, self._placed)
+            self._set_keyframe(image, self._placed)
 
-    def _miss(self, image: ByteImage) -> Matrix | None:
+    def _miss(self, image: ByteImage) -> FloatArray | None:
         self._missed += 1
         is_plain = not len(corners(image))
-        if self._missed <= (LONG_PATIENCE_FRAMES if is_plain else PATIENCE_FRAMES):
+        if self._missed <= (MOST_PLAIN_FRAMES if is_plain else MOST_MISSED_FRAMES):
             return None
         self._begin(image)
         return self._placed
 
-    def _take_key(self, image: ByteImage, placed: Matrix) -> None:
-        self._key, self._points, self._key_to_plane = image.copy(), corners(image), placed
+    def _set_keyframe(self, image: ByteImage, placed: FloatArray) -> None:
+        self._keyframe, self._points, self._keyframe_to_plane = image.copy(), corners(image), placed
         self._age = 0
 
-    def _fit(self, image: ByteImage) -> tuple[Matrix, float] | None:
-        """The frame's place and the share of points that agree with it, at the brightness of the key."""
-        assert self._key is not None
+    def _fit(self, image: ByteImage) -> tuple[FloatArray, float] | None:
+        """The frame's homography and its inlier ratio, at the brightness of the keyframe."""
+        assert self._keyframe is not None
         fit = self._fit_once(image)
         if fit is not None and fit[1] >= RENEWAL_RATIO:
             return fit
-        key_mean, key_deviation = (float(value[0, 0]) for value in cv2.meanStdDev(self._key))
+        key_mean, key_deviation = (float(value[0, 0]) for value in cv2.meanStdDev(self._keyframe))
         mean, deviation = (float(value[0, 0]) for value in cv2.meanStdDev(image))
         gain = key_deviation / max(deviation, 1.0)
         if abs(mean - key_mean) < SMALLEST_SHIFT and abs(gain - 1.0) < SMALLEST_GAIN:
@@ -149,12 +145,12 @@ class CameraMotion:
             return fit or other
         return max(fit, other, key=lambda either: either[1])
 
-    def _fit_once(self, image: ByteImage) -> tuple[Matrix, float] | None:
-        assert self._key is not None
+    def _fit_once(self, image: ByteImage) -> tuple[FloatArray, float] | None:
+        assert self._keyframe is not None
         before = self._points
-        to_image = np.linalg.inv(self._placed) @ self._key_to_plane
+        to_image = np.linalg.inv(self._placed) @ self._keyframe_to_plane
         still = transformed(to_image, before)
-        flow, status, _ = cv2.calcOpticalFlowPyrLK(self._key, image, before, still.copy(), **_FLOW)
+        flow, status, _ = cv2.calcOpticalFlowPyrLK(self._keyframe, image, before, still.copy(), **_FLOW)
         after = cast("PointArray", flow)
         height, width = image.shape
         inside = (after >= 0).all(axis=1) & (after < (width, height)).all(axis=1)
@@ -162,21 +158,25 @@ class CameraMotion:
         before, after, still = before[found], after[found], still[found]
         if len(before) < FEWEST_POINTS:
             return None
-        from_key, from_last = (np.linalg.norm(after - old, axis=1) for old in (before, still))
-        stands = (self._key_to_plane, from_key), (self._placed, from_last)
-        for place, distance in stands:
+        from_keyframe, from_last = (np.linalg.norm(after - old, axis=1) for old in (before, still))
+        references = (self._keyframe_to_plane, from_keyframe), (self._placed, from_last)
+        for place, distance in references:
             near = distance <= QUICK_STILL_PX
             if 2 * np.count_nonzero(near) > len(near) and is_spread(before[near], image.shape):
                 return place, float(np.count_nonzero(distance <= INLIER_PX)) / len(self._points)
-        to_key, agrees = similarity_or_homography(after, before)
-        count, total = int(np.count_nonzero(agrees)), len(self._points)
-        placed: Matrix | None = None
+        to_keyframe, inliers = similarity_or_homography(after, before)
+        count, total = int(np.count_nonzero(inliers)), len(self._points)
+        placed: FloatArray | None = None
         left = 0.0
-        if to_key is not None and count >= LOWEST_RATIO * total and is_spread(before[agrees], image.shape):
-            placed = self._key_to_plane @ to_key
+        if (
+            to_keyframe is not None
+            and count >= LOWEST_RATIO * total
+            and is_spread(before[inliers], image.shape)
+        ):
+            placed = self._keyframe_to_plane @ to_keyframe
             placed /= placed[2, 2]
-            left = float(np.median(np.linalg.norm(transformed(to_key, after) - before, axis=1)))
-        for place, distance in stands:
+            left = float(np.median(np.linalg.norm(transformed(to_keyframe, after) - before, axis=1)))
+        for place, distance in references:
             if placed is not None and corner_distance(placed, place, image.shape) <= LARGE_STEP_PX:
                 if np.median(distance) <= STILL_PX + STILL_RATIO * left:
                     return place, count / total
@@ -188,8 +188,8 @@ class CameraMotion:
 
 
 def corners(image: ByteImage) -> PointArray:
-    """Corners spread over the picture, float32[n, 2]; none where it is too plain to tell motion."""
-    # Smoothed, or noise gives corners that no other frame has.
+    """Corners spread over the image, float32[n, 2]; none where it has too little texture."""
+    # Smoothed: corners of noise do not repeat.
     smooth = cv2.GaussianBlur(image, (5, 5), 1.0)
     keypoints = cv2.FastFeatureDetector.create(CORNER_THRESHOLD).detect(smooth)
     if len(keypoints) < FEWEST_POINTS:
@@ -213,26 +213,24 @@ def corners(image: ByteImage) -> PointArray:
 
 
 def is_spread(points: PointArray, shape: tuple[int, ...]) -> bool:
-    """Whether there are enough points, in enough parts of the picture, to tell the camera's motion."""
+    """Whether there are enough points in enough parts of the image."""
     if len(points) < FEWEST_POINTS:
         return False
     cells = np.floor(points * 4 / (shape[1], shape[0])).astype(int)
     return len(np.unique(cells[:, 0] + 4 * cells[:, 1])) >= SPREAD_CELLS
 
 
-def similarity_or_homography(
-    source: PointArray, target: PointArray
-) -> tuple[Matrix | None, NDArray[np.bool_]]:
-    """The motion that most points agree with: a homography only where it explains clearly more of them.
+def similarity_or_homography(source: PointArray, target: PointArray) -> tuple[FloatArray | None, Flags]:
+    """The motion with the most inliers: a homography only where it has clearly more than a similarity.
 
-    Four parameters bear few points and uneven ones; a camera that tilts needs eight.
+    A similarity is robust to few or unevenly spread points; a camera that tilts needs eight parameters.
 
     Returns:
-        float64[3, 3], source to target, or None; and bool[n], the points that agree with it.
+        float64[3, 3], source to target, or None; and bool[n], its inliers.
     """
-    best: Matrix | None = None
-    agrees: NDArray[np.bool_] = np.zeros(len(source), bool)
-    price = 0.0
+    best: FloatArray | None = None
+    inliers: Flags = np.zeros(len(source), bool)
+    score = 0.0
     for is_similarity in (True, False):
         if is_similarity:
             candidate, _ = cv2.estimateAffinePartial2D(
@@ -245,22 +243,22 @@ def similarity_or_homography(
         matrix = np.eye(3)
         matrix[: candidate.shape[0]] = candidate
         error = np.linalg.norm(transformed(matrix, source) - target, axis=1)
-        # Half the threshold: what is fitted with the wrong model stays inside the whole of it.
+        # Half the threshold: residuals of the wrong model often stay below the whole of it.
         near = np.count_nonzero(error <= 0.5 * INLIER_PX)
-        if near > price:
-            best, agrees, price = matrix, error <= INLIER_PX, 1.1 * near
-        if price > ENOUGH_SHARE * len(source):
+        if near > score:
+            best, inliers, score = matrix, error <= INLIER_PX, 1.1 * near
+        if score > ENOUGH_SHARE * len(source):
             break
-    return best, agrees
+    return best, inliers
 
 
-def transformed(matrix: Matrix, points: PointArray) -> PointArray:
+def transformed(matrix: FloatArray, points: PointArray) -> PointArray:
     """float32[n, 2] points under a homography."""
     return cast("PointArray", cv2.perspectiveTransform(points[None], matrix)[0])
 
 
-def corner_distance(first: Matrix, second: Matrix, shape: tuple[int, ...]) -> float:
-    """The farthest that a corner of the picture lies apart under two homographies, px."""
+def corner_distance(first: FloatArray, second: FloatArray, shape: tuple[int, ...]) -> float:
+    """Largest distance, along an axis, of an image corner under two homographies, px."""
     height, width = shape[:2]
     outline = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
     return float(np.abs(transformed(first, outline) - transformed(second, outline)).max())

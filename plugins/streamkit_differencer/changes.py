@@ -1,26 +1,17 @@
-"""Equations 1 and 2 on the canvas in one pass: what changed since tau frames before, and what is quiet."""
+"""Equations 1 and 2 on the canvas in one pass: changed pixels and quiet pixels."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import types
 
-from streamkit_differencer.canvas_region import REGION
+from streamkit_differencer.arrays import REGION, ByteImage, ByteLine, Region
+from streamkit_differencer.lines import is_any_set
 from streamkit_kernels import BYTES, compiled, kernel
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from streamkit_differencer.canvas_region import Region
-
-    ByteImage = NDArray[np.uint8]
-    ByteLine = NDArray[np.uint8]
-
-# Largest lambda that a byte holds.
+# Largest lambda.
 LONGEST_WAIT = 255
-# Every so-manieth line tells the share of the picture that changed.
+# The share of changed pixels is estimated from every fourth row.
 SHARE_STEP = 4
 
 
@@ -37,27 +28,26 @@ def update_waiting(
     gradient_gain: float,
     quiet_frames: int,
 ) -> tuple[int, int]:
-    """Counts down what every pixel has to wait, or begins anew where it changed.
+    """Counts down the frames that every pixel has to wait until it is quiet; restarts where it changed.
 
-    A pixel that was not in view in both frames is not known to be quiet: it counts as changed. D is kept as
-    what is left of the longest wait, so that a change needs no branch: it is quiet where no more than
-    `LONGEST_WAIT` less lambda is left.
+    A pixel that is not in both frames counts as changed. The counter is kept relative to the longest wait, so
+    that a change needs no branch: D = 0 where it is at most `LONGEST_WAIT` - lambda.
 
     Args:
-        image: uint8[h, w], f(t) on the canvas; so are all.
+        image: uint8[h, w], f(t) on the canvas, as all images.
         seen: uint8[h, w], mask of what the frame covers.
         earlier: uint8[h, w], f(t - tau).
-        earlier_seen: uint8[h, w], mask of what that covers.
-        waiting: uint8[h, w], updated in place.
-        quiet: uint8[h, w], becomes the mask of D = 0.
-        region: what the frame covers at most; nothing else is read or written.
-        threshold: T_s, grey levels; a change must exceed it.
-        gradient_gain: raises the threshold by this share of the local range of `earlier`, so that an error
-            of registration at an edge is not taken for a change.
+        earlier_seen: uint8[h, w], mask of what it covers.
+        waiting: uint8[h, w], the counter, updated in place.
+        quiet: uint8[h, w], output: mask of D = 0.
+        region: bounds of the frame; nothing else is read or written.
+        threshold: T_s, grey levels; a change exceeds it.
+        gradient_gain: share of the local range of `earlier` added to the threshold, so that a registration
+            error at an edge is no change.
         quiet_frames: lambda.
 
     Returns:
-        Of every fourth line: pixels that changed among those in both frames, and how many those are.
+        Of every fourth row: pixels that changed among those in both frames, and the number of those.
     """
     top, bottom, left, right = region
     count = right - left
@@ -65,14 +55,14 @@ def update_waiting(
     ranges, both, changed = np.empty(count, np.uint8), np.empty(count, np.uint8), np.empty(count, np.uint8)
     step = SHARE_STEP if bottom - top >= SHARE_STEP**2 else 1
     total, common = np.int64(0), np.int64(0)
-    # Differences are whole.
+    # Differences are whole numbers.
     most = np.uint8(min(max(threshold, 0.0), 255.0))
     for row in range(top, bottom):
         line, here = image[row, left:right], earlier[row, left:right]
         _both(seen[row, left:right], earlier_seen[row, left:right], both)
-        # The gain makes no more of a difference: most lines are done with here.
+        # The gain only raises the threshold: most rows are finished here.
         _differs(line, here, both, most, changed)
-        if gradient_gain > 0.0 and _has_something(changed):
+        if gradient_gain > 0.0 and is_any_set(changed):
             above, below = (
                 earlier[max(row - 1, top), left:right],
                 earlier[min(row + 1, bottom - 1), left:right],
@@ -89,7 +79,7 @@ def update_waiting(
 
 @compiled
 def _differs(line: ByteLine, earlier: ByteLine, both: ByteLine, most: np.uint8, changed: ByteLine) -> None:
-    """Equation 2 for a line without edges."""
+    """Equation 2 for a line, without the gain."""
     for index in range(changed.size):
         now, before = line[index], earlier[index]
         difference = np.uint8(max(now, before) - min(now, before))
@@ -97,18 +87,10 @@ def _differs(line: ByteLine, earlier: ByteLine, both: ByteLine, most: np.uint8, 
 
 
 @compiled
-def _has_something(line: ByteLine) -> bool:
-    united = np.uint8(0)
-    for index in range(line.size):
-        united |= line[index]
-    return bool(united > 0)
-
-
-@compiled
 def _range_around(
     above: ByteLine, here: ByteLine, below: ByteLine, lowest: ByteLine, highest: ByteLine, ranges: ByteLine
 ) -> None:
-    """The range of values within a pixel of each of a line; beyond the ends of the line there is nothing."""
+    """The local range of each pixel of a line."""
     count = here.size
     for index in range(count):
         value, over, under = here[index], above[index], below[index]
@@ -141,8 +123,8 @@ def _changed(
     for index in range(changed.size):
         now, before = line[index], earlier[index]
         difference = np.float32(np.uint8(max(now, before) - min(now, before)))
-        borne = np.rint(np.float32(ranges[index]) * gain)
-        changed[index] = np.uint8(255) if difference - borne > threshold else np.uint8(0)
+        tolerated = np.rint(np.float32(ranges[index]) * gain)
+        changed[index] = np.uint8(255) if difference - tolerated > threshold else np.uint8(0)
 
 
 @compiled
@@ -152,7 +134,7 @@ def _wait(changed: ByteLine, both: ByteLine, waiting: ByteLine, quiet: ByteLine,
     for index in range(quiet.size):
         left = waiting[index]
         left = np.uint8(left - np.uint8(min(left, np.uint8(1))))
-        # Not `~`: of a byte that is a longer number, and fewer of those are handled at once.
+        # `~` would widen the byte, and fewer pixels fit a vector.
         left = np.uint8(left | changed[index] | np.uint8(both[index] ^ np.uint8(255)))
         waiting[index] = left
         quiet[index] = np.uint8(255) if left <= most else np.uint8(0)

@@ -1,41 +1,35 @@
-"""Cleaning of the foreground before objects are made of it: lone pixels out, holes filled."""
+"""Median filter and hole filling of the foreground."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numba import types
 
-from streamkit_differencer.marks import FOREGROUND_CHANGED, FOREGROUND_QUIET, SHADOW
+from streamkit_differencer.arrays import ByteImage, ByteLine
+from streamkit_differencer.lines import clear
+from streamkit_differencer.mask_values import MOVING, SHADOW, STOPPED
 from streamkit_kernels import BYTES, compiled, kernel
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    ByteImage = NDArray[np.uint8]
-    ByteLine = NDArray[np.uint8]
-
 SMALLEST_MEDIAN, LARGEST_MEDIAN = 3, 7
-# What is left of ground, 0, when a byte is lessened by one.
-NOTHING = 255
+# Background, 0, less one, as a byte.
+BACKGROUND = 255
 
 
 def cleaned(mask: ByteImage, median: int, fill_holes: bool) -> ByteImage:
-    """The foreground without lone pixels, and without holes.
+    """The foreground after a median filter, with holes filled.
 
     Args:
-        mask: uint8[h, w], values as they are marked; 0 is ground.
-        median: width of the median filter, px; even ones are the next odd one, below 2 there is none.
-        fill_holes: whether what is enclosed by foreground becomes foreground.
+        mask: uint8[h, w], see `mask_values`.
+        median: width of the median filter, px; raised to an odd number; none below 2.
+        fill_holes: whether pixels enclosed by foreground become foreground.
 
     Returns:
-        uint8[h, w], an array of its own.
+        uint8[h, w], a new array.
     """
     result = np.empty(mask.shape, np.uint8)
     if median >= SMALLEST_MEDIAN - 1:
-        take_median(np.ascontiguousarray(mask), min(median | 1, LARGEST_MEDIAN) // 2, result)
+        median_filter(np.ascontiguousarray(mask), min(median | 1, LARGEST_MEDIAN) // 2, result)
     else:
         result[:] = mask
     if fill_holes:
@@ -48,68 +42,63 @@ def cleaned(mask: ByteImage, median: int, fill_holes: bool) -> ByteImage:
 
 
 @kernel(BYTES, types.int64, BYTES)
-def take_median(marks: ByteImage, reach: int, result: ByteImage) -> None:
-    """The median of each square of marks; beyond the picture it goes on as at its border.
+def median_filter(mask: ByteImage, reach: int, result: ByteImage) -> None:
+    """The median of each square, with the border replicated.
+
+    Of four values the median is the largest that more than half of the pixels reach: counting needs no sort.
 
     Args:
-        marks: uint8[h, w], of foreground: a mark is the median where at least half of the pixels have it or a
-            larger one, so that counts do and nothing is sorted.
+        mask: uint8[h, w], see `mask_values`.
         reach: half of the side of a square, rounded down.
-        result: uint8[h, w].
+        result: uint8[h, w], output.
     """
-    height, width = marks.shape
-    filled, smallest = np.zeros(height, np.bool_), np.uint8(NOTHING)
+    height, width = mask.shape
+    filled, smallest = np.zeros(height, np.bool_), np.uint8(BACKGROUND)
     for row in range(height):
-        least = _smallest(marks[row])
-        filled[row] = least < NOTHING
+        least = _smallest(mask[row])
+        filled[row] = least < BACKGROUND
         smallest = min(smallest, least)
     sums = np.empty(width + 2 * reach, np.uint8)
     most = np.uint8((2 * reach + 1) ** 2 // 2)
     for row in range(height):
         line = result[row]
-        _empty(line)
+        clear(line)
         is_near = False
         for other in range(max(row - reach, 0), min(row + reach + 1, height)):
             is_near |= filled[other]
         if not is_near:
             continue
-        for kind in (SHADOW, FOREGROUND_QUIET, FOREGROUND_CHANGED):
-            if kind < FOREGROUND_QUIET and smallest >= FOREGROUND_QUIET - 1:
+        for kind in (SHADOW, STOPPED, MOVING):
+            if kind < STOPPED and smallest >= STOPPED - 1:
                 continue
             inner = sums[reach : reach + width]
-            _empty(inner)
+            clear(inner)
             for other in range(row - reach, row + reach + 1):
-                _count(marks[min(max(other, 0), height - 1)], np.uint8(kind), inner)
+                _count(mask[min(max(other, 0), height - 1)], np.uint8(kind), inner)
             for end in range(reach):
                 sums[end], sums[reach + width + end] = inner[0], inner[width - 1]
             _settle(sums, reach, most, np.uint8(kind), line)
 
 
 @compiled
-def _smallest(marks: ByteLine) -> np.uint8:
-    """The smallest mark of foreground in a line, less one; `NOTHING` where there is none."""
-    smallest = np.uint8(NOTHING)
-    for index in range(marks.size):
-        smallest = min(smallest, np.uint8(marks[index] - np.uint8(1)))
+def _smallest(mask: ByteLine) -> np.uint8:
+    """The smallest value of foreground in a line, less one; `BACKGROUND` without foreground."""
+    smallest = np.uint8(BACKGROUND)
+    for index in range(mask.size):
+        smallest = min(smallest, np.uint8(mask[index] - np.uint8(1)))
     return smallest
 
 
 @compiled
-def _empty(line: ByteLine) -> None:
-    for index in range(line.size):
-        line[index] = 0
-
-
-@compiled
-def _count(marks: ByteLine, kind: np.uint8, sums: ByteLine) -> None:
-    """Adds one where a mark is `kind` or a larger one."""
+def _count(mask: ByteLine, kind: np.uint8, sums: ByteLine) -> None:
+    """Counts pixels whose value is at least `kind`."""
     for index in range(sums.size):
-        sums[index] += np.uint8(marks[index] >= kind)
+        sums[index] += np.uint8(mask[index] >= kind)
 
 
 @compiled
 def _settle(sums: ByteLine, reach: int, most: np.uint8, kind: np.uint8, line: ByteLine) -> None:
-    """Sets the mark where more than `most` pixels of a square were counted."""
+    """Sets the value where more than `most` pixels of a square were counted."""
     width = line.size
     votes = np.zeros(width, np.uint8)
     for step in range(2 * reach + 1):

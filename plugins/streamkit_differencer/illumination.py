@@ -1,19 +1,14 @@
-"""Changes of brightness of the whole picture: exposure steps, automatic gain, a cloud's shadow."""
+"""Changes of brightness of the whole frame, such as exposure steps or automatic gain, and scene changes."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    ByteImage = NDArray[np.uint8]
-    FloatImage = NDArray[np.float32]
+from streamkit_differencer.arrays import ByteImage, FloatImage, FloatLine
 
 SAMPLE_STEP = 8
 SAMPLES = 1500
@@ -21,20 +16,20 @@ FEWEST_SAMPLES = 100
 ROUNDS = 4
 GAIN_LIMITS = (0.4, 2.5)
 DARKEST, BRIGHTEST = 8, 247
-# Smaller steps than this are learnt by equation 3 in time.
+# Equation 3 follows smaller changes.
 SMALLEST_SHIFT = 4.0
-# Pixels that are clipped pull the median down.
+# Clipped pixels lower the median.
 LEAST_SHIFT = 1.0
 SMALLEST_AGREEMENT = 0.6
-# Deviation of a picture that has something to be recognised by, and the correlation of two of another scene.
+# Smallest standard deviation of a textured image; correlation below which two show different scenes.
 LEAST_TEXTURE = 8.0
 LEAST_CORRELATION = 0.3
 NEAR = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Brightness:
-    """The linear change that makes one picture as bright as another: gain times the value plus offset.
+class BrightnessChange:
+    """Linear change of brightness: gain times the value plus offset.
 
     Attributes:
         gain: factor.
@@ -45,22 +40,19 @@ class Brightness:
     offset: float
 
 
-def is_another_scene(earlier: ByteImage, current: ByteImage, known: ByteImage, share: float) -> bool:
-    """Whether two pictures of one place show different things: the camera was switched, covered or blinded.
+def is_scene_change(earlier: ByteImage, current: ByteImage, known: ByteImage, share: float) -> bool:
+    """Whether two aligned images show different scenes: the camera was switched, covered or blinded.
 
-    Means of 8 by 8 pixels tell, which noise leaves alone.
+    Compares means of 8 by 8 pixels, which noise hardly changes: how many changed, and their correlation.
 
     Args:
         earlier: uint8[h, w].
         current: uint8[h, w].
-        known: uint8[h, w], mask of the pixels that both show.
-        share: of means that must have changed where the pictures are still alike.
-
-    Returns:
-        Whether that share has changed, or the pictures are not alike at all.
+        known: uint8[h, w], mask of the pixels that both cover.
+        share: of changed means that is a scene change.
     """
     size = max(1, current.shape[1] // SAMPLE_STEP), max(1, current.shape[0] // SAMPLE_STEP)
-    means = [cv2.resize(picture, size, interpolation=cv2.INTER_AREA) for picture in (earlier, current, known)]
+    means = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (earlier, current, known)]
     usable = means[2] == 255
     before, after = means[0][usable].astype(np.float32), means[1][usable].astype(np.float32)
     if not before.size:
@@ -72,20 +64,22 @@ def is_another_scene(earlier: ByteImage, current: ByteImage, known: ByteImage, s
     return bool(np.corrcoef(before, after)[0, 1] < LEAST_CORRELATION)
 
 
-def exposure_step(model: FloatImage | ByteImage, current: ByteImage, *known: ByteImage) -> Brightness | None:
-    """Estimates how the brightness of the whole picture changed, from some thousand pixels of a grid.
+def exposure_change(
+    model: FloatImage | ByteImage, current: ByteImage, *known: ByteImage
+) -> BrightnessChange | None:
+    """Estimates the change of brightness of the whole image, from some thousand pixels of a grid.
 
-    A line is fitted to the pairs of values, then again to the pairs close to it, so that movers and ghosts
-    lose their say. Pixels near black and white are left out: they may be clipped.
+    A line is fitted to the pairs of values, then again to the inliers, without moving objects and ghosts.
+    Pixels near black and white are left out: they may be clipped.
 
     Args:
-        model: float32 or uint8[h, w], the picture as it is known.
-        current: uint8[h, w], the picture as it is now.
-        known: uint8[h, w] each, masks of the pixels where `model` holds; all must be set.
+        model: float32 or uint8[h, w], the known image.
+        current: uint8[h, w], the current image.
+        known: uint8[h, w] each, masks of the pixels where `model` is known; all must be set.
 
     Returns:
-        The change from `model` to `current`; None if it is too small to follow, if too few pixels tell, or if
-        it does not explain the picture and is therefore no change of exposure.
+        The change from `model` to `current`; None if it is too small, if there are too few pixels,
+        or if it does not fit most of them.
     """
     step = max(SAMPLE_STEP, round(math.sqrt(current.size / SAMPLES)))
     grid = np.s_[step // 2 :: step, step // 2 :: step]
@@ -94,7 +88,7 @@ def exposure_step(model: FloatImage | ByteImage, current: ByteImage, *known: Byt
     for mask in known[1:]:
         usable &= mask[grid] > 0
     change = (after - before)[usable]
-    # Most frames are as bright as the one before, and are done with here.
+    # Most frames are as bright as the previous one.
     if change.size < FEWEST_SAMPLES or abs(median(change)) < LEAST_SHIFT:
         return None
     usable &= (np.minimum(before, after) > DARKEST) & (np.maximum(before, after) < BRIGHTEST)
@@ -116,10 +110,10 @@ def exposure_step(model: FloatImage | ByteImage, current: ByteImage, *known: Byt
     if not GAIN_LIMITS[0] <= gain <= GAIN_LIMITS[1]:
         return None
     agreement = float((np.abs(after - gain * before - offset) <= NEAR).mean())
-    return Brightness(gain, offset) if agreement >= SMALLEST_AGREEMENT else None
+    return BrightnessChange(gain, offset) if agreement >= SMALLEST_AGREEMENT else None
 
 
-def median(values: NDArray[np.float32]) -> float:
-    """The upper median; numpy's own takes four times as long on a thousand values."""
+def median(values: FloatLine) -> float:
+    """The upper median; np.median takes four times as long on a thousand values."""
     middle = values.size // 2
     return float(np.partition(values, middle)[middle])

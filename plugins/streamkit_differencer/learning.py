@@ -1,28 +1,17 @@
-"""What a frame teaches: equation 3, the noise of each pixel, what has stopped and what is new."""
+"""Learning from a frame: equation 3, stationary objects, new pixels, and the noise of each pixel."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import types
 
-from streamkit_differencer.canvas_region import REGION
+from streamkit_differencer.arrays import REGION, ByteImage, ByteLine, FloatImage, FloatLine, Region
+from streamkit_differencer.lines import clear, local_range
 from streamkit_kernels import BYTES, FLOATS, compiled, kernel
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from streamkit_differencer.canvas_region import Region
-
-    ByteImage = NDArray[np.uint8]
-    FloatImage = NDArray[np.float32]
-    ByteLine = NDArray[np.uint8]
-    FloatLine = NDArray[np.float32]
-
-# How a pixel's background learns: not, by equation 3, or all at once; new ones, the largest, have none yet.
-NOTHING, SLOWLY, AT_ONCE, NEW = 0, 1, 2, 3
-# New pixels are few; they are searched for by blocks of so many rows and columns.
+# Update of a pixel's background: none, by equation 3, replaced by the frame, or its first one.
+NONE, AVERAGED, REPLACED, NEW = 0, 1, 2, 3
+# Blocks without new pixels are skipped.
 BLOCK_ROWS, BLOCK_PX = 16, 64
 
 
@@ -34,45 +23,45 @@ def learn(
     background: FloatImage,
     valid: ByteImage,
     standing: ByteImage,
-    lessons: ByteImage,
+    updates: ByteImage,
     region: Region,
-    coefficient: float,
+    learning_rate: float,
     absorb_frames: int,
 ) -> int:
-    """Equation 3; foreground that stands still long enough, and what is quiet and new, become background.
+    """Equation 3; foreground that was quiet long enough, and new quiet pixels, become background.
 
     Args:
-        image: uint8[h, w], f(t) on the canvas; so are all.
+        image: uint8[h, w], f(t) on the canvas, as all images.
         mask: uint8[h, w], foreground.
         quiet: uint8[h, w], mask of D = 0.
         background: float32[h, w], B(t - 1), becomes B(t).
-        valid: uint8[h, w], mask of where that is known; updated in place.
+        valid: uint8[h, w], mask of where it is known; updated in place.
         standing: uint8[h, w], frames that a pixel was foreground and quiet; updated in place.
-        lessons: uint8[h, w], becomes how each pixel learnt: `NOTHING`, `SLOWLY`, `AT_ONCE` or `NEW`.
-        region: what the frame covers at most; nothing else is read or written.
-        coefficient: alpha, 0 to 1.
-        absorb_frames: frames after which a thing that stands still becomes background.
+        updates: uint8[h, w], output: `NONE`, `AVERAGED`, `REPLACED` or `NEW`.
+        region: bounds of the frame; nothing else is read or written.
+        learning_rate: alpha, 0 to 1.
+        absorb_frames: frames after which a stationary object becomes background.
 
     Returns:
-        How many pixels are new.
+        The number of new pixels.
     """
     top, bottom, left, right = region
     least, total = np.uint8(min(max(absorb_frames, 0), 255)), 0
     for row in range(top, bottom):
-        stands, lesson = standing[row, left:right], lessons[row, left:right]
-        silent, known = quiet[row, left:right], valid[row, left:right]
-        _stood(mask[row, left:right], silent, stands)
-        _lessons(mask[row, left:right], silent, known, stands, least, lesson)
-        _taught(image[row, left:right], lesson, np.float32(coefficient), background[row, left:right])
-        _accepted(lesson, known)
-        if _has_new(lesson):
-            total += _count_new(lesson)
+        counts, update = standing[row, left:right], updates[row, left:right]
+        line_quiet, known = quiet[row, left:right], valid[row, left:right]
+        _count_standing(mask[row, left:right], line_quiet, counts)
+        _choose_updates(mask[row, left:right], line_quiet, known, counts, least, update)
+        _apply(image[row, left:right], update, np.float32(learning_rate), background[row, left:right])
+        _accept(update, known)
+        if _has_new(update):
+            total += _count_new(update)
     return total
 
 
 @compiled
-def _stood(mask: ByteLine, quiet: ByteLine, standing: ByteLine) -> None:
-    """Counts frames, to 255; what is not foreground stands no longer."""
+def _count_standing(mask: ByteLine, quiet: ByteLine, standing: ByteLine) -> None:
+    """Counts frames, to 255; 0 where a pixel is not foreground."""
     for index in range(standing.size):
         count = standing[index] & mask[index]
         still = mask[index] & quiet[index] & np.uint8(1)
@@ -80,48 +69,50 @@ def _stood(mask: ByteLine, quiet: ByteLine, standing: ByteLine) -> None:
 
 
 @compiled
-def _lessons(
-    mask: ByteLine, quiet: ByteLine, valid: ByteLine, standing: ByteLine, least: np.uint8, lesson: ByteLine
+def _choose_updates(
+    mask: ByteLine, quiet: ByteLine, valid: ByteLine, standing: ByteLine, least: np.uint8, update: ByteLine
 ) -> None:
-    for index in range(lesson.size):
+    for index in range(update.size):
         is_long = standing[index] >= least
-        on_thing = np.uint8(AT_ONCE) if is_long else np.uint8(NOTHING)
+        for_foreground = np.uint8(REPLACED) if is_long else np.uint8(NONE)
         is_known = valid[index] == np.uint8(255)
-        on_ground = np.uint8(SLOWLY) if is_known else np.uint8(NEW)
-        kind = on_thing if mask[index] > 0 and is_known else on_ground
-        lesson[index] = kind & quiet[index]
+        for_background = np.uint8(AVERAGED) if is_known else np.uint8(NEW)
+        kind = for_foreground if mask[index] > 0 and is_known else for_background
+        update[index] = kind & quiet[index]
 
 
 @compiled
-def _accepted(lesson: ByteLine, valid: ByteLine) -> None:
+def _accept(update: ByteLine, valid: ByteLine) -> None:
     """Makes new pixels valid."""
-    for index in range(lesson.size):
-        is_new = lesson[index] == np.uint8(NEW)
+    for index in range(update.size):
+        is_new = update[index] == np.uint8(NEW)
         valid[index] = valid[index] | (np.uint8(255) if is_new else np.uint8(0))
 
 
 @compiled
-def _has_new(lesson: ByteLine) -> bool:
-    largest = np.uint8(NOTHING)
-    for index in range(lesson.size):
-        largest = max(largest, lesson[index])
+def _has_new(update: ByteLine) -> bool:
+    largest = np.uint8(NONE)
+    for index in range(update.size):
+        largest = max(largest, update[index])
     return bool(largest == np.uint8(NEW))
 
 
 @compiled
-def _count_new(lesson: ByteLine) -> int:
+def _count_new(update: ByteLine) -> int:
     count = np.int32(0)
-    for index in range(lesson.size):
-        count += np.int32(lesson[index] == np.uint8(NEW))
+    for index in range(update.size):
+        count += np.int32(update[index] == np.uint8(NEW))
     return int(count)
 
 
 @compiled
-def _taught(line: ByteLine, lesson: ByteLine, coefficient: np.float32, background: FloatLine) -> None:
+def _apply(line: ByteLine, update: ByteLine, learning_rate: np.float32, background: FloatLine) -> None:
     one, none = np.float32(1.0), np.float32(0.0)
     for index in range(line.size):
-        kind = lesson[index]
-        weight = coefficient if kind == np.uint8(SLOWLY) else (one if kind >= np.uint8(AT_ONCE) else none)
+        kind = update[index]
+        weight = (
+            learning_rate if kind == np.uint8(AVERAGED) else (one if kind >= np.uint8(REPLACED) else none)
+        )
         background[index] = background[index] * (one - weight) + np.float32(line[index]) * weight
 
 
@@ -129,94 +120,81 @@ def _taught(line: ByteLine, lesson: ByteLine, coefficient: np.float32, backgroun
 def learn_noise(
     image: ByteImage,
     rounded: ByteImage,
-    lessons: ByteImage,
-    spread: FloatImage,
-    needed: ByteImage,
+    updates: ByteImage,
+    deviation: FloatImage,
+    thresholds: ByteImage,
     region: Region,
-    coefficient: float,
+    learning_rate: float,
     gain: float,
     lowest: int,
     highest: int,
 ) -> None:
-    """Learns the mean absolute deviation of what learns slowly, as a running mean, and its threshold.
+    """Learns the mean absolute deviation of averaged pixels, as a running mean, and their thresholds.
 
     Args:
-        image: uint8[h, w], f(t) on the canvas; so are all.
+        image: uint8[h, w], f(t) on the canvas, as all images.
         rounded: uint8[h, w], B(t - 1).
-        lessons: uint8[h, w], how each pixel learns, see `learn`.
-        spread: float32[h, w], grey levels.
-        needed: uint8[h, w], T_F of each pixel: what a difference counts as at most, a mover that was missed
-            teaches little; becomes that of the new spread.
-        region: what the frame covers at most.
-        coefficient: weight of this frame, 0 to 1.
-        gain: the threshold over the mean deviation.
+        updates: uint8[h, w], see `learn`.
+        deviation: float32[h, w], grey levels; updated in place.
+        thresholds: uint8[h, w], T_F of each pixel, updated in place; the old one limits what a missed object
+            adds to the deviation.
+        region: bounds of the frame.
+        learning_rate: weight of this frame, 0 to 1.
+        gain: threshold over mean deviation.
         lowest: smallest threshold, grey levels.
         highest: largest threshold.
     """
     top, bottom, left, right = region
     for row in range(top, bottom):
-        deviations, limits = spread[row, left:right], needed[row, left:right]
-        _deviated(
-            image[row, left:right],
-            rounded[row, left:right],
-            lessons[row, left:right],
-            limits,
-            np.float32(coefficient),
-            deviations,
-        )
-        _limited(deviations, np.float32(gain), np.float32(lowest), np.float32(highest), limits)
+        deviations, limits = deviation[row, left:right], thresholds[row, left:right]
+        line, background, update = image[row, left:right], rounded[row, left:right], updates[row, left:right]
+        _average_deviation(line, background, update, limits, np.float32(learning_rate), deviations)
+        _set_thresholds(deviations, limits, gain, lowest, highest)
 
 
 @compiled
-def _deviated(
+def _average_deviation(
     line: ByteLine,
-    ground: ByteLine,
-    lesson: ByteLine,
-    most: ByteLine,
-    coefficient: np.float32,
-    spread: FloatLine,
+    background: ByteLine,
+    update: ByteLine,
+    thresholds: ByteLine,
+    learning_rate: np.float32,
+    deviation: FloatLine,
 ) -> None:
     one, none = np.float32(1.0), np.float32(0.0)
     for index in range(line.size):
-        value, other = line[index], ground[index]
-        deviation = np.float32(min(np.uint8(max(value, other) - min(value, other)), most[index]))
-        weight = coefficient if lesson[index] == np.uint8(SLOWLY) else none
-        spread[index] = spread[index] * (one - weight) + deviation * weight
+        value, other = line[index], background[index]
+        current = np.float32(min(np.uint8(max(value, other) - min(value, other)), thresholds[index]))
+        weight = learning_rate if update[index] == np.uint8(AVERAGED) else none
+        deviation[index] = deviation[index] * (one - weight) + current * weight
 
 
 @compiled
-def _limited(
-    spread: FloatLine, gain: np.float32, lowest: np.float32, highest: np.float32, needed: ByteLine
+def _set_thresholds(
+    deviation: FloatLine, thresholds: ByteLine, gain: float, lowest: int, highest: int
 ) -> None:
-    for index in range(spread.size):
-        value = max(min(np.rint(spread[index] * gain), highest), lowest)
-        needed[index] = np.uint8(np.int32(value))
+    factor, least, most = np.float32(gain), np.float32(lowest), np.float32(highest)
+    for index in range(deviation.size):
+        value = max(min(np.rint(deviation[index] * factor), most), least)
+        thresholds[index] = np.uint8(np.int32(value))
 
 
 @kernel(FLOATS, BYTES, REGION, types.float64, types.int64, types.int64)
 def set_thresholds(
-    spread: FloatImage, needed: ByteImage, region: Region, gain: float, lowest: int, highest: int
+    deviation: FloatImage, thresholds: ByteImage, region: Region, gain: float, lowest: int, highest: int
 ) -> None:
-    """T_F of each pixel from the mean deviation, see `learn_noise`."""
+    """T_F of each pixel from its mean deviation, see `learn_noise`."""
     top, bottom, left, right = region
     for row in range(top, bottom):
-        _limited(
-            spread[row, left:right],
-            np.float32(gain),
-            np.float32(lowest),
-            np.float32(highest),
-            needed[row, left:right],
-        )
+        _set_thresholds(deviation[row, left:right], thresholds[row, left:right], gain, lowest, highest)
 
 
-@kernel(
-    BYTES, BYTES, FLOATS, BYTES, REGION, types.float64, types.float64, types.float64, types.int64, types.int64
-)
+@kernel(BYTES, BYTES, FLOATS, BYTES, REGION, *[types.float64] * 3, types.int64, types.int64)
 def begin_noise(
     earlier: ByteImage,
-    lessons: ByteImage,
-    spread: FloatImage,
-    needed: ByteImage,
+    updates: ByteImage,
+    deviation: FloatImage,
+    thresholds: ByteImage,
     region: Region,
     first: float,
     edge: float,
@@ -224,58 +202,58 @@ def begin_noise(
     lowest: int,
     highest: int,
 ) -> None:
-    """Gives pixels that have just got a background the noise that edges may have.
+    """Initialises the noise of new pixels, from the local range of an earlier frame.
 
     Args:
-        earlier: uint8[h, w], f(t - tau) on the canvas, whose edges count; so are all.
-        lessons: uint8[h, w], how each pixel learns, see `learn`.
-        spread: float32[h, w], mean absolute deviation, grey levels; set where pixels are new.
-        needed: uint8[h, w], T_F; set there, too.
-        region: what the frame covers at most.
+        earlier: uint8[h, w], f(t - tau) on the canvas, as all images.
+        updates: uint8[h, w], see `learn`.
+        deviation: float32[h, w], mean absolute deviation, grey levels; set at new pixels.
+        thresholds: uint8[h, w], T_F; set there, too.
+        region: bounds of the frame.
         first: deviation of a pixel whose background is a single frame.
-        edge: what the local range adds to it, per grey level.
-        gain: the threshold over the mean deviation.
+        edge: share of the local range that is added to it.
+        gain: threshold over mean deviation.
         lowest: smallest threshold, grey levels.
         highest: largest threshold.
     """
     top, bottom, left, right = region
     largest = np.empty(right - left, np.uint8)
+    limits = first, edge, gain, lowest, highest
     for start in range(top, bottom, BLOCK_ROWS):
         stop = min(start + BLOCK_ROWS, bottom)
-        for index in range(largest.size):
-            largest[index] = NOTHING
+        clear(largest)
         for row in range(start, stop):
-            _raise(lessons[row, left:right], largest)
+            _maximum(updates[row, left:right], largest)
         for block in range(left, right, BLOCK_PX):
             end = min(block + BLOCK_PX, right)
             if not _has_new(largest[block - left : end - left]):
                 continue
             for row in range(start, stop):
-                lesson = lessons[row, block:end]
+                update = updates[row, block:end]
                 for column in range(block, end):
-                    if lesson[np.uintp(column - block)] == np.uint8(NEW):
-                        rough = np.float32(edge) * _range(earlier, row, column, region) + np.float32(first)
-                        spread[row, column] = rough
-                        limit = min(np.rint(rough * np.float32(gain)), np.float32(highest))
-                        needed[row, column] = np.uint8(np.int32(max(limit, np.float32(lowest))))
+                    if update[np.uintp(column - block)] == np.uint8(NEW):
+                        initial_noise(earlier, row, column, region, deviation, thresholds, limits)
 
 
 @compiled
-def _raise(lesson: ByteLine, largest: ByteLine) -> None:
-    for index in range(lesson.size):
-        largest[index] = max(largest[index], lesson[index])
+def initial_noise(
+    image: ByteImage,
+    row: int,
+    column: int,
+    region: Region,
+    deviation: FloatImage,
+    thresholds: ByteImage,
+    limits: tuple[float, float, float, int, int],
+) -> None:
+    """Sets the noise and the threshold of one pixel; `limits` are the last arguments of `begin_noise`."""
+    first, edge, gain, lowest, highest = limits
+    rough = np.float32(edge) * np.float32(local_range(image, row, column, region)) + np.float32(first)
+    deviation[row, column] = rough
+    limit = min(np.rint(rough * np.float32(gain)), np.float32(highest))
+    thresholds[row, column] = np.uint8(np.int32(max(limit, np.float32(lowest))))
 
 
 @compiled
-def _range(image: ByteImage, row: int, column: int, region: Region) -> np.float32:
-    """The range of values within a pixel."""
-    top, bottom, left, right = region
-    flat, width = image.reshape(-1), image.shape[1]
-    before, after = max(column - 1, left), min(column + 1, right - 1)
-    low, high = np.uint8(255), np.uint8(0)
-    # Beyond the region a line or a column of it is looked at twice.
-    for y in (max(row - 1, top), row, min(row + 1, bottom - 1)):
-        for x in (before, column, after):
-            value = flat[np.uintp(y * width + x)]
-            low, high = min(low, value), max(high, value)
-    return np.float32(np.uint8(high - low))
+def _maximum(update: ByteLine, largest: ByteLine) -> None:
+    for index in range(update.size):
+        largest[index] = max(largest[index], update[index])

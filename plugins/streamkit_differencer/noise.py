@@ -1,40 +1,29 @@
-"""Noise of each pixel of the background: what equation 4's threshold is measured in.
+"""Noise of each pixel of the background, the unit of equation 4's threshold.
 
-A road is quiet, leaves are not, and an edge that is registered a third of a pixel off flickers: one threshold
-for all is too high for the first or too low for the others.
+A road is quiet, leaves are not, and an edge with a registration error flickers: one threshold for all pixels
+is too high for the first or too low for the others.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from streamkit_differencer.arrays import ByteImage, FloatArray, FloatImage, Region
+from streamkit_differencer.canvas_images import CanvasFrame, allocated, scrolled, warped
 from streamkit_differencer.learning import begin_noise, learn_noise, set_thresholds
-from streamkit_differencer.new_ground import look_first
-from streamkit_differencer.resampling import filled, scrolled, warped
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from streamkit_differencer.canvas_region import Region
-    from streamkit_differencer.resampling import Remembered
-
-    ByteImage = NDArray[np.uint8]
-    FloatImage = NDArray[np.float32]
-    Matrix = NDArray[np.float64]
+from streamkit_differencer.provisional import set_provisional
 
 SAMPLE_STEP = 8
 MOST_DEVIATIONS = 3.0
-LEAST_FIRST = 1.5
+LEAST_FIRST_DEVIATION = 1.5
 HIGHEST_THRESHOLD = 60.0
 # Of a normal distribution: standard deviation over mean absolute deviation.
 DEVIATION_RATIO = 1.2533
-# Mean deviation of a pixel where nothing is known of it, and what the local range adds to that of its first
-# frames.
-FIRST_SPREAD = 5.0
-EDGE_SPREAD = 0.08
+# Mean deviation of an unknown pixel, and the share of the local range added to that of its first frames.
+UNKNOWN_DEVIATION = 5.0
+EDGE_SHARE = 0.08
 
 
 @dataclass(slots=True)
@@ -43,84 +32,74 @@ class NoiseMap:
 
     Attributes:
         shape: rows and columns of the canvas.
-        spread: float32[h, w], mean absolute deviation of the background, grey levels.
-        needed: uint8[h, w], T_F of each pixel: so many deviations, within bounds.
+        deviation: float32[h, w], mean absolute deviation of the background, grey levels.
+        thresholds: uint8[h, w], T_F of each pixel: a multiple of the deviation, within limits.
     """
 
     shape: tuple[int, int]
-    spread: FloatImage = field(init=False)
-    needed: ByteImage = field(init=False)
+    deviation: FloatImage = field(init=False)
+    thresholds: ByteImage = field(init=False)
     _limits: tuple[float, int, int] | None = None
 
     def __post_init__(self) -> None:
-        self.spread = filled(self.shape, FIRST_SPREAD, np.float32)
-        self.needed = filled(self.shape, HIGHEST_THRESHOLD, np.uint8)
+        self.deviation = allocated(self.shape, UNKNOWN_DEVIATION, np.float32)
+        self.thresholds = allocated(self.shape, HIGHEST_THRESHOLD, np.uint8)
 
     def set_limits(self, gain: float, lowest: float) -> None:
-        """Standard deviations that the threshold is, 0 for one threshold, and its smallest value."""
+        """Sets the threshold in standard deviations, 0 for the same everywhere, and its smallest value."""
         least = int(min(lowest, 255.0))
         limits = gain * DEVIATION_RATIO, least, max(least, int(HIGHEST_THRESHOLD))
         if self._limits != limits:
             self._limits = limits
-            set_thresholds(self.spread, self.needed, (0, self.shape[0], 0, self.shape[1]), *limits)
+            set_thresholds(self.deviation, self.thresholds, (0, self.shape[0], 0, self.shape[1]), *limits)
 
     def learn(
-        self, image: ByteImage, background: ByteImage, lessons: ByteImage, region: Region, coefficient: float
+        self, image: ByteImage, background: ByteImage, updates: ByteImage, region: Region, coefficient: float
     ) -> None:
-        """Takes in a frame, see `learning.learn_noise`; `set_limits` came before."""
+        """Learns from a frame, see `learning.learn_noise`; call `set_limits` before."""
         assert self._limits is not None
-        learn_noise(image, background, lessons, self.spread, self.needed, region, coefficient, *self._limits)
+        learn_noise(
+            image, background, updates, self.deviation, self.thresholds, region, coefficient, *self._limits
+        )
 
-    def begin(self, earlier: ByteImage, lessons: ByteImage, region: Region, first: float) -> None:
-        """Gives new pixels the noise that edges may have, see `learning.begin_noise`."""
+    def begin(self, earlier: ByteImage, updates: ByteImage, region: Region, first: float) -> None:
+        """Initialises new pixels, see `learning.begin_noise`."""
         assert self._limits is not None
-        begin_noise(earlier, lessons, self.spread, self.needed, region, first, EDGE_SPREAD, *self._limits)
+        begin_noise(
+            earlier, updates, self.deviation, self.thresholds, region, first, EDGE_SHARE, *self._limits
+        )
 
-    def look_first(
+    def set_provisional(
         self,
         seen: ByteImage,
-        earlier: Remembered,
+        earlier: CanvasFrame,
         waiting: ByteImage,
         background: FloatImage,
         valid: ByteImage,
         region: Region,
         first: float,
     ) -> None:
-        """Gives new ground a first background, see `new_ground.look_first`; `set_limits` came before."""
+        """Gives new ground a provisional background, see `provisional`; call `set_limits` before."""
         assert self._limits is not None
-        look_first(
-            seen,
-            earlier.image,
-            earlier.seen,
-            waiting,
-            background,
-            valid,
-            self.spread,
-            self.needed,
-            region,
-            first,
-            EDGE_SPREAD,
-            *self._limits,
-        )
+        images = *earlier, waiting, background, valid, self.deviation, self.thresholds
+        set_provisional(seen, *images, region, first, EDGE_SHARE, *self._limits)
 
     def scroll(self, dx: int, dy: int) -> None:
-        """Moves all by whole pixels."""
-        self.spread = scrolled(self.spread, dx, dy, FIRST_SPREAD)
-        self.needed = scrolled(self.needed, dx, dy, HIGHEST_THRESHOLD)
+        """Moves everything by whole pixels."""
+        self.deviation = scrolled(self.deviation, dx, dy, UNKNOWN_DEVIATION)
+        self.thresholds = scrolled(self.thresholds, dx, dy, HIGHEST_THRESHOLD)
 
-    def warp(self, change: Matrix) -> None:
-        """Resamples all onto another canvas."""
-        self.spread[:] = warped(self.spread, change, FIRST_SPREAD)
-        self.needed[:] = warped(self.needed, change, HIGHEST_THRESHOLD)
+    def warp(self, change: FloatArray) -> None:
+        """Resamples everything onto another canvas."""
+        self.deviation[:] = warped(self.deviation, change, UNKNOWN_DEVIATION)
+        self.thresholds[:] = warped(self.thresholds, change, HIGHEST_THRESHOLD)
 
 
-def first_spread(earlier: ByteImage, current: ByteImage, *known: ByteImage) -> float:
-    """What a pixel whose background is a single frame differs from it by: the mean difference of two frames.
-
-    Every eighth pixel of every eighth row tells; movers lose their say.
+def first_deviation(earlier: ByteImage, current: ByteImage, *known: ByteImage) -> float:
+    """Mean deviation of pixels whose background is a single frame: that of two frames, without outliers.
 
     Args:
-        earlier: uint8[h, w], a frame on the canvas.
+        earlier: uint8[h, w], a frame on the canvas, sampled at every eighth pixel of every eighth row.
         current: uint8[h, w], a later one.
         known: uint8[h, w] each, masks of what they cover; all must be set.
     """
@@ -130,6 +109,6 @@ def first_spread(earlier: ByteImage, current: ByteImage, *known: ByteImage) -> f
         difference[mask[grid] == 0] = -1.0
     difference = difference[difference >= 0.0]
     if not difference.size:
-        return LEAST_FIRST
+        return LEAST_FIRST_DEVIATION
     usual = difference[difference <= MOST_DEVIATIONS * np.median(difference) + 1.0]
-    return max(float(usual.mean()), LEAST_FIRST)
+    return max(float(usual.mean()), LEAST_FIRST_DEVIATION)

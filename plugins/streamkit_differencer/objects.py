@@ -1,22 +1,25 @@
 """Objects from foreground: sub-sampling by vote, one morphological filter, clusters, centroids.
 
-Cells are the pixels of the foreground sub-sampled to `CELL_SIZE` frame pixels; clustering works on them and
-measuring on the foreground itself, so that boxes and centroids keep the finer grid's precision.
+Cells are the pixels of the foreground sub-sampled to `CELL_SIZE` frame pixels. Clustering works on cells and
+measuring on the foreground itself, so that boxes and centroids keep its precision.
 
-Source: Zhang, Liu, Qu, section 2.2, last two paragraphs; where the criterion J_mn is not defined, see
+Source: Zhang, Liu, Qu, section 2.2, last two paragraphs; for the criterion J_mn see
 `streamkit_differencer.clusters`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from streamkit_differencer.clusters import Criterion, label_by_gap, merge_by_scatter
-from streamkit_differencer.measuring import (
+from streamkit_differencer.arrays import ByteImage, Flags, FloatArray, LabelImage
+from streamkit_differencer.clusters import label_by_gap, merge_by_scatter
+from streamkit_differencer.mask_values import HIGHEST_BACKGROUND
+from streamkit_differencer.measurement import (
     BOTTOM,
     CHANGED,
     LEFT,
@@ -25,72 +28,38 @@ from streamkit_differencer.measuring import (
     SUM_X,
     SUM_Y,
     TOP,
-    halved,
-    measured,
+    downsampled_by_vote,
+    measure_objects,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    ByteImage = NDArray[np.uint8]
-    IntImage = NDArray[np.int32]
-    FloatArray = NDArray[np.float64]
+from streamkit_differencer.settings import Criterion, ObjectSettings
 
 CELL_SIZE = 4
-# Empty cells around what is looked at, so that closing and merging meet no border of their own.
+# Empty cells around the foreground, which closing and merging need.
 MARGIN_CELLS = 2
 _SQUARE = np.ones((3, 3), np.uint8)
-# At full resolution there is no tolerance, and without it no growth: things come in fragments.
+# At full resolution the tolerance is 0, without hysteresis: objects are more fragmented.
 GAP_FULL, GAP_REDUCED = 3, 1
 # Clustering is quadratic: more fragments than this are noise, and the largest are kept.
 MOST_FRAGMENTS = 1500
-# Marks below this are no foreground: shadow.
-LOWEST_MARK = 100
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectSettings:
-    """What counts as an object.
-
-    Attributes:
-        min_area: cells an object must have.
-        merge_gap: cells between fragments of one object; chosen by the scale where it is negative.
-        criterion: what J_mn is.
-        min_score: share of an object's foreground that must have changed lately; 0 keeps what stands still.
-        max_objects: how many are kept: of a frame's the surest, of those that nothing judged the largest.
-        median_px: width of the median filter that cleans the foreground, frame px; 0 for none.
-        fill_holes: whether holes in the foreground are filled.
-        parallax: largest height of a thing over the camera's height above it, that is taken for parallax and
-            left out; 0 keeps everything.
-    """
-
-    min_area: int = 3
-    merge_gap: int = -1
-    criterion: Criterion = Criterion.GAP
-    min_score: float = 0.25
-    max_objects: int = 50
-    median_px: int = 5
-    fill_holes: bool = False
-    parallax: float = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Objects:
-    """What was found in a frame, in pixels of the frame at full resolution, largest first.
+    """Objects of a frame, in pixels at full resolution, largest first.
 
     Attributes:
         centroids: float64[n, 2], x y, the centre of the foreground.
         boxes: float64[n, 4], x0 y0 x1 y1, the outer edges of the foreground.
         areas: float64[n], foreground, px.
-        scores: float64[n], share of the foreground that changed lately, 0 to 1.
-        confidences: float64[n], how sure each is, 0 to 1; empty until they were judged.
-        dropped: objects left out because there were more than `max_objects`.
+        changes: float64[n], share of the foreground that changed within quiet_frames, 0 to 1.
+        confidences: float64[n], 0 to 1; empty until they are computed.
+        dropped: number of objects above `max_objects`.
     """
 
     centroids: FloatArray
     boxes: FloatArray
     areas: FloatArray
-    scores: FloatArray
+    changes: FloatArray
     dropped: int = 0
     confidences: FloatArray = field(default_factory=lambda: np.zeros(0))
 
@@ -98,53 +67,58 @@ class Objects:
         return len(self.areas)
 
 
-NOTHING = Objects(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
+NO_OBJECTS = Objects(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
 
 
-def find_objects(foreground: ByteImage, scale: int, settings: ObjectSettings) -> Objects:
+def find_objects(
+    foreground: ByteImage, scale: int, settings: ObjectSettings, most: int | None = None
+) -> Objects:
     """Objects in the foreground of one frame.
 
     Args:
-        foreground: uint8[h, w], 0 for background, 255 for foreground that changed lately, else foreground.
+        foreground: uint8[h, w], see `mask_values`.
         scale: frame pixels per pixel of `foreground`: 1, 2 or 4.
         settings: what counts as an object.
+        most: number of objects to keep, the largest, instead of `max_objects`.
     """
     cells = cells_of(foreground, scale)
     left, top, width, height = cv2.boundingRect(cells)
     if not width:
-        return NOTHING
-    if settings.merge_gap < 0:
-        settings = replace(settings, merge_gap=GAP_FULL if scale == 1 else GAP_REDUCED)
-    margin = max(MARGIN_CELLS, settings.merge_gap)
+        return NO_OBJECTS
+    gap = settings.merge_gap
+    if gap < 0:
+        gap = GAP_FULL if scale == 1 else GAP_REDUCED
+    margin = max(MARGIN_CELLS, gap)
     first_row, first_column = max(0, top - margin), max(0, left - margin)
     inside = cells[first_row : top + height + margin, first_column : left + width + margin]
-    labels, count = clustered(inside, settings)
+    labels, count = clustered(inside, settings.merge_criterion, gap)
     inside, labels = closed(inside, labels)
-    step = CELL_SIZE // scale
-    table = measured(
-        foreground, inside, labels, count, first_row, first_column, step, settings.min_area, LOWEST_MARK + 1
+    place = first_row, first_column, CELL_SIZE // scale
+    table = measure_objects(
+        foreground, inside, labels, count, *place, settings.min_area, HIGHEST_BACKGROUND + 1
     )
-    return selected(objects_of(table[table[:, PIXELS] > 0.0], scale), settings)
+    objects = objects_of(table[table[:, PIXELS] > 0.0], scale)
+    return selected(objects, settings.min_change, settings.max_objects if most is None else most)
 
 
-def clustered(cells: ByteImage, settings: ObjectSettings) -> tuple[IntImage, int]:
-    """The object that each cell belongs to, int32[h, w] from 1; and how many there are."""
-    if settings.criterion is Criterion.GAP:
-        return label_by_gap(cells, settings.merge_gap)
+def clustered(cells: ByteImage, criterion: Criterion, gap: int) -> tuple[LabelImage, int]:
+    """The object of each cell, int32[h, w] from 1; and the number of objects."""
+    if criterion is Criterion.GAP:
+        return label_by_gap(cells, gap)
     fragment, areas, centres = fragments(cells)
-    cluster = merge_by_scatter(centres, areas, settings.merge_gap)
+    cluster = merge_by_scatter(centres, areas, gap)
     labels = np.concatenate([[0], cluster + 1]).astype(np.int32)[fragment]
     return labels, int(cluster.max()) + 1
 
 
-def closed(cells: ByteImage, labels: IntImage) -> tuple[ByteImage, IntImage]:
+def closed(cells: ByteImage, labels: LabelImage) -> tuple[ByteImage, LabelImage]:
     """Fills gaps of one or two cells within each object: the one morphological filter.
 
-    Filled before things are told apart, a gap would make one of two cars that pass each other.
+    Closing before clustering would merge two cars that pass each other.
 
     Args:
-        cells: uint8[h, w], 255 for cells of the foreground.
-        labels: int32[h, w], the object that each belongs to, from 1.
+        cells: uint8[h, w], mask.
+        labels: int32[h, w], the object of each cell, from 1.
 
     Returns:
         Both with the gaps filled.
@@ -159,19 +133,19 @@ def closed(cells: ByteImage, labels: IntImage) -> tuple[ByteImage, IntImage]:
     return whole, filled
 
 
-def selected(objects: Objects, settings: ObjectSettings) -> Objects:
-    """The objects that move, largest first, and no more than `max_objects` of them."""
-    moving = np.flatnonzero(objects.scores >= settings.min_score)
+def selected(objects: Objects, min_change: float, most: int) -> Objects:
+    """The objects that changed enough, largest first, at most `most` of them."""
+    moving = np.flatnonzero(objects.changes >= min_change)
     order = moving[np.argsort(-objects.areas[moving], kind="stable")]
-    kept = order[: settings.max_objects]
+    kept = order[:most]
     return replace(chosen(objects, kept), dropped=order.size - kept.size)
 
 
-def surest(objects: Objects, most: int) -> Objects:
-    """No more than `most` of the objects: the surest, in the order that they are in.
+def most_confident(objects: Objects, most: int) -> Objects:
+    """The `most` objects of the highest confidence, in their order.
 
-    By size the same small things would be left out of every frame of dense traffic, and a flood of noise,
-    which is large and new, would push out what has been there for long.
+    A choice by size would leave out the same small objects in every frame of dense traffic, and let a flood
+    of noise, which is large and new, push out older objects.
     """
     if len(objects) <= most:
         return objects
@@ -183,26 +157,21 @@ def surest(objects: Objects, most: int) -> Objects:
     )
 
 
-def chosen(objects: Objects, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Objects:
-    """Some of the objects."""
-    return Objects(
-        objects.centroids[rows],
-        objects.boxes[rows],
-        objects.areas[rows],
-        objects.scores[rows],
-        dropped=objects.dropped,
-    )
+def chosen(objects: Objects, rows: NDArray[np.intp] | Flags) -> Objects:
+    """Some of the objects, without confidences."""
+    centroids, boxes = objects.centroids[rows], objects.boxes[rows]
+    return Objects(centroids, boxes, objects.areas[rows], objects.changes[rows], objects.dropped)
 
 
 def cells_of(foreground: ByteImage, scale: int) -> ByteImage:
-    """Sub-samples the foreground to cells by vote: uint8, 255 for set."""
+    """Sub-samples the foreground to cells by vote: uint8, 255 where set."""
     if scale == CELL_SIZE:
-        return cast("ByteImage", cv2.threshold(foreground, LOWEST_MARK, 255, cv2.THRESH_BINARY)[1])
-    cells = halved(foreground, LOWEST_MARK + 1)
-    return cells if 2 * scale == CELL_SIZE else halved(cells, LOWEST_MARK + 1)
+        return cast("ByteImage", cv2.threshold(foreground, HIGHEST_BACKGROUND, 255, cv2.THRESH_BINARY)[1])
+    cells = downsampled_by_vote(foreground, HIGHEST_BACKGROUND + 1)
+    return cells if 2 * scale == CELL_SIZE else downsampled_by_vote(cells, HIGHEST_BACKGROUND + 1)
 
 
-def fragments(cells: ByteImage) -> tuple[IntImage, FloatArray, FloatArray]:
+def fragments(cells: ByteImage) -> tuple[LabelImage, FloatArray, FloatArray]:
     """Connected components of the cells.
 
     Returns:
@@ -219,7 +188,7 @@ def fragments(cells: ByteImage) -> tuple[IntImage, FloatArray, FloatArray]:
 
 
 def objects_of(table: FloatArray, scale: int) -> Objects:
-    """Objects in pixels of the frame, from what was measured of them, see `measuring.measured`."""
+    """Objects in pixels of the frame, from the table of `measurement.measure_objects`."""
     pixels = table[:, PIXELS]
     centroids = table[:, [SUM_X, SUM_Y]] / pixels[:, None]
     boxes = (table[:, [LEFT, TOP, RIGHT, BOTTOM]] + (0.0, 0.0, 1.0, 1.0)) * scale - 0.5

@@ -1,57 +1,58 @@
-"""Boxes and centroids refined at full resolution, in the small piece of the frame where an object was found.
+"""Boxes and centroids refined at full resolution.
 
-Foreground takes in whatever differs from the ground by some deviations of its noise: also the pixels around a
-thing that it covers by a tenth. Its edge lies where about half of its contrast is reached.
+The foreground includes every pixel that differs from the background by some deviations of its noise, also
+those that an object covers by a tenth. An object's edge lies where about half of its contrast is reached.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import types
+from numpy.typing import NDArray
 
-from streamkit_differencer.objects import LOWEST_MARK, Objects
+from streamkit_differencer.arrays import CORNERS, ByteImage, Corners, Flags, FloatArray
+from streamkit_differencer.mask_values import HIGHEST_BACKGROUND
+from streamkit_differencer.objects import Objects
 from streamkit_kernels import BYTES, FLAGS, TABLE, VIEW, compiled, kernel
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    ByteImage = NDArray[np.uint8]
-    FloatArray = NDArray[np.float64]
-    Corners = NDArray[np.int64]
-    Flags = NDArray[np.bool_]
-
-# A thing's edge lies where this share of its mean contrast is reached; pixels around it lower that mean.
+# Share of the mean contrast at an object's edge; pixels around the object lower that mean.
 EDGE_SHARE = 0.4
-# What would shrink to less than this share of its area has parts as grey as the ground, and is left as it is.
+# An object that would shrink below this share has parts as grey as the background, and stays as it is.
 LEAST_AREA = 0.35
-# Larger things gain nothing.
+# Larger objects gain nothing.
 LARGEST_PX = 256
-# Columns of what is found.
+# Columns of the result.
 BOX, CENTROID, AREA = slice(0, 4), slice(4, 6), 6
 
 
-def refined(
-    objects: Objects, image: ByteImage, ground: ByteImage, to_ground: FloatArray, mask: ByteImage, scale: int
+def refine_objects(
+    objects: Objects,
+    image: ByteImage,
+    background: ByteImage,
+    to_background: FloatArray,
+    mask: ByteImage,
+    scale: int,
 ) -> Objects:
-    """The objects with boxes, centroids and areas measured on the frame itself.
+    """The objects with boxes, centroids and areas measured at full resolution.
 
-    One whose box overlaps another's is left as it is, and so is one that hardly differs from the ground.
+    Objects with overlapping boxes, and those that hardly differ from the background, stay as they are.
 
     Args:
         objects: as measured on the foreground.
         image: uint8[h, w], the frame at full resolution.
-        ground: uint8[h, w], the background.
-        to_ground: float64[3, 3], pixels of the frame to those of `ground`.
+        background: uint8[h, w].
+        to_background: float64[3, 3], frame pixels to those of `background`.
         mask: uint8[h, w], the frame's foreground at the working scale.
         scale: frame pixels per working pixel.
     """
     if not len(objects):
         return objects
     corners = np.rint(objects.boxes + 0.5).astype(np.int64)
-    found = edges_of(image, ground, to_ground, mask, scale, corners, alone(objects.boxes))
+    found = measured_at_full_resolution(
+        image, background, to_background, mask, scale, corners, is_alone(objects.boxes)
+    )
     better = found[:, AREA] > 0.0
     return replace(
         objects,
@@ -61,40 +62,40 @@ def refined(
     )
 
 
-def alone(boxes: FloatArray) -> NDArray[np.bool_]:
-    """Which boxes overlap no other, bool[n]: in the others the foreground may be another's."""
+def is_alone(boxes: FloatArray) -> NDArray[np.bool_]:
+    """Mask of the boxes that overlap no other, bool[n]."""
     meets = (boxes[:, None, :2] < boxes[None, :, 2:]).all(axis=2)
     return np.asarray((meets & meets.T).sum(axis=1) == 1)
 
 
-@kernel(VIEW, VIEW, TABLE, BYTES, types.int64, types.Array(types.int64, 2, "C"), FLAGS)
-def edges_of(
+@kernel(VIEW, VIEW, TABLE, BYTES, types.int64, CORNERS, FLAGS)
+def measured_at_full_resolution(
     image: ByteImage,
-    ground: ByteImage,
-    to_ground: FloatArray,
+    background: ByteImage,
+    to_background: FloatArray,
     mask: ByteImage,
     scale: int,
     corners: Corners,
     chosen: Flags,
 ) -> FloatArray:
-    """Where the things in some boxes are.
+    """Measures the objects in some boxes.
 
     Args:
         image: uint8[h, w], the frame at full resolution.
-        ground: uint8, the background; beyond its border it goes on as on it.
-        to_ground: float64[3, 3], pixels of the frame to those of `ground`.
+        background: uint8, its border is replicated.
+        to_background: float64[3, 3], frame pixels to those of `background`.
         mask: uint8, the frame's foreground at the working scale.
         scale: frame pixels per working pixel.
         corners: int64[n, 4], first column and row, and those after the last.
-        chosen: bool[n], which boxes are looked at.
+        chosen: bool[n], mask of the boxes.
 
     Returns:
-        float64[n, 7], px: outer edges x0 y0 x1 y1, centroid x y, and area, which is 0 where the contrast does
-        not tell.
+        float64[n, 7], px: outer edges x0 y0 x1 y1, centroid x y, and area; area 0 where the contrast is too
+        small.
     """
     found = np.zeros((len(corners), 7))
-    room = np.empty(LARGEST_PX * LARGEST_PX, np.int16)
-    # Dividing for each pixel would take as long as all else.
+    contrasts = np.empty(LARGEST_PX * LARGEST_PX, np.int16)
+    # A division for each pixel takes as long as all else.
     columns = np.empty(LARGEST_PX, np.uint32)
     for number in range(len(corners)):
         left, top = max(corners[number, 0], 0), max(corners[number, 1], 0)
@@ -109,32 +110,32 @@ def edges_of(
             line = mask[min(row // scale, mask.shape[0] - 1)]
             for column in range(left, right):
                 index = (row - top) * width + column - left
-                room[index] = -1
-                if line[columns[column - left]] > LOWEST_MARK:
-                    room[index] = abs(
-                        np.int64(image[row, column]) - _ground_at(ground, to_ground, row, column)
+                contrasts[index] = -1
+                if line[columns[column - left]] > HIGHEST_BACKGROUND:
+                    contrasts[index] = abs(
+                        np.int64(image[row, column]) - _background_at(background, to_background, row, column)
                     )
                     inside += 1
-                    total += room[index]
+                    total += contrasts[index]
         edge = EDGE_SHARE * total / max(inside, 1)
-        _outline(room, (left, top, width, height), edge, LEAST_AREA * inside, found[number])
+        _outline(contrasts, (left, top, width, height), edge, LEAST_AREA * inside, found[number])
     return found
 
 
 @compiled
-def _ground_at(ground: ByteImage, to_ground: FloatArray, row: int, column: int) -> int:
+def _background_at(background: ByteImage, to_background: FloatArray, row: int, column: int) -> int:
     """The background at a pixel of the frame, by bilinear interpolation, rounded."""
-    height, width = ground.shape
-    depth = to_ground[2, 0] * column + to_ground[2, 1] * row + to_ground[2, 2]
-    x = (to_ground[0, 0] * column + to_ground[0, 1] * row + to_ground[0, 2]) / depth
-    y = (to_ground[1, 0] * column + to_ground[1, 1] * row + to_ground[1, 2]) / depth
-    # In this order what is no number becomes 0.
+    height, width = background.shape
+    depth = to_background[2, 0] * column + to_background[2, 1] * row + to_background[2, 2]
+    x = (to_background[0, 0] * column + to_background[0, 1] * row + to_background[0, 2]) / depth
+    y = (to_background[1, 0] * column + to_background[1, 1] * row + to_background[1, 2]) / depth
+    # This comparison order maps NaN to 0.
     x, y = min(x if x > 0.0 else 0.0, width - 1.0), min(y if y > 0.0 else 0.0, height - 1.0)
     left, top = int(x), int(y)
     right, bottom = min(left + 1, width - 1), min(top + 1, height - 1)
     across, down = x - left, y - top
-    upper = ground[top, left] * (1.0 - across) + ground[top, right] * across
-    lower = ground[bottom, left] * (1.0 - across) + ground[bottom, right] * across
+    upper = background[top, left] * (1.0 - across) + background[top, right] * across
+    lower = background[bottom, left] * (1.0 - across) + background[bottom, right] * across
     return int(np.rint(upper * (1.0 - down) + lower * down))
 
 
@@ -146,7 +147,7 @@ def _outline(
     least: float,
     found: NDArray[np.float64],
 ) -> None:
-    """Box, centroid and area of what exceeds an edge, unless that is too little."""
+    """Box, centroid and area of the pixels that exceed an edge, unless they are too few."""
     first_x, first_y, width, height = place
     area, sum_x, sum_y = 0, 0, 0
     left, top, right, bottom = first_x + width, first_y + height, first_x, first_y

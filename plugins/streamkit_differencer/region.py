@@ -1,60 +1,55 @@
-"""Regions of interest: polygons in words, or a picture."""
+"""Regions of interest: polygons as text, or an image."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from streamkit_differencer.arrays import ByteImage, FloatArray
 
-    ByteImage = NDArray[np.uint8]
-    FloatArray = NDArray[np.float64]
-
-PICTURE_SUFFIXES = (".png", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm")
+IMAGE_SUFFIXES = (".png", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm")
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
 _POLYGON = re.compile(rf"\s*{_NUMBER}\s*,\s*{_NUMBER}(?:\s+{_NUMBER}\s*,\s*{_NUMBER}){{2,}}\s*")
 RELATIVE = 1.0
 
 
 class RegionOfInterest:
-    """Where in the frame objects are looked for."""
+    """Region of the frame where objects are detected."""
 
     def __init__(self, text: str) -> None:
         """Reads a region.
 
         Args:
             text: polygons such as `0,0 640,0 640,200; 10,300 90,300 50,400`, corners in px, or as shares of
-                the frame where no number exceeds 1; or the path of a picture that is black outside.
+                the frame where no number exceeds 1; or the path of an image that is black outside.
 
         Raises:
-            ValueError: neither a polygon nor a picture that can be read.
+            ValueError: neither polygons nor a readable image.
         """
-        self._picture: ByteImage | None = None
+        self._image: ByteImage | None = None
         self._polygons: list[FloatArray] = []
-        if text.lower().strip().endswith(PICTURE_SUFFIXES):
-            self._picture = read_mask(text.strip())
+        if text.lower().strip().endswith(IMAGE_SUFFIXES):
+            self._image = read_mask(text.strip())
             return
         for part in filter(str.strip, text.split(";")):
             if not _POLYGON.fullmatch(part):
                 raise ValueError(
                     f"polygon {part.strip()!r} needs three or more corners x,y with spaces between them; "
-                    "write for example roi='0,0 640,0 640,200', or name a picture"
+                    "write for example roi='0,0 640,0 640,200', or name an image"
                 )
             numbers = [float(number) for number in re.findall(_NUMBER, part)]
             self._polygons.append(np.array(numbers).reshape(-1, 2))
         if not self._polygons:
-            raise ValueError("no polygon given; write for example roi='0,0 640,0 640,200', or name a picture")
+            raise ValueError("no polygon given; write for example roi='0,0 640,0 640,200', or name an image")
 
     def mask(self, width: int, height: int) -> ByteImage:
         """The region in a frame of this size: uint8[height, width], 255 inside."""
-        if self._picture is not None:
+        if self._image is not None:
             size = (width, height)
-            return np.asarray(cv2.resize(self._picture, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+            return np.asarray(cv2.resize(self._image, size, interpolation=cv2.INTER_NEAREST), np.uint8)
         result = np.zeros((height, width), np.uint8)
         for polygon in self._polygons:
             is_relative = polygon.max() <= RELATIVE
@@ -64,12 +59,12 @@ class RegionOfInterest:
 
 
 def read_mask(path: str) -> ByteImage:
-    """A picture as a mask, uint8[h, w], 255 where it is brighter than half.
+    """An image as a mask, uint8[h, w], 255 where it is brighter than half.
 
     Raises:
         ValueError: it cannot be read.
     """
-    picture = cv2.imread(path, cv2.IMREAD_GRAYSCALE) if Path(path).is_file() else None
-    if picture is None:
-        raise ValueError(f"mask {path}: not a picture that can be read; name a PNG or BMP, white inside")
-    return np.asarray(cv2.threshold(picture, 127, 255, cv2.THRESH_BINARY)[1], np.uint8)
+    image = cv2.imread(path, cv2.IMREAD_GRAYSCALE) if Path(path).is_file() else None
+    if image is None:
+        raise ValueError(f"mask {path}: not an image that can be read; name a PNG or BMP, white inside")
+    return np.asarray(cv2.threshold(image, 127, 255, cv2.THRESH_BINARY)[1], np.uint8)

@@ -1,47 +1,39 @@
-"""Frames drawn onto the canvas, and masks of the canvas fetched back, by a homography."""
+"""Warping of frames onto the canvas and of masks back, by homographies."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
-from streamkit_differencer.canvas_region import REGION
+from streamkit_differencer.arrays import REGION, ByteImage, ByteLine, FloatArray, FloatLine, Region
+from streamkit_differencer.lines import clear, unite
 from streamkit_kernels import BYTES, INPUT, PAIRS, TABLE, compiled, kernel
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+WholeNumbers = NDArray[np.uint32]
 
-    from streamkit_differencer.canvas_region import Region
-
-    ByteImage = NDArray[np.uint8]
-    ByteLine = NDArray[np.uint8]
-    PairImage = NDArray[np.uint16]
-    WholeNumbers = NDArray[np.uint32]
-    Coordinates = NDArray[np.float32]
-    Matrix = NDArray[np.float64]
-
-# Places are rounded to this part of a pixel; 32 bits hold a value times its square.
+# FloatLine are rounded to this part of a pixel; 32 bits hold a grey level times its square.
 STEPS = 2048
-# Farther beyond an image nothing is drawn: the largest tolerance.
+# The frame is replicated this far beyond its border: the largest tolerance.
 BEYOND_PX = 8
-# Lines of the canvas that are looked at together, and empty columns that part what is looked at in them.
+# Rows of the canvas that are searched together, and empty columns that end a run within them.
 BAND, GAP = 16, 8
 
 
 @kernel(INPUT, PAIRS, TABLE, BYTES, REGION)
-def drawn(image: ByteImage, pairs: PairImage, to_image: Matrix, canvas: ByteImage, region: Region) -> None:
-    """Draws an image on a canvas by bilinear interpolation; beyond its border it goes on for some pixels.
+def warp_frame(
+    image: ByteImage, pairs: NDArray[np.uint16], to_image: FloatArray, canvas: ByteImage, region: Region
+) -> None:
+    """Draws an image on a canvas by bilinear interpolation, its border replicated for `BEYOND_PX`.
 
     Args:
         image: uint8[h, w], at least 2 by 2.
-        pairs: uint16[h, w], room to work in.
-        to_image: float64[3, 3], pixels of the canvas to those of the image, without a horizon in the region.
-        canvas: uint8[rows, columns].
-        region: of the canvas, what is drawn; farther than `BEYOND_PX` from the image nothing is.
+        pairs: uint16[h, w], scratch memory.
+        to_image: float64[3, 3], canvas pixels to image pixels, without a horizon in the region.
+        canvas: uint8[rows, columns], output.
+        region: of the canvas.
     """
     height, width = image.shape
-    # Two neighbours are fetched at once.
+    # Two neighbours are read at once.
     values, both = image.reshape(-1), pairs.reshape(-1)
     for index in range(values.size - 1):
         both[index] = np.uint16(values[index]) | np.uint16(np.uint16(values[index + 1]) << np.uint16(8))
@@ -50,7 +42,7 @@ def drawn(image: ByteImage, pairs: PairImage, to_image: Matrix, canvas: ByteImag
     columns = np.empty(count, np.float32)
     for index in range(count):
         columns[index] = left + index
-    places, across, down, squares = (
+    offsets, across, down, squares = (
         np.empty(count, np.uint32),
         np.empty(count, np.uint32),
         np.empty(count, np.uint32),
@@ -58,43 +50,43 @@ def drawn(image: ByteImage, pairs: PairImage, to_image: Matrix, canvas: ByteImag
     )
     below = np.uintp(width)
     for row in range(top, bottom):
-        # A frame that is turned leaves a quarter of the region around it empty.
+        # A rotated frame leaves a quarter of its bounds empty.
         first, last = _span(to_image, row, (width, height), left, right)
         count = last - first
-        _places(
+        _coordinates(
             to_image,
             row,
             columns[first - left :],
             (width, height),
-            places[:count],
+            offsets[:count],
             across[:count],
             down[:count],
         )
         for index in range(count):
-            place = np.uintp(places[index])
-            squares[index] = np.uint32(both[place]) | np.uint32(
-                np.uint32(both[np.uintp(place + below)]) << np.uint32(16)
+            offset = np.uintp(offsets[index])
+            squares[index] = np.uint32(both[offset]) | np.uint32(
+                np.uint32(both[np.uintp(offset + below)]) << np.uint32(16)
             )
-        _mixed(squares[:count], across, down, canvas[row, first:last])
+        _interpolated(squares[:count], across, down, canvas[row, first:last])
 
 
 @kernel(BYTES, REGION, TABLE, TABLE, BYTES)
-def fetch(canvas: ByteImage, region: Region, to_canvas: Matrix, to_image: Matrix, image: ByteImage) -> None:
-    """Fetches a mask from a canvas by nearest neighbours; what lies beyond the region is empty.
+def warp_mask_back(
+    canvas: ByteImage, region: Region, to_canvas: FloatArray, to_image: FloatArray, image: ByteImage
+) -> None:
+    """Warps a mask on a canvas to an image by nearest neighbours; 0 beyond the region.
 
     Args:
-        canvas: uint8[rows, columns].
-        region: of the canvas, what is fetched.
-        to_canvas: float64[3, 3], pixels of the image to those of the canvas.
+        canvas: uint8[rows, columns], the mask.
+        region: of the canvas.
+        to_canvas: float64[3, 3], image pixels to canvas pixels.
         to_image: float64[3, 3], its inverse.
-        image: uint8[h, w], becomes the mask.
+        image: uint8[h, w], output.
     """
     top, bottom, left, right = region
-    height, width = image.shape
-    for row in range(height):
-        for column in range(width):
-            image[row, column] = 0
-    # Only where there is something: nearest neighbours of the rest are empty.
+    for row in range(len(image)):
+        clear(image[row])
+    # Only parts of the canvas with foreground are warped.
     united = np.empty(right - left, np.uint8)
     for band in range(top, bottom, BAND):
         end = min(band + BAND, bottom)
@@ -108,19 +100,16 @@ def fetch(canvas: ByteImage, region: Region, to_canvas: Matrix, to_image: Matrix
 
 @compiled
 def _unite(mask: ByteImage, region: Region, united: ByteLine) -> None:
-    """Of each column whether one of its pixels has something."""
+    """The union of the rows of a region."""
     top, bottom, left, right = region
-    for index in range(united.size):
-        united[index] = 0
+    clear(united)
     for row in range(top, bottom):
-        line = mask[row, left:right]
-        for index in range(line.size):
-            united[index] |= line[index]
+        unite(mask[row, left:right], united)
 
 
 @compiled
 def _next_run(united: ByteLine, start: int) -> tuple[int, int]:
-    """The first column from `start` on that has something, and the one after the last before a gap."""
+    """The next run of set columns from `start` on, gaps below `GAP` included: first, and after the last."""
     while start < united.size and united[start] == 0:
         start += 1
     stop = last = start
@@ -133,24 +122,24 @@ def _next_run(united: ByteLine, start: int) -> tuple[int, int]:
 
 @compiled
 def _copy_nearest(
-    canvas: ByteImage, region: Region, to_canvas: Matrix, outline: Region, image: ByteImage
+    canvas: ByteImage, region: Region, to_canvas: FloatArray, outline: Region, image: ByteImage
 ) -> None:
-    """Fetches what lies within an outline in the image."""
+    """Warps the mask to the part `outline` of the image."""
     top, bottom, left, right = region
     first, last, low, high = outline
     for row in range(max(first, 0), min(last, image.shape[0])):
         for column in range(max(low, 0), min(high, image.shape[1])):
-            nearness = 1.0 / (to_canvas[2, 0] * column + to_canvas[2, 1] * row + to_canvas[2, 2])
+            scale = 1.0 / (to_canvas[2, 0] * column + to_canvas[2, 1] * row + to_canvas[2, 2])
             across = to_canvas[0, 0] * column + to_canvas[0, 1] * row + to_canvas[0, 2]
             down = to_canvas[1, 0] * column + to_canvas[1, 1] * row + to_canvas[1, 2]
-            x, y = int(np.rint(across * nearness)), int(np.rint(down * nearness))
+            x, y = int(np.rint(across * scale)), int(np.rint(down * scale))
             if top <= y < bottom and left <= x < right:
                 image[row, column] = canvas[y, x]
 
 
 @compiled
-def _outline(matrix: Matrix, top: int, bottom: int, left: int, right: int) -> Region:
-    """The region of whole pixels around four points under a homography."""
+def _outline(matrix: FloatArray, top: int, bottom: int, left: int, right: int) -> Region:
+    """The bounds, in whole pixels, of a region's corners under a homography."""
     first, last, low, high = 1 << 30, -(1 << 30), 1 << 30, -(1 << 30)
     for row in (top, bottom):
         for column in (left, right):
@@ -163,8 +152,8 @@ def _outline(matrix: Matrix, top: int, bottom: int, left: int, right: int) -> Re
 
 
 @compiled
-def _span(to_image: Matrix, row: int, size: tuple[int, int], left: int, right: int) -> tuple[int, int]:
-    """The columns of a row of the canvas, of those given, that lie within `BEYOND_PX` of the image."""
+def _span(to_image: FloatArray, row: int, size: tuple[int, int], left: int, right: int) -> tuple[int, int]:
+    """The columns from `left` to `right` of a canvas row that lie within `BEYOND_PX` of the image."""
     low, high = float(left), float(right)
     depth, depth_0 = to_image[2, 0], to_image[2, 1] * row + to_image[2, 2]
     sign = 1.0 if depth * (left + right) / 2 + depth_0 > 0.0 else -1.0
@@ -185,50 +174,45 @@ def _span(to_image: Matrix, row: int, size: tuple[int, int], left: int, right: i
 
 
 @compiled
-def _places(
-    to_image: Matrix,
+def _coordinates(
+    to_image: FloatArray,
     row: int,
-    columns: Coordinates,
+    columns: FloatLine,
     size: tuple[int, int],
-    places: WholeNumbers,
+    offsets: WholeNumbers,
     across: WholeNumbers,
     down: WholeNumbers,
 ) -> None:
-    """Of a row of the canvas: the pixels of the image, and how far beyond them, in `STEPS` per pixel."""
+    """Of a canvas row: offsets of the image pixels, and the fractions beyond them in `STEPS` per pixel."""
     one, none, steps, stride = np.float32(1.0), np.float32(0.0), np.float32(STEPS), np.int32(size[0])
-    across_x, down_x, depth_x = (
-        np.float32(to_image[0, 0]),
-        np.float32(to_image[1, 0]),
-        np.float32(to_image[2, 0]),
-    )
+    across_x, down_x = np.float32(to_image[0, 0]), np.float32(to_image[1, 0])
+    depth_x = np.float32(to_image[2, 0])
     across_0 = np.float32(to_image[0, 1] * row + to_image[0, 2])
     down_0 = np.float32(to_image[1, 1] * row + to_image[1, 2])
     depth_0 = np.float32(to_image[2, 1] * row + to_image[2, 2])
     last_x, last_y = np.float32(size[0] - 1 - 1.0 / STEPS), np.float32(size[1] - 1 - 1.0 / STEPS)
-    for index in range(places.size):
+    for index in range(offsets.size):
         column = columns[index]
-        nearness = one / (depth_x * column + depth_0)
-        x, y = (across_x * column + across_0) * nearness, (down_x * column + down_0) * nearness
-        # In this order what is no number becomes 0.
+        scale = one / (depth_x * column + depth_0)
+        x, y = (across_x * column + across_0) * scale, (down_x * column + down_0) * scale
+        # This comparison order maps NaN to 0.
         x, y = x if x > none else none, y if y > none else none
         x, y = x if x < last_x else last_x, y if y < last_y else last_y
         whole_x, whole_y = np.int32(x), np.int32(y)
         across[index] = np.uint32((x - np.float32(whole_x)) * steps)
         down[index] = np.uint32((y - np.float32(whole_y)) * steps)
-        places[index] = np.uint32(np.int32(np.int32(whole_y * stride) + whole_x))
+        offsets[index] = np.uint32(np.int32(np.int32(whole_y * stride) + whole_x))
 
 
 @compiled
-def _mixed(squares: WholeNumbers, across: WholeNumbers, down: WholeNumbers, line: ByteImage) -> None:
-    """Bilinear mixtures of four bytes each, rounded."""
+def _interpolated(squares: WholeNumbers, across: WholeNumbers, down: WholeNumbers, line: ByteLine) -> None:
+    """Bilinear interpolation of four bytes each, rounded."""
     byte, half, shift = np.uint32(255), np.uint32(STEPS * STEPS // 2), np.uint32(11)
     for index in range(squares.size):
         square, right, low = squares[index], across[index], down[index]
         first, second = np.uint32(square & byte), np.uint32(np.uint32(square >> np.uint32(8)) & byte)
-        third, fourth = (
-            np.uint32(np.uint32(square >> np.uint32(16)) & byte),
-            np.uint32(square >> np.uint32(24)),
-        )
+        third = np.uint32(np.uint32(square >> np.uint32(16)) & byte)
+        fourth = np.uint32(square >> np.uint32(24))
         upper = np.uint32(np.uint32(first << shift) + np.uint32(np.uint32(second - first) * right))
         lower = np.uint32(np.uint32(third << shift) + np.uint32(np.uint32(fourth - third) * right))
         sum_ = np.uint32(np.uint32(upper << shift) + np.uint32(np.uint32(lower - upper) * low))

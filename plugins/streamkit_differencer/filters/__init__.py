@@ -1,1 +1,1 @@
-"""What looks like motion and is none: shadows, things that flicker, tall things seen from a moving camera."""
+"""Filters of false foreground: shadows, flicker, ghosts, parallax."""

@@ -1,41 +1,36 @@
-"""Pixels that turn from background to foreground and back again and again: leaves, water, lamps."""
+"""Flicker: pixels that alternate between background and foreground, such as leaves, water, lamps."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import cv2
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from streamkit_differencer.arrays import ByteImage
 
-    ByteImage = NDArray[np.uint8]
-
-# A turn adds, each frame takes away: what turns more often than every eighth frame is found out.
-TURN = 16
+# Each transition adds, each frame subtracts: more than one transition in eight frames is flicker.
+TRANSITION = 16
 DECAY = 2
 LIMIT = 80
 
 
-def update_flicker(restless: ByteImage, before: ByteImage, foreground: ByteImage) -> ByteImage:
-    """Counts turns, in place, and says which foreground is to be left out.
-
-    A vehicle that passes turns a pixel twice, which is not enough.
+def update_flicker(count: ByteImage, before: ByteImage, foreground: ByteImage) -> ByteImage:
+    """Counts transitions, in place; a vehicle that passes causes two, which is not enough.
 
     Args:
-        restless: uint8[h, w], the count so far; becomes that with this frame.
-        before: uint8[h, w], foreground of the frame before, as a mask.
-        foreground: uint8[h, w], foreground of this frame, as a mask.
+        count: uint8[h, w], updated in place.
+        before: uint8[h, w], mask of the previous frame's foreground.
+        foreground: uint8[h, w], mask of this frame's foreground.
 
     Returns:
         uint8[h, w], mask of the foreground that flickers.
 
     Source: the blinking pixels of St-Charles, Bilodeau and Bergevin, "SuBSENSE", IEEE TIP 2015.
     """
-    turned = cv2.bitwise_xor(before, foreground)
-    step = cv2.threshold(turned, 0, TURN, cv2.THRESH_BINARY)[1]
-    cv2.subtract(restless, np.full_like(restless, DECAY), dst=restless)
-    cv2.add(restless, step, dst=restless)
-    often = cv2.threshold(restless, LIMIT, 255, cv2.THRESH_BINARY)[1]
+    changed = cv2.bitwise_xor(before, foreground)
+    step = cv2.threshold(changed, 0, TRANSITION, cv2.THRESH_BINARY)[1]
+    cv2.subtract(count, np.full_like(count, DECAY), dst=count)
+    cv2.add(count, step, dst=count)
+    often = cv2.threshold(count, LIMIT, 255, cv2.THRESH_BINARY)[1]
     return cast("ByteImage", cv2.bitwise_and(often, foreground))

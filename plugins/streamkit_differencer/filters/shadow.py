@@ -1,32 +1,28 @@
-"""Shadows that movers cast: darker than the ground, by one factor, with the ground's texture still in it."""
+"""Cast shadows: darker than the background by one factor, with its texture preserved."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import cv2
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    ByteImage = NDArray[np.uint8]
-    FloatImage = NDArray[np.float32]
+from streamkit_differencer.arrays import ByteImage, FloatImage
 
 WINDOW_PX = 5
 DARKEST, BRIGHTEST = 0.4, 0.93
-# Deviation of the ratio within the window that is shadow on textured ground, beyond what noise makes.
+# Largest standard deviation of the ratio within a window of shadow, beyond noise.
 LARGEST_DEVIATION = 0.04
 NOISE_LEVELS = 3.0
-# A thing that is shadow all over is a dark vehicle on plain ground.
+# A component with more shadow is a dark vehicle on plain ground.
 LARGEST_SHARE = 0.7
 
 
 def shadow_mask(current: ByteImage, background: FloatImage, foreground: ByteImage) -> ByteImage:
     """The foreground that is shadow.
 
-    The ratio of frame to background is even within a shadow and uneven on a thing. A connected piece of
-    foreground that would vanish by more than `LARGEST_SHARE` is taken for a dark thing and kept whole.
+    The ratio of frame to background is constant within a shadow and varies on an object. A component that
+    would lose more than `LARGEST_SHARE` counts as a dark object and stays whole.
 
     Args:
         current: uint8[h, w], f(t).
@@ -34,10 +30,10 @@ def shadow_mask(current: ByteImage, background: FloatImage, foreground: ByteImag
         foreground: uint8[h, w], mask.
 
     Returns:
-        uint8[h, w], mask; a part of `foreground`.
+        uint8[h, w], mask, a subset of `foreground`.
 
     Source: the ratio test of Rosin and Ellis, "Image difference threshold strategies and shadow detection",
-        BMVC 1995, with the variance in a window for their region growing.
+        BMVC 1995, with the variance in a window instead of region growing.
     """
     left, top, width, height = cv2.boundingRect(foreground)
     result = np.zeros_like(foreground)
@@ -48,7 +44,7 @@ def shadow_mask(current: ByteImage, background: FloatImage, foreground: ByteImag
     ratio = current[area].astype(np.float32) / ground
     size = (WINDOW_PX, WINDOW_PX)
     inside = cv2.threshold(foreground[area], 0, 1.0, cv2.THRESH_BINARY)[1].astype(np.float32)
-    # Only foreground counts, or the ratio would jump at the shadow's own edge.
+    # Only foreground counts: the ratio jumps at the edge of a shadow.
     count = np.maximum(cv2.boxFilter(inside, -1, size, normalize=False), 1.0)
     mean = cv2.boxFilter(ratio * inside, -1, size, normalize=False) / count
     square = cv2.boxFilter(ratio * ratio * inside, -1, size, normalize=False) / count
@@ -56,12 +52,12 @@ def shadow_mask(current: ByteImage, background: FloatImage, foreground: ByteImag
     even = square - mean * mean <= allowed
     dark = (mean > DARKEST) & (mean < BRIGHTEST)
     candidate = np.where(even & dark & (inside > 0), np.uint8(255), np.uint8(0))
-    result[area] = without_dark_things(candidate, foreground[area])
+    result[area] = without_dark_objects(candidate, foreground[area])
     return result
 
 
-def without_dark_things(candidate: ByteImage, foreground: ByteImage) -> ByteImage:
-    """The candidates without those that make up nearly the whole of a piece of foreground."""
+def without_dark_objects(candidate: ByteImage, foreground: ByteImage) -> ByteImage:
+    """The candidates without those that make up most of a component of foreground."""
     whole = cv2.threshold(foreground, 0, 255, cv2.THRESH_BINARY)[1]
     count, labels = cv2.connectedComponents(whole, connectivity=8)
     pixels = np.bincount(labels.ravel(), minlength=count)

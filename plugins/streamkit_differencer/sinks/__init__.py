@@ -1,1 +1,1 @@
-"""Files of what was found: detections as JSON lines, COCO or MOT, masks as the CDnet tools read them."""
+"""Sinks: detections as JSON lines, COCO or MOT, and masks as the CDnet tools read them."""

@@ -1,7 +1,7 @@
-"""Detections in files: JSON lines, COCO's results, and the det.txt of the MOT Challenge.
+"""File formats of detections: JSON lines, COCO results, and the det.txt of the MOT Challenge.
 
-Boxes here run over the outer edges of pixels, with (0, 0) the centre of the top-left one. COCO counts from
-the corner of the picture, MOT from 1.
+Boxes here are the outer edges of pixels, with (0, 0) the centre of the top-left one. COCO counts from the
+corner of the image, MOT from 1.
 """
 
 from __future__ import annotations
@@ -9,13 +9,9 @@ from __future__ import annotations
 import enum
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    FloatArray = NDArray[np.float64]
+from streamkit_differencer.arrays import FloatArray
 
 # From the centre of the first pixel to its outer corner.
 CORNER = 0.5
@@ -23,7 +19,7 @@ MOT_FIRST = 1.0
 
 
 class DetectionFormat(enum.StrEnum):
-    """What a file of detections looks like."""
+    """Format of a file of detections."""
 
     AUTO = "auto"
     JSONL = "jsonl"
@@ -33,7 +29,7 @@ class DetectionFormat(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameDetections:
-    """What was found in a frame.
+    """Detections of a frame.
 
     Attributes:
         number: of the frame, from 1.
@@ -44,7 +40,7 @@ class FrameDetections:
         centroids: float64[n, 2], px.
         areas: float64[n], px.
         scores: float64[n].
-        labels: n words, or none at all.
+        labels: n words, or empty.
     """
 
     number: int
@@ -58,28 +54,13 @@ class FrameDetections:
     labels: tuple[str, ...] = ()
 
 
-class DetectionFile(Protocol):
-    """Writes one kind of file, piece by piece."""
-
-    def begin(self) -> bytes:
-        """What the file opens with."""
-
-    def frame(self, found: FrameDetections) -> bytes:
-        """What a frame adds."""
-
-    def end(self) -> bytes:
-        """What the file closes with."""
-
-
 class JsonLines:
-    """A JSON object per frame, a line each, in the stream's own coordinates."""
+    """A JSON object per frame, a line each, in the stream's coordinates; base of the other formats."""
 
-    def begin(self) -> bytes:
-        """Nothing."""
-        return b""
+    header = b""
 
     def frame(self, found: FrameDetections) -> bytes:
-        """One line."""
+        """The bytes of a frame."""
         rows = []
         for index in range(len(found.boxes)):
             row: dict[str, Any] = {
@@ -95,51 +76,42 @@ class JsonLines:
         return json.dumps(line, separators=(",", ":")).encode() + b"\n"
 
     def end(self) -> bytes:
-        """Nothing."""
+        """The bytes that close the file."""
         return b""
 
 
-class Mot:
+class Mot(JsonLines):
     """A line per detection: frame, -1, left, top, width, height, score, -1, -1, -1.
 
     Source: the det.txt of motchallenge.net, whose first pixel is 1, 1.
     """
 
-    def begin(self) -> bytes:
-        """Nothing."""
-        return b""
-
     def frame(self, found: FrameDetections) -> bytes:
-        """The frame's lines; none for a frame without detections."""
+        """The lines of a frame; empty without detections."""
         lines = []
         for box, score in zip(found.boxes.tolist(), found.scores.tolist(), strict=True):
             left, top, width, height = box[0], box[1], box[2] - box[0], box[3] - box[1]
-            place = f"{left + CORNER + MOT_FIRST:.2f},{top + CORNER + MOT_FIRST:.2f},{width:.2f},{height:.2f}"
+            corner = left + CORNER + MOT_FIRST, top + CORNER + MOT_FIRST
+            place = ",".join(f"{value:.2f}" for value in (*corner, width, height))
             lines.append(f"{found.number},-1,{place},{score:.4f},-1,-1,-1\n")
         return "".join(lines).encode()
 
-    def end(self) -> bytes:
-        """Nothing."""
-        return b""
 
+class Coco(JsonLines):
+    """One JSON object with images, annotations and categories in COCO's data format.
 
-class Coco:
-    """One JSON object with images, annotations and categories, as COCO's data format has them.
-
-    Images are listed at the end, so what is kept meanwhile is one short row per frame.
+    Images are listed at the end; until then one short row per frame is kept.
     """
+
+    header = b'{"annotations":['
 
     def __init__(self) -> None:
         self._images: list[tuple[int, int, int]] = []
         self._categories: dict[str, int] = {}
         self._count = 0
 
-    def begin(self) -> bytes:
-        """The annotations' opening."""
-        return b'{"annotations":['
-
     def frame(self, found: FrameDetections) -> bytes:
-        """The frame's annotations."""
+        """The annotations of a frame."""
         self._images.append((found.number, *found.size))
         pieces = []
         for index, (left, top, right, bottom) in enumerate(found.boxes.tolist()):
@@ -170,7 +142,7 @@ class Coco:
         return b"],\n" + rest[1:].encode() + b"\n"
 
 
-FILES: dict[DetectionFormat, type[JsonLines] | type[Mot] | type[Coco]] = {
+FORMATS: dict[DetectionFormat, type[JsonLines]] = {
     DetectionFormat.JSONL: JsonLines,
     DetectionFormat.MOT: Mot,
     DetectionFormat.COCO: Coco,
@@ -179,5 +151,5 @@ SUFFIXES = {".txt": DetectionFormat.MOT, ".json": DetectionFormat.COCO}
 
 
 def rounded(values: Any) -> list[float]:
-    """Numbers with two places."""
+    """Numbers with two decimals."""
     return [round(float(value), 2) for value in values]

@@ -1,4 +1,4 @@
-"""detectionsink: what was found in each frame, in a file."""
+"""detectionsink: writes the detections of each frame to a file."""
 
 from io import BufferedWriter
 from pathlib import Path
@@ -7,38 +7,39 @@ import numpy as np
 
 from streamkit import Detections, Frame, Property, ResourceError, Sink, write_remedy
 from streamkit_differencer.sinks.detection_files import (
-    FILES,
+    FORMATS,
     SUFFIXES,
-    DetectionFile,
     DetectionFormat,
     FrameDetections,
+    JsonLines,
 )
 
 
 class DetectionSink(Sink):
     """Writes the detections of each frame: JSON lines, COCO, or the det.txt of the MOT Challenge.
 
-    Frames are numbered from 1 as they come; a frame without detections has its number, too.
+    Frames are numbered from 1 in their order, including those without detections.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! framediff ! detectionsink location=detections.jsonl
     """
 
     sink = "video/x-raw"
-    location: str = Property("", doc="File to write; one that is there is replaced.")
+    location: str = Property("", doc="File to write; an existing one is replaced.")
     format: DetectionFormat = Property(
-        DetectionFormat.AUTO, doc="auto goes by the end of location: .txt is mot, .json is coco, else jsonl."
+        DetectionFormat.AUTO,
+        doc="auto goes by the suffix of location: .txt is mot, .json is coco, else jsonl.",
     )
     first_number: int = Property(1, min=0, doc="Number of the first frame.")
 
     _file: BufferedWriter | None = None
-    _form: DetectionFile | None = None
+    _writer: JsonLines | None = None
 
     def start(self) -> None:
         """Opens the file.
 
         Raises:
-            ResourceError: there is no location, or it cannot be written.
+            ResourceError: location is not set, or cannot be written.
         """
         if not self.location:
             raise ResourceError("location must be set; write for example location=detections.jsonl")
@@ -51,37 +52,34 @@ class DetectionSink(Sink):
             raise ResourceError(
                 f"location={self.location}: cannot be written: {error.strerror}; name another file"
             ) from error
-        self._form = FILES[kind]()
+        self._writer = FORMATS[kind]()
         self._number = self.first_number
-        self._write(self._form.begin())
+        self._write(self._writer.header)
 
     def render(self, frame: Frame) -> None:
         """Writes the frame's detections."""
-        assert self._form is not None, "start() comes before frames"
+        assert self._writer is not None, "start() comes before frames"
         found = frame.get(Detections)
         if found is None:
             found = Detections(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
         size = frame.caps.integer("width"), frame.caps.integer("height")
         rows = found.boxes, found.centroids, found.areas, found.scores, found.labels
-        self._write(self._form.frame(FrameDetections(self._number, frame.seq, frame.pts, size, *rows)))
+        self._write(self._writer.frame(FrameDetections(self._number, frame.seq, frame.pts, size, *rows)))
         self._number += 1
 
     def drain(self) -> None:
-        """Hands everything to the file system."""
-        self._close()
+        """Finishes the file, as `stop` does."""
+        self.stop()
 
     def stop(self) -> None:
-        """Closes the file, which is whole then."""
-        self._close()
-
-    def _close(self) -> None:
-        file, form = self._file, self._form
-        if file is None or form is None:
+        """Finishes and closes the file."""
+        file, writer = self._file, self._writer
+        if file is None or writer is None:
             return
         try:
-            self._write(form.end())
+            self._write(writer.end())
         finally:
-            self._file = self._form = None
+            self._file = self._writer = None
             file.close()
 
     def _write(self, piece: bytes) -> None:

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.camera_motion import PATIENCE_FRAMES, CameraMotion, corner_distance
+from streamkit_differencer.camera_motion import MOST_MISSED_FRAMES, CameraMotion, corner_distance
 
 SHAPE = (240, 320)
 
@@ -106,7 +106,7 @@ def test_another_scene_begins_a_new_plane_after_some_patience():
     camera = CameraMotion()
     camera.place(view(np.eye(3)))
     plane = camera.plane
-    for number in range(PATIENCE_FRAMES):
+    for number in range(MOST_MISSED_FRAMES):
         assert camera.place(view(np.eye(3), seed=5, number=number)) is None
     np.testing.assert_array_equal(camera.place(view(np.eye(3), seed=5, number=9)), np.eye(3))
     assert camera.plane == plane + 1

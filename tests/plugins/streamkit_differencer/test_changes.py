@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from streamkit_differencer.changes import LONGEST_WAIT, update_waiting
-from streamkit_differencer.equations import dynamic_matrix, logical_matrix
+from tests.plugins.streamkit_differencer.paper_equations import dynamic_matrix, logical_matrix
 
 SHAPE = (33, 50)
 REGION = (3, 31, 5, 47)

@@ -31,7 +31,7 @@ def test_boxes_move_with_the_canvas():
     """A scroll of the canvas makes nothing new."""
     persistence = Persistence()
     persistence.update(np.array([[0.0, 0, 10, 10]]))
-    persistence.follow(lambda boxes: boxes + 100.0)
+    persistence.boxes = persistence.boxes + 100.0
     assert persistence.update(np.array([[100.0, 100, 110, 110]])).tolist() == [2]
 
 
@@ -40,11 +40,11 @@ def test_contrast_is_in_multiples_of_the_threshold():
     shape = (60, 80)
     image, background = np.full(shape, 100, np.uint8), np.full(shape, 100.0, np.float32)
     image[20:40, 20:30] = 130
-    valid, spread = np.full(shape, 255, np.uint8), np.full(shape, 2.5 / DEVIATION_RATIO, np.float32)
+    valid, deviation = np.full(shape, 255, np.uint8), np.full(shape, 2.5 / DEVIATION_RATIO, np.float32)
     valid[:, 60:] = 0
     image[:, 60:] = 200
     boxes = np.array([[0.0, 0, 39, 39], [40, 0, 50, 10], [100, 0, 118, 30], [-1e9, -1e9, 1e9, 1e9]])
     halving = np.diag([0.5, 0.5, 1.0]) + np.array([[0, 0, 20], [0, 0, 20], [0, 0, 0]])
-    found = contrasts(boxes, halving, image, background, valid, spread, 4.0, 7.0)
+    found = contrasts(boxes, halving, image, background, valid, deviation, 4.0, 7.0)
     np.testing.assert_allclose(found[:3], [3.0, 0.0, 0.0])
     assert np.isfinite(found).all()

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from streamkit_differencer.anchor import Change, Motion
-from streamkit_differencer.differencer import Differencer, reduced
-from streamkit_differencer.model_settings import Event, ModelSettings
+from streamkit_differencer.canvas import Change, Motion
+from streamkit_differencer.differencer import Differencer, downsampled
+from streamkit_differencer.model import Event
+from streamkit_differencer.settings import BackgroundSettings, DifferencerSettings
 
 WARM_UP = 32
 MATCH_PX = 15.0
@@ -87,7 +88,7 @@ def test_cars_are_found_whole_and_where_they_are(world, is_moving, seed):
 @pytest.mark.parametrize("scale", [1, 4])
 def test_other_working_scales_find_the_same_cars(world, scale):
     """Centroids and boxes stay in frame pixels at every scale; 4 is coarse for small cars."""
-    score, _ = run(world(11, True), Differencer(scale))
+    score, _ = run(world(11, True), Differencer(DifferencerSettings(scale)))
     assert score.f_measure >= (0.9 if scale == 1 else 0.75)
     assert np.mean(score.errors) <= 2.0
 
@@ -226,7 +227,9 @@ def test_frames_are_not_written_to(world):
     frame.setflags(write=False)
     before = frame.copy()
     for scale in (1, 2):
-        differencer = Differencer(scale, ModelSettings(quiet_frames=2, interval=1))
+        differencer = Differencer(
+            DifferencerSettings(scale, BackgroundSettings(quiet_frames=2, frame_interval=1))
+        )
         for _ in range(6):
             differencer.update(frame, None)
     np.testing.assert_array_equal(frame, before)
@@ -237,7 +240,9 @@ def test_any_frame_size_works(shape):
     """Tiny and odd frames, fixed and registered, give a foreground and no error."""
     random = np.random.default_rng(5)
     for motion in (None, Motion(np.eye(3))):
-        differencer = Differencer(4, ModelSettings(quiet_frames=2, interval=1, three_frame=True))
+        differencer = Differencer(
+            DifferencerSettings(4, BackgroundSettings(quiet_frames=2, frame_interval=1, three_frame=True))
+        )
         for _ in range(6):
             assert differencer.update(random.integers(0, 255, shape, np.uint8), motion) is not None
 
@@ -245,6 +250,6 @@ def test_any_frame_size_works(shape):
 def test_halving_averages():
     """Each working pixel is the mean of its square; an odd last row is left out."""
     image = np.arange(0, 40, 2, dtype=np.uint8).reshape(5, 4)
-    assert reduced(image, 2).tolist() == [[5, 9], [21, 25]]
-    assert reduced(image, 4).tolist() == [[15]]
-    assert reduced(image, 1) is image
+    assert downsampled(image, 2).tolist() == [[5, 9], [21, 25]]
+    assert downsampled(image, 4).tolist() == [[15]]
+    assert downsampled(image, 1) is image

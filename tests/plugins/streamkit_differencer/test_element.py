@@ -1,5 +1,7 @@
 """framediff in a harness and in pipelines."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from streamkit import (
     luma,
     raw_video_caps,
 )
+from streamkit.element.registry import make_element
 from streamkit.testing import Harness
 
 
@@ -174,6 +177,41 @@ def test_a_working_scale_of_three_is_refused():
         PropertyError, match=r"framediff\w*: property working-scale must be 0, 1, 2 or 4, got 3; use 0 .*"
     ):
         Harness("framediff", working_scale=3)
+
+
+def test_former_names_of_properties_are_accepted_with_a_warning():
+    """Symbols of the paper; the warning says the name of today."""
+    former = {
+        "tau": ("frame_interval", 5),
+        "ts": ("change_threshold", 20.0),
+        "tf": ("foreground_threshold", 9.0),
+        "alpha": ("learning_rate", 0.2),
+        "weak": ("hysteresis_ratio", 0.4),
+        "absorb": ("absorb_frames", 30),
+    }
+    element, messages = make_element("framediff"), []
+    element.poster = messages.append
+    for old, (name, value) in former.items():
+        element.set_property(old, value)
+        assert getattr(element, name) == value
+        assert getattr(element.settings.background, name) == value
+        assert f"property {old} is called {name.replace('_', '-')} now" in str(messages.pop())
+        assert not messages
+
+
+def test_masks_have_the_frames_size_rate_and_times():
+    """Each mask comes before its frame."""
+    text = (
+        "videotestsrc num-buffers=3 ! video/x-raw, width=161, height=121, framerate=10/1"
+        " ! framediff name=d working-scale=2 ! fakesink  d.mask ! appsink name=out"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        masks = list(pipeline["out"])
+    assert [mask.pts for mask in masks] == [0, 100_000_000, 200_000_000]
+    assert masks[0].data.shape == (121, 161)
+    assert masks[0].caps == raw_video_caps("GRAY8", 161, 121, Fraction(10))
+    assert masks[0].get(Detections) is not None
 
 
 @pytest.mark.parametrize("pixel_format", ["GRAY8", "I420", "NV12"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_differencer.equations import (
+from tests.plugins.streamkit_differencer.paper_equations import (
     FrameDifference,
     dynamic_matrix,
     foreground,

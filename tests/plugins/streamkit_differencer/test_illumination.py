@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_differencer.illumination import exposure_step, is_another_scene
+from streamkit_differencer.illumination import exposure_change, is_scene_change
 
 
 def texture(seed=0, shape=(120, 160)):
@@ -22,7 +22,7 @@ def test_the_change_is_found_beside_movers(gain, offset):
     model = texture()
     current = np.clip(gain * model + offset + np.random.default_rng(1).normal(0, 2, model.shape), 0, 255)
     current[:12] = 240
-    step = exposure_step(model.astype(np.float32), current.astype(np.uint8), everywhere(model))
+    step = exposure_change(model.astype(np.float32), current.astype(np.uint8), everywhere(model))
     assert step is not None
     assert abs(step.gain - gain) < 0.03
     assert abs(step.gain * 100 + step.offset - gain * 100 - offset) < 2.0
@@ -31,27 +31,27 @@ def test_the_change_is_found_beside_movers(gain, offset):
 def test_a_small_change_is_left_to_the_background():
     """Less than 4 levels are learnt by equation 3."""
     model = texture()
-    assert exposure_step(model, model + np.uint8(3), everywhere(model)) is None
+    assert exposure_change(model, model + np.uint8(3), everywhere(model)) is None
 
 
 def test_another_scene_is_no_change_of_exposure():
     """No linear change explains another picture."""
-    assert exposure_step(texture(1), texture(2) + np.uint8(40), everywhere(texture())) is None
+    assert exposure_change(texture(1), texture(2) + np.uint8(40), everywhere(texture())) is None
 
 
 def test_too_little_is_known():
     """With fewer than 100 sampled pixels nothing is said, nor when all of them are clipped."""
     model = texture()
     known = np.zeros(model.shape, np.uint8)
-    assert exposure_step(model, model + np.uint8(30), known) is None
+    assert exposure_change(model, model + np.uint8(30), known) is None
     black = np.zeros(model.shape, np.uint8)
-    assert exposure_step(model, black, everywhere(model)) is None
+    assert exposure_change(model, black, everywhere(model)) is None
 
 
 def test_a_picture_without_contrast_has_an_offset():
     """A flat picture cannot tell a gain; the offset alone is followed."""
     flat = np.full((120, 160), 100, np.uint8)
-    step = exposure_step(flat, flat + np.uint8(25), everywhere(flat))
+    step = exposure_change(flat, flat + np.uint8(25), everywhere(flat))
     assert step is not None
     assert step.gain * 100 + step.offset == pytest.approx(125.0)
 
@@ -69,5 +69,5 @@ def test_another_scene_is_told_from_noise_and_from_movers():
     moving = here.copy()
     moving[:60] = 255 - moving[:60]
     for picture, expected in ((scene(3), True), (np.zeros_like(here), True), (noisy, False), (moving, False)):
-        assert is_another_scene(here, picture, everywhere(here), 0.6) is expected
-    assert not is_another_scene(here, scene(3), np.zeros_like(here), 0.6)
+        assert is_scene_change(here, picture, everywhere(here), 0.6) is expected
+    assert not is_scene_change(here, scene(3), np.zeros_like(here), 0.6)

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from streamkit_differencer.equations import update_background
-from streamkit_differencer.learning import AT_ONCE, NEW, NOTHING, SLOWLY, begin_noise, learn
-from streamkit_differencer.new_ground import FIRST_LOOK
+from streamkit_differencer.learning import AVERAGED, NEW, NONE, REPLACED, begin_noise, learn
+from streamkit_differencer.provisional import PROVISIONAL
+from tests.plugins.streamkit_differencer.paper_equations import update_background
 
 SHAPE = (21, 34)
 REGION = (2, 19, 3, 30)
@@ -28,20 +28,20 @@ def test_each_pixel_learns_as_it_should():
     )
     background = random.uniform(0, 255, SHAPE).astype(np.float32)
     old, known, stood = background.copy(), valid.copy(), standing.copy()
-    lessons = np.full(SHAPE, 77, np.uint8)
-    count = learn(image, mask, quiet, background, valid, standing, lessons, REGION, 0.08, 10)
+    updates = np.full(SHAPE, 77, np.uint8)
+    count = learn(image, mask, quiet, background, valid, standing, updates, REGION, 0.08, 10)
     still, counts = (quiet & mask) > 0, np.where(mask > 0, stood, 0) + ((quiet & mask) > 0)
     new = (quiet > 0) & (mask == 0) & (known == 0)
     slowly = ((quiet > 0) & (mask == 0) & (known > 0)).astype(np.uint8)
-    expected = np.full(SHAPE, NOTHING)
-    expected[slowly > 0], expected[new], expected[still & (counts >= 10)] = SLOWLY, NEW, AT_ONCE
-    np.testing.assert_array_equal(lessons[INSIDE], expected[INSIDE])
+    expected = np.full(SHAPE, NONE)
+    expected[slowly > 0], expected[new], expected[still & (counts >= 10)] = AVERAGED, NEW, REPLACED
+    np.testing.assert_array_equal(updates[INSIDE], expected[INSIDE])
     np.testing.assert_array_equal(standing[INSIDE], counts[INSIDE])
     np.testing.assert_array_equal(valid[INSIDE] > 0, ((known > 0) | new)[INSIDE])
     assert count == np.count_nonzero(new[INSIDE])
     taught = old.copy()
     update_background(taught, image, slowly, 0.08)
-    taught[expected >= AT_ONCE] = image[expected >= AT_ONCE]
+    taught[expected >= REPLACED] = image[expected >= REPLACED]
     np.testing.assert_allclose(background[INSIDE], taught[INSIDE], atol=1e-4)
     for array, before in ((background, old), (valid, known), (standing, stood)):
         array[INSIDE] = before[INSIDE]
@@ -51,14 +51,14 @@ def test_each_pixel_learns_as_it_should():
 def test_what_was_looked_at_but_once_is_learnt_as_soon_as_it_is_quiet():
     """A first look is no background that foreground is kept from."""
     image = np.full(SHAPE, 200, np.uint8)
-    valid, quiet = np.full(SHAPE, FIRST_LOOK, np.uint8), np.zeros(SHAPE, np.uint8)
+    valid, quiet = np.full(SHAPE, PROVISIONAL, np.uint8), np.zeros(SHAPE, np.uint8)
     quiet[:, :10] = 255
-    background, lessons = np.full(SHAPE, 90, np.float32), np.zeros(SHAPE, np.uint8)
+    background, updates = np.full(SHAPE, 90, np.float32), np.zeros(SHAPE, np.uint8)
     mask, standing = np.full(SHAPE, 255, np.uint8), np.zeros(SHAPE, np.uint8)
-    count = learn(image, mask, quiet, background, valid, standing, lessons, REGION, 0.08, 10)
+    count = learn(image, mask, quiet, background, valid, standing, updates, REGION, 0.08, 10)
     learns = (quiet > 0)[INSIDE]
     assert count == learns.sum()
-    np.testing.assert_array_equal(valid[INSIDE], np.where(learns, 255, FIRST_LOOK))
+    np.testing.assert_array_equal(valid[INSIDE], np.where(learns, 255, PROVISIONAL))
     np.testing.assert_array_equal(background[INSIDE], np.where(learns, 200, 90))
 
 
@@ -83,15 +83,15 @@ def test_counts_of_frames_end_at_what_a_byte_holds():
 
 def test_new_pixels_begin_with_the_noise_that_edges_may_have():
     """The first deviation and a share of the local range, and the threshold of that; others keep theirs."""
-    earlier, lessons = np.full(SHAPE, 100, np.uint8), np.full(SHAPE, SLOWLY, np.uint8)
+    earlier, updates = np.full(SHAPE, 100, np.uint8), np.full(SHAPE, AVERAGED, np.uint8)
     earlier[:, 20:] = 150
-    lessons[5:9] = NEW
-    spread, needed = np.full(SHAPE, 3.0, np.float32), np.full(SHAPE, 12, np.uint8)
-    begin_noise(earlier, lessons, spread, needed, REGION, 2.0, 0.1, 4.0, 9, 25)
-    np.testing.assert_allclose(spread[5:9, 3:19], 2.0)
-    np.testing.assert_allclose(spread[5:9, 19:21], 7.0)
-    assert (needed[5:9, 3:19] == 9).all()
-    assert (needed[5:9, 19:21] == 25).all()
-    spread[5:9, 3:30], needed[5:9, 3:30] = 3.0, 12
-    assert (spread == 3.0).all()
-    assert (needed == 12).all()
+    updates[5:9] = NEW
+    deviation, thresholds = np.full(SHAPE, 3.0, np.float32), np.full(SHAPE, 12, np.uint8)
+    begin_noise(earlier, updates, deviation, thresholds, REGION, 2.0, 0.1, 4.0, 9, 25)
+    np.testing.assert_allclose(deviation[5:9, 3:19], 2.0)
+    np.testing.assert_allclose(deviation[5:9, 19:21], 7.0)
+    assert (thresholds[5:9, 3:19] == 9).all()
+    assert (thresholds[5:9, 19:21] == 25).all()
+    deviation[5:9, 3:30], thresholds[5:9, 3:30] = 3.0, 12
+    assert (deviation == 3.0).all()
+    assert (thresholds == 12).all()

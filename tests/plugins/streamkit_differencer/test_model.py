@@ -4,15 +4,15 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.anchor import translation
-from streamkit_differencer.model import BackgroundModel
-from streamkit_differencer.model_settings import Event, ModelSettings
-from streamkit_differencer.new_ground import FIRST_LOOK
+from streamkit.geometry.homography import translation
+from streamkit_differencer.model import BackgroundModel, Event
+from streamkit_differencer.provisional import PROVISIONAL
+from streamkit_differencer.settings import BackgroundSettings
 
 SHAPE = (120, 160)
 WHOLE = np.s_[:120, :160]
 SEEN = np.full(SHAPE, 255, np.uint8)
-SETTINGS = ModelSettings(interval=2, quiet_frames=4, absorb_frames=10)
+SETTINGS = BackgroundSettings(frame_interval=2, quiet_frames=4, absorb_frames=10)
 # A new model compares with its first frame; ground that comes into view later, with tau frames before.
 FIRST_VALID = 1 + SETTINGS.quiet_frames
 
@@ -56,7 +56,7 @@ def test_a_thing_is_foreground_and_marked_as_changed():
     model = learnt()
     image = with_thing(ground(), 30)
     marks = []
-    for _ in range(SETTINGS.quiet_frames + SETTINGS.interval + 2):
+    for _ in range(SETTINGS.quiet_frames + SETTINGS.frame_interval + 2):
         mask, event = model.update(image, SEEN, WHOLE)
         assert event is Event.NONE
         marks.append(int(mask[25, 35]))
@@ -73,7 +73,7 @@ def test_a_thing_that_stays_becomes_background_after_absorb_frames():
     while model.update(image, SEEN, WHOLE)[0].any():
         frames += 1
         assert frames < 100
-    assert frames == SETTINGS.interval + SETTINGS.quiet_frames - 1 + SETTINGS.absorb_frames
+    assert frames == SETTINGS.frame_interval + SETTINGS.quiet_frames - 1 + SETTINGS.absorb_frames
 
 
 def test_background_under_a_thing_is_kept():
@@ -88,7 +88,9 @@ def test_background_under_a_thing_is_kept():
 def test_what_the_frame_does_not_cover_is_held():
     """Outside `seen` and outside the region nothing changes, and nothing there is foreground."""
     model = learnt()
-    before = [np.copy(array) for array in (model.background, model.valid, model.noise.spread, model.standing)]
+    before = [
+        np.copy(array) for array in (model.background, model.valid, model.noise.deviation, model.standing)
+    ]
     seen = np.zeros((30, 40), np.uint8)
     seen[:, 20:] = 255
     image = ground()[10:40, 5:45]
@@ -97,7 +99,7 @@ def test_what_the_frame_does_not_cover_is_held():
     assert mask[12:18, 22:].all()
     assert not mask[:, :20].any()
     for array, old in zip(
-        (model.background, model.valid, model.noise.spread, model.standing), before, strict=True
+        (model.background, model.valid, model.noise.deviation, model.standing), before, strict=True
     ):
         outside = np.ones(SHAPE, bool)
         outside[10:40, 25:45] = False
@@ -111,11 +113,11 @@ def test_ground_that_comes_into_view_has_no_background_yet():
     left[:, :80] = 255
     for _ in range(20):
         model.update(ground(), left, WHOLE)
-    for time in range(SETTINGS.interval + SETTINGS.quiet_frames):
+    for time in range(SETTINGS.frame_interval + SETTINGS.quiet_frames):
         assert not (model.valid[:, 80:] == 255).any()
-        has_looked = (model.valid[:, 80:] == FIRST_LOOK).any()
-        assert has_looked or time <= SETTINGS.interval + 1
-        assert not has_looked or time > SETTINGS.interval
+        has_looked = (model.valid[:, 80:] == PROVISIONAL).any()
+        assert has_looked or time <= SETTINGS.frame_interval + 1
+        assert not has_looked or time > SETTINGS.frame_interval
         mask, _ = model.update(ground(), SEEN, WHOLE)
         assert not mask.any()
     assert (model.valid == 255).all()
@@ -128,7 +130,7 @@ def test_a_thing_that_drives_onto_new_ground_is_found_before_that_is_known():
     left[:, :80] = 255
     for _ in range(20):
         model.update(ground(), left, WHOLE)
-    for _ in range(SETTINGS.interval + 2):
+    for _ in range(SETTINGS.frame_interval + 2):
         model.update(ground(), SEEN, WHOLE)
     for x in (100, 104):
         mask, _ = model.update(with_thing(ground(), x), SEEN, WHOLE)
@@ -223,7 +225,7 @@ def test_warping_by_a_shift_equals_scrolling():
     """Resampling at whole pixels keeps values, but for the border of what is known."""
     scrolled_model, warped_model = learnt(), learnt()
     scrolled_model.scroll(6, -4)
-    warped_model.warp(translation(6, -4))
+    warped_model.warp(translation((6, -4)))
     known = warped_model.valid > 0
     assert known.mean() > 0.8
     assert (scrolled_model.valid[known] > 0).all()
@@ -234,7 +236,7 @@ def test_three_frames_find_things_before_there_is_a_background():
     """With three_frame a thing is seen from frame 2 tau on; without it there is nothing until lambda."""
     for three_frame, expected in ((True, True), (False, False)):
         model = BackgroundModel(
-            (160, 120), ModelSettings(interval=2, quiet_frames=30, three_frame=three_frame)
+            (160, 120), BackgroundSettings(frame_interval=2, quiet_frames=30, three_frame=three_frame)
         )
         for time in range(8):
             mask, _ = model.update(with_thing(ground(), 5 + 8 * time), SEEN, WHOLE)
@@ -249,7 +251,7 @@ def test_three_frames_find_things_before_there_is_a_background():
 
 def test_counters_do_not_wrap():
     """Absorb and lambda at their largest: 600 frames of a standing thing are no overflow."""
-    model = learnt(ModelSettings(interval=1, quiet_frames=4, absorb_frames=255))
+    model = learnt(BackgroundSettings(frame_interval=1, quiet_frames=4, absorb_frames=255))
     image = with_thing(ground(), 30)
     standing = []
     for _ in range(300):

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from streamkit_differencer.learning import NOTHING, SLOWLY
-from streamkit_differencer.noise import DEVIATION_RATIO, NoiseMap, first_spread
+from streamkit_differencer.learning import AVERAGED, NONE
+from streamkit_differencer.noise import DEVIATION_RATIO, NoiseMap, first_deviation
 
 
-def taught(noise, frames, background, lessons, coefficient):
+def taught(noise, frames, background, updates, coefficient):
     """Shows frames to a map."""
     height, width = background.shape
     for frame in frames:
-        noise.learn(frame, background, lessons, (0, height, 0, width), coefficient)
+        noise.learn(frame, background, updates, (0, height, 0, width), coefficient)
 
 
 def test_the_deviation_of_noise_is_learnt():
@@ -20,25 +20,25 @@ def test_the_deviation_of_noise_is_learnt():
     noise, background = NoiseMap((400, 3)), np.full((400, 3), 120, np.uint8)
     noise.set_limits(9.0, 60.0)
     frames = np.clip(np.round(random.normal(120.0, deviation, (300, 400, 3))), 0, 255).astype(np.uint8)
-    taught(noise, frames, background, np.full((400, 3), SLOWLY, np.uint8), 0.02)
-    np.testing.assert_allclose(DEVIATION_RATIO * noise.spread.mean(axis=0), [2.0, 5.0, 9.0], rtol=0.1)
+    taught(noise, frames, background, np.full((400, 3), AVERAGED, np.uint8), 0.02)
+    np.testing.assert_allclose(DEVIATION_RATIO * noise.deviation.mean(axis=0), [2.0, 5.0, 9.0], rtol=0.1)
 
 
 def test_pixels_that_do_not_learn_slowly_teach_nothing():
     """And a mover that was missed teaches at most what it is allowed to."""
-    noise, lessons = NoiseMap((1, 2)), np.array([[SLOWLY, NOTHING]], np.uint8)
+    noise, updates = NoiseMap((1, 2)), np.array([[AVERAGED, NONE]], np.uint8)
     noise.set_limits(0.0, 12.0)
-    noise.spread[:] = 4.0
-    taught(noise, [np.full((1, 2), 255, np.uint8)], np.zeros((1, 2), np.uint8), lessons, 0.5)
-    np.testing.assert_allclose(noise.spread, [[8.0, 4.0]])
+    noise.deviation[:] = 4.0
+    taught(noise, [np.full((1, 2), 255, np.uint8)], np.zeros((1, 2), np.uint8), updates, 0.5)
+    np.testing.assert_allclose(noise.deviation, [[8.0, 4.0]])
 
 
 def test_thresholds_are_bounded():
     """So many deviations, between the smallest and the largest."""
     noise = NoiseMap((1, 3))
-    noise.spread[:] = np.array([[1.0, 5.0, 50.0]]) / DEVIATION_RATIO
+    noise.deviation[:] = np.array([[1.0, 5.0, 50.0]]) / DEVIATION_RATIO
     noise.set_limits(4.0, 10.0)
-    assert noise.needed.tolist() == [[10, 20, 60]]
+    assert noise.thresholds.tolist() == [[10, 20, 60]]
 
 
 def test_two_frames_tell_the_noise_of_a_single_one():
@@ -46,5 +46,5 @@ def test_two_frames_tell_the_noise_of_a_single_one():
     random = np.random.default_rng(4)
     first, second = (random.normal(120, 4.0, (400, 600)).round().astype(np.uint8) for _ in range(2))
     second[:40] = 250
-    assert abs(first_spread(first, second) - 4.0 * 2 / np.sqrt(np.pi)) < 0.4
-    assert first_spread(first, first) > 0
+    assert abs(first_deviation(first, second) - 4.0 * 2 / np.sqrt(np.pi)) < 0.4
+    assert first_deviation(first, first) > 0

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from streamkit_differencer.clusters import Criterion
-from streamkit_differencer.objects import ObjectSettings, cells_of, find_objects, surest
+from streamkit_differencer.objects import cells_of, find_objects, most_confident
+from streamkit_differencer.settings import Criterion, ObjectSettings
 
 
 def with_block(shape, x0, y0, x1, y1, value=255):
@@ -25,7 +25,7 @@ def test_boxes_and_centroids_are_in_frame_pixels(scale):
     assert objects.boxes.tolist() == [[39.5, 15.5, 79.5, 31.5]]
     assert objects.centroids.tolist() == [[59.5, 23.5]]
     assert objects.areas.tolist() == [640.0]
-    assert objects.scores.tolist() == [1.0]
+    assert objects.changes.tolist() == [1.0]
 
 
 def test_boxes_are_finer_than_cells():
@@ -73,7 +73,7 @@ def test_scatter_keeps_large_things_apart():
     """By scatter, merging two large things costs more than by gap."""
     mask = with_block((120, 120), 10, 10, 50, 50) | with_block((120, 120), 56, 10, 96, 50)
     by_gap = find_objects(mask, 2, ObjectSettings(merge_gap=4))
-    by_scatter = find_objects(mask, 2, ObjectSettings(merge_gap=4, criterion=Criterion.SCATTER))
+    by_scatter = find_objects(mask, 2, ObjectSettings(merge_gap=4, merge_criterion=Criterion.SCATTER))
     assert (len(by_gap), len(by_scatter)) == (1, 2)
 
 
@@ -85,12 +85,12 @@ def test_small_objects_are_left_out():
 
 
 def test_what_stands_still_is_left_out():
-    """The score is the share of the foreground that changed lately; below min_score nothing is reported."""
+    """The change is the share of the foreground that changed lately; below min_change nothing is reported."""
     mask = with_block((80, 80), 10, 10, 30, 20, 128)
     assert len(find_objects(mask, 2, ObjectSettings())) == 0
     mask[10:20, 10:20] = 255
-    objects = find_objects(mask, 2, ObjectSettings(min_score=0.5))
-    assert objects.scores.tolist() == [0.5]
+    objects = find_objects(mask, 2, ObjectSettings(min_change=0.5))
+    assert objects.changes.tolist() == [0.5]
 
 
 def test_the_largest_are_kept():
@@ -110,11 +110,11 @@ def test_of_too_many_the_surest_are_kept():
         mask[40 * index : 40 * index + 8, 20 : 30 + 10 * index] = 255
     found = find_objects(mask, 2, ObjectSettings(max_objects=4))
     judged = replace(found, confidences=np.array([0.2, 0.9, 0.1, 0.8]))
-    kept = surest(judged, 2)
+    kept = most_confident(judged, 2)
     assert kept.confidences.tolist() == [0.9, 0.8]
     np.testing.assert_array_equal(kept.boxes, found.boxes[[1, 3]])
     assert kept.dropped == 3
-    assert surest(judged, 4) is judged
+    assert most_confident(judged, 4) is judged
 
 
 @pytest.mark.parametrize("scale", [1, 2, 4])

@@ -35,11 +35,11 @@ def test_a_picture(tmp_path):
 @pytest.mark.parametrize("text", ["1,2 3,4", "a,b c,d e,f", ";", "1,2 3,4 5", "10 20 30 40 50 60"])
 def test_words_that_are_no_polygon(text):
     """The error says what is needed, with an example."""
-    with pytest.raises(ValueError, match=r"write for example roi='0,0 640,0 640,200', or name a picture"):
+    with pytest.raises(ValueError, match=r"write for example roi='0,0 640,0 640,200', or name an image"):
         RegionOfInterest(text)
 
 
 def test_a_picture_that_is_not_there(tmp_path):
     """The error names it."""
-    with pytest.raises(ValueError, match=r"none\.png: not a picture that can be read"):
+    with pytest.raises(ValueError, match=r"none\.png: not an image that can be read"):
         RegionOfInterest(str(tmp_path / "none.png"))

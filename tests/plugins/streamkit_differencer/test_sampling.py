@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.anchor import translation
-from streamkit_differencer.sampling import drawn, fetch
+from streamkit.geometry.homography import translation
+from streamkit_differencer.sampling import warp_frame, warp_mask_back
 
 SHAPE, CANVAS = (90, 160), (120, 200)
-TURNED = translation(22.3, 8.9) @ np.array([[1.05, 0.06, 0], [-0.06, 1.05, 9], [4e-5, -3e-5, 1]])
+TURNED = translation((22.3, 8.9)) @ np.array([[1.05, 0.06, 0], [-0.06, 1.05, 9], [4e-5, -3e-5, 1]])
 
 
 def texture(seed=0, shape=SHAPE):
@@ -19,11 +19,11 @@ def texture(seed=0, shape=SHAPE):
 def canvas_of(image, place, region=(0, CANVAS[0], 0, CANVAS[1])):
     """The image on a canvas; 77 where nothing is drawn."""
     canvas = np.full(CANVAS, 77, np.uint8)
-    drawn(image, np.empty(image.shape, np.uint16), np.linalg.inv(place), canvas, region)
+    warp_frame(image, np.empty(image.shape, np.uint16), np.linalg.inv(place), canvas, region)
     return canvas
 
 
-@pytest.mark.parametrize("place", [TURNED, translation(10.25, 7.5)])
+@pytest.mark.parametrize("place", [TURNED, translation((10.25, 7.5))])
 def test_frames_are_drawn_as_by_bilinear_interpolation(place):
     """Within a grey level of OpenCV's, away from the border."""
     size = CANVAS[::-1]
@@ -42,13 +42,13 @@ def test_a_frame_is_drawn_wherever_it_lies_and_nothing_far_beyond(angle):
     """Turned, partly off the canvas or all of it: each pixel that it covers, none of far away."""
     for x, y in ((100, 60), (10, 20), (190, 130), (500, 60), (100, -400)):
         turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-        place = translation(x, y) @ turn @ translation(-SHAPE[1] / 2, -SHAPE[0] / 2)
+        place = translation((x, y)) @ turn @ translation((-SHAPE[1] / 2, -SHAPE[0] / 2))
         covered = cv2.warpPerspective(np.full(SHAPE, 255, np.uint8), place, CANVAS[::-1])
         canvas = canvas_of(texture() // 4 + np.uint8(100), place)
         assert (canvas[covered == 255] != 77).all()
         around = cv2.copyMakeBorder(covered, 30, 30, 30, 30, cv2.BORDER_CONSTANT)
         whole = cv2.warpPerspective(
-            np.full(SHAPE, 255, np.uint8), translation(30, 30) @ place, around.shape[::-1]
+            np.full(SHAPE, 255, np.uint8), translation((30, 30)) @ place, around.shape[::-1]
         )
         far = cv2.dilate(whole, np.ones((29, 29), np.uint8))[30:-30, 30:-30] == 0
         assert (canvas[far] == 77).all()
@@ -57,7 +57,7 @@ def test_a_frame_is_drawn_wherever_it_lies_and_nothing_far_beyond(angle):
 def test_whole_pixels_are_drawn_as_they_are():
     """And beyond its border the image goes on as on it, within the region alone."""
     image, region = texture(), (10, 110, 15, 190)
-    canvas = canvas_of(image, translation(20, 12), region)
+    canvas = canvas_of(image, translation((20, 12)), region)
     # The last line and column mix with their neighbours by a part of a pixel that rounding leaves.
     np.testing.assert_array_equal(canvas[12:101, 20:179], image[:-1, :-1])
     np.testing.assert_array_equal(canvas[12:101, 15], image[:-1, 0])
@@ -72,7 +72,7 @@ def test_masks_are_fetched_as_by_nearest_neighbours(seed):
     canvas = np.where(random.random(CANVAS) < (0.001, 0.01, 0.3)[seed], 255, 0).astype(np.uint8)
     canvas = cv2.dilate(canvas, np.ones((4, 4), np.uint8))
     mask = np.full(SHAPE, 77, np.uint8)
-    fetch(canvas, region, TURNED, np.linalg.inv(TURNED), mask)
+    warp_mask_back(canvas, region, TURNED, np.linalg.inv(TURNED), mask)
     rows, columns = np.indices(SHAPE)
     x, y, depth = np.tensordot(TURNED, np.stack([columns, rows, np.ones_like(rows)]), axes=1)
     x, y = np.rint(x / depth).astype(int), np.rint(y / depth).astype(int)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.filters.ghost import find_ghosts
-from streamkit_differencer.filters.pieces import pieces_of
 
 EVERYWHERE = np.full((60, 80), 255, np.uint8)
 REGION = (0, 60, 0, 80)
@@ -32,7 +32,7 @@ def mask_of(place):
 
 def ghosts_in(frame, background, mask, known=EVERYWHERE):
     """Which pieces are ghosts, by the corner where they begin."""
-    blocks, count = pieces_of(mask, REGION)
+    blocks, count = components_of(mask, REGION)
     found = find_ghosts(frame, background, known, mask, blocks, count, REGION)
     return {
         tuple(blocks[blocks[:, 2] == piece, :2].min(axis=0).tolist()): bool(found[piece])

@@ -4,16 +4,16 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.contrast import judge
-from streamkit_differencer.filters.parallax import find_slides, slide
-from streamkit_differencer.filters.pieces import pieces_of
-from streamkit_differencer.growth import strong
+from streamkit_differencer.filters.components import components_of
+from streamkit_differencer.filters.parallax import find_parallax, parallax_shift
+from streamkit_differencer.hysteresis import strong_mask
+from streamkit_differencer.pixel_classes import classify
 
 SHAPE = (120, 160)
 REGION = (0, 120, 0, 160)
 CAMERA_STEP = np.array([8.0, 0.0])
 EVERYWHERE = np.full(SHAPE, 255, np.uint8)
-WAY = slide(CAMERA_STEP, 0.25)
+WAY = parallax_shift(CAMERA_STEP, 0.25)
 
 
 def view(x, width=40, tone=220):
@@ -25,15 +25,21 @@ def view(x, width=40, tone=220):
 
 
 def slides_in(now, before, learnt, known=EVERYWHERE):
-    """The foreground, its pieces, and which of them slide."""
-    needed, levels, mask = np.full(SHAPE, 12, np.uint8), np.zeros(SHAPE, np.uint8), np.zeros(SHAPE, np.uint8)
+    """The foreground, its pieces, and which of them parallax_shift."""
+    thresholds, levels, mask = (
+        np.full(SHAPE, 12, np.uint8),
+        np.zeros(SHAPE, np.uint8),
+        np.zeros(SHAPE, np.uint8),
+    )
     rounded = np.zeros(SHAPE, np.uint8)
-    judge(now, EVERYWHERE, learnt.astype(np.float32), known, needed, rounded, levels, REGION, 1, 0.0, 1.0)
-    strong(levels, mask, REGION)
+    classify(
+        now, EVERYWHERE, learnt.astype(np.float32), known, thresholds, rounded, levels, REGION, 1, 0.0, 1.0
+    )
+    strong_mask(levels, mask, REGION)
     assert mask.any()
-    blocks, count = pieces_of(mask, REGION)
-    pictures = (now, learnt, known, before, EVERYWHERE, needed, mask)
-    return mask, blocks, find_slides(*pictures, blocks, count, REGION, 1, *WAY.tolist())
+    blocks, count = components_of(mask, REGION)
+    pictures = (now, learnt, known, before, EVERYWHERE, thresholds, mask)
+    return mask, blocks, find_parallax(*pictures, blocks, count, REGION, 1, *WAY.tolist())
 
 
 def judged(now, before, learnt, known=EVERYWHERE):
@@ -85,7 +91,7 @@ def test_each_piece_is_judged_by_itself():
 
 def test_a_camera_that_stands_sees_no_parallax():
     """Nor does one that hardly moved, and a share of 0 turns the filter off."""
-    assert slide(np.zeros(2), 0.3) is None
-    assert slide(np.array([1.0, 0.5]), 0.3) is None
-    assert slide(CAMERA_STEP, 0.0) is None
+    assert parallax_shift(np.zeros(2), 0.3) is None
+    assert parallax_shift(np.array([1.0, 0.5]), 0.3) is None
+    assert parallax_shift(CAMERA_STEP, 0.0) is None
     np.testing.assert_allclose(WAY, [2.0, 0.0])

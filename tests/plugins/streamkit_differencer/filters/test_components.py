@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.filters.pieces import pieces_of, take_away
+from streamkit_differencer.filters.components import components_of, remove_components
 
 SHAPE = (61, 83)
 REGION = (1, 60, 2, 81)
@@ -22,7 +22,7 @@ def random_mask(seed, share):
 def test_pieces_are_connected_components_of_blocks(seed, share):
     """Those of OpenCV, whatever their numbers; an odd last line or column is left out."""
     mask = random_mask(seed, share)
-    blocks, count = pieces_of(mask, REGION)
+    blocks, count = components_of(mask, REGION)
     inside = mask[1:59, 2:80].reshape(29, 2, 39, 2).max(axis=(1, 3))
     expected_count, labels = cv2.connectedComponents(inside, connectivity=8)
     assert count == expected_count - 1
@@ -38,10 +38,10 @@ def test_pieces_that_are_taken_away_are_learnt():
     mask[11:15, 12:16] = mask[31:35, 12:16] = mask[31:35, 52:56] = 255
     quiet[:, 14:] = 255
     image, background = np.full(SHAPE, 9, np.uint8), np.full(SHAPE, 1.0, np.float32)
-    blocks, count = pieces_of(mask, REGION)
+    blocks, count = components_of(mask, REGION)
     assert count == 3
     ghosts, slides = np.array([True, False, False]), np.array([False, True, False])
-    take_away(blocks, ghosts, slides, mask, quiet, image, background)
+    remove_components(blocks, ghosts, slides, mask, quiet, image, background)
     assert not mask[:, :40].any()
     assert mask[31:35, 52:56].all()
     assert (background[11:15, 12:16] == 9).all()

@@ -1,41 +1,34 @@
-"""Cells of foreground by vote, and what is measured of the objects that they belong to."""
+"""Cells of foreground by vote, and measurement of the objects that they belong to."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numba import types
+from numpy.typing import NDArray
 
-from streamkit_differencer.marks import FOREGROUND_CHANGED
+from streamkit_differencer.arrays import ByteImage, ByteLine, FloatArray, LabelImage
+from streamkit_differencer.lines import is_any_set
+from streamkit_differencer.mask_values import MOVING
 from streamkit_kernels import BLOCKS, BYTES, compiled, kernel
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    ByteImage = NDArray[np.uint8]
-    ByteLine = NDArray[np.uint8]
-    LabelImage = NDArray[np.int32]
-    FloatArray = NDArray[np.float64]
-
-# Of a square of two by two pixels, so many make a cell.
+# Set pixels of a square of two by two that make a cell.
 VOTES = 2
-# Foreground is little: lines are searched for it by pieces of this length.
+# Parts of a line without foreground are skipped.
 BLOCK_PX = 64
-# Columns of what is measured.
+# Columns of the table of objects.
 PIXELS, SUM_X, SUM_Y, LEFT, TOP, RIGHT, BOTTOM, CHANGED, COLUMNS = range(9)
 
 
 @kernel(BYTES, types.int64)
-def halved(mask: ByteImage, least: int) -> ByteImage:
-    """Sub-samples a mask by the vote of two by two pixels; beyond its border nothing is set.
+def downsampled_by_vote(mask: ByteImage, least: int) -> ByteImage:
+    """Sub-samples a mask by the vote of two by two pixels; 0 beyond its border.
 
     Args:
         mask: uint8[h, w].
-        least: value from which a pixel counts.
+        least: smallest value that counts as set.
 
     Returns:
-        uint8[(h + 1) // 2, (w + 1) // 2], 255 where at least two pixels do.
+        uint8[(h + 1) // 2, (w + 1) // 2], 255 where at least two pixels are set.
     """
     height, width = mask.shape
     cells = np.zeros(((height + 1) // 2, (width + 1) // 2), np.uint8)
@@ -43,17 +36,9 @@ def halved(mask: ByteImage, least: int) -> ByteImage:
     for row in range(len(cells)):
         first = mask[2 * row]
         second = mask[2 * row + 1] if 2 * row + 1 < height else nothing
-        if _has_something(first) or _has_something(second):
+        if is_any_set(first) or is_any_set(second):
             _vote(first, second, np.uint8(least), cells[row])
     return cells
-
-
-@compiled
-def _has_something(line: ByteLine) -> bool:
-    united = np.uint8(0)
-    for index in range(line.size):
-        united |= line[index]
-    return bool(united > 0)
 
 
 @compiled
@@ -68,7 +53,7 @@ def _vote(first: ByteLine, second: ByteLine, least: np.uint8, cells: ByteLine) -
 
 
 @kernel(BYTES, BYTES, BLOCKS, types.int64, types.int64, types.int64, types.int64, types.int64, types.int64)
-def measured(
+def measure_objects(
     foreground: ByteImage,
     cells: ByteImage,
     labels: LabelImage,
@@ -79,41 +64,41 @@ def measured(
     min_area: int,
     least: int,
 ) -> FloatArray:
-    """What the foreground of each object that is large enough measures.
+    """Measures the foreground of each object that is large enough.
 
     Args:
-        foreground: uint8[h, w], its marks.
-        cells: uint8[rows, columns], 255 for cells of the foreground.
-        labels: int32[rows, columns], the object that a cell belongs to, from 1, also of those between cells.
-        count: of the objects.
+        foreground: uint8[h, w], see `mask_values`.
+        cells: uint8[rows, columns], mask.
+        labels: int32[rows, columns], the object of a cell, from 1; undefined between cells.
+        count: number of objects.
         first_row: of the cells, among those of all of the foreground.
         first_column: the same.
         step: pixels of the foreground per cell.
         min_area: cells that an object must have.
-        least: mark from which a pixel is foreground.
+        least: smallest value of foreground.
 
     Returns:
-        float64[count, 8] in the order of their labels, in pixels of the foreground: how many, the sums of
-        their columns and rows, the first column and row, the last ones, and how many changed lately; 0 pixels
-        for those that are too small.
+        float64[count, 8] in the order of the labels, in pixels of the foreground: number of pixels, sums of
+        their columns and rows, first column and row, last ones, and number of moving pixels; 0 pixels for
+        objects that are too small.
     """
     height, width = labels.shape
     sizes, result = np.zeros(count + 1, np.int64), np.zeros((count, COLUMNS), np.float64)
     for row in range(height):
-        if _has_something(cells[row]):
+        if is_any_set(cells[row]):
             _sizes(labels[row], cells[row], sizes)
     left, right = first_column * step, min((first_column + width) * step, foreground.shape[1])
     for row in range(first_row * step, min((first_row + height) * step, foreground.shape[0])):
         for block in range(left, right, BLOCK_PX):
             last = min(block + BLOCK_PX, right)
-            if not _has_something(foreground[row, block:last]):
+            if not is_any_set(foreground[row, block:last]):
                 continue
             for column in range(block, last):
                 if foreground[row, column] < least:
                     continue
                 label = labels[row // step - first_row, column // step - first_column]
                 if label > 0 and sizes[label] >= min_area:
-                    _count(result[label - 1], row, column, foreground[row, column] == FOREGROUND_CHANGED)
+                    _count(result[label - 1], row, column, foreground[row, column] == MOVING)
     return result
 
 
@@ -127,7 +112,7 @@ def _sizes(labels: NDArray[np.int32], cells: ByteLine, sizes: NDArray[np.int64])
 
 @compiled
 def _count(line: NDArray[np.float64], row: int, column: int, is_changed: bool) -> None:
-    """Adds a pixel to what an object measures."""
+    """Adds a pixel to the row of an object."""
     is_first = line[PIXELS] == 0.0
     line[PIXELS] += 1.0
     line[SUM_X] += column

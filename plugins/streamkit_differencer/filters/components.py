@@ -1,43 +1,31 @@
-"""Pieces of the foreground that hang together, for filters that judge each as a whole."""
+"""Connected components of the foreground, for filters that classify each as a whole."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import NDArray
 
-from streamkit_differencer.canvas_region import REGION
+from streamkit_differencer.arrays import REGION, ByteImage, ByteLine, Flags, FloatImage, LabelImage, Region
+from streamkit_differencer.lines import is_any_set
 from streamkit_kernels import BLOCKS, BYTES, FLAGS, FLOATS, compiled, kernel
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+Labels = NDArray[np.int32]
 
-    from streamkit_differencer.canvas_region import Region
-
-    ByteImage = NDArray[np.uint8]
-    FloatImage = NDArray[np.float32]
-    ByteLine = NDArray[np.uint8]
-    Flags = NDArray[np.bool_]
-    Blocks = NDArray[np.int32]
-    Labels = NDArray[np.int32]
-
-# Of larger foreground a share of the pixels is asked.
+# Larger components are sampled.
 MOST_POINTS = 1000
 
 
 @kernel(BYTES, REGION)
-def pieces_of(mask: ByteImage, region: Region) -> tuple[Blocks, int]:
-    """Connected pieces of a mask; those with a pixel or less between them may be one.
-
-    They are told apart by blocks of two by two pixels; an odd last line or column is left out.
+def components_of(mask: ByteImage, region: Region) -> tuple[LabelImage, int]:
+    """Connected components of a mask, of blocks of two by two pixels; an odd last row or column is left out.
 
     Args:
         mask: uint8[h, w].
-        region: of the mask, what is looked at.
+        region: of the mask.
 
     Returns:
-        int32[n, 3], of each block that has something in it the line and the column of its first pixel, and
-        its piece, from 0; and how many pieces there are.
+        int32[n, 3], of each set block the row and the column of its first pixel, and its component, from 0;
+        and the number of components.
     """
     top, bottom, left, right = region
     count = (right - left) // 2
@@ -45,17 +33,17 @@ def pieces_of(mask: ByteImage, region: Region) -> tuple[Blocks, int]:
     total = 0
     for line in range(len(filled)):
         first, second = mask[top + 2 * line, left:right], mask[top + 2 * line + 1, left:right]
-        if _has_something(first) or _has_something(second):
+        if is_any_set(first) or is_any_set(second):
             total += _blocks(first, second, filled[line])
     blocks = np.empty((total, 3), np.int32)
-    # Labels of the line before and of this one, with an empty one at each end.
+    # Labels of the previous and of this line of blocks, with an empty one at each end.
     before, labels = np.zeros(count + 2, np.int32), np.zeros(count + 2, np.int32)
     parents = np.empty(total + 1, np.int32)
     for index in range(total + 1):
         parents[index] = index
     found = used = 0
     for line in range(len(filled)):
-        if not _has_something(filled[line]):
+        if not is_any_set(filled[line]):
             for column in range(count + 2):
                 before[column] = 0
             continue
@@ -77,16 +65,8 @@ def pieces_of(mask: ByteImage, region: Region) -> tuple[Blocks, int]:
 
 
 @compiled
-def _has_something(line: ByteLine) -> bool:
-    united = np.uint8(0)
-    for index in range(line.size):
-        united |= line[index]
-    return bool(united > 0)
-
-
-@compiled
 def _blocks(first: ByteLine, second: ByteLine, filled: ByteLine) -> int:
-    """Which blocks of two lines have something in them, and how many do."""
+    """Sets the blocks of two rows in which a pixel is set; returns their number."""
     total = np.int32(0)
     for index in range(filled.size):
         both = first[2 * index] | first[2 * index + 1] | second[2 * index] | second[2 * index + 1]
@@ -105,15 +85,15 @@ def _root(parents: Labels, label: int) -> int:
 
 @compiled
 def _joined(parents: Labels, first: int, second: int) -> int:
-    """Makes one piece of two, under the smaller label."""
+    """Joins two components under the smaller label."""
     one, other = _root(parents, first), _root(parents, second)
     parents[max(one, other)] = min(one, other)
     return min(one, other)
 
 
 @compiled
-def _numbered(blocks: Blocks, parents: Labels, used: int) -> int:
-    """Gives the pieces numbers without gaps; how many they are."""
+def _numbered(blocks: LabelImage, parents: Labels, used: int) -> int:
+    """Numbers the components without gaps; returns their number."""
     numbers = np.zeros(used + 1, np.int32)
     count = 0
     for index in range(len(blocks)):
@@ -126,34 +106,33 @@ def _numbered(blocks: Blocks, parents: Labels, used: int) -> int:
 
 
 @kernel(BLOCKS, FLAGS, FLAGS, BYTES, BYTES, BYTES, FLOATS)
-def take_away(
-    blocks: Blocks,
+def remove_components(
+    blocks: LabelImage,
     ghosts: Flags,
-    slides: Flags,
+    shifted: Flags,
     mask: ByteImage,
     quiet: ByteImage,
     image: ByteImage,
     background: FloatImage,
 ) -> None:
-    """Takes pieces away from the foreground, and learns them as ground.
+    """Removes components from the foreground, and learns them as background.
 
     Args:
-        blocks: int32[n, 3], see `pieces_of`.
-        ghosts: bool[pieces], those that are learnt at once.
-        slides: bool[pieces], those that are learnt where they are quiet: edges are learnt as soon as they
-            stand still, or the background would fall behind.
+        blocks: int32[n, 3], see `components_of`.
+        ghosts: bool[components], those to learn at once.
+        shifted: bool[components], those to learn where they are quiet, so that the background keeps up.
         mask: uint8[h, w], foreground.
         quiet: uint8[h, w], mask of D = 0.
         image: uint8[h, w], f(t).
         background: float32[h, w], B.
     """
     for index in range(len(blocks)):
-        piece = blocks[index, 2]
-        if not (ghosts[piece] or slides[piece]):
+        component = blocks[index, 2]
+        if not (ghosts[component] or shifted[component]):
             continue
         for row in range(blocks[index, 0], blocks[index, 0] + 2):
             for column in range(blocks[index, 1], blocks[index, 1] + 2):
                 if mask[row, column] > 0:
                     mask[row, column] = 0
-                    if ghosts[piece] or quiet[row, column] > 0:
+                    if ghosts[component] or quiet[row, column] > 0:
                         background[row, column] = image[row, column]

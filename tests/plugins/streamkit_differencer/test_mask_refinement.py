@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from streamkit_differencer.movers import show_movers
+from streamkit_differencer.mask_refinement import refine_mask
 from streamkit_differencer.objects import Objects
 
 SHAPE = (40, 60)
@@ -19,7 +19,7 @@ def shown(mask, image, found, has_halo=True, shift=(0, 0), scale=2):
     """The mask over plain ground of 100 that lies elsewhere than the frame."""
     ground = np.full((60, 90), 100, np.uint8)
     to_ground = np.array([[1, 0, shift[0]], [0, 1, shift[1]], [0, 0, 1.0]])
-    show_movers(mask, found, image, ground, to_ground, scale, has_halo)
+    refine_mask(mask, found, image, ground, to_ground, scale, has_halo)
     return mask
 
 
@@ -66,7 +66,7 @@ def test_the_ground_is_asked_where_the_frame_lies_on_it():
     thing = np.zeros(SHAPE, bool)
     thing[10:20, 10:40] = True
     to_ground = np.array([[1, 0, 20], [0, 1, 5], [0, 0, 1.0]])
-    show_movers(mask, objects((9, 9, 41, 21), scores=[1.0]), image, ground, to_ground, 2, True)
+    refine_mask(mask, objects((9, 9, 41, 21), scores=[1.0]), image, ground, to_ground, 2, True)
     np.testing.assert_array_equal(mask == 255, thing)
 
 

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.contrast import GROUND, LEAST_WEAK, STRONG, UNKNOWN, WEAK, judge
-from streamkit_differencer.equations import foreground
+from streamkit_differencer.pixel_classes import BACKGROUND, LEAST_WEAK, STRONG, UNKNOWN, WEAK, classify
+from tests.plugins.streamkit_differencer.paper_equations import foreground
 
 SHAPE = (33, 50)
 REGION = (3, 31, 5, 47)
@@ -13,12 +13,12 @@ INSIDE = np.s_[3:31, 5:47]
 SEEN = np.full(SHAPE, 255, np.uint8)
 
 
-def levels_of(image, background, needed, *, region=REGION, tolerance=0, gain=0.0, weak=1.0, valid=SEEN):
+def levels_of(image, background, thresholds, *, region=REGION, tolerance=0, gain=0.0, weak=1.0, valid=SEEN):
     """What each pixel is; 77 where nothing was written."""
     levels = np.full(image.shape, 77, np.uint8)
     rounded, seen = np.zeros_like(levels), np.full_like(levels, 255)
     valid = seen if valid is SEEN else valid
-    judge(image, seen, background, valid, needed, rounded, levels, region, tolerance, gain, weak)
+    classify(image, seen, background, valid, thresholds, rounded, levels, region, tolerance, gain, weak)
     return levels
 
 
@@ -46,9 +46,9 @@ def test_without_tolerance_it_is_equation_4(seed):
 @pytest.mark.parametrize("seed", range(2))
 def test_each_pixel_is_compared_with_the_range_around_it(seed, tolerance, gain):
     """By smallest and largest values within the tolerance, a share of which raises the threshold."""
-    image, background, needed = scene(seed)
-    levels = levels_of(image, background, needed, tolerance=tolerance, gain=gain, weak=0.5)[INSIDE]
-    now, ground, limits = image[INSIDE], cv2.convertScaleAbs(background[INSIDE]), needed[INSIDE]
+    image, background, thresholds = scene(seed)
+    levels = levels_of(image, background, thresholds, tolerance=tolerance, gain=gain, weak=0.5)[INSIDE]
+    now, ground, limits = image[INSIDE], cv2.convertScaleAbs(background[INSIDE]), thresholds[INSIDE]
     square = np.ones((2 * max(tolerance, 1) + 1,) * 2, np.uint8)
     low, high = cv2.erode(ground, square), cv2.dilate(ground, square)
     outside = (
@@ -56,7 +56,7 @@ def test_each_pixel_is_compared_with_the_range_around_it(seed, tolerance, gain):
     )
     excess = cv2.subtract(outside, cv2.convertScaleAbs(cv2.subtract(high, low), alpha=gain))
     beside = cv2.absdiff(now, ground) > np.maximum(cv2.convertScaleAbs(limits, alpha=0.5), LEAST_WEAK)
-    expected = np.where(excess > limits, STRONG, np.where(beside, WEAK, GROUND))
+    expected = np.where(excess > limits, STRONG, np.where(beside, WEAK, BACKGROUND))
     np.testing.assert_array_equal(levels, expected)
 
 
@@ -65,22 +65,22 @@ def test_tolerance_bears_an_error_of_registration(tolerance):
     """An edge that is off by the tolerance is not foreground; by one pixel more it is."""
     background = np.zeros(SHAPE, np.float32)
     background[:, 20:] = 200.0
-    within, beyond, needed = (
+    within, beyond, thresholds = (
         np.zeros(SHAPE, np.uint8),
         np.zeros(SHAPE, np.uint8),
         np.full(SHAPE, 22, np.uint8),
     )
     within[:, 20 + tolerance :] = beyond[:, 21 + tolerance :] = 200
-    assert not (levels_of(within, background, needed, tolerance=tolerance)[INSIDE] == STRONG).any()
-    assert (levels_of(beyond, background, needed, tolerance=tolerance)[INSIDE] == STRONG).any()
-    assert (levels_of(within, background, needed)[INSIDE] == STRONG).any()
+    assert not (levels_of(within, background, thresholds, tolerance=tolerance)[INSIDE] == STRONG).any()
+    assert (levels_of(beyond, background, thresholds, tolerance=tolerance)[INSIDE] == STRONG).any()
+    assert (levels_of(within, background, thresholds)[INSIDE] == STRONG).any()
 
 
 def test_what_is_not_known_is_nothing():
     """Neither foreground nor ground."""
-    image, background, needed = scene(0)
+    image, background, thresholds = scene(0)
     valid = SEEN.copy()
     valid[:, 20:] = 0
-    levels = levels_of(image, background, needed, valid=valid)
+    levels = levels_of(image, background, thresholds, valid=valid)
     assert (levels[INSIDE][:, 15:] == UNKNOWN).all()
     assert (levels[INSIDE][:, :15] != UNKNOWN).all()

@@ -1,9 +1,17 @@
-"""Foreground as pictures."""
+"""Values of the foreground mask."""
 
 import numpy as np
 import pytest
 
-from streamkit_differencer.pictures import full_size, only_things
+from streamkit_differencer.mask_values import binary_mask, full_size, set_mask_values
+
+
+def test_foreground_is_marked_with_what_it_is():
+    """What changed lately is 255, what is quiet 128; outside the region nothing is written."""
+    mask, quiet = np.array([[0, 0, 255, 255, 255]], np.uint8), np.array([[0, 255, 0, 255, 255]], np.uint8)
+    marks = np.full((1, 5), 77, np.uint8)
+    set_mask_values(mask, quiet, marks, (0, 1, 0, 4))
+    assert marks.tolist() == [[0, 0, 255, 128, 77]]
 
 
 @pytest.mark.parametrize(("width", "height"), [(8, 6), (9, 7)])
@@ -23,4 +31,4 @@ def test_a_frame_that_was_not_judged_is_black():
 
 def test_shadow_is_no_thing():
     """What moves and what has stopped become 255, shadow and ground 0."""
-    assert only_things(np.array([[0, 50, 128, 255]], np.uint8)).tolist() == [[0, 0, 255, 255]]
+    assert binary_mask(np.array([[0, 50, 128, 255]], np.uint8)).tolist() == [[0, 0, 255, 255]]

@@ -5,14 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit_differencer.anchor import (
-    Anchor,
-    Change,
-    Motion,
-    map_points,
-    translation,
-    working_to_frame,
-)
+from streamkit.geometry.homography import project, translation
+from streamkit_differencer.canvas import Canvas, Change, Motion, working_to_frame
 
 SIZE = (160, 90)
 CORNERS = np.array([[-0.5, -0.5], [159.5, -0.5], [159.5, 89.5], [-0.5, 89.5]])
@@ -27,45 +21,45 @@ def turned(angle, zoom, dx=0.0, dy=0.0):
 def test_halving_moves_pixel_centres_by_half_a_pixel():
     """The first pixel of a grid halved once covers frame pixels 0 and 1, whose middle is 0.5."""
     points = np.array([[0.0, 0.0], [10.0, 3.0]])
-    assert map_points(working_to_frame(1), points).tolist() == points.tolist()
-    assert map_points(working_to_frame(2), points).tolist() == [[0.5, 0.5], [20.5, 6.5]]
-    assert map_points(working_to_frame(4), points).tolist() == [[1.5, 1.5], [41.5, 13.5]]
+    assert project(working_to_frame(1), points).tolist() == points.tolist()
+    assert project(working_to_frame(2), points).tolist() == [[0.5, 0.5], [20.5, 6.5]]
+    assert project(working_to_frame(4), points).tolist() == [[1.5, 1.5], [41.5, 13.5]]
 
 
 def test_the_first_frame_lies_in_the_middle_of_its_canvas():
-    """The canvas of an anchor is its picture with a margin of 12 % on each side."""
-    anchor = Anchor(SIZE, 2)
-    place = anchor.place(Motion(turned(0.3, 5.0, 1000.0, -70.0)))
+    """The canvas of an canvas is its picture with a margin of 12 % on each side."""
+    canvas = Canvas(SIZE, 2)
+    place = canvas.place(Motion(turned(0.3, 5.0, 1000.0, -70.0)))
     assert place.change is Change.NEW
-    np.testing.assert_allclose(place.working_to_canvas, translation(20, 11), atol=1e-9)
-    assert anchor.canvas_size == (200, 112)
+    np.testing.assert_allclose(place.working_to_canvas, translation((20, 11)), atol=1e-9)
+    assert canvas.size == (200, 112)
 
 
 @pytest.mark.parametrize("scale", [1, 2, 4])
 def test_ground_points_keep_their_canvas_pixels(scale):
     """Along a flight, a point of the ground moves on the canvas only by the changes that are reported."""
-    anchor = Anchor(SIZE, scale)
+    canvas = Canvas(SIZE, scale)
     ground = np.array([[300.0, 200.0], [340.0, 260.0]])
     on_canvas, seen = None, set()
     for time in range(120):
         to_reference = turned(0.004 * time, 1.004**time, 3.1 * time, 1.7 * time)
-        place = anchor.place(Motion(to_reference))
+        place = canvas.place(Motion(to_reference))
         seen.add(place.change)
         to_working = np.linalg.inv(to_reference @ working_to_frame(scale))
-        now = map_points(place.working_to_canvas @ to_working, ground)
+        now = project(place.working_to_canvas @ to_working, ground)
         if on_canvas is not None:
-            np.testing.assert_allclose(now, map_points(place.canvas_change, on_canvas), atol=1e-6)
+            np.testing.assert_allclose(now, project(place.canvas_change, on_canvas), atol=1e-6)
         on_canvas = now
-        corners = map_points(place.working_to_canvas, CORNERS)
+        corners = project(place.working_to_canvas, CORNERS)
         assert (corners >= -0.5 - 1e-6).all()
-        assert (corners <= np.array(anchor.canvas_size) - 0.5 + 1e-6).all()
+        assert (corners <= np.array(canvas.size) - 0.5 + 1e-6).all()
     assert seen == {Change.NEW, Change.NONE, Change.SCROLL, Change.REANCHOR}
 
 
 def test_a_pan_scrolls_by_whole_pixels():
     """Leaving the margin sideways moves the canvas without resampling."""
-    anchor = Anchor(SIZE, 2)
-    changes = [anchor.place(Motion(translation(7.3 * time, 2.2 * time))) for time in range(40)]
+    canvas = Canvas(SIZE, 2)
+    changes = [canvas.place(Motion(translation((7.3 * time, 2.2 * time)))) for time in range(40)]
     scrolls = [place.canvas_change for place in changes if place.change is Change.SCROLL]
     assert scrolls
     for change in scrolls:
@@ -79,17 +73,17 @@ def test_a_pan_scrolls_by_whole_pixels():
 )
 def test_a_change_of_scale_reanchors(zoom, expected):
     """The frame's area on the canvas may be 0.8 to 1.25 of what it was."""
-    anchor = Anchor(SIZE, 2)
-    anchor.place(Motion(np.eye(3)))
-    assert anchor.place(Motion(turned(0.0, zoom, -15 * (zoom - 1), -9 * (zoom - 1)))).change is expected
+    canvas = Canvas(SIZE, 2)
+    canvas.place(Motion(np.eye(3)))
+    assert canvas.place(Motion(turned(0.0, zoom, -15 * (zoom - 1), -9 * (zoom - 1)))).change is expected
 
 
 def test_a_new_plane_with_its_change_moves_nothing():
     """With reference_change the same frame lies at the same canvas pixels under the new plane's number."""
-    first, second = Anchor(SIZE, 2), Anchor(SIZE, 2)
+    first, second = Canvas(SIZE, 2), Canvas(SIZE, 2)
     change = turned(0.7, 1.6, 55.0, -20.0)
-    for anchor in (first, second):
-        anchor.place(Motion(np.eye(3), reference=4))
+    for canvas in (first, second):
+        canvas.place(Motion(np.eye(3), reference=4))
     moved = turned(0.02, 1.01, 3.0, 2.0)
     same = first.place(Motion(moved, reference=4))
     other = second.place(Motion(change @ moved, reference=5, reference_change=change))
@@ -101,32 +95,32 @@ def test_a_new_plane_with_its_change_moves_nothing():
 
 def test_a_new_plane_without_its_change_begins_anew():
     """Nothing relates the old canvas to a plane of another number."""
-    anchor = Anchor(SIZE, 2)
-    anchor.place(Motion(np.eye(3), reference=1))
-    assert anchor.place(Motion(np.eye(3), reference=2)).change is Change.NEW
+    canvas = Canvas(SIZE, 2)
+    canvas.place(Motion(np.eye(3), reference=1))
+    assert canvas.place(Motion(np.eye(3), reference=2)).change is Change.NEW
 
 
 def test_an_adjusted_plane_does_not_shift_the_model():
     """Where to_reference steps and to_previous does not, the canvas follows to_previous, then and after."""
-    anchor = Anchor(SIZE, 2)
-    step = translation(2.0, 0.5)
-    anchor.place(Motion(np.eye(3)))
-    before = anchor.place(Motion(step, step))
+    canvas = Canvas(SIZE, 2)
+    step = translation((2.0, 0.5))
+    canvas.place(Motion(np.eye(3)))
+    before = canvas.place(Motion(step, step))
     correction = turned(0.01, 1.0, 4.0, -3.0)
-    at = anchor.place(Motion(correction @ step @ step, step))
-    after = anchor.place(Motion(correction @ step @ step @ step, step))
-    places = [map_points(place.working_to_canvas, CORNERS) for place in (before, at, after)]
+    at = canvas.place(Motion(correction @ step @ step, step))
+    after = canvas.place(Motion(correction @ step @ step @ step, step))
+    places = [project(place.working_to_canvas, CORNERS) for place in (before, at, after)]
     np.testing.assert_allclose(places[1] - places[0], [[1.0, 0.25]] * 4, atol=1e-9)
     np.testing.assert_allclose(places[2] - places[1], [[1.0, 0.25]] * 4, atol=1e-9)
 
 
 def test_after_a_missed_frame_the_plane_is_trusted():
     """to_previous leads to a frame that was not placed, so a step of to_reference is taken as it is."""
-    anchor = Anchor(SIZE, 2)
-    anchor.place(Motion(np.eye(3)))
-    anchor.miss()
-    place = anchor.place(Motion(translation(8.0, 4.0), translation(2.0, 1.0)))
-    np.testing.assert_allclose(place.working_to_canvas, translation(24.0, 13.0), atol=1e-9)
+    canvas = Canvas(SIZE, 2)
+    canvas.place(Motion(np.eye(3)))
+    canvas.skip()
+    place = canvas.place(Motion(translation((8.0, 4.0)), translation((2.0, 1.0))))
+    np.testing.assert_allclose(place.working_to_canvas, translation((24.0, 13.0)), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -144,13 +138,13 @@ def test_after_a_missed_frame_the_plane_is_trusted():
 )
 def test_a_matrix_that_is_no_homography_of_the_frame_is_refused(matrix):
     """The frame is not placed, and the canvas is as it was for the next one."""
-    anchor = Anchor(SIZE, 2)
-    assert anchor.place(Motion(matrix)) is None
-    anchor.place(Motion(np.eye(3)))
-    assert anchor.place(Motion(matrix)) is None
-    assert anchor.place(Motion(np.eye(3), matrix)) is None
-    place = anchor.place(Motion(translation(4.0, 2.0)))
-    np.testing.assert_allclose(place.working_to_canvas, translation(22.0, 12.0), atol=1e-9)
+    canvas = Canvas(SIZE, 2)
+    assert canvas.place(Motion(matrix)) is None
+    canvas.place(Motion(np.eye(3)))
+    assert canvas.place(Motion(matrix)) is None
+    assert canvas.place(Motion(np.eye(3), matrix)) is None
+    place = canvas.place(Motion(translation((4.0, 2.0))))
+    np.testing.assert_allclose(place.working_to_canvas, translation((22.0, 12.0)), atol=1e-9)
 
 
 @settings(max_examples=40, deadline=None)
@@ -165,10 +159,10 @@ def test_a_matrix_that_is_no_homography_of_the_frame_is_refused(matrix):
 )
 def test_every_placed_frame_lies_on_the_canvas(moves):
     """Whatever the camera does, a placed frame's corners are within the canvas."""
-    anchor = Anchor(SIZE, 2)
-    limit = np.array(anchor.canvas_size) - 0.5
+    canvas = Canvas(SIZE, 2)
+    limit = np.array(canvas.size) - 0.5
     for move in moves:
-        place = anchor.place(Motion(turned(*move)))
-        corners = map_points(place.working_to_canvas, CORNERS)
+        place = canvas.place(Motion(turned(*move)))
+        corners = project(place.working_to_canvas, CORNERS)
         assert (corners >= -0.5 - 1e-6).all()
         assert (corners <= limit + 1e-6).all()

@@ -1,0 +1,22 @@
+"""Array types. Images are [rows, columns]; masks are uint8, 255 where set unless said otherwise."""
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+ByteImage = NDArray[np.uint8]
+ByteLine = NDArray[np.uint8]
+FloatImage = NDArray[np.float32]
+FloatLine = NDArray[np.float32]
+LabelImage = NDArray[np.int32]
+Flags = NDArray[np.bool_]
+# Points [n, 2], boxes [n, 4] and homographies [3, 3].
+FloatArray = NDArray[np.float64]
+# First column and row of boxes, and those after the last, [n, 4].
+Corners = NDArray[np.int64]
+CORNERS = types.Array(types.int64, 2, "C")
+# A part of the canvas as slices, and as kernels take it: first row, row after the last, first column, column
+# after the last.
+Slices = tuple[slice, slice]
+Region = tuple[int, int, int, int]
+REGION = types.UniTuple(types.int64, 4)  # type: ignore[no-untyped-call]

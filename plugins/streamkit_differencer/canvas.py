@@ -1,0 +1,195 @@
+"""Position of each frame on the canvas, the image plane of the background model.
+
+The model stays fixed and only the current frame is resampled onto it: a model warped from frame to frame
+blurs within a second. The canvas is the image of one frame, the anchor, with a margin around it. When a frame
+leaves the margin, the canvas scrolls by whole pixels, which is lossless; when scale or shape changed too much
+for that, the model is warped once onto the canvas of a new anchor.
+
+Coordinates: frame pixels at full resolution; working pixels, `scale` times coarser; canvas pixels. In each,
+(0, 0) is the centre of the top-left pixel. Homographies are float64[3, 3].
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from streamkit.geometry.homography import IDENTITY, normalised, project, translation
+from streamkit_differencer.arrays import FloatArray
+
+MARGIN_RATIO = 0.12
+AREA_RATIO_LIMITS = (0.8, 1.25)
+# Bundle adjustment moves earlier frames by a pixel or more between two frames; chained pairwise registration
+# does not. A larger difference between the two, in working pixels, counts as an adjustment.
+ADJUSTMENT_PX = 0.25
+# From a plane in kilometres per pixel to one in hundredths of a pixel; beyond lies a degenerate matrix.
+DETERMINANT_LIMITS = (1e-8, 1e8)
+
+
+class Change(enum.StrEnum):
+    """What happens to the canvas at a frame."""
+
+    NONE = "none"
+    NEW = "new"
+    SCROLL = "scroll"
+    REANCHOR = "reanchor"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Registration of a frame, in pixels at full resolution.
+
+    Attributes:
+        to_reference: float64[3, 3], this frame to the reference plane.
+        to_previous: float64[3, 3], this frame to the one before it; None if that one did not arrive.
+        reference: number of the plane.
+        reference_change: float64[3, 3], old plane to new, where the plane changes at this frame, else None.
+    """
+
+    to_reference: FloatArray
+    to_previous: FloatArray | None = None
+    reference: int = 0
+    reference_change: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePosition:
+    """Position of a frame on the canvas.
+
+    Attributes:
+        change: what happened to the canvas before the frame was placed.
+        canvas_change: float64[3, 3], canvas before to canvas after; a translation by whole pixels for a
+            scroll, the identity for none and new.
+        working_to_canvas: float64[3, 3], the frame's working pixels to the canvas.
+    """
+
+    change: Change
+    canvas_change: FloatArray
+    working_to_canvas: FloatArray
+
+
+STILL = FramePosition(Change.NONE, IDENTITY, IDENTITY)
+
+
+def working_to_frame(scale: int) -> FloatArray:
+    """float64[3, 3]: working pixels to frame pixels; averaging 2 by 2 moves the centres by half a pixel."""
+    offset = (scale - 1) / 2
+    return np.array([[scale, 0.0, offset], [0.0, scale, offset], [0.0, 0.0, 1.0]])
+
+
+def is_homography(matrix: FloatArray) -> bool:
+    """Whether a matrix is a finite, well-conditioned homography."""
+    if matrix.shape != (3, 3):
+        return False
+    a, b, c, d, e, f, g, h, last = matrix.ravel().tolist()
+    if not all(map(math.isfinite, (a, b, c, d, e, f, g, h, last))) or last == 0.0:
+        return False
+    # Of the matrix whose last element is 1.
+    determinant = a * (e * last - f * h) - b * (d * last - f * g) + c * (d * h - e * g)
+    smallest, largest = DETERMINANT_LIMITS
+    return smallest < abs(determinant / last / last / last) < largest
+
+
+@dataclass(slots=True)
+class Canvas:
+    """Keeps the canvas under the frames.
+
+    Attributes:
+        working_size: width and height of a frame, working px.
+        scale: frame pixels per working pixel.
+        size: width and height of the canvas, px.
+    """
+
+    working_size: tuple[int, int]
+    scale: int
+    size: tuple[int, int] = field(init=False)
+    _margin: FloatArray = field(init=False)
+    _plane_to_canvas: FloatArray | None = None
+    _previous: FloatArray | None = None
+    _reference: int = 0
+    _outline: FloatArray = field(init=False)
+    _grid: FloatArray = field(init=False)
+    _from_grid: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        width, height = self.working_size
+        self._outline = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float64) - 0.5
+        self._grid = working_to_frame(self.scale)
+        self._from_grid = np.asarray(np.linalg.inv(self._grid), np.float64)
+        left, top = math.ceil(width * MARGIN_RATIO), math.ceil(height * MARGIN_RATIO)
+        self._margin = translation(np.array([left, top]))
+        self.size = width + 2 * left, height + 2 * top
+
+    def skip(self) -> None:
+        """Skips a frame: `to_previous` of the next one does not lead to a frame on the canvas."""
+        self._previous = None
+
+    def place(self, motion: Motion) -> FramePosition | None:
+        """Places a frame; scrolls or re-anchors the canvas where needed.
+
+        Returns:
+            None if the registration is unusable: not finite, singular, or with a horizon in the frame.
+        """
+        matrices = (motion.to_reference, motion.to_previous, motion.reference_change)
+        if not all(matrix is None or is_homography(matrix) for matrix in matrices):
+            return None
+        on_plane = motion.to_reference @ self._grid
+        if self._is_new_plane(motion):
+            return self._begin(motion, on_plane)
+        assert self._plane_to_canvas is not None
+        plane_to_canvas = self._plane_to_canvas
+        if motion.reference_change is not None:
+            plane_to_canvas = plane_to_canvas @ np.linalg.inv(motion.reference_change)
+        placed = normalised(self._without_adjustment(plane_to_canvas @ on_plane, motion.to_previous))
+        corners = self._corners(placed)
+        if corners is None:
+            return None
+        change, canvas_change = self._canvas_change(placed, corners)
+        placed = normalised(canvas_change @ placed)
+        self._plane_to_canvas = normalised(placed @ np.linalg.inv(on_plane))
+        self._previous, self._reference = placed, motion.reference
+        return FramePosition(change, canvas_change, placed)
+
+    def _is_new_plane(self, motion: Motion) -> bool:
+        if self._plane_to_canvas is None:
+            return True
+        return motion.reference != self._reference and motion.reference_change is None
+
+    def _begin(self, motion: Motion, on_plane: FloatArray) -> FramePosition | None:
+        if self._corners(normalised(on_plane)) is None:
+            return None
+        self._plane_to_canvas = self._margin @ np.linalg.inv(on_plane)
+        self._previous, self._reference = self._margin, motion.reference
+        return FramePosition(Change.NEW, IDENTITY, self._margin)
+
+    def _without_adjustment(self, placed: FloatArray, to_previous: FloatArray | None) -> FloatArray:
+        """The chained homography if the reference plane was adjusted since the last frame, else `placed`."""
+        if self._previous is None or to_previous is None:
+            return placed
+        chained = self._previous @ self._from_grid @ to_previous @ self._grid
+        step = np.abs(project(placed, self._outline) - project(chained, self._outline)).max()
+        return chained if not step <= ADJUSTMENT_PX else placed
+
+    def _corners(self, placed: FloatArray) -> FloatArray | None:
+        """The frame's corners on the canvas, float64[4, 2]; None if they are not a convex quadrilateral."""
+        depth = self._outline @ placed[2, :2] + placed[2, 2]
+        if depth.min() * depth.max() <= 0.0:
+            return None
+        corners = project(placed, self._outline)
+        convex = cv2.isContourConvex(corners.astype(np.float32).reshape(-1, 1, 2))
+        return corners if convex else None
+
+    def _canvas_change(self, placed: FloatArray, corners: FloatArray) -> tuple[Change, FloatArray]:
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        size = np.array(self.size, np.float64)
+        area_ratio = float(cv2.contourArea(corners.astype(np.float32))) / math.prod(self.working_size)
+        smallest, largest = AREA_RATIO_LIMITS
+        if not (smallest <= area_ratio <= largest and (high - low <= size - 1.0).all()):
+            return Change.REANCHOR, self._margin @ np.linalg.inv(placed)
+        if (low >= -0.5).all() and (high <= size - 0.5).all():
+            return Change.NONE, IDENTITY
+        return Change.SCROLL, translation(np.round((size - 1.0 - low - high) / 2.0))
