@@ -113,7 +113,7 @@ def make_ground(random: np.random.Generator, width: int, height: int) -> np.ndar
 
 
 def make_car(random: np.random.Generator, world: World, lane: int) -> Car:
-    """One lane of the picture for each car, so that they never touch."""
+    """One lane of the image for each car, so that they never touch."""
     width, height = world.size
     y = world.middle[1] + (lane - 1.5) * height / 5
     speed = random.uniform(1.5, 4.0) * (1 if lane % 2 else -1)

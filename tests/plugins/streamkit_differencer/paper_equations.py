@@ -1,6 +1,6 @@
 """Equations 1 to 4 of the paper, in the reading that works, on whole images.
 
-Three things differ from the print. Equation 1 leaves out the case of a pixel that stays quiet: its counter
+Three points differ from the print. Equation 1 leaves out the case of a pixel that stays quiet: its counter
 stays 0. Equation 3 is meant for quiet pixels only. Equation 4 is printed the wrong way round and with the
 background of the wrong time: foreground is what differs from the background as it was before this frame.
 
@@ -8,7 +8,7 @@ Masks are uint8, 255 for true. Brightness is uint8, the background float32: with
 coefficient a difference of less than half a level per update would never be learnt.
 
 The model on the moving canvas (`streamkit_differencer.model`) extends them in kernels of its own: `changes`,
-`contrast` and `learning`.
+`pixel_classes` and `learning`.
 
 Source: Zhang, Liu, Qu, "Research on Feature Extraction Method of UAV Video Image Based on Target Tracking",
 section 2.2; the method is that of Collins et al., "A System for Video Surveillance and Monitoring", 2000.

@@ -1,4 +1,4 @@
-"""The camera's own motion, on pictures moved by known amounts."""
+"""The camera's own motion, on images moved by known amounts."""
 
 import cv2
 import numpy as np
@@ -34,7 +34,7 @@ def shaken(random, pixels=3.0):
 
 
 def with_mover(picture, x):
-    """The picture with a large textured thing that moves."""
+    """The image with a large textured object that moves."""
     changed = picture.copy()
     tile = np.random.default_rng(9).integers(0, 255, (10, 16)).astype(np.uint8)
     changed[60:160, x : x + 128] = cv2.resize(tile, (128, 100), interpolation=cv2.INTER_NEAREST)

@@ -27,7 +27,7 @@ def test_halving_moves_pixel_centres_by_half_a_pixel():
 
 
 def test_the_first_frame_lies_in_the_middle_of_its_canvas():
-    """The canvas of an canvas is its picture with a margin of 12 % on each side."""
+    """The canvas of an anchor is its image with a margin of 12 % on each side."""
     canvas = Canvas(SIZE, 2)
     place = canvas.place(Motion(turned(0.3, 5.0, 1000.0, -70.0)))
     assert place.change is Change.NEW

@@ -1,4 +1,4 @@
-"""Pictures of the canvas on another canvas, and the last frames on it."""
+"""Images of the canvas on another canvas, and the last frames on it."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_scrolling_moves_pixels_and_loses_nothing_else(dx, dy):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_scrolling_again_and_again_moves_pixels_and_loses_nothing_else(seed):
-    """What leaves does not come back, wherever in its memory the picture begins."""
+    """What leaves does not come back, wherever in its memory the image begins."""
     random = np.random.default_rng(seed)
     image = random.uniform(1, 255, SHAPE).astype((np.uint8, np.float32, np.uint8)[seed])
     moved, expected = image.copy(), image.copy()

@@ -13,7 +13,7 @@ INSIDE = np.s_[3:31, 5:47]
 
 
 def pictures(seed, shape=SHAPE):
-    """Two random pictures and two masks."""
+    """Two random images and two masks."""
     random = np.random.default_rng(seed)
     first, second = cv2.blur(
         random.integers(0, 256, (2, *shape), np.uint8).transpose(1, 2, 0), (3, 3)

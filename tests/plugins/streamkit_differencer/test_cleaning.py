@@ -17,7 +17,7 @@ def ring():
 
 
 def test_a_median_takes_lone_pixels_and_keeps_holes():
-    """Things keep their marks."""
+    """Objects keep their marks."""
     mask = ring()
     mask[5:25, 5:10] = 128
     result = cleaned(mask, 5, False)

@@ -17,7 +17,7 @@ def test_each_part_counts():
 
 
 def test_ages_follow_overlapping_boxes():
-    """A box that overlaps one of the frame before is the same thing; another is new."""
+    """A box that overlaps one of the frame before is the same object; another is new."""
     persistence = Persistence()
     for age in range(1, LONG_ENOUGH_FRAMES + 2):
         left = 3.0 * age

@@ -38,7 +38,7 @@ def found(harness, frame):
 
 
 def test_the_same_frame_passes_with_detections(world):
-    """The picture is not copied, what was attached stays, and every frame has Detections."""
+    """The image is not copied, what was attached stays, and every frame has Detections."""
     with Harness("framediff") as harness:
         for time in range(3):
             frame = frame_of(world(11, True), time)
@@ -99,7 +99,7 @@ def test_what_is_set_while_playing_holds_from_the_next_frame_on(world):
 
 
 def test_a_corrupt_frame_gets_no_detections(world):
-    """A damaged picture is not compared with anything."""
+    """A damaged image is not compared with anything."""
     scene = world(11, True)
     with Harness("framediff") as harness:
         warm_up(world, harness)

@@ -1,4 +1,4 @@
-"""framediff when things go wrong: nothing raises, nothing floods, and the cars are back in time."""
+"""framediff with faulty input: no error, no flood of detections, and the cars are detected again in time."""
 
 from collections.abc import Callable, Iterator
 
@@ -154,7 +154,7 @@ def test_registration_lost_for_three_seconds(world):
 
 
 def test_a_flood_is_capped_and_flagged():
-    """Four hundred things at once: 50 are reported, and a message says how many there were."""
+    """Four hundred objects at once: 50 are reported, and a message says how many there were."""
     ground = np.full((480, 640), 120, np.uint8)
     flood = ground.copy()
     for y, x in np.ndindex(20, 20):

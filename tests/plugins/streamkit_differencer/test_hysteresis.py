@@ -1,4 +1,4 @@
-"""Foreground grown to the whole of things."""
+"""Foreground grown to the whole of objects."""
 
 import cv2
 import numpy as np
@@ -9,7 +9,7 @@ from streamkit_differencer.pixel_classes import BACKGROUND, STRONG, UNKNOWN, WEA
 
 
 def grown(levels, region=None):
-    """The foreground of a picture of levels; 77 where nothing was written."""
+    """The foreground of an image of levels; 77 where nothing was written."""
     mask, scratch = np.full(levels.shape, 77, np.uint8), np.full(levels.shape, 55, np.uint8)
     hysteresis_mask(levels.copy(), scratch, mask, region or (0, levels.shape[0], 0, levels.shape[1]))
     return mask
@@ -18,7 +18,7 @@ def grown(levels, region=None):
 @pytest.mark.parametrize("density", [0.001, 0.05, 0.4])
 @pytest.mark.parametrize("seed", range(3))
 def test_growth_is_a_median_and_two_steps_through_what_is_weak(seed, density):
-    """As whole pictures would be filtered one after the other; outside the region nothing is written."""
+    """As whole images would be filtered one after the other; outside the region nothing is written."""
     random, shape = np.random.default_rng(seed), (70, 90)
     levels = np.where(random.random(shape) < 0.5, WEAK, BACKGROUND).astype(np.uint8)
     levels[random.random(shape) < 0.1] = UNKNOWN

@@ -1,4 +1,4 @@
-"""Changes of brightness of the whole picture."""
+"""Changes of brightness of the whole image."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from streamkit_differencer.illumination import exposure_change, is_scene_change
 
 
 def texture(seed=0, shape=(120, 160)):
-    """A picture with contrast and nothing clipped."""
+    """An image with contrast and nothing clipped."""
     return np.random.default_rng(seed).integers(60, 150, shape).astype(np.uint8)
 
 
@@ -18,7 +18,7 @@ def everywhere(image):
 
 @pytest.mark.parametrize(("gain", "offset"), [(1.35, 0.0), (0.6, 0.0), (1.0, 20.0), (0.8, -12.0)])
 def test_the_change_is_found_beside_movers(gain, offset):
-    """A tenth of the picture that changed otherwise does not bend the estimate."""
+    """A tenth of the image that changed otherwise does not bend the estimate."""
     model = texture()
     current = np.clip(gain * model + offset + np.random.default_rng(1).normal(0, 2, model.shape), 0, 255)
     current[:12] = 240
@@ -35,7 +35,7 @@ def test_a_small_change_is_left_to_the_background():
 
 
 def test_another_scene_is_no_change_of_exposure():
-    """No linear change explains another picture."""
+    """No linear change explains another image."""
     assert exposure_change(texture(1), texture(2) + np.uint8(40), everywhere(texture())) is None
 
 
@@ -49,7 +49,7 @@ def test_too_little_is_known():
 
 
 def test_a_picture_without_contrast_has_an_offset():
-    """A flat picture cannot tell a gain; the offset alone is followed."""
+    """A flat image cannot tell a gain; the offset alone is followed."""
     flat = np.full((120, 160), 100, np.uint8)
     step = exposure_change(flat, flat + np.uint8(25), everywhere(flat))
     assert step is not None
@@ -57,13 +57,13 @@ def test_a_picture_without_contrast_has_an_offset():
 
 
 def scene(seed):
-    """A picture with shades larger than the means that tell scenes apart."""
+    """An image with shades larger than the means that tell scenes apart."""
     coarse = np.random.default_rng(seed).integers(60, 150, (15, 20))
     return np.kron(coarse, np.ones((16, 16))).astype(np.uint8)
 
 
 def test_another_scene_is_told_from_noise_and_from_movers():
-    """Pictures that are not alike, or black: another scene. Noise, movers and the same picture: none."""
+    """Images that are not alike, or black: another scene. Noise, movers and the same image: none."""
     here, random = scene(1), np.random.default_rng(2)
     noisy = np.clip(here + random.normal(0, 50, here.shape), 0, 255).astype(np.uint8)
     moving = here.copy()

@@ -63,7 +63,7 @@ def test_what_was_looked_at_but_once_is_learnt_as_soon_as_it_is_quiet():
 
 
 def test_counts_of_frames_end_at_what_a_byte_holds():
-    """A thing that stands for 255 frames has stood for 255."""
+    """An object that stands for 255 frames has stood for 255."""
     mask, standing = np.full(SHAPE, 255, np.uint8), np.full(SHAPE, 254, np.uint8)
     for _ in range(3):
         learn(

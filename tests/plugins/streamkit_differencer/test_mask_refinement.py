@@ -24,7 +24,7 @@ def shown(mask, image, found, has_halo=True, shift=(0, 0), scale=2):
 
 
 def test_all_of_what_moves_is_marked_as_moving():
-    """Of things that changed for the most part; of others what stands stays marked as standing."""
+    """Of objects that changed for the most part; of others what stands stays marked as standing."""
     mask = np.zeros(SHAPE, np.uint8)
     mask[5:15, 5:25], mask[5:15, 5:17] = 128, 255
     mask[25:35, 5:25], mask[25:35, 5:10] = 128, 255
@@ -56,7 +56,7 @@ def test_the_halo_of_a_thing_is_no_foreground():
 
 
 def test_the_ground_is_asked_where_the_frame_lies_on_it():
-    """Ground with a bright part: the thing's contrast is that to what it covers."""
+    """Ground with a bright part: the object's contrast is that to what it covers."""
     ground = np.full((60, 90), 100, np.uint8)
     ground[:, 45:] = 200
     image = ground[5:45, 20:80].copy()
@@ -71,7 +71,7 @@ def test_the_ground_is_asked_where_the_frame_lies_on_it():
 
 
 def test_boxes_beyond_the_picture_are_cut():
-    """A thing at the border keeps its edge there."""
+    """An object at the border keeps its edge there."""
     image = np.full(SHAPE, 200, np.uint8)
     mask = np.full(SHAPE, 255, np.uint8)
     shown(mask, image, objects((-3, -2, 70, 50), scores=[1.0]))

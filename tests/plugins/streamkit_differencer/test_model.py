@@ -21,13 +21,13 @@ OTHER = np.where(np.indices(SHAPE).sum(axis=0) // 16 % 2, 220, 15).astype(np.uin
 
 
 def ground(seed=0):
-    """A picture of smooth shades."""
+    """An image of smooth shades."""
     coarse = np.random.default_rng(seed).uniform(70, 140, (12, 16)).astype(np.float32)
     return cv2.resize(coarse, (160, 120), interpolation=cv2.INTER_LINEAR).astype(np.uint8)
 
 
 def with_thing(image, x, y=20, size=10, tone=250):
-    """The picture with a square in it."""
+    """The image with a square in it."""
     changed = image.copy()
     changed[y : y + size, x : x + size] = tone
     return changed
@@ -77,7 +77,7 @@ def test_a_thing_that_stays_becomes_background_after_absorb_frames():
 
 
 def test_background_under_a_thing_is_kept():
-    """A thing that stops for a while and goes on leaves no ghost."""
+    """An object that stops for a while and goes on leaves no ghost."""
     model = learnt()
     for _ in range(8):
         model.update(with_thing(ground(), 30), SEEN, WHOLE)
@@ -162,7 +162,7 @@ def test_a_model_that_begins_knows_nothing_by_a_first_look():
 
 @pytest.mark.parametrize("gain", [1.35, 0.7])
 def test_a_step_of_exposure_is_followed(gain):
-    """The model takes the new brightness over: the thing stays foreground, the ground does not become it."""
+    """The model takes the new brightness over: the object stays foreground, the ground does not become it."""
     model = learnt()
     brighter = np.clip(gain * with_thing(ground(), 30, tone=10).astype(float), 0, 255).astype(np.uint8)
     mask, event = model.update(brighter, SEEN, WHOLE)
@@ -212,7 +212,7 @@ def test_a_cut_that_changes_few_pixels_begins_the_model_anew():
 
 
 def test_a_scrolled_model_goes_on_as_if_nothing_happened():
-    """The same pictures on the scrolled canvas give the same foreground."""
+    """The same images on the scrolled canvas give the same foreground."""
     here, there = learnt(), learnt()
     there.scroll(6, -4)
     image = with_thing(ground(), 30)
@@ -233,7 +233,7 @@ def test_warping_by_a_shift_equals_scrolling():
 
 
 def test_three_frames_find_things_before_there_is_a_background():
-    """With three_frame a thing is seen from frame 2 tau on; without it there is nothing until lambda."""
+    """With three_frame an object is seen from frame 2 tau on; without it there is nothing until lambda."""
     for three_frame, expected in ((True, True), (False, False)):
         model = BackgroundModel(
             (160, 120), BackgroundSettings(frame_interval=2, quiet_frames=30, three_frame=three_frame)
@@ -250,7 +250,7 @@ def test_three_frames_find_things_before_there_is_a_background():
 
 
 def test_counters_do_not_wrap():
-    """Absorb and lambda at their largest: 600 frames of a standing thing are no overflow."""
+    """Absorb and lambda at their largest: 600 frames of a standing object are no overflow."""
     model = learnt(BackgroundSettings(frame_interval=1, quiet_frames=4, absorb_frames=255))
     image = with_thing(ground(), 30)
     standing = []

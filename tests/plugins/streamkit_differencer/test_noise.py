@@ -42,7 +42,7 @@ def test_thresholds_are_bounded():
 
 
 def test_two_frames_tell_the_noise_of_a_single_one():
-    """The mean difference of two frames with noise, whatever moves in a tenth of the picture."""
+    """The mean difference of two frames with noise, whatever moves in a tenth of the image."""
     random = np.random.default_rng(4)
     first, second = (random.normal(120, 4.0, (400, 600)).round().astype(np.uint8) for _ in range(2))
     second[:40] = 250

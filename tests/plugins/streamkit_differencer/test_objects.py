@@ -52,7 +52,7 @@ def test_fragments_of_one_thing_are_one_object():
 
 
 def test_two_cars_that_pass_each_other_stay_two():
-    """A strip of ground between two things keeps them apart; a crack in one thing does not part it."""
+    """A strip of ground between two objects keeps them apart; a crack in one object does not part it."""
     apart = with_block((100, 100), 20, 20, 40, 30) | with_block((100, 100), 24, 34, 44, 44)
     assert len(find_objects(apart, 2, ObjectSettings())) == 2
     cracked = with_block((100, 100), 20, 20, 40, 44)
@@ -70,7 +70,7 @@ def test_gaps_within_a_thing_are_filled():
 
 
 def test_scatter_keeps_large_things_apart():
-    """By scatter, merging two large things costs more than by gap."""
+    """By scatter, merging two large objects costs more than by gap."""
     mask = with_block((120, 120), 10, 10, 50, 50) | with_block((120, 120), 56, 10, 96, 50)
     by_gap = find_objects(mask, 2, ObjectSettings(merge_gap=4))
     by_scatter = find_objects(mask, 2, ObjectSettings(merge_gap=4, merge_criterion=Criterion.SCATTER))

@@ -23,7 +23,7 @@ def levels_of(image, background, thresholds, *, region=REGION, tolerance=0, gain
 
 
 def scene(seed):
-    """A picture, a background and thresholds, all random and smooth."""
+    """An image, a background and thresholds, all random and smooth."""
     random = np.random.default_rng(seed)
     image = cv2.blur(random.integers(0, 256, SHAPE).astype(np.uint8), (3, 3))
     background = cv2.blur(random.uniform(0, 255, SHAPE).astype(np.float32), (3, 3))

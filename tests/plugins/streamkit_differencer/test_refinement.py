@@ -60,7 +60,7 @@ def test_ground_on_a_canvas_is_placed():
     """The background may lie elsewhere, as on the canvas of a camera that flies."""
     thing = (31.0, 41.0, 55.0, 53.0)
     frame, _ = scene(thing)
-    # Ground with a step beside the thing: placed wrongly, the step would be taken for it.
+    # Ground with a step beside the object: placed wrongly, the step would be taken for it.
     frame[:, 58:] = np.where(frame[:, 58:] == GROUND, 180, frame[:, 58:])
     canvas = np.full((90, 120), GROUND, np.uint8)
     canvas[:, 29 + 10 :] = 180

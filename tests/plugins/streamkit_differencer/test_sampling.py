@@ -12,7 +12,7 @@ TURNED = translation((22.3, 8.9)) @ np.array([[1.05, 0.06, 0], [-0.06, 1.05, 9],
 
 
 def texture(seed=0, shape=SHAPE):
-    """A smooth random picture."""
+    """A smooth random image."""
     return cv2.GaussianBlur(np.random.default_rng(seed).integers(0, 256, shape).astype(np.uint8), (5, 5), 1.2)
 
 
@@ -67,7 +67,7 @@ def test_whole_pixels_are_drawn_as_they_are():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_masks_are_fetched_as_by_nearest_neighbours(seed):
-    """Few things or many, all of them and nothing else; what lies beyond the region is empty."""
+    """Few objects or many, all of them and nothing else; what lies beyond the region is empty."""
     random, region = np.random.default_rng(seed), (12, 105, 22, 180)
     canvas = np.where(random.random(CANVAS) < (0.001, 0.01, 0.3)[seed], 255, 0).astype(np.uint8)
     canvas = cv2.dilate(canvas, np.ones((4, 4), np.uint8))

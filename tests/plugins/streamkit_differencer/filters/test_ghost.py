@@ -1,4 +1,4 @@
-"""Ghosts of things that left."""
+"""Ghosts of objects that left."""
 
 import numpy as np
 import pytest

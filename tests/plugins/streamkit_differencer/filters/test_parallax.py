@@ -1,4 +1,4 @@
-"""Tall things under a moving camera."""
+"""Tall objects under a moving camera."""
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ WAY = parallax_shift(CAMERA_STEP, 0.25)
 
 
 def view(x, width=40, tone=220):
-    """Textured ground with a bright thing whose left edge is at x."""
+    """Textured ground with a bright object whose left edge is at x."""
     ground = np.random.default_rng(2).integers(70, 110, (30, 40)).astype(np.uint8)
     picture = cv2.resize(ground, (160, 120), interpolation=cv2.INTER_LINEAR)
     picture[40:70, x : x + width] = tone
@@ -25,7 +25,7 @@ def view(x, width=40, tone=220):
 
 
 def slides_in(now, before, learnt, known=EVERYWHERE):
-    """The foreground, its pieces, and which of them parallax_shift."""
+    """The foreground, its pieces, and which of them shift."""
     thresholds, levels, mask = (
         np.full(SHAPE, 12, np.uint8),
         np.zeros(SHAPE, np.uint8),
@@ -43,7 +43,7 @@ def slides_in(now, before, learnt, known=EVERYWHERE):
 
 
 def judged(now, before, learnt, known=EVERYWHERE):
-    """The share of the foreground that slides, of pictures now, of tau before and in the background."""
+    """The share of the foreground that slides, of images now, of tau before and in the background."""
     _, blocks, slides = slides_in(now, before, learnt, known)
     return slides[blocks[:, 2]].mean()
 
@@ -63,7 +63,7 @@ def test_a_roof_that_slides_against_the_camera_is_left_out(tone):
     ids=["along-the-camera", "faster-than-tall", "learnt-by-mistake"],
 )
 def test_what_does_not_slide_like_that_stays(now, before, learnt):
-    """A thing that goes the camera's way, one that is too fast, and one whose old place was learnt."""
+    """An object that goes the camera's way, one that is too fast, and one whose old place was learnt."""
     assert judged(view(now), view(before), view(learnt)) < 0.05
 
 

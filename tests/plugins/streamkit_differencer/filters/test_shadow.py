@@ -1,4 +1,4 @@
-"""Shadows told from things."""
+"""Shadows told from objects."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ def street():
 
 
 def seen(ground, factor_area, thing_area):
-    """The ground with a shadow of factor 0.6 and a thing of its own texture."""
+    """The ground with a shadow of factor 0.6 and an object of its own texture."""
     random = np.random.default_rng(1)
     frame = ground.copy()
     frame[factor_area] *= 0.6
@@ -21,7 +21,7 @@ def seen(ground, factor_area, thing_area):
 
 
 def test_a_things_shadow_goes_and_the_thing_stays():
-    """Most of the shadow is found, and hardly anything of the thing."""
+    """Most of the shadow is found, and hardly anything of the object."""
     shadow, thing = np.s_[20:32, 40:60], np.s_[20:40, 20:40]
     ground, mask = street(), np.zeros((60, 90), np.uint8)
     mask[shadow] = mask[thing] = 255

@@ -9,7 +9,7 @@ from streamkit.testing import Harness
 
 
 def test_files_are_named_and_valued_as_the_tools_read_them(tmp_path):
-    """Six digits from 1; 255 for things, 0 for shadow and ground."""
+    """Six digits from 1; 255 for objects, 0 for shadow and ground."""
     folder = tmp_path / "results" / "baseline"
     with Harness("changemasksink", location=str(folder)) as harness:
         for value in (255, 50):

@@ -51,7 +51,7 @@ def test_mot(tmp_path):
 
 
 def test_coco(tmp_path):
-    """One object; every frame is an image, boxes count from the picture's corner."""
+    """One object; every frame is an image, boxes count from the image's corner."""
     data = json.loads(written(tmp_path / "d.json"))
     assert [image["id"] for image in data["images"]] == [1, 2]
     assert data["images"][0]["width"] == 64
