@@ -154,7 +154,7 @@ class ObjectSettings:
         unit="cells",
         doc="Fragments nearer than this are one object; -1 is 3 at full resolution, else 1.",
     )
-    merge_criterion: Criterion = setting(  # noqa: RUF009  a dataclass field
+    merge_criterion: Criterion = setting(
         Criterion.GAP,
         live=True,
         doc="Merge criterion, the paper's J_mn: gap between fragments, or scatter of cells in a cluster.",
