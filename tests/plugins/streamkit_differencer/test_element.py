@@ -199,6 +199,16 @@ def test_former_names_of_properties_are_accepted_with_a_warning():
         assert not messages
 
 
+def test_a_description_may_use_a_former_name():
+    """The graph warns and shows the property by its name of today."""
+    pipeline = Pipeline.parse("videotestsrc ! framediff name=f tau=2 ! fakesink")
+    assert pipeline["f"].properties_set() == {"frame-interval": 2}
+    assert (
+        "renamed-property",
+        "f: tau is called frame-interval now; use that name",
+    ) in pipeline.graph.warnings
+
+
 def test_masks_have_the_frames_size_rate_and_times():
     """Each mask comes before its frame."""
     text = (
