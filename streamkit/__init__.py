@@ -40,8 +40,10 @@ if TYPE_CHECKING:
     from streamkit.flow.caps_values import ValueList as ValueList
     from streamkit.flow.events import CapsEvent as CapsEvent
     from streamkit.flow.events import DiscontinuityEvent as DiscontinuityEvent
+    from streamkit.flow.events import EndOfStream as EndOfStream
     from streamkit.flow.events import EosEvent as EosEvent
     from streamkit.flow.events import Event as Event
+    from streamkit.flow.events import Flushing as Flushing
     from streamkit.flow.events import FlushStart as FlushStart
     from streamkit.flow.events import FlushStop as FlushStop
     from streamkit.flow.events import GapEvent as GapEvent
@@ -68,8 +70,6 @@ if TYPE_CHECKING:
     from streamkit.flow.record import record_line as record_line
     from streamkit.flow.record import track_record as track_record
     from streamkit.flow.segment import Segment as Segment
-    from streamkit.flow.signals import EndOfStream as EndOfStream
-    from streamkit.flow.signals import Flushing as Flushing
     from streamkit.flow.video import LUMA_CAPS as LUMA_CAPS
     from streamkit.flow.video import luma as luma
     from streamkit.flow.video import raw_video_caps as raw_video_caps
@@ -92,8 +92,8 @@ _HOMES = {
     "streamkit.flow.caps": ("ANY", "Caps", "Structure"),
     "streamkit.flow.caps_values": ("FractionRange", "IntRange", "ValueList"),
     "streamkit.flow.events": (
-        "CapsEvent", "DiscontinuityEvent", "EosEvent", "Event", "FlushStart", "FlushStop", "GapEvent",
-        "SegmentEvent",
+        "CapsEvent", "DiscontinuityEvent", "EndOfStream", "EosEvent", "Event", "FlushStart", "FlushStop",
+        "Flushing", "GapEvent", "SegmentEvent",
     ),
     "streamkit.flow.frame": ("Capture", "Frame", "FrameFlags"),
     "streamkit.flow.messages": ("Message", "MessageKind"),
@@ -105,7 +105,6 @@ _HOMES = {
         "TRACKS_CAPS", "TrackRecord", "decode_record", "encode_record", "record_line", "track_record",
     ),
     "streamkit.flow.segment": ("Segment",),
-    "streamkit.flow.signals": ("EndOfStream", "Flushing"),
     "streamkit.flow.video": ("LUMA_CAPS", "luma", "raw_video_caps"),
     "streamkit.graph.pipeline": ("Pipeline",),
     "streamkit.masking": ("mask_secrets",),

@@ -1,16 +1,16 @@
-"""Every error streamkit raises on purpose.
+"""All errors that streamkit raises on purpose.
 
     StreamkitError
-    ├── CapsSyntax             a caps text that cannot be read
-    ├── CapsTooLarge           caps with more alternatives than are kept
+    ├── CapsSyntax             a caps text that cannot be parsed
+    ├── CapsTooLarge           caps with too many alternatives
     ├── DescriptionError       a pipeline description that cannot become a graph; points into the text
-    ├── PropertyError          a property that does not exist or a value it does not take
+    ├── PropertyError          a property that does not exist or refuses a value
     ├── PluginBroken           an entry point that cannot be loaded
-    ├── NotNegotiated          two pads without common caps
+    ├── NotNegotiated          two linked pads without common caps
     ├── ElementFailure         an element raised: names element, frame and cause
     ├── StateError             a call that the pipeline's state does not allow
-    │   ├── HangDetected       a call of an element that has not come back in time
-    │   └── StartCancelled     a start that was interrupted from outside
+    │   ├── HangDetected       a call of an element that did not return in time
+    │   └── StartCancelled     a start that was cancelled
     └── ResourceError          a file, address or device that cannot be used
         └── StreamError        media that cannot be read
 
@@ -21,16 +21,26 @@ from __future__ import annotations
 
 import errno
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from streamkit.masking import presentable, star_secrets
 
 
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """A hint with the most similar known word, or ""."""
+    import difflib
+
+    by_lower_case = {name.lower(): name for name in known}
+    nearest = difflib.get_close_matches(word.lower(), list(by_lower_case), n=1, cutoff=0.6)
+    return f'did you mean "{by_lower_case[nearest[0]]}"?' if nearest else ""
+
+
 def write_remedy(error: Exception) -> str:
-    """What helps where a file could not be written, to stand behind the reason; "" where that is unknown.
+    """Remedy for a failed write, to append to the reason; "" if unknown.
 
     Args:
-        error: of the operating system, or of a library that passes its number on as `errno`.
+        error: `OSError`, or an error of a library with an `errno`.
     """
     number = getattr(error, "errno", None)
     if number in (errno.ENOSPC, errno.EDQUOT):
@@ -42,18 +52,18 @@ def write_remedy(error: Exception) -> str:
 
 
 class StreamkitError(Exception):
-    """Base of all errors streamkit raises on purpose; masks and bounds its text when it is made."""
+    """Base class; masks secrets in its text and bounds its length."""
 
     def __init__(self, *arguments: object) -> None:
         super().__init__(*(presentable(item) if isinstance(item, str) else item for item in arguments))
 
 
 class CapsSyntax(StreamkitError, ValueError):
-    """A caps text that cannot be read.
+    """A caps text that cannot be parsed.
 
     Attributes:
-        position: offset of the fault in the text, in characters.
-        length: how many characters are at fault, at least 1.
+        position: offset of the error, characters.
+        length: of the invalid part, characters, at least 1.
         rule: what is wrong, without the text and the place.
         hint: a remedy, or "".
     """
@@ -69,12 +79,12 @@ class CapsSyntax(StreamkitError, ValueError):
 
 
 class CapsTooLarge(StreamkitError, ValueError):
-    """Caps with more structures, or a field with more alternatives, than are kept."""
+    """Caps with too many structures, or a field with too many alternatives."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where in a description something stands: 1-based line and column, length in characters."""
+    """A place in a description: 1-based line and column, length in characters."""
 
     line: int = 1
     column: int = 1
@@ -90,7 +100,7 @@ class DescriptionError(StreamkitError, ValueError):
         message: what is wrong, without the place.
         place: where in the text.
         hint: a remedy, or "".
-        secrets: assignments in the text, "password=...", whose values must not be shown.
+        secrets: assignments in the text, "password=...", whose values are masked.
     """
 
     def __init__(self, code: str, message: str, place: Place | None = None, hint: str = "") -> None:
@@ -102,11 +112,11 @@ class DescriptionError(StreamkitError, ValueError):
         self.secrets: tuple[str, ...] = ()
 
     def placed(self, place: Place) -> DescriptionError:
-        """The same error, pointing elsewhere."""
+        """The same error at another place."""
         return DescriptionError(self.code, self.message, place, self.hint)
 
     def pointed(self, text: str, origin: str = "description") -> str:
-        """The error with the line of the text it points into and carets below the fault; no secrets."""
+        """The error with its line of the text and carets under the place; secrets are masked."""
         text = star_secrets(text)
         for secret in self.secrets:
             name_length = secret.find("=") + 1
@@ -122,7 +132,7 @@ class DescriptionError(StreamkitError, ValueError):
 
 
 class PropertyError(StreamkitError, ValueError):
-    """A property that does not exist, or a value it does not take."""
+    """A property that does not exist or refuses a value."""
 
 
 class PluginBroken(StreamkitError, ImportError):
@@ -130,19 +140,19 @@ class PluginBroken(StreamkitError, ImportError):
 
 
 class NotNegotiated(StreamkitError):
-    """Two linked pads that have no caps in common, or caps that an element refuses."""
+    """Two linked pads without common caps, or caps that an element refuses."""
 
 
 class StateError(StreamkitError, RuntimeError):
-    """A call that the state of the pipeline does not allow."""
+    """A call that is not allowed in the current state."""
 
 
 class HangDetected(StateError):
-    """A call of an element has not come back in time; its thread is left behind."""
+    """A call of an element did not return in time; its thread is abandoned."""
 
 
 class StartCancelled(StateError):
-    """The start of a pipeline was interrupted by `Pipeline.cancel`; what had started has been stopped."""
+    """The start of a pipeline was cancelled by `Pipeline.cancel`; started elements are stopped."""
 
 
 class ResourceError(StreamkitError, OSError):
@@ -157,9 +167,9 @@ class ElementFailure(StreamkitError, RuntimeError):
     """An element raised an exception.
 
     Attributes:
-        element: its name in the graph.
-        factory: its element type.
-        frame: what it was working on, for example "frame seq=12 pts=0.480 s", or "".
+        element: name in the graph.
+        factory: element type.
+        frame: the current frame, for example "frame seq=12 pts=0.480 s", or "".
         cause: the exception.
     """
 

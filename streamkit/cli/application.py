@@ -1,4 +1,4 @@
-"""What the arguments of the command line make: the application with the commands they may mean."""
+"""The typer application with the commands that the arguments may name."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import typer
 
-from streamkit.cli.commands import CORE, CommandEntry, add_command, installed_commands, list_command
+from streamkit.cli.commands import CORE, add_command, installed_commands, list_command
+from streamkit.element.entries import PluginEntry
 
 
 def version(show: bool = typer.Option(False, "--version", help="Print the version and leave.")) -> None:
@@ -19,9 +20,9 @@ def version(show: bool = typer.Option(False, "--version", help="Print the versio
 
 
 def application(arguments: Sequence[str]) -> typer.Typer:
-    """The application with the command that the arguments begin with.
+    """The application with the command named first in the arguments.
 
-    Where they begin with none, all are listed by what their source says of them, and imported when called.
+    Without one, all commands are listed with the docstrings in their source, and imported when called.
     """
     app = typer.Typer(
         name="streamkit",
@@ -40,6 +41,6 @@ def application(arguments: Sequence[str]) -> typer.Typer:
     return app
 
 
-def _command_named(name: str) -> CommandEntry | None:
-    """The command of that name; packages are searched only if they must be."""
-    return CommandEntry(name, CORE[name]) if name in CORE else installed_commands().get(name)
+def _command_named(name: str) -> PluginEntry | None:
+    """The command of a name; searches installed packages only if necessary."""
+    return PluginEntry("command", name, CORE[name]) if name in CORE else installed_commands().get(name)

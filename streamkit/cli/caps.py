@@ -1,4 +1,4 @@
-"""`streamkit caps`: reads caps, computes with them, and prints the result as JSON."""
+"""`streamkit caps`: computes with caps and prints the result as JSON."""
 
 from __future__ import annotations
 
@@ -6,32 +6,33 @@ import functools
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import date
+from fractions import Fraction
 from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperCommand
 
-from streamkit.cli.caps_json import describe_caps, describe_value
 from streamkit.cli.commands import parsed_by
-from streamkit.errors import CapsSyntax, CapsTooLarge
-from streamkit.flow.caps import Caps, read_value
+from streamkit.cli.description import fail_json
+from streamkit.errors import CapsSyntax, CapsTooLarge, Place
+from streamkit.flow.caps import Caps, Structure, read_value
 from streamkit.flow.caps_algebra import intersect_values, is_subset_value, values_equal
-from streamkit.flow.caps_difference import unite_values
+from streamkit.flow.caps_serialize import type_name, write_plain
+from streamkit.flow.caps_simplify import unite_values
 from streamkit.flow.caps_text import READERS, TYPES
-from streamkit.flow.caps_values import Value
-
-USAGE_EXIT = 2
+from streamkit.flow.caps_values import FlagSet, IntRange, NullText, Range, Value, ValueArray, ValueList
 
 
 class CapsCommand(TyperCommand):
-    """Takes texts that begin with a dash, such as -1, as they are."""
+    """Accepts texts that start with a dash, such as -1."""
 
     ignore_unknown_options = True
 
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """One thing to compute: how many texts it takes (`most` None for any number), and what it gives."""
+    """An operation, and its number of texts (`most` None: any number)."""
 
     least: int
     most: int | None
@@ -42,15 +43,15 @@ def _on_caps(function: Callable[[Caps], Caps]) -> Operation:
     return Operation(1, 1, lambda texts: describe_caps(function(Caps(texts[0]))))
 
 
-def _folded(function: Callable[[Caps, Caps], Caps]) -> Operation:
+def _fold(function: Callable[[Caps, Caps], Caps]) -> Operation:
     return Operation(2, None, lambda texts: describe_caps(functools.reduce(function, map(Caps, texts))))
 
 
-def _asked(function: Callable[..., bool], count: int = 2) -> Operation:
+def _test(function: Callable[..., bool], count: int = 2) -> Operation:
     return Operation(count, count, lambda texts: {"result": function(*map(Caps, texts))})
 
 
-def _asked_of_values(function: Callable[[Value, Value], bool]) -> Operation:
+def _value_test(function: Callable[[Value, Value], bool]) -> Operation:
     return Operation(2, 2, lambda texts: {"result": function(read_value(texts[0]), read_value(texts[1]))})
 
 
@@ -64,8 +65,6 @@ def _on_values(function: Callable[[Value, Value], Value | None]) -> Operation:
 def _value_result(found: Value | None) -> dict[str, Any]:
     if found is None:
         return {"result": None}
-    from streamkit.flow.caps_serialize import write_plain
-
     return {"result": write_plain(found), **describe_value(found)}
 
 
@@ -101,13 +100,13 @@ def _fixate(caps: Caps) -> Caps:
 
 OPERATIONS: dict[str, Operation] = {
     "parse": _on_caps(lambda caps: caps),
-    "intersect": _folded(Caps.intersect),
-    "union": _folded(lambda one, other: one | other),
-    "subset": _asked(lambda one, other: one <= other),
-    "equal": _asked(lambda one, other: one == other),
-    "strictly-equal": _asked(Caps.strictly_equal),
-    "can-intersect": _asked(Caps.can_intersect),
-    "is-fixed": _asked(lambda caps: caps.is_fixed, 1),
+    "intersect": _fold(Caps.intersect),
+    "union": _fold(lambda one, other: one | other),
+    "subset": _test(lambda one, other: one <= other),
+    "equal": _test(lambda one, other: one == other),
+    "strictly-equal": _test(Caps.strictly_equal),
+    "can-intersect": _test(Caps.can_intersect),
+    "is-fixed": _test(lambda caps: caps.is_fixed, 1),
     "relate": Operation(2, 2, _relation),
     "fixate": _on_caps(_fixate),
     "normalize": _on_caps(Caps.normalize),
@@ -117,10 +116,10 @@ OPERATIONS: dict[str, Operation] = {
     "value": Operation(1, 1, lambda texts: _value_result(read_value(texts[0]))),
     "value-intersect": _on_values(intersect_values),
     "value-union": _on_values(unite_values),
-    "value-subset": _asked_of_values(is_subset_value),
-    "value-equal": _asked_of_values(values_equal),
+    "value-subset": _value_test(is_subset_value),
+    "value-equal": _value_test(values_equal),
 }
-FIRST = _folded(lambda one, other: one & other)
+FIRST = _fold(lambda one, other: one & other)
 SYNONYMS = {"normalise": "normalize", "merge": "union", "fixed": "is-fixed"}
 
 
@@ -149,40 +148,77 @@ def caps(
     name = operation.replace("_", "-")
     found = OPERATIONS.get(SYNONYMS.get(name, name))
     if mode not in ("zigzag", "first"):
-        _fail("usage", f"--mode takes zigzag or first, got {mode!r}")
+        fail_json("usage", f"--mode takes zigzag or first, got {mode!r}")
     if found is None:
-        _fail("usage", f"no operation {operation!r}", hint=f"operations are {', '.join(OPERATIONS)}")
+        fail_json("usage", f"no operation {operation!r}", hint=f"operations are {', '.join(OPERATIONS)}")
     if mode == "first" and name == "intersect":
         found = FIRST
     if len(texts) < found.least or (found.most is not None and len(texts) > found.most):
         wanted = f"{found.least}" if found.most == found.least else f"{found.least} or more"
-        _fail("usage", f"{name} takes {wanted} texts, got {len(texts)}")
+        fail_json("usage", f"{name} takes {wanted} texts, got {len(texts)}")
     try:
         result = found.compute(texts)
     except CapsSyntax as error:
         text = next((text for text in texts if repr(text)[:-1] in str(error)), texts[0])
         _fail_syntax(error, text)
     except CapsTooLarge as error:
-        _fail("too-large", str(error))
+        fail_json("too-large", str(error))
     typer.echo(json.dumps(result, indent=2))
 
 
 def _fail_syntax(error: CapsSyntax, text: str) -> NoReturn:
     before = text[: error.position]
     line, column = before.count("\n") + 1, error.position - (before.rfind("\n") + 1) + 1
-    _fail("syntax", error.rule, line=line, column=column, length=error.length, hint=error.hint)
+    fail_json("syntax", error.rule, Place(line, column, error.length), error.hint)
 
 
-def _fail(
-    code: str, message: str, *, line: int = 1, column: int = 1, length: int = 1, hint: str = ""
-) -> NoReturn:
-    content = {
-        "code": code,
-        "message": message,
-        "line": line,
-        "column": column,
-        "length": length,
-        "hint": hint,
+def describe_caps(caps: Caps) -> dict[str, Any]:
+    """`{"caps", "any", "empty", "size", "fixed", "structures"}`."""
+    return {
+        "caps": str(caps),
+        "any": caps.is_any,
+        "empty": caps.is_empty,
+        "size": len(caps.structures),
+        "fixed": caps.is_fixed,
+        "structures": [describe_structure(structure) for structure in caps.structures],
     }
-    typer.echo(json.dumps({"error": content}), err=True)
-    raise typer.Exit(USAGE_EXIT)
+
+
+def describe_structure(structure: Structure) -> dict[str, Any]:
+    """`{"name", "features", "fields"}`, a field as `{"type", "value"}`."""
+    return {
+        "name": structure.name,
+        "features": list(structure.features),
+        "fields": {name: describe_value(value) for name, value in structure.fields.items()},
+    }
+
+
+def describe_value(value: Value) -> dict[str, Any]:
+    """`{"type", "value"}`, with GStreamer's type name, of ranges, lists and arrays that of their members."""
+    return {"type": type_name(value), "value": plain_value(value)}
+
+
+def plain_value(value: Value) -> Any:
+    """A JSON value: `{"range": [low, high(, step)]}`, `{"list": [...]}`, `{"array": [...]}`, ..."""
+    if isinstance(value, ValueList):
+        return {"list": [describe_value(item) for item in value.items]}
+    if isinstance(value, ValueArray):
+        return {"array": [describe_value(item) for item in value.items]}
+    if isinstance(value, IntRange):
+        ends = [value.low, value.high] + ([value.step] if value.step != 1 else [])
+        return {"range": [int(end) for end in ends]}
+    if isinstance(value, Range):
+        return {"range": [plain_value(value.low), plain_value(value.high)]}
+    if isinstance(value, FlagSet):
+        return {"flags": value.flags, "mask": value.mask}
+    if isinstance(value, Caps):
+        return describe_caps(value)
+    if isinstance(value, Structure):
+        return describe_structure(value)
+    if isinstance(value, Fraction):
+        return f"{value.numerator}/{value.denominator}"
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, date):
+        return value.isoformat()
+    return None if isinstance(value, NullText) else value

@@ -1,4 +1,4 @@
-"""What `launch` leaves to say when its process dies at once, as by a crash in native code."""
+"""Crash report of `launch`: names the active elements if the process dies, as by a crash in native code."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from streamkit.element.base import Element
 
 CLOSE_LIMIT_S = 2.0
-# Waits for a word on stdin; where the other end is closed without one, the process has died.
+# Waits for a word on stdin; if the other end is closed without one, the process has died.
 SCRIPT = """
 read -r word && exit
 names=$(sed -n 's/^1 //p' "$1" | tr '\\n' ' ')
@@ -22,10 +22,10 @@ echo "error: the process has died; elements at work: ${names:-none }" >&2
 
 
 class CrashReport:
-    """Names the elements that were at work when the process died, and where in their code.
+    """Reports the elements that were at work when the process died.
 
-    `faulthandler` writes where each thread stood. The elements mark themselves in memory that a shell process
-    shares (`Element.at_work`); it prints the names of those marked unless `close` was called before.
+    `faulthandler` prints the stack of each thread. Elements mark themselves in memory shared with a shell
+    process (`Element.at_work`), which prints the names of those marked unless `close` was called before.
 
     Args:
         elements: the elements of the graph.
@@ -45,7 +45,7 @@ class CrashReport:
             for element, line in zip(members, lines, strict=True):
                 element.at_work = marks[offset : offset + 1]
                 offset += len(line)
-            with contextlib.suppress(OSError):  # no shell: the traceback alone has to do
+            with contextlib.suppress(OSError):  # no shell: only the traceback is printed
                 self._process = self._watcher(record.fileno())
 
     def _watcher(self, record: int) -> subprocess.Popen[bytes]:
@@ -56,13 +56,13 @@ class CrashReport:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 pass_fds=(inherited,),
-                start_new_session=True,  # Ctrl-C in the terminal is not for it
+                start_new_session=True,  # ignores Ctrl-C in the terminal
             )
         finally:
             os.close(inherited)
 
     def close(self) -> None:
-        """The process ends as it should: nothing is to be said."""
+        """Ends the shell process without a report."""
         process, self._process = self._process, None
         if process is None:
             return

@@ -1,7 +1,8 @@
-"""The description that `launch` and `graph` are given: from arguments or a file, with variables."""
+"""Reads the description for `launch` and `graph` from arguments or a file, with variables."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,7 +12,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from streamkit.errors import DescriptionError
+from streamkit.errors import DescriptionError, Place
 from streamkit.masking import presentable
 
 USAGE_EXIT = 2
@@ -29,10 +30,10 @@ SettingsOption = Annotated[
 
 
 class Settings(Mapping[str, str]):
-    """What `--set` gave, and what the description has asked for.
+    """Variables of `--set`; records which ones the description uses.
 
     Attributes:
-        asked: names the description has, each after it was looked up.
+        asked: names that were looked up.
     """
 
     def __init__(self, given: Mapping[str, str]) -> None:
@@ -50,7 +51,7 @@ class Settings(Mapping[str, str]):
         return len(self._given)
 
     def notes(self) -> list[str]:
-        """A line for each name that was given for nothing: mistyped, most likely."""
+        """A line for each unused name, which is probably mistyped."""
         known = f"it has {', '.join(self.asked)}" if self.asked else "it has no variables"
         return [
             f"--set {name} is not used: the description has no ${{{name}}}; {known}"
@@ -61,7 +62,7 @@ class Settings(Mapping[str, str]):
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """A text, what to call it in errors, and its variables."""
+    """A text, its name in errors, and its variables."""
 
     text: str
     name: str
@@ -69,9 +70,9 @@ class Description:
 
 
 def join_arguments(arguments: Sequence[str]) -> str:
-    """The text of a description given as arguments: one is the text, several are joined as gst-launch does.
+    """The description of command-line arguments: one is the text, several are joined as in gst-launch.
 
-    Blanks inside an argument are escaped where they stand outside double quotes.
+    Blanks inside an argument and outside double quotes are escaped.
     """
     if len(arguments) == 1:
         return arguments[0]
@@ -92,7 +93,7 @@ def _escape_blanks(argument: str) -> str:
 def read_description(
     arguments: Sequence[str] | None, file: Path | None, settings: Sequence[str]
 ) -> Description:
-    """The description the command line asks for; leaves with exit code 2 where it cannot be had."""
+    """The description of the command line; exits with code 2 if it cannot be read."""
     variables: dict[str, str] = {}
     for setting in settings:
         name, mark, value = setting.partition("=")
@@ -115,25 +116,23 @@ def read_description(
 
 
 def fail_usage(message: str) -> NoReturn:
-    """Ends the command with a usage error."""
+    """Exits with a usage error."""
     typer.echo(f"error: {presentable(message)}", err=True)
     raise typer.Exit(USAGE_EXIT)
 
 
 def fail_description(error: DescriptionError, description: Description, *, as_json: bool) -> NoReturn:
-    """Ends the command because a description cannot become a graph; points into the text."""
+    """Exits because of an invalid description; points into the text."""
     if as_json:
-        place = error.place
-        content = {
-            "code": error.code,
-            "message": error.message,
-            "line": place.line,
-            "column": place.column,
-            "length": place.length,
-            "hint": error.hint,
-        }
-        typer.echo(json.dumps({"error": content}), err=True)
-    else:
-        typer.echo(error.pointed(description.text, description.name), err=True)
+        fail_json(error.code, error.message, error.place, error.hint)
+    typer.echo(error.pointed(description.text, description.name), err=True)
+    sys.stderr.flush()
+    raise typer.Exit(USAGE_EXIT)
+
+
+def fail_json(code: str, message: str, place: Place | None = None, hint: str = "") -> NoReturn:
+    """Exits with an error as a JSON object on stderr."""
+    facts = {"code": code, "message": message, **dataclasses.asdict(place or Place()), "hint": hint}
+    typer.echo(json.dumps({"error": facts}), err=True)
     sys.stderr.flush()
     raise typer.Exit(USAGE_EXIT)

@@ -1,4 +1,4 @@
-"""What `launch` shows while a pipeline runs: nothing, a progress line, a table, or a line every second."""
+"""Displays of `launch`: none, a progress line, a table, or a line every second."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ LINE_EVERY_S = 1.0
 
 
 class Display:
-    """Shows nothing but what it is told; base of the others.
+    """Prints lines only; base class of the other displays.
 
     Attributes:
-        every_s: how often the display changes at most, s.
+        every_s: minimum interval between updates, s.
     """
 
     every_s = REDRAW_EVERY_S
@@ -38,46 +38,46 @@ class Display:
         self.last: RunStatistics | None = None
 
     def look(self) -> RunStatistics:
-        """The statistics now."""
+        """Current statistics."""
         return RunStatistics(
             elapsed_s=round(time.monotonic() - self.began_s, 3), elements=self.pipeline.statistics()
         )
 
     def last_look(self) -> RunStatistics:
-        """The statistics of the whole run, taken when it ends."""
+        """Statistics of the whole run; call it at the end."""
         self.last = self.look()
         return self.last
 
     def show(self) -> None:
-        """Draws anew, if it is time to."""
+        """Redraws if the interval has passed."""
         now_s = time.monotonic()
         if now_s - self._drawn_s >= self.every_s:
             self._drawn_s = now_s
             self.draw()
 
     def draw(self) -> None:
-        """Draws anew."""
+        """Redraws the display."""
 
-    def tell(self, line: str) -> None:
-        """Prints a line on stderr, above what is drawn."""
+    def print_line(self, line: str) -> None:
+        """Prints a line on stderr, above the display."""
         typer.echo(presentable(line), err=True)
 
     def end(self) -> None:
-        """Leaves the last state standing."""
+        """Draws the final state."""
 
     def abandon(self) -> None:
-        """The process ends at once: gives the terminal back as it was."""
+        """Restores the terminal before the process ends at once."""
 
 
 class Progress(Display):
-    """A line on the terminal that tells how far the pipeline is."""
+    """A progress line on the terminal."""
 
     shown = False
     _frames = 0
     _frames_s = 0.0
 
     def draw(self) -> None:
-        """Draws the line anew."""
+        """Redraws the line."""
         self._write(self.look())
 
     def _write(self, now: RunStatistics, *, is_last: bool = False) -> None:
@@ -103,22 +103,22 @@ class Progress(Display):
             return ""
         return f"  at {position / 1e9:.1f} of {duration / 1e9:.1f} s ({100 * position / duration:.0f} %)"
 
-    def tell(self, line: str) -> None:
-        """Prints a line in the place of the progress, which is drawn again below."""
+    def print_line(self, line: str) -> None:
+        """Prints a line in place of the progress line, which is redrawn below."""
         if self.shown:
             sys.stderr.write("\r\x1b[K")
             self.shown = False
-        super().tell(line)
+        super().print_line(line)
 
     def end(self) -> None:
-        """The whole run in one line."""
+        """Prints the whole run in one line."""
         if self.last is not None:
             self._write(self.last, is_last=True)
             sys.stderr.write("\n")
 
 
 class Lines(Display):
-    """A line with the counters of all elements every second, for logs; a table at the end."""
+    """A line with all counters every second, for logs; a table at the end."""
 
     every_s = LINE_EVERY_S
     before: RunStatistics | None = None
@@ -128,15 +128,15 @@ class Lines(Display):
         self.every_second = every_second
 
     def draw(self) -> None:
-        """Writes a line."""
+        """Prints a line."""
         if not self.every_second:
             return
         now = self.look()
-        self.tell(as_line(now, self.before))
+        self.print_line(as_line(now, self.before))
         self.before = now
 
     def end(self) -> None:
-        """The table of the whole run."""
+        """Prints the table of the whole run."""
         if self.last is not None:
             from rich.console import Console
 
@@ -144,13 +144,13 @@ class Lines(Display):
 
 
 class Table(Lines):
-    """A table on the terminal, redrawn in its place."""
+    """A table on the terminal, redrawn in place."""
 
     every_s = REDRAW_EVERY_S
     _live: Live | None = None
 
     def draw(self) -> None:
-        """Draws the table with the rates since the last look, a second ago or so."""
+        """Redraws the table with rates over about the last second."""
         now = self.look()
         self._update(now, self.before)
         if self.before is None or now.elapsed_s - self.before.elapsed_s >= LINE_EVERY_S:
@@ -168,22 +168,22 @@ class Table(Lines):
         if self._live is None:
             self._live = Live(
                 console=Console(stderr=True),
-                auto_refresh=False,  # no thread of its own
+                auto_refresh=False,  # without its own thread
                 redirect_stdout=False,
                 redirect_stderr=False,
             )
             self._live.start()
         self._live.update(as_table(measure_rows(now, before), now.elapsed_s), refresh=True)
 
-    def tell(self, line: str) -> None:
+    def print_line(self, line: str) -> None:
         """Prints a line above the table."""
         if self._live is None:
-            super().tell(line)
+            super().print_line(line)
         else:
             self._live.console.print(presentable(line), markup=False, highlight=False)
 
     def end(self) -> None:
-        """Leaves the table of the whole run."""
+        """Draws the table of the whole run."""
         if self.last is not None:
             self._update(self.last, None)
         if self._live is not None:

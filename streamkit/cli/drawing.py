@@ -1,4 +1,4 @@
-"""Drawings of a graph in the languages of Graphviz and Mermaid, with the counters of a run if given."""
+"""Draws a graph for Graphviz and Mermaid, optionally with the counters of a run."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ SVG_LIMIT_S = 30
 
 @dataclass(frozen=True, slots=True)
 class Notes:
-    """What a run has to add to a drawing.
+    """Counters of a run in a drawing.
 
     Attributes:
-        elements: lines to add to an element, by `id`.
-        links: lines to add to a link, by the `id` of its sink pad.
-        busy: share of the time that an element worked, 0 to 1, by `id`.
+        elements: lines for an element, by `id`.
+        links: lines for a link, by the `id` of its sink pad.
+        busy: share of time that an element worked, 0 to 1, by `id`.
     """
 
     elements: dict[int, list[str]] = field(default_factory=dict)
@@ -38,12 +38,12 @@ class Notes:
 
 
 def link_caps(src: Pad, sink: Pad) -> str:
-    """The caps two pads can agree on, as far as is known before data flows."""
+    """The common caps of two pads, as known before data flows."""
     return str(sink.query_caps() & src.query_caps())
 
 
 def read_notes(built: Graph, file: Path | None) -> Notes:
-    """The counters in a file of `launch --stats-file`, for the elements of a graph; leaves with 2 if bad."""
+    """Reads the counters of `launch --stats-file` for the elements of a graph; exits with 2 if invalid."""
     if file is None:
         return Notes()
     import msgspec
@@ -90,7 +90,7 @@ def _note(notes: Notes, element: Element, row: Row, elapsed_s: float) -> None:
 
 
 def _ids(built: Graph) -> dict[int, str]:
-    """What each element is called in a drawing: its name, with a number where bins share one."""
+    """Names of elements in a drawing, numbered if bins share one."""
     taken: Counter[str] = Counter()
     found = {}
     for element in built.elements:
@@ -110,7 +110,7 @@ def _link_label(src: Pad, sink: Pad, notes: Notes) -> str:
 
 
 def _colour(busy: float) -> str:
-    """White for an idle element, orange for one that always works."""
+    """From white, idle, to orange, fully busy."""
     return f"#ff{round(255 - 90 * busy):02x}{round(255 - 255 * busy):02x}"
 
 
@@ -149,7 +149,7 @@ def as_mermaid(built: Graph, notes: Notes) -> str:
 
 
 def as_svg(built: Graph, notes: Notes) -> str:
-    """The graph as a picture, drawn by Graphviz where its `dot` is installed."""
+    """The graph as SVG; needs Graphviz's `dot`."""
     dot = shutil.which("dot")
     if dot is None:
         fail_usage("svg needs the program dot of Graphviz; install Graphviz, or use --format mermaid")

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class GraphFormat(enum.StrEnum):
-    """How a graph is drawn."""
+    """Output format of a graph."""
 
     JSON = "json"
     DOT = "dot"
@@ -40,13 +40,13 @@ def graph(
     description: DescriptionArgument = None,
     file: FileOption = None,
     settings: SettingsOption = None,
-    form: Annotated[GraphFormat, typer.Option("--format", help="How to draw it.")] = GraphFormat.MERMAID,
+    form: Annotated[GraphFormat, typer.Option("--format", help="Output format.")] = GraphFormat.MERMAID,
     stats: Annotated[
         Path | None,
-        typer.Option("--stats", help="Draw the counters of a run: a file of launch --stats-file."),
+        typer.Option("--stats", help="Add the counters of a run, from a file of launch --stats-file."),
     ] = None,
 ) -> None:
-    """Builds a pipeline without running it and draws it: elements, links, caps, converters put in."""
+    """Builds a pipeline without running it and draws it: elements, links, caps, inserted converters."""
     from streamkit.graph.build import build
     from streamkit.graph.negotiate import remembered_caps
 
@@ -67,9 +67,9 @@ def graph(
 
 
 def as_json(built: Graph) -> dict[str, Any]:
-    """The graph as DESIGN's JSON object; converters put in stand under `inserted`.
+    """The graph as a JSON object; inserted converters are under `inserted`.
 
-    Where there are any, a bin has `ghost_pads`, and the object `delayed_links`, which wait for their pad.
+    If there are any, a bin has `ghost_pads`, and the object `delayed_links`, which wait for their pad.
     """
     inserted = {id(element) for element in built.inserted}
     found: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""`streamkit inspect`: what elements there are, and what one of them takes and does."""
+"""`streamkit inspect`: lists elements, or describes one."""
 
 from __future__ import annotations
 
@@ -52,17 +52,17 @@ def _list_all(*, as_json: bool) -> None:
 
 
 def describe_element(name: str) -> dict[str, Any]:
-    """All facts about an element: package, doc, pads, properties, example.
+    """Package, doc, pads, properties and example of an element.
 
     Raises:
-        DescriptionError: there is no such element.
+        DescriptionError: the element does not exist.
         PluginBroken: it cannot be loaded.
     """
     from streamkit.element.registry import element_class, installed_elements
 
     found = element_class(name)
     entry = installed_elements()[name]
-    doc = ATTRIBUTES.sub("", python_inspect.getdoc(found) or "")  # those are for programs
+    doc = ATTRIBUTES.sub("", python_inspect.getdoc(found) or "")  # not for users
     prose, _, example = doc.partition("Example:")
     return {
         "name": name,
@@ -103,7 +103,7 @@ def describe_element(name: str) -> dict[str, Any]:
 
 
 def as_text(facts: dict[str, Any]) -> str:
-    """The facts about an element, for people."""
+    """The description of an element as text."""
     lines = [f"{facts['name']} - {facts['doc']}", ""]
     lines.append(f"  {facts['kind']} of {facts['package']} {facts['version']} ({facts['class']})")
     lines += ["", "Pads"]

@@ -37,17 +37,17 @@ BLAS_THREADS = "OPENBLAS_NUM_THREADS"
 
 
 class StatisticsFormat(enum.StrEnum):
-    """How counters are shown."""
+    """Output format of counters."""
 
     TEXT = "text"
     JSON = "json"
 
 
 class LaunchCommand(TyperCommand):
-    """Reads `--stats` without a value as `--stats=text`, which typer's options cannot."""
+    """Reads `--stats` without a value as `--stats=text`, which typer does not support."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """The arguments with the value filled in, up to `--`."""
+        """Adds the default value of `--stats`, up to `--`."""
         end = args.index("--") if "--" in args else len(args)
         bare = ["--stats=text" if argument == "--stats" else argument for argument in args[:end]]
         return super().parse_args(ctx, [*bare, *args[end:]])
@@ -78,26 +78,24 @@ def launch(
     ] = False,
     watchdog_s: Annotated[
         float,
-        typer.Option(
-            "--watchdog-s", min=0.0, help="Longest time an element may take for a frame, s; 0 is for ever."
-        ),
+        typer.Option("--watchdog-s", min=0.0, help="Time limit of an element for a frame, s; 0 is none."),
     ] = 30.0,
 ) -> None:
     """Runs a pipeline until EOS, error or Ctrl-C.
 
-    Exit code 0 at EOS or a clean stop, 1 when the pipeline fails, 2 for a bad description or usage. An
-    interrupt is a clean stop whenever it comes.
+    Exit code 0 at EOS or a clean stop, 1 if the pipeline fails, 2 for a bad description or usage. An
+    interrupt is always a clean stop.
     """
     limit_blas_threads()
     source = read_description(description, file, settings or [])
-    with stopped_before_it_plays(quiet=quiet):
+    with exit_on_interrupt(quiet=quiet):
         from streamkit.cli.run import Run
 
         pipeline = build(source, as_json=json_errors)
     pipeline.watchdog_s = watchdog_s
     display = choose_display(pipeline, stats, quiet=quiet)
     for note in () if quiet else source.variables.notes():
-        display.tell(f"note: {note}")
+        display.print_line(f"note: {note}")
     run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet)
     code = run.run()
     assert run.statistics is not None
@@ -107,23 +105,22 @@ def launch(
         try:
             stats_file.write_text(to_json(run.statistics) + "\n", encoding="utf-8")
         except OSError as error:
-            display.tell(f"error: --stats-file {stats_file} cannot be written: {error.strerror}")
+            display.print_line(f"error: --stats-file {stats_file} cannot be written: {error.strerror}")
             code = code or 1
-    _leave(code)
+    _exit(code)
 
 
 def limit_blas_threads() -> None:
-    """One thread for each matrix product, unless the user says otherwise.
+    """Limits BLAS to one thread, unless the user sets another number; call it before importing NumPy.
 
-    Elements have threads of their own; those of BLAS beside them spin and fight for the same processors,
-    which costs a tenth of a tracking pipeline. It only has an effect before NumPy is imported.
+    BLAS threads would compete with those of elements, which costs a tenth of a tracking pipeline.
     """
     os.environ.setdefault(BLAS_THREADS, "1")
 
 
 @contextlib.contextmanager
-def stopped_before_it_plays(*, quiet: bool) -> Iterator[None]:
-    """Ctrl-C and SIGTERM while the pipeline is built end the command at once; building loads every plugin."""
+def exit_on_interrupt(*, quiet: bool) -> Iterator[None]:
+    """Context in which Ctrl-C and SIGTERM end the command at once, while the pipeline is built."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
@@ -136,7 +133,7 @@ def stopped_before_it_plays(*, quiet: bool) -> Iterator[None]:
 
 
 def build(source: Description, *, as_json: bool) -> Pipeline:
-    """The pipeline of a description; leaves with exit code 2 where there can be none."""
+    """Builds the pipeline of a description; exits with code 2 if it is invalid."""
     from streamkit.graph.pipeline import Pipeline
 
     try:
@@ -146,7 +143,7 @@ def build(source: Description, *, as_json: bool) -> Pipeline:
 
 
 def choose_display(pipeline: Pipeline, stats: StatisticsFormat | None, *, quiet: bool) -> Display:
-    """What is shown while the pipeline runs: on a terminal other than in a file."""
+    """The display for a terminal or a file."""
     from streamkit.cli.display import Display, Lines, Progress, Table
 
     is_terminal = sys.stderr.isatty()
@@ -163,8 +160,8 @@ def to_json(statistics: RunStatistics) -> str:
     return msgspec.json.encode(plain).decode()
 
 
-def _leave(code: int) -> NoReturn:
-    """Ends the process, even where a library has left a thread that does not end."""
+def _exit(code: int) -> NoReturn:
+    """Exits, even if a library's thread does not end."""
     left = [t for t in threading.enumerate() if t is not threading.main_thread() and not t.daemon]
     if left:
         names = ", ".join(thread.name for thread in left)

@@ -1,6 +1,6 @@
-"""The command `streamkit`: imports only the command that was asked for, so that it starts quickly.
+"""The command `streamkit`: imports only the requested command, for a fast start.
 
-This module itself imports nothing that takes time, so that a Ctrl-C has its place from the beginning.
+This module has no slow imports, so that Ctrl-C is handled from the beginning.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ NO_OUTPUT = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
 def make_app(arguments: Sequence[str]) -> typer.Typer:
-    """The application with the command that the arguments begin with, or with all where they name none."""
+    """The application with the command named first in the arguments, or with all commands."""
     from streamkit.cli.application import application
 
     return application(arguments)
@@ -30,7 +30,7 @@ def main() -> None:
     arguments = sys.argv[1:]
     try:
         make_app(arguments)()
-    except KeyboardInterrupt:  # before a command watches for it itself
+    except KeyboardInterrupt:  # before the command handles it itself
         sys.exit(0 if arguments[:1] == ["launch"] else INTERRUPTED)
     except OSError as error:
         if error.errno not in NO_OUTPUT:

@@ -1,4 +1,4 @@
-"""`streamkit new`: makes a plugin package to start from, that installs and passes its own test."""
+"""`streamkit new`: creates a plugin package that installs and passes its own test."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LONGEST_NAME = 50
 
 
 class Kind(enum.StrEnum):
-    """What the element of a new package does."""
+    """Kind of the element in a new package."""
 
     TRANSFORM = "transform"
     SOURCE = "source"
@@ -40,10 +40,10 @@ LINES = {
 
 
 def new(
-    name: Annotated[str, typer.Argument(help="Of the package, for example my-blur.")],
-    kind: Annotated[Kind, typer.Option(help="What its element does.")] = Kind.TRANSFORM,
+    name: Annotated[str, typer.Argument(help="Name of the package, for example my-blur.")],
+    kind: Annotated[Kind, typer.Option(help="Kind of its element.")] = Kind.TRANSFORM,
 ) -> None:
-    """Makes a plugin package to start from, in a new folder: it installs, and its own test passes."""
+    """Creates a plugin package in a new folder; it installs, and its own test passes."""
     demand_free_name(name)
     folder = Path(name)
     try:
@@ -60,12 +60,12 @@ def new(
 
 
 def element_name(name: str) -> str:
-    """What the element of a package is called in descriptions: elements run their words together."""
+    """The element's name in descriptions: the package name without dashes."""
     return name.replace("-", "")
 
 
 def demand_free_name(name: str) -> None:
-    """Refuses a name that cannot be a package's, a module's and an element's; the rule and a remedy."""
+    """Refuses a name that is invalid for a package, module or element, or already in use."""
     if not NAME.fullmatch(name) or len(name) > LONGEST_NAME:
         wanted = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-0123456789")[:LONGEST_NAME]
         hint = f"; {wanted!r} would do" if NAME.fullmatch(wanted) else ""
@@ -87,12 +87,7 @@ def demand_free_name(name: str) -> None:
 
 
 def write_package(folder: Path, kind: Kind) -> None:
-    """Writes a package into a new folder, which gives it its name.
-
-    Raises:
-        FileExistsError: the folder is there already.
-        OSError: it cannot be written.
-    """
+    """Writes a package, named after its new folder; raises `FileExistsError` or another `OSError`."""
     name = folder.name
     package, element = name.replace("-", "_"), element_name(name)
     words = {

@@ -1,4 +1,4 @@
-"""One run of a pipeline on the command line: watched from the main thread, ended by EOS, error or Ctrl-C."""
+"""Runs a pipeline on the command line until EOS, error or Ctrl-C."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from streamkit.graph.pipeline import Pipeline
     from streamkit.graph.statistics import RunStatistics
 
-LOOK_EVERY_S = 0.2
+POLL_S = 0.2
 EOS_LIMIT_S = 10.0
 
 
@@ -28,8 +28,8 @@ class Run:
     """Plays a pipeline to its end.
 
     Attributes:
-        interrupts: Ctrl-C and SIGTERM so far.
-        statistics: the counters at the end, taken before the pipeline is stopped.
+        interrupts: number of Ctrl-C and SIGTERM.
+        statistics: counters at the end, before the pipeline is stopped.
     """
 
     def __init__(
@@ -46,44 +46,44 @@ class Run:
         self._caps: dict[str, str] = {}
 
     def run(self) -> int:
-        """Plays to the end and stops; the exit code."""
+        """Plays to the end and stops; returns the exit code."""
         code = 0
         if not self.quiet:
             for _, text in self.pipeline.graph.warnings:
-                self.display.tell(f"note: {text}")
+                self.display.print_line(f"note: {text}")
         report = CrashReport(self.pipeline.graph.elements)
         try:
             with self._signals(report):
                 code = self._play()
                 code = self._stop() or code
-                self._tell_rest()
+                self._print_remaining()
                 self.display.end()
         finally:
             report.close()
         return code
 
     def _play(self) -> int:
-        """Starts the pipeline and follows it to its end; the exit code so far."""
+        """Plays the pipeline to its end; returns the exit code so far."""
         try:
             self.pipeline.play()
-            # What was imported stays: looking through it for garbage would stop a live feed for 60 ms.
+            # Garbage collection of imported objects would block a live feed for 60 ms.
             gc.freeze()
             self._is_watching = True
             return self._watch()
         except StreamkitError as error:
             if isinstance(error, ElementFailure) and isinstance(error.cause, StartCancelled):
-                self._tell_interrupt("stopped before it played")
+                self._print_interrupt("stopped before it played")
                 return 0
-            self._tell_cause(error)
+            self._print_traceback(error)
             return self._fail(str(error))
         finally:
             self._is_watching = False
-            self._tell_caps()
+            self._print_caps()
             self.statistics = self.display.last_look()
             gc.unfreeze()
 
     def _stop(self) -> int:
-        """Stops the pipeline; 1 where a call of an element had to be given up."""
+        """Stops the pipeline; returns 1 if a call of an element was abandoned."""
         try:
             self.pipeline.stop()
         except StateError as error:
@@ -91,27 +91,27 @@ class Run:
         return 0
 
     def _watch(self) -> int:
-        """Follows the bus until the end."""
+        """Handles messages and interrupts until the end."""
         deadline: float | None = None
         handled = 0
         while True:
-            message = self.pipeline.bus.pop(LOOK_EVERY_S)
+            message = self.pipeline.bus.pop(POLL_S)
             if message is not None:
-                self._tell_message(message)
-            self._tell_caps()
+                self._print_message(message)
+            self._print_caps()
             self.display.show()
             if message is not None:
                 if message.kind is MessageKind.ERROR:
-                    self._tell_cause(message.error)
+                    self._print_traceback(message.error)
                     return self._fail(message.text)
                 if message.kind is MessageKind.EOS:
                     return 0
             if self.interrupts > handled:
                 handled = self.interrupts
                 if not self.eos_on_shutdown or handled > 1:
-                    self._tell_interrupt("stopping; Ctrl-C again ends the process at once")
+                    self._print_interrupt("stopping; Ctrl-C again ends the process at once")
                     return 0
-                self._tell_interrupt("ending the stream; Ctrl-C again stops at once")
+                self._print_interrupt("ending the stream; Ctrl-C again stops at once")
                 self.pipeline.finish()
                 deadline = time.monotonic() + EOS_LIMIT_S
             if deadline is not None and time.monotonic() > deadline:
@@ -119,9 +119,9 @@ class Run:
 
     @contextlib.contextmanager
     def _signals(self, report: CrashReport) -> Iterator[None]:
-        """Counts Ctrl-C and SIGTERM; one more than a clean stop takes ends the process at once.
+        """Counts Ctrl-C and SIGTERM; a further one during a clean stop ends the process at once.
 
-        While the pipeline starts or stops, the first one gives up the calls that have not come back.
+        While the pipeline starts or stops, the first one abandons calls that did not return.
         """
         limit = 2 if self.eos_on_shutdown else 1
 
@@ -141,43 +141,43 @@ class Run:
             for number, handler in before.items():
                 signal.signal(number, handler)
 
-    def _tell_interrupt(self, text: str) -> None:
+    def _print_interrupt(self, text: str) -> None:
         if not self.quiet:
-            self.display.tell(f"interrupt: {text}")
+            self.display.print_line(f"interrupt: {text}")
 
-    def _tell_rest(self) -> None:
-        """Shows what was posted while stopping."""
+    def _print_remaining(self) -> None:
+        """Prints messages posted while stopping."""
         while (message := self.pipeline.bus.pop(0.0)) is not None:
             if message.kind is not MessageKind.ERROR:
-                self._tell_message(message)
+                self._print_message(message)
 
-    def _tell_caps(self) -> None:
-        """With -v: the caps of each link when they are new."""
+    def _print_caps(self) -> None:
+        """With -v: prints new caps of links."""
         if not self.verbose:
             return
         for src, sink in self.pipeline.graph.links():
             caps = str(src.caps) if src.caps is not None and not src.caps.is_any else ""
             if caps and self._caps.get(src.path) != caps:
                 self._caps[src.path] = caps
-                self.display.tell(f"caps: {src.path} -> {sink.path}: {caps}")
+                self.display.print_line(f"caps: {src.path} -> {sink.path}: {caps}")
 
-    def _tell_message(self, message: Message) -> None:
+    def _print_message(self, message: Message) -> None:
         if message.kind is MessageKind.WARNING and not self.quiet:
-            self.display.tell(f"warning: {message.source or 'pipeline'}: {message.text}")
+            self.display.print_line(f"warning: {message.source or 'pipeline'}: {message.text}")
         elif self.verbose and message.kind is not MessageKind.ERROR:
-            known = ("name", "state")  # told by the text already
+            known = ("name", "state")  # in the text already
             fields = " ".join(
                 f"{name}={value}" for name, value in message.fields.items() if name not in known
             )
             line = f"{message.kind}: {message.source or 'pipeline'}: {message.text} {fields}"
-            self.display.tell(line.rstrip())
+            self.display.print_line(line.rstrip())
 
-    def _tell_cause(self, error: BaseException | None) -> None:
-        """With -v: where in its code an element failed that did not foresee it, for its author."""
+    def _print_traceback(self, error: BaseException | None) -> None:
+        """With -v: prints the traceback of an unexpected exception in an element."""
         cause = error.__cause__ if error is not None else None
         if self.verbose and cause is not None and not isinstance(cause, StreamkitError):
-            self.display.tell("".join(traceback.format_exception(cause, chain=False)).rstrip())
+            self.display.print_line("".join(traceback.format_exception(cause, chain=False)).rstrip())
 
     def _fail(self, text: str) -> int:
-        self.display.tell(f"error: {text}")
+        self.display.print_line(f"error: {text}")
         return 1

@@ -1,4 +1,4 @@
-"""Statistics for people: rates and shares of each element, as a table or in a line."""
+"""Statistics as a table or a line: rates and load of each element."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ COLUMNS = ("element", "in", "out", "/s", "dropped", "errors", "busy", "queue (mo
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What is shown of an element.
+    """Displayed statistics of an element.
 
     Attributes:
         counters: since the run began.
-        rate: frames a second, through it or into it.
-        busy: share of the time that it worked, 0 to 1.
+        rate: frames/s.
+        busy: share of time spent working, 0 to 1.
     """
 
     counters: ElementStatistics
@@ -29,7 +29,7 @@ class Row:
 
 
 def measure_rows(now: RunStatistics, before: RunStatistics | None = None) -> list[Row]:
-    """Rates and shares since an earlier look, or since the run began."""
+    """Rates and load since earlier statistics, or since the run began."""
     earlier = {row.element: row for row in before.elements} if before is not None else {}
     span_s = now.elapsed_s - (before.elapsed_s if before is not None else 0.0)
 
@@ -46,7 +46,7 @@ def measure_rows(now: RunStatistics, before: RunStatistics | None = None) -> lis
 
 
 def dropped_text(dropped: dict[str, int]) -> str:
-    """How many in all, and the reasons: "7 (queue full, oldest dropped: 7)"."""
+    """Total and reasons: "7 (queue full, oldest dropped: 7)"."""
     if not dropped:
         return ""
     reasons = "; ".join(f"{reason}: {count}" for reason, count in sorted(dropped.items()))
@@ -54,7 +54,7 @@ def dropped_text(dropped: dict[str, int]) -> str:
 
 
 def queue_text(levels: QueueLevels | None) -> str:
-    """Frames held, of how many, and the most there were: "3/200 (12)"."""
+    """Queued frames, limit and maximum: "3/200 (12)"."""
     if levels is None:
         return ""
     most = "" if levels.max_buffers is None else f" ({levels.max_buffers})"
@@ -62,14 +62,14 @@ def queue_text(levels: QueueLevels | None) -> str:
 
 
 def age_text(age_ns: int | None) -> str:
-    """Milliseconds, or seconds where it is long."""
+    """Milliseconds, or seconds from 10 s on."""
     if age_ns is None:
         return ""
     return f"{age_ns / 1e6:.0f} ms" if age_ns < 10_000_000_000 else f"{age_ns / 1e9:.0f} s"
 
 
 def as_table(rows: list[Row], elapsed_s: float) -> Table:
-    """One row for each element."""
+    """A table with one row per element."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text
@@ -77,7 +77,7 @@ def as_table(rows: list[Row], elapsed_s: float) -> Table:
     table = Table(box=SIMPLE_HEAD, title=f"{elapsed_s:.1f} s", title_justify="left", padding=(0, 1, 0, 0))
     lines = [_cells(row) for row in rows]
     for name, *cells in zip(COLUMNS, *lines, strict=True):
-        is_text = name in ("element", "dropped")  # cut on a narrow terminal, numbers are not
+        is_text = name in ("element", "dropped")  # truncated on a narrow terminal, unlike numbers
         width = 8 if is_text else max(map(len, [name, *cells]))
         table.add_column(name, justify="left" if is_text else "right", no_wrap=True, min_width=width)
     for line in lines:
@@ -94,7 +94,7 @@ def _cells(row: Row) -> tuple[str, ...]:
         f"{row.rate:.1f}",
         dropped_text(counters.dropped),
         str(counters.errors or ""),
-        "" if counters.queue is not None else f"{row.busy:.0%}",  # a queue's is upstream's waiting
+        "" if counters.queue is not None else f"{row.busy:.0%}",  # that of a queue is waiting of upstream
         queue_text(counters.queue),
         age_text(counters.age_ns),
     )

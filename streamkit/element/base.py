@@ -1,4 +1,4 @@
-"""Element: the base of everything in a graph."""
+"""Element: the base class of everything in a graph."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from streamkit.element.pad import Pad, PadTemplate, Presence, declared_templates
+from streamkit.element.pad import Pad, PadOwner
 from streamkit.element.property import PropertyDeclaration, declared_properties
 from streamkit.element.timing import Timing
 from streamkit.errors import ElementFailure, NotNegotiated, PropertyError, StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.clock import Clock, SystemClock
+from streamkit.flow.events import FlowStop
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.flow.signals import FlowStop
 
 if TYPE_CHECKING:
     from streamkit.element.host import Host
@@ -24,42 +24,36 @@ if TYPE_CHECKING:
     from streamkit.flow.frame import Frame
 
 log = logging.getLogger("streamkit")
-PADS_LOCK = threading.Lock()  # pads come and go from several threads, seldom
 AT_WORK, IDLE = b"10"
-LOOK_S = 0.5  # longest sleep between looks at `stopping`, should a wake-up be missed
+POLL_S = 0.5  # interval at which waits check `stopping`, in case a notification is missed
 
 
-class Element:
+class Element(PadOwner):
     """One element of a graph.
 
-    Authors subclass `Source`, `Transform`, `Sink`, `Combine` or `Split`, declare `sink` and `src` as caps
-    texts (always pads) or `PadTemplate`s in `templates`, properties with `Property(...)`, and override
-    `start` and `stop` where they hold something.
+    Authors subclass `Source`, `Transform`, `Sink`, `Combine` or `Split`. They declare pads as caps in `sink`
+    and `src` (always pads) or as `PadTemplate`s in `templates`, and properties with `Property(...)`, and
+    override `start` and `stop` to acquire and release resources.
 
-    Class attributes besides: `presets` (values of properties by the preset's name), `uri_schemes` that the
-    element's `location` takes when only an address is written, and its `rank` among those that do.
+    Further class attributes: `presets` (property values by preset name), `uri_schemes` that `location`
+    accepts in descriptions that contain only a URI, and the `rank` among elements with the same scheme.
 
     Attributes:
         name: unique in its bin.
-        factory: name of its type.
-        stopping: set while the pipeline stops; every wait of an element watches it.
+        factory: element type.
+        stopping: set while the pipeline stops; every wait of an element checks it.
         clock: the pipeline's clock.
         timing: the pipeline's running time.
-        waking: set while waits are to end: the pipeline stops, is paused, or flushes.
-        is_flushing: between a flush's start and its stop: frames are refused.
-        flushes: how many flushes have begun; a wait in which the number grew has been flushed away.
-        drops: frames not delivered, by reason.
-        activity: the engine's call that the element is in: what for, since when (perf_counter, ns) and with
-            which frame; None between calls. The watchdog reads it.
-        is_waiting: whether the element waits on purpose, so that the watchdog does not take it for hung.
-        at_work: one byte, "1" while the element is in a call, else "0"; a crash report reads it from shared
-            memory.
+        waking: set to end waits: the pipeline stops, is paused, or flushes.
+        changed: for state that threads of the element share and wait on; `wake` and flushes notify it.
+        is_flushing: whether a flush is in progress; frames are refused.
+        flushes: number of flushes started; a wait during which it grows is cancelled.
+        drops: number of frames not delivered, by reason.
+        activity: name, start (perf_counter, ns) and frame of the current call by the engine, else None.
+        is_waiting: whether the element waits on purpose; the watchdog then ignores it.
+        at_work: one byte, "1" during a call, else "0"; in memory shared with the crash reporter.
     """
 
-    sink: ClassVar[str | Caps] = ""
-    src: ClassVar[str | Caps] = ""
-    templates: ClassVar[tuple[PadTemplate, ...]] = ()
-    pad_templates: ClassVar[dict[str, PadTemplate]] = {}
     properties: ClassVar[dict[str, PropertyDeclaration]] = {}
     defaults: ClassVar[dict[str, Any]] = {}
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
@@ -70,7 +64,6 @@ class Element:
         super().__init_subclass__(**kwargs)
         cls.properties = declared_properties(cls)
         cls.defaults = {item.attribute: item.default for item in cls.properties.values() if item.read is None}
-        cls.pad_templates = declared_templates(cls)
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         """A new element, its properties at their defaults."""
@@ -79,12 +72,13 @@ class Element:
         return self
 
     def __init__(self, name: str = "", **properties: Any) -> None:
+        super().__init__()
         self.factory = type(self).__name__.lower()
         self.name = name or self.factory
         self.parent = ""
-        self.pads: dict[str, Pad] = {}
         self.stopping = threading.Event()
         self.waking = threading.Event()
+        self.changed = threading.Condition()
         self.is_flushing = False
         self.flushes = 0
         self.clock: Clock = SystemClock()
@@ -98,37 +92,41 @@ class Element:
         self.pipeline_error: Callable[[], Exception | None] = lambda: None
         self.is_playing = False
         self.set_in_text: dict[str, Any] = {}
-        for template in self.pad_templates.values():
-            if template.presence is Presence.ALWAYS:
-                self.pads[template.name] = Pad(self, template, template.name)
+        self.make_always_pads()
         for key, value in properties.items():
             self.set_property(key, value)
 
     def __repr__(self) -> str:
         return f"<{self.factory} {self.name!r}>"
 
-    # What an author overrides.
+    # Overridden by authors.
 
     def start(self) -> None:
-        """Opens what the element needs; raises `ResourceError` where that cannot be had."""
+        """Acquires resources; raises `ResourceError` if one is not available."""
 
     def stop(self) -> None:
-        """Lets go of everything; always runs once `start` began, also after its failure."""
+        """Releases all resources; always runs once `start` began, also after it failed."""
 
     def interrupt(self) -> None:
         """Wakes a blocking call of the streaming thread; called from another thread when stopping."""
+        self.wake()
 
     def property_changed(self, name: str) -> None:
         """A property was set."""
 
-    # What an author calls.
+    # Called by authors.
+
+    def wake(self) -> None:
+        """Notifies every thread that waits on `changed`."""
+        with self.changed:
+            self.changed.notify_all()
 
     def post_warning(self, text: str) -> None:
-        """Tells the application that something is not as it should be."""
+        """Posts a warning message."""
         self.post(Message(MessageKind.WARNING, self.name, text))
 
     def post_message(self, name: str, **fields: object) -> None:
-        """Posts an element message: `name` says what it is about, `fields` carry its content."""
+        """Posts an element message with a name and fields."""
         self.post(Message(MessageKind.ELEMENT, self.name, name, {"name": name, **fields}))
 
     def count_drop(self, reason: str, n: int = 1) -> None:
@@ -140,7 +138,7 @@ class Element:
         return self.clock.monotonic_ns()
 
     def wait_until_due(self, running_time_ns: int) -> bool:
-        """Waits for a running time; pauses are waited through. False when stopping or flushed away."""
+        """Waits until a running time, across pauses; False if the pipeline stops or flushes."""
         flushes = self.flushes
         with self.waiting():
             while not self.clock.wait_until(self.timing.due_ns(running_time_ns), self.waking):
@@ -149,17 +147,17 @@ class Element:
         return True
 
     def wait_while_paused(self) -> bool:
-        """Waits until the pipeline plays; False when stopping or flushed away."""
+        """Waits until the pipeline plays; False if it stops or flushes."""
         flushes = self.flushes
         with self.waiting():
             while not self.stopping.is_set() and not self.is_flushing and self.flushes == flushes:
-                if self.timing.running.wait(LOOK_S):
+                if self.timing.running.wait(POLL_S):
                     return not self.stopping.is_set() and self.flushes == flushes
         return False
 
     @contextlib.contextmanager
     def waiting(self) -> Iterator[None]:
-        """Within the block the element waits on purpose; the watchdog does not take it for hung."""
+        """Context of a wait on purpose: the watchdog ignores the element."""
         before, self.is_waiting = self.is_waiting, True
         try:
             yield
@@ -167,50 +165,36 @@ class Element:
             self.is_waiting = before
 
     def add_pad(self, template: str, name: str = "") -> Pad:
-        """Makes a sometimes pad: the stream turns out to have it. Links that wait for it are made now."""
+        """Makes a sometimes pad and the delayed links that wait for it."""
         pad = self.request_pad(self.pad_templates[template], name)
         if self.host is not None:
             self.host.pad_added(pad)
         return pad
 
     def no_more_pads(self) -> None:
-        """All sometimes pads are there; links that still wait for one are reported."""
+        """Reports that all sometimes pads exist; links that still wait for one are warned of."""
         if self.host is not None:
             self.host.no_more_pads(self)
 
     def reconfigure(self) -> None:
-        """What this element can take has changed: upstream is to negotiate anew before its next frame."""
+        """Makes upstream renegotiate before its next frame, because the accepted caps have changed."""
         if self.host is not None:
             self.host.reconfigure(self)
 
-    @property
-    def sink_caps(self) -> Caps:
-        """Caps in force on the pad `sink`; ANY before negotiation."""
-        return self._caps_of("sink")
-
-    @property
-    def src_caps(self) -> Caps:
-        """Caps in force on the pad `src`; ANY before negotiation."""
-        return self._caps_of("src")
-
-    def _caps_of(self, pad_name: str) -> Caps:
-        pad = self.pads.get(pad_name)
-        return ANY if pad is None or pad.caps is None else pad.caps
-
-    # What the engine calls.
+    # Called by the engine.
 
     def enter(self, call: str, now_ns: int, frame: Frame | None = None) -> None:
-        """Notes that the engine calls the element: what for, when (perf_counter, ns), with which frame."""
+        """Records the start of a call by the engine: its name, time (perf_counter, ns) and frame."""
         self.activity = (call, now_ns, frame)
         self.at_work[0] = AT_WORK
 
     def leave(self) -> None:
-        """Notes that the call has returned."""
+        """Records the end of the call."""
         self.activity = None
         self.at_work[0] = IDLE
 
     def post(self, message: Message) -> None:
-        """Hands a message to the bus, or to the log while there is none."""
+        """Posts a message on the bus; logs it if there is none."""
         if self.poster is not None:
             self.poster(message)
         else:
@@ -218,7 +202,7 @@ class Element:
 
     @contextlib.contextmanager
     def guarded(self, frame: Frame | None = None) -> Iterator[None]:
-        """Within the block any exception but the engine's own becomes a failure that names this element."""
+        """Context that turns any exception but the engine's own into an `ElementFailure` of this element."""
         try:
             yield
         except (FlowStop, ElementFailure, NotNegotiated):
@@ -227,39 +211,40 @@ class Element:
             raise self.failure(cause, frame) from cause
 
     def halt(self) -> None:
-        """Ends the element's waits: the pipeline is stopping."""
+        """Ends the element's waits because the pipeline stops."""
         self.waking.set()
 
     def flush(self, *, begins: bool) -> None:
-        """A flush begins or ends: what is held is dropped and waits end; called in the flusher's thread."""
+        """Begins or ends a flush, which drops held frames and ends waits; called in the flushing thread."""
         self.is_flushing = begins
         if begins:
             self.flushes += 1
             self.waking.set()
         elif self.timing.running.is_set() and not self.stopping.is_set():
             self.rearm()
+        self.wake()
 
     def rearm(self) -> None:
-        """Waits from now on are to last; those that were woken keep the event that woke them."""
+        """Lets new waits block again; waits in progress keep the event that woke them."""
         self.waking = threading.Event()
 
     def pads_changed(self) -> None:
-        """Pads were added, taken away or given another way to push while the graph streams."""
+        """Pads were added or removed, or push differently, while the graph streams."""
 
     def latency(self) -> tuple[int, int | None]:
-        """What the element adds to a live frame's age, ns: at least, and at most (None: no bound needed)."""
+        """Minimum and maximum latency that the element adds to live frames, ns; None is no maximum."""
         return 0, 0
 
     def failure(self, cause: BaseException, frame: Frame | None = None) -> ElementFailure:
-        """The error that names this element."""
+        """The error of this element for an exception."""
         where = frame.describe() if frame is not None else ""
         return ElementFailure(self.name, self.factory, cause, where)
 
     def set_property(self, name: str, value: Any) -> None:
-        """Sets a property by name; dashes and underscores are the same. One that can only be read warns.
+        """Sets a property by name, with dashes or underscores. Read-only ones are ignored with a warning.
 
         Raises:
-            PropertyError: there is no such property, the value is refused, or it cannot change while playing.
+            PropertyError: the property does not exist, refuses the value, or cannot change while playing.
         """
         declaration = self.find_property(name)
         if name.replace("-", "_") in declaration.aliases:
@@ -275,76 +260,45 @@ class Element:
 
     @classmethod
     def declaration_of(cls, name: str) -> PropertyDeclaration | None:
-        """The declaration of a property by its name or an older one; None where there is none."""
+        """The declaration of a property by its name or an alias, or None."""
         plain = name.replace("-", "_")
         found = cls.properties.get(plain)
         return found or next((item for item in cls.properties.values() if plain in item.aliases), None)
 
     @classmethod
     def find_property(cls, name: str) -> PropertyDeclaration:
-        """The declaration of a property; raises `PropertyError` with a suggestion where there is none."""
+        """The declaration of a property; raises `PropertyError` with a suggestion if it does not exist."""
         declaration = cls.declaration_of(name)
         if declaration is None:
-            from streamkit.element.suggest import did_you_mean
+            from streamkit.errors import did_you_mean
 
             hint = did_you_mean(name, [known.replace("_", "-") for known in cls.properties])
             raise PropertyError(f"{cls.__name__.lower()} has no property {name!r}{hint and '; ' + hint}")
         return declaration
 
-    def sink_pads(self) -> Iterator[Pad]:
-        """Pads that frames come in through."""
-        return (pad for pad in tuple(self.pads.values()) if not pad.is_src)
-
-    def src_pads(self) -> Iterator[Pad]:
-        """Pads that frames leave through."""
-        return (pad for pad in tuple(self.pads.values()) if pad.is_src)
-
     def query_live(self) -> bool:
-        """Whether the frames that leave this element come from a live source: what upstream answers."""
+        """Whether the element's output comes from a live source; asks upstream."""
         return any(pad.peer.element.query_live() for pad in self.sink_pads() if pad.peer is not None)
 
     def query_caps(self, pad: Pad) -> Caps:
-        """What `pad` can carry, given what the element's other side can; the pad's template bounds it."""
+        """Caps that `pad` can carry given the caps on the other side; its template still bounds them."""
         return ANY
 
     def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
-        """Takes an event; the pad and event to go on with, where nothing else is left to do here."""
+        """Takes an event; returns the pad and event to continue with if only forwarding is left."""
         self.receive_event(pad, event)
         return None
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Takes an event that arrived at a sink pad."""
+        """Handles an event that arrived at a sink pad."""
         raise StateError(f"{pad.path}: {type(self).__name__} takes no events")
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that takes the frames of a sink pad."""
+        """The function that is called with each frame of a sink pad."""
         raise StateError(f"{pad.path}: {type(self).__name__} takes no frames")
 
-    def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
-        """Makes a pad from a request or sometimes template: of the name given, or the next number."""
-        with PADS_LOCK:
-            if not name or "%u" in name:
-                name = self._next_name(template)
-            if name in self.pads:
-                raise StateError(f"{self.name}: a pad {name!r} is there already")
-            pad = self.pads[name] = Pad(self, template, name)
-        return pad
-
-    def _next_name(self, template: PadTemplate) -> str:
-        head, mark, tail = template.name.partition("%u")
-        if not mark:
-            return template.name
-        taken = [name[len(head) : len(name) - len(tail)] for name in self.pads if template.matches(name)]
-        return f"{head}{max(map(int, taken), default=-1) + 1}{tail}"
-
-    def release_pad(self, pad: Pad) -> None:
-        """Takes a request pad away."""
-        pad.unlink()
-        with PADS_LOCK:
-            self.pads.pop(pad.name, None)
-
     def properties_set(self) -> dict[str, Any]:
-        """The properties set in the text, as JSON values."""
+        """The properties set in the description, as JSON values."""
         found = {}
         for name in self.set_in_text:
             declaration = self.find_property(name)

@@ -8,60 +8,29 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from streamkit.element.base import Element
-from streamkit.element.negotiation import demand_accepted
 from streamkit.element.pad import Pad, PadTemplate
 from streamkit.errors import StreamkitError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import (
     EOS,
     CapsEvent,
+    EndOfStream,
     EosEvent,
     Event,
+    FlowStop,
     FlushStart,
     FlushStop,
     GapEvent,
+    NotLinked,
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import EndOfStream, FlowStop, NotLinked
 
 
-class NumberedPads(Element):
-    """Base of elements that may have thousands of request pads: numbers a new one without a look at all."""
+class Combine(Element):
+    """Base class of n-to-1 elements: override `combine`, which gets the frames of all inputs one at a time.
 
-    def __init__(self, name: str = "", **properties: Any) -> None:
-        self._next_numbers: dict[str, int] = {}
-        super().__init__(name, **properties)
-
-    def _next_name(self, template: PadTemplate) -> str:
-        head, mark, tail = template.name.partition("%u")
-        if not mark:
-            return template.name
-        number = self._next_numbers.get(template.name)
-        name = super()._next_name(template) if number is None else f"{head}{number}{tail}"
-        if name in self.pads:
-            name = super()._next_name(template)
-        if template.matches(name):
-            self._next_numbers[template.name] = int(name[len(head) : len(name) - len(tail)]) + 1
-        return name
-
-    def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
-        """Makes a pad; one whose name is given may have the highest number."""
-        made = super().request_pad(template, name)
-        if name:
-            self._next_numbers.pop(template.name, None)
-        return made
-
-    def release_pad(self, pad: Pad) -> None:
-        """Takes a pad away; its number is free."""
-        super().release_pad(pad)
-        self._next_numbers.pop(pad.template.name, None)
-
-
-class Combine(NumberedPads):
-    """Base of n-to-1 elements: override `combine`. Frames of all pads come one at a time.
-
-    When frames begin to come from another input, the caps and the segment of that input go before them.
+    When the input changes, its caps and segment are sent before its frames.
     """
 
     def __init__(self, name: str = "", **properties: Any) -> None:
@@ -71,15 +40,15 @@ class Combine(NumberedPads):
         super().__init__(name, **properties)
 
     def combine(self, pad_name: str, frame: Frame) -> Frame | Iterable[Frame] | None:
-        """What to pass on when a frame arrives at the pad `pad_name`."""
+        """The output for a frame of the pad `pad_name`."""
         raise NotImplementedError
 
     def drain(self) -> Iterable[Frame]:
-        """What is still held when every input has ended."""
+        """Frames still held when every input has ended."""
         return ()
 
     def switched(self, pad: Pad) -> None:
-        """Frames come from another input than before; its segment is to go before them."""
+        """The input has changed: sends its segment."""
         if pad.segment != self.src_pad.segment:
             self.src_pad.send_event(SegmentEvent(pad.segment))
 
@@ -89,7 +58,7 @@ class Combine(NumberedPads):
         return next(self.src_pads())
 
     def query_caps(self, pad: Pad) -> Caps:
-        """Every input carries what the output can, and the output what any input can."""
+        """Inputs can carry what the output can; the output what any input can."""
         if not pad.is_src:
             return self.src_pad.peer_caps()
         found = Caps()
@@ -98,7 +67,7 @@ class Combine(NumberedPads):
         return found if found else ANY
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that takes the frames of a pad."""
+        """The function that is called with each frame of a pad."""
         name = pad.name
 
         def receive(frame: Frame) -> None:
@@ -112,41 +81,45 @@ class Combine(NumberedPads):
         return receive
 
     def _push(self, frame: Frame, pad: Pad | None = None) -> None:
-        """Sends a frame that came in at a pad on, after the events that must come before it."""
+        """Sends a frame of an input, after the events that precede it."""
         src = self.src_pad
         if frame.caps is not src.caps or (pad is not None and pad is not self._source):
-            self._lead_in(frame.caps, pad)
+            self._send_caps_and_segment(frame.caps, pad)
         src.push(frame)
 
-    def _lead_in(self, caps: Caps | None, pad: Pad | None) -> None:
-        """Sends the caps of what follows, and the segment of its input where that is another than before."""
+    def _send_caps_and_segment(self, caps: Caps | None, pad: Pad | None) -> None:
+        """Sends caps, and the segment if the input has changed."""
         src = self.src_pad
         if caps is not None and caps is not src.caps:
-            demand_accepted(src, caps)
+            src.demand_accepted(caps)
             src.send_event(CapsEvent(caps))
         if pad is not None and pad is not self._source:
             self._source = pad
             self.switched(pad)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """EOS goes on when every input has ended; caps and segments go with the frames; the rest at once."""
+        """Forwards EOS when every input has ended, caps and segments before the frames, the rest at once."""
         if isinstance(event, FlushStart | FlushStop):
             self.src_pad.send_event(event)
             return
         with self._lock:
             if isinstance(event, EosEvent):
                 pad.is_eos = True
-                self._end_if_all_have()
+                self._end_if_over()
             elif isinstance(event, SegmentEvent):
                 if pad is self._source:
                     self.switched(pad)
             elif not isinstance(event, CapsEvent):
-                if isinstance(event, GapEvent):
-                    self._lead_in(pad.caps, pad)
-                self.src_pad.send_event(event)
+                self._forward_event(pad, event)
 
-    def _end_if_all_have(self) -> None:
-        """Ends the stream, once, when no input can bring more."""
+    def _forward_event(self, pad: Pad, event: Event) -> None:
+        """Forwards any other event."""
+        if isinstance(event, GapEvent):
+            self._send_caps_and_segment(pad.caps, pad)
+        self.src_pad.send_event(event)
+
+    def _end_if_over(self) -> None:
+        """Ends the stream, once, when every input has ended."""
         sinks = list(self.sink_pads())
         if self._has_ended or not sinks or not all(sink.is_eos for sink in sinks):
             return
@@ -157,50 +130,50 @@ class Combine(NumberedPads):
         self.src_pad.send_event(EOS)
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
-        """Makes an input, also while others stream."""
+        """Adds an input, also while others stream."""
         with self._lock:
             return super().request_pad(template, name)
 
     def release_pad(self, pad: Pad) -> None:
-        """Takes an input away; if it was the last that had not ended, the stream ends."""
+        """Removes an input; the stream ends if all others have ended."""
         with self._lock:
             super().release_pad(pad)
-            self._end_if_all_have()
+            self._end_if_over()
 
     def flush(self, *, begins: bool) -> None:
-        """A flush lets inputs that have ended begin anew."""
+        """A flush lets inputs that have ended start again."""
         super().flush(begins=begins)
         if not begins:
             self._has_ended = False
 
     def pads_changed(self) -> None:
-        """A run begins, or inputs have come or gone: the next frame's segment is sent anew."""
+        """Sends the segment again before the next frame."""
         self._source = None
         if not any(pad.is_eos for pad in self.sink_pads()):
             self._has_ended = False
 
 
-class Split(NumberedPads):
-    """Base of 1-to-n elements: override `split`."""
+class Split(Element):
+    """Base class of 1-to-n elements: override `split`."""
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self._branches: tuple[Pad, ...] = ()
         super().__init__(name, **properties)
 
     def split(self, frame: Frame) -> Mapping[str, Frame]:
-        """The frame for each src pad that gets one, by pad name."""
+        """Frames by the name of the src pad that they leave through."""
         raise NotImplementedError
 
     def query_caps(self, pad: Pad) -> Caps:
-        """The caps that all other pads have in common."""
+        """Caps that all other pads accept."""
         found = ANY
         for other in list(self.pads.values()):
             if other is not pad and other.peer is not None:
                 found = found & other.template.caps & other.peer.query_caps()
         return found
 
-    def remember_branches(self) -> None:
-        """Notes what each src pad can carry, as `query_caps` answers, without asking all others for each."""
+    def cache_branch_caps(self) -> None:
+        """Caches `query_caps` of every src pad, in linear time."""
         if type(self).query_caps is not Split.query_caps:
             for pad in self.src_pads():
                 pad.known_caps = pad.query_caps()
@@ -223,7 +196,7 @@ class Split(NumberedPads):
             pad.known_caps = pad.template.caps & met[left_out]
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that takes the frames of the sink pad."""
+        """The function that is called with each frame."""
 
         def receive(frame: Frame) -> None:
             for name, out in self.split(frame).items():
@@ -237,7 +210,7 @@ class Split(NumberedPads):
         return receive
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Every event goes to every src pad; one that fails does not keep the others from theirs."""
+        """Sends every event to every src pad, also if one of them fails."""
         stop: Exception | None = None
         for src in list(self.src_pads()):
             try:
@@ -250,17 +223,17 @@ class Split(NumberedPads):
             raise stop
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
-        """Makes a branch; before frames flow all are looked up at once."""
+        """Adds a branch."""
         made = super().request_pad(template, name)
         if self.host is not None:
             self.pads_changed()
         return made
 
     def release_pad(self, pad: Pad) -> None:
-        """Takes a branch away; frames on their way reach it, later ones do not."""
+        """Removes a branch; later frames do not reach it."""
         super().release_pad(pad)
         self.pads_changed()
 
     def pads_changed(self) -> None:
-        """Branches have come or gone."""
+        """Updates the list of branches."""
         self._branches = tuple(pad for pad in list(self.pads.values()) if pad.is_src)

@@ -1,4 +1,4 @@
-"""Host: what a running graph does for the elements in it."""
+"""Host: the interface of a running graph to its elements."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ if TYPE_CHECKING:
 
 
 class Host(Protocol):
-    """The running graph, as an element sees it."""
+    """The running graph, as elements see it."""
 
     def pad_added(self, pad: Pad) -> None:
-        """A pad has come into being while the graph streams: links that wait for it are tried."""
+        """Tries the delayed links of a pad that was added while the graph streams."""
 
     def no_more_pads(self, element: Element) -> None:
-        """The element has all the pads its stream gives: links still waiting for one are reported."""
+        """Reports delayed links of an element that adds no more pads."""
 
     def reconfigure(self, element: Element) -> None:
-        """What the element can take has changed: caps are negotiated anew before the next frame."""
+        """Renegotiates upstream of an element whose accepted caps have changed."""
 
     def sink_ended(self, element: Element) -> None:
-        """A sink has finished all that came before EOS."""
+        """A sink has drained after EOS."""
 
     def prerolled(self, element: Element) -> None:
         """A sink of the paused graph holds its first frame."""

@@ -1,31 +1,34 @@
-"""Pads: where elements meet. A template is declared on the class, a pad stands on an element."""
+"""Pads connect elements: a template is declared on the class, a pad belongs to an element."""
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
+from streamkit.errors import NotNegotiated, StateError
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.events import CapsEvent, EosEvent, Event, FlushStart, FlushStop, SegmentEvent
+from streamkit.flow.events import CapsEvent, EosEvent, Event, FlushStart, FlushStop, NotLinked, SegmentEvent
 from streamkit.flow.segment import OPEN_SEGMENT, Segment
-from streamkit.flow.signals import NotLinked
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
     from streamkit.flow.frame import Frame
 
+PADS_LOCK = threading.Lock()  # threads rarely add or remove pads
+
 
 class Direction(enum.StrEnum):
-    """Which way frames go through a pad, seen from its element."""
+    """Direction of a pad, seen from its element."""
 
     SINK = "sink"
     SRC = "src"
 
 
 class Presence(enum.StrEnum):
-    """When a pad exists: always, when a link asks for it, or when the stream turns out to have it."""
+    """When a pad exists: always, when a link requests it, or when the stream contains it."""
 
     ALWAYS = "always"
     REQUEST = "request"
@@ -34,14 +37,7 @@ class Presence(enum.StrEnum):
 
 @dataclass(frozen=True)
 class PadTemplate:
-    """A kind of pad that an element class has.
-
-    Attributes:
-        name: its name, with `%u` where a number goes ("src_%u").
-        direction: sink or src.
-        caps: what it can carry.
-        presence: always, request or sometimes.
-    """
+    """A kind of pad that an element class has; `%u` in the name stands for a number ("src_%u")."""
 
     name: str
     direction: Direction
@@ -49,7 +45,7 @@ class PadTemplate:
     presence: Presence = Presence.ALWAYS
 
     def matches(self, pad_name: str) -> bool:
-        """Whether a pad of this name can be made from the template."""
+        """Whether the template can make a pad of this name."""
         head, mark, tail = self.name.partition("%u")
         if not mark:
             return pad_name == self.name
@@ -61,20 +57,19 @@ class Pad:
     """A pad of one element.
 
     Attributes:
-        element: its element.
-        template: what it was made from.
         name: unique in its element.
         peer: the pad it is linked to, or None.
-        caps: the caps in force, or None before negotiation.
-        segment: how timestamps lie on the running time.
-        push: hands a frame to the peer (src pads, while the graph plays).
+        caps: current caps, or None before negotiation.
+        segment: maps timestamps to running time.
+        push: sends a frame to the peer (src pads, while the graph plays).
         is_eos: whether EOS has passed.
-        joins: whether it is to join a stream with the next frame; until then only EOS goes through it.
-        known_caps: what a query answers for the moment, or None to ask anew.
+        awaits_first_frame: whether it joins a running stream with its next frame; until then only EOS passes.
+        known_caps: cached result of `query_caps`, or None.
     """
 
     __slots__ = (
-        "caps", "element", "is_eos", "joins", "known_caps", "name", "peer", "push", "segment", "template",
+        "awaits_first_frame", "caps", "element", "is_eos", "known_caps", "name", "peer", "push", "segment",
+        "template",
     )  # fmt: skip
 
     def __init__(self, element: Element, template: PadTemplate, name: str) -> None:
@@ -86,7 +81,7 @@ class Pad:
         self.segment: Segment = OPEN_SEGMENT
         self.push: Callable[[Frame], None] = self.not_linked
         self.is_eos = False
-        self.joins = False
+        self.awaits_first_frame = False
         self.known_caps: Caps | None = None
 
     def __repr__(self) -> str:
@@ -94,12 +89,12 @@ class Pad:
 
     @property
     def path(self) -> str:
-        """Element and pad name, "queue0.src"."""
+        """Element and pad name, for example "queue0.src"."""
         return f"{self.element.name}.{self.name}"
 
     @property
     def is_src(self) -> bool:
-        """Whether frames leave through it."""
+        """Whether it is a src pad."""
         return self.template.direction is Direction.SRC
 
     def link(self, sink: Pad) -> None:
@@ -107,32 +102,63 @@ class Pad:
         self.peer, sink.peer = sink, self
 
     def unlink(self) -> None:
-        """Undoes the link, if there is one."""
+        """Removes the link, if there is one."""
         if self.peer is not None:
             self.peer.peer = None
             self.peer = None
         self.push = self.not_linked
 
     def query_caps(self) -> Caps:
-        """What the pad can carry, given what stands behind its element."""
+        """Caps that the pad can carry, given the other pads of its element."""
         if self.known_caps is not None:
             return self.known_caps
         return self.template.caps & self.element.query_caps(self)
 
     def peer_caps(self) -> Caps:
-        """What the peer can carry; ANY where there is none."""
+        """Caps that the peer can carry; ANY without a peer."""
         return ANY if self.peer is None else self.peer.query_caps()
 
+    def allowed_caps(self, possible: Caps) -> Caps:
+        """What this src pad may send of `possible`: what template and peer allow, in the peer's order.
+
+        Raises:
+            NotNegotiated: nothing is left.
+        """
+        offered = self.template.caps & possible
+        accepted = self.peer_caps()
+        allowed = accepted & offered
+        if allowed.is_empty:
+            raise self.refusal(offered, accepted)
+        return allowed
+
+    def demand_accepted(self, caps: Caps) -> None:
+        """Checks that downstream accepts caps that the data has decided.
+
+        Raises:
+            NotNegotiated: downstream does not.
+        """
+        accepted = self.peer_caps()
+        if (accepted & caps).is_empty:
+            raise self.refusal(caps, accepted)
+
+    def refusal(self, offered: Caps, accepted: Caps) -> NotNegotiated:
+        """The error for a src pad and its peer without common caps: names both and the field in conflict."""
+        sink = self.peer.path if self.peer is not None else "nothing"
+        return NotNegotiated(
+            f"{self.path} -> {sink}: not negotiated, the pads disagree on {offered.conflict(accepted)}: "
+            f"{self.path} offers {offered}; {sink} takes {accepted}"
+        )
+
     def not_linked(self, frame: Frame) -> None:
-        """Refuses a frame: there is no peer."""
+        """Raises `NotLinked`, because there is no peer."""
         raise NotLinked(self.path)
 
     def send_event(self, event: Event) -> None:
         """Sends an event downstream, in order with the frames.
 
-        Elements that only pass it on are walked through in a loop, so that a chain may be of any length.
+        Elements that only forward it are visited in a loop, so that chains may have any length.
         """
-        if self.joins and not isinstance(event, EosEvent):
+        if self.awaits_first_frame and not isinstance(event, EosEvent):
             return
         onward: tuple[Pad, Event] | None = (self, event)
         while onward is not None:
@@ -151,7 +177,7 @@ class Pad:
             onward[0].send_event(onward[1])
 
     def note(self, event: Event) -> None:
-        """Remembers what an event says of the frames that follow."""
+        """Stores the caps or segment of the frames that follow, or begins or ends a flush."""
         if isinstance(event, CapsEvent):
             self.caps = event.caps
         elif isinstance(event, SegmentEvent):
@@ -162,18 +188,88 @@ class Pad:
                 self.element.flush(begins=isinstance(event, FlushStart))
 
     def reset(self) -> None:
-        """Forgets what a run left behind."""
+        """Resets the state of an earlier run."""
         self.caps = None
         self.segment = OPEN_SEGMENT
         self.is_eos = False
 
 
-def declared_templates(owner: type[Element]) -> dict[str, PadTemplate]:
-    """The templates that an element class declares, by name: `sink` and `src` as caps, then `templates`."""
-    found: dict[str, PadTemplate] = {}
-    for direction in Direction:
-        caps = getattr(owner, str(direction))
-        if caps:
-            found[str(direction)] = PadTemplate(str(direction), direction, Caps(caps))
-    found.update({template.name: template for template in owner.templates})
-    return found
+class PadOwner:
+    """The pads of an element, and the templates that its class declares.
+
+    Attributes:
+        pads: by name.
+    """
+
+    sink: ClassVar[str | Caps] = ""
+    src: ClassVar[str | Caps] = ""
+    templates: ClassVar[tuple[PadTemplate, ...]] = ()
+    pad_templates: ClassVar[dict[str, PadTemplate]] = {}
+    name: str
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        always = {side: getattr(cls, side) for side in Direction}
+        found = [PadTemplate(str(side), side, Caps(caps)) for side, caps in always.items() if caps]
+        cls.pad_templates = {template.name: template for template in (*found, *cls.templates)}
+
+    def __init__(self) -> None:
+        self.pads: dict[str, Pad] = {}
+        self._next_numbers: dict[str, int] = {}
+
+    def make_always_pads(self) -> None:
+        """Makes the pads that exist from the beginning."""
+        for template in self.pad_templates.values():
+            if template.presence is Presence.ALWAYS:
+                self.pads[template.name] = Pad(cast("Element", self), template, template.name)
+
+    def sink_pads(self) -> Iterator[Pad]:
+        """The sink pads."""
+        return (pad for pad in tuple(self.pads.values()) if not pad.is_src)
+
+    def src_pads(self) -> Iterator[Pad]:
+        """The src pads."""
+        return (pad for pad in tuple(self.pads.values()) if pad.is_src)
+
+    @property
+    def sink_caps(self) -> Caps:
+        """Current caps of the pad `sink`; ANY before negotiation."""
+        return self._caps_of("sink")
+
+    @property
+    def src_caps(self) -> Caps:
+        """Current caps of the pad `src`; ANY before negotiation."""
+        return self._caps_of("src")
+
+    def _caps_of(self, pad_name: str) -> Caps:
+        pad = self.pads.get(pad_name)
+        return ANY if pad is None or pad.caps is None else pad.caps
+
+    def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
+        """Makes a pad from a request or sometimes template, with the given name or the next number."""
+        with PADS_LOCK:
+            number = self._next_numbers.pop(template.name, None)
+            if not name or "%u" in name:
+                name = self._next_name(template, number)
+            if name in self.pads:
+                raise StateError(f"{self.name}: a pad {name!r} is there already")
+            pad = self.pads[name] = Pad(cast("Element", self), template, name)
+        return pad
+
+    def _next_name(self, template: PadTemplate, number: int | None) -> str:
+        """The template's name with a number, else with the one after the highest number in use."""
+        head, mark, tail = template.name.partition("%u")
+        if not mark:
+            return template.name
+        if number is None:
+            taken = [name[len(head) : len(name) - len(tail)] for name in self.pads if template.matches(name)]
+            number = max(map(int, taken), default=-1) + 1
+        self._next_numbers[template.name] = number + 1
+        return f"{head}{number}{tail}"
+
+    def release_pad(self, pad: Pad) -> None:
+        """Unlinks and removes a request pad."""
+        pad.unlink()
+        with PADS_LOCK:
+            self.pads.pop(pad.name, None)
+            self._next_numbers.pop(pad.template.name, None)

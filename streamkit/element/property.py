@@ -1,4 +1,4 @@
-"""Properties: declared once on the class, read by the signature, `inspect`, the README and error texts."""
+"""Properties: declared once on the class for signature, `inspect`, documentation and errors."""
 
 from __future__ import annotations
 
@@ -19,19 +19,17 @@ from streamkit.masking import MASK, mask_secrets
 from streamkit.settings import Traits, traits_of
 
 T = TypeVar("T")
-SNAPSHOTS = "_settings_snapshots"  # in an element's dictionary: settings by their class, until one is set
+SNAPSHOTS = "_settings_snapshots"  # in an element's __dict__: settings by class, until a property is set
 
 
 class PropertyDeclaration:
-    """One declared property; made by `Property(...)` in a class body.
+    """A property, declared by `Property(...)` in a class body; checks values that are set.
 
-    It checks what is set, and has no `__get__`: the value lies in the instance's own dictionary, so that
-    reading a property costs no call. `Element.__new__` puts the default there.
+    It has no `__get__`: the value is in the instance's `__dict__`, so that reading it costs no call.
 
     Attributes:
         name: as users write it, with underscores.
         attribute: its name in the class.
-        default: value of a new element.
         minimum, maximum, unit, doc, live, secret, readonly, aliases: see `Traits`.
     """
 
@@ -66,17 +64,17 @@ class PropertyDeclaration:
 
     @property
     def spelling(self) -> str:
-        """The name with dashes, as descriptions have it."""
+        """The name with dashes, as in descriptions."""
         return self.name.replace("_", "-")
 
     @property
     def kind(self) -> type:
-        """The type of the value: int, float, bool, str, Fraction, Caps, an enum or flags."""
+        """Type of the value: int, float, bool, str, Fraction, Caps, an enum or flags."""
         return self._resolved()[0]
 
     @property
     def optional(self) -> bool:
-        """Whether None is a value."""
+        """Whether the value may be None."""
         return self._resolved()[1]
 
     def _resolved(self) -> tuple[type, bool]:
@@ -99,14 +97,14 @@ class PropertyDeclaration:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The words a property of an enum or of flags takes, or nothing."""
+        """The words that an enum or flags property accepts; empty for other types."""
         kind = self.kind
         if issubclass(kind, enum.Flag):
             return tuple(flag_word(member) for member in kind)
         return tuple(str(member.value) for member in kind) if issubclass(kind, enum.Enum) else ()
 
     def describe(self) -> str:
-        """Type, range and unit in a few words."""
+        """Type, range and unit, for people."""
         kind = self.kind
         words = (" + " if issubclass(kind, enum.Flag) else " | ").join(self.choices) or kind.__name__
         if self.minimum is not None or self.maximum is not None:
@@ -116,10 +114,10 @@ class PropertyDeclaration:
         return f"{words} {self.unit}".strip()
 
     def check(self, value: Any, element: str = "") -> Any:
-        """The value in the property's type.
+        """Converts a value to the property's type.
 
         Raises:
-            PropertyError: it is of another type or out of range.
+            PropertyError: wrong type or out of range.
         """
         kind = self.kind
         if value is None and self.optional:
@@ -144,7 +142,7 @@ class PropertyDeclaration:
         return value
 
     def refusal(self, value: Any, rule: str, element: str) -> PropertyError:
-        """The error for a value that the property does not take."""
+        """The error for a value that the property refuses."""
         where = f"{element}: " if element else ""
         shown = repr(value)
         if self.secret:
@@ -152,7 +150,7 @@ class PropertyDeclaration:
         return PropertyError(f"{where}property {self.spelling} cannot be {shown}: {rule}")
 
     def to_json(self, value: Any) -> Any:
-        """The value as JSON has it; secrets, and passwords in addresses, are masked."""
+        """The value as JSON; secrets, and passwords in URLs, are masked."""
         if self.secret and value is not None:
             return MASK
         if isinstance(value, enum.Flag):
@@ -165,7 +163,7 @@ class PropertyDeclaration:
 
 
 class ComputedProperty(PropertyDeclaration):
-    """A property whose value is worked out of the element each time it is read."""
+    """A property whose value is computed each time it is read."""
 
     def __get__(self, instance: Any, owner: type | None = None) -> Any:
         if instance is None or self.read is None:
@@ -190,19 +188,19 @@ def Property(  # noqa: N802  reads as a declaration, like dataclasses.field
     read: Callable[[Any], T] | None = None,
     aliases: tuple[str, ...] = (),
 ) -> T:
-    """Declares a property in the body of an element class; its type is the annotation.
+    """Declares a property in an element class; its type is the annotation.
 
     Args:
         default: value of a new element.
-        name: what users call it where that differs from the attribute, for example "async".
+        name: what users write, if it differs from the attribute, for example "async".
         min: smallest value allowed.
-        max: largest value allowed; with `min` it also tells how many bits a whole number has.
+        max: largest value allowed; also gives the number of bits of an integer.
         unit: unit of a number, for example "px".
-        doc: one sentence for `inspect` and the README.
-        live: whether it may be changed while the pipeline plays.
-        secret: whether its value must never be shown.
-        readonly: users can only read it; the element sets the attribute.
-        read: makes it read only, and works the value out of the element each time.
+        doc: one sentence for `inspect` and the documentation.
+        live: whether it may change while the pipeline plays.
+        secret: whether its value is never shown.
+        readonly: whether only the element sets it.
+        read: computes the value from the element; makes the property read-only.
         aliases: older names, accepted with a warning.
     """
     traits = Traits(min, max, unit, doc, live, secret, readonly or read is not None, read, aliases)
@@ -211,10 +209,10 @@ def Property(  # noqa: N802  reads as a declaration, like dataclasses.field
 
 
 class SettingsOf(Generic[T]):
-    """Declares a property for each `setting` of a frozen dataclass, and reads as a snapshot of their values.
+    """Declares a property for each `setting` of a frozen dataclass; reading it gives an instance.
 
-    A field whose default is such a dataclass itself adds its own settings; other fields keep their defaults.
-    On the element the snapshot is made once and kept until a property is set.
+    Nested settings dataclasses add their own settings; other fields keep their defaults. The instance is
+    cached until a property is set.
 
     Args:
         kind: the dataclass.
@@ -244,7 +242,7 @@ class SettingsOf(Generic[T]):
 
 
 def _declarations(kind: Any) -> dict[str, PropertyDeclaration]:
-    """The properties that the settings of a dataclass declare, those of nested ones included."""
+    """The properties that a settings dataclass and those nested in it declare."""
     found: dict[str, PropertyDeclaration] = {}
     kinds = typing.get_type_hints(kind)
     for field in dataclasses.fields(kind):
@@ -257,7 +255,7 @@ def _declarations(kind: Any) -> dict[str, PropertyDeclaration]:
 
 
 def _snapshot(kind: Any, values: dict[str, Any]) -> Any:
-    """An instance of a settings dataclass with the values of an element's properties."""
+    """An instance of a settings dataclass with the values of an element."""
     given = {}
     for field in dataclasses.fields(kind):
         default = _default(field)
@@ -275,10 +273,7 @@ def _default(field: dataclasses.Field[Any]) -> Any:
 
 
 def declared_properties(owner: type) -> dict[str, PropertyDeclaration]:
-    """All properties of an element class by the name users write, its bases' first.
-
-    An attribute that a derived class declares anew replaces the one of its base.
-    """
+    """All properties of an element class by name, those of its bases first; a subclass may redeclare one."""
     by_attribute: dict[str, PropertyDeclaration] = {}
     for base in reversed(owner.__mro__):
         for attribute, item in vars(base).items():

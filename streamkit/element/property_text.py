@@ -1,6 +1,6 @@
-"""Text of a description to a typed property value.
+"""Converts the text of a description to a property value.
 
-Source: GStreamer's value deserialisation, as its documentation and test results tell.
+Source: GStreamer's documentation of value deserialisation, and what GStreamer 1.22 returns.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ UNESCAPED_QUOTE = re.compile(r'(?:[^"\\]|\\.)*(?:"|\\$)', re.DOTALL)
 
 
 def value_from_text(kind: type, text: str, *, minimum: Any = None, maximum: Any = None) -> Any:
-    """The value that a text stands for.
+    """Converts a text to a value.
 
     Args:
         kind: int, float, bool, str, Fraction, Caps, or a class of `enum.Enum` or `enum.Flag`.
         text: as written in a description, launch-level quotes removed.
-        minimum: smallest value of the property, or None; whether the value keeps to it is not checked here.
-        maximum: largest value of the property, or None; where it is the largest of 32 or 64 bits, a whole
-            number that fits those bits otherwise signed is taken as C takes it, -1 as the largest.
+        minimum: value of the word "min", or None; the range is not checked here.
+        maximum: value of the word "max", or None; if it is the maximum of a 32-bit or 64-bit type, integers
+            wrap as in C: -1 is the largest unsigned value.
 
     Raises:
-        ValueError: the text is no value of that type; says what is.
+        ValueError: the text is not a value of that type; the message says what is.
     """
     if kind is str:
         return unquote_string(text)
@@ -57,10 +57,10 @@ def value_from_text(kind: type, text: str, *, minimum: Any = None, maximum: Any 
 
 
 def unquote_string(text: str) -> str:
-    """Strips one pair of double quotes around a string and resolves the escapes inside.
+    """Removes a pair of double quotes around a string and resolves the escapes inside.
 
     Raises:
-        ValueError: a quote inside is not escaped, an escape is broken, or the bytes are no UTF-8.
+        ValueError: an inner quote is not escaped, an escape is invalid, or the bytes are not UTF-8.
     """
     if not (text.startswith('"') and text.endswith('"')):
         return text
@@ -123,7 +123,7 @@ def _choice(kind: type[enum.Enum], text: str) -> enum.Enum:
 
 
 def flag_word(member: enum.Flag) -> str:
-    """How a flag is written in a description: its name in small letters, with dashes."""
+    """A flag as written in a description: its name in lower case, with dashes."""
     return (member.name or "").lower().replace("_", "-")
 
 

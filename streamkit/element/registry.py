@@ -1,79 +1,41 @@
-"""Registry: finds elements through entry points and imports only those that a graph uses."""
+"""Registry: finds elements by entry point and imports only those that are used."""
 
 from __future__ import annotations
 
 import functools
 import importlib.metadata
-from dataclasses import dataclass
 from typing import Any
 
 from streamkit.element.base import Element
-from streamkit.element.suggest import did_you_mean
-from streamkit.errors import DescriptionError, PluginBroken, StreamkitError
+from streamkit.element.entries import PluginEntry
+from streamkit.errors import DescriptionError, PluginBroken, StreamkitError, did_you_mean
 
 GROUP = "streamkit.elements"
 
 
-@dataclass(frozen=True, slots=True)
-class ElementEntry:
-    """An element that an installed package offers; nothing of it is imported yet.
-
-    Attributes:
-        name: as written in descriptions.
-        target: "module:Class".
-        distribution: who offers it; its metadata are read only when they are asked for, which takes time.
-    """
-
-    name: str
-    target: str
-    distribution: importlib.metadata.Distribution | None = None
-
-    @property
-    def package(self) -> str:
-        """Name of the distribution."""
-        return self.distribution.name if self.distribution else "unknown package"
-
-    @property
-    def version(self) -> str:
-        """Version of the distribution."""
-        return self.distribution.version if self.distribution else ""
-
-    @property
-    def where(self) -> str:
-        """Element, class and package in a few words."""
-        return f"element {self.name!r} ({self.target}, {self.package} {self.version})"
-
-
 @functools.cache
-def installed_elements() -> dict[str, ElementEntry]:
-    """All elements of all installed packages by name; of two with one name the first found wins."""
-    found: dict[str, ElementEntry] = {}
+def installed_elements() -> dict[str, PluginEntry]:
+    """All elements of all installed packages by name; the first of a name wins."""
+    found: dict[str, PluginEntry] = {}
     for entry in importlib.metadata.entry_points(group=GROUP):
-        found.setdefault(entry.name, ElementEntry(entry.name, entry.value, entry.dist))
+        found.setdefault(entry.name, PluginEntry("element", entry.name, entry.value, entry.dist))
     return dict(sorted(found.items()))
 
 
 @functools.cache
 def element_class(name: str) -> type[Element]:
-    """The class of an element, imported now.
+    """Imports the class of an element.
 
     Raises:
         DescriptionError: no installed package has it (code `no-such-element`).
-        PluginBroken: it cannot be imported, or is no element.
+        PluginBroken: it cannot be imported, or is not an element.
     """
     entry = installed_elements().get(name)
     if entry is None:
         raise DescriptionError(
             "no-such-element", f'no element "{name}"', hint=did_you_mean(name, installed_elements())
         )
-    module_name, _, class_name = entry.target.partition(":")
-    try:
-        found: Any = getattr(importlib.import_module(module_name), class_name)
-    except Exception as cause:
-        raise PluginBroken(
-            f"{entry.where} cannot be loaded: {type(cause).__name__}: {cause}; "
-            f"reinstall or update {entry.package}, or tell its author"
-        ) from cause
+    found = entry.load()
     if not (isinstance(found, type) and issubclass(found, Element)):
         raise PluginBroken(
             f"{entry.where} must be a subclass of streamkit.Element, got {found!r}; tell its author"
@@ -82,12 +44,12 @@ def element_class(name: str) -> type[Element]:
 
 
 def make_element(factory: str, name: str = "", **properties: Any) -> Element:
-    """A new element by the name of its type.
+    """Makes an element of a type.
 
     Raises:
         DescriptionError: there is no such element.
         PluginBroken: it cannot be loaded or made.
-        PropertyError: a property is unknown or its value refused.
+        PropertyError: a property is unknown or refuses its value.
     """
     found = element_class(factory)
     try:
@@ -95,10 +57,6 @@ def make_element(factory: str, name: str = "", **properties: Any) -> Element:
     except StreamkitError:
         raise
     except Exception as cause:
-        entry = installed_elements()[factory]
-        raise PluginBroken(
-            f"{entry.where} cannot be made: {type(cause).__name__}: {cause}; "
-            f"reinstall or update {entry.package}, or tell its author"
-        ) from cause
+        raise installed_elements()[factory].broken("made", cause) from cause
     element.factory = factory
     return element

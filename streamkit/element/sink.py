@@ -1,4 +1,4 @@
-"""Sink: an element that frames end in."""
+"""Sink: an element at the end of a stream."""
 
 from __future__ import annotations
 
@@ -8,61 +8,59 @@ from typing import Any
 
 from streamkit.element.base import Element
 from streamkit.element.choice import Choice
-from streamkit.element.negotiation import refusal
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.flow.caps import Caps
-from streamkit.flow.events import CapsEvent, EosEvent, Event, GapEvent
+from streamkit.flow.events import CapsEvent, EosEvent, Event, Flushing, GapEvent
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.flow.signals import Flushing
 
 MAX_NS = 2**63 - 1
 MAX_UNSIGNED_NS = 2**64 - 1
 
 
 class OnError(Choice):
-    """What the failure of a branch behind a tee comes to."""
+    """Consequence of a failure in a branch behind a tee."""
 
     END = "end", 0, "The pipeline ends"
     DROP_BRANCH = "drop-branch", 1, "The branch is dropped, the others go on"
 
 
 class Sink(Element):
-    """Base of sinks: override `render`, and `drain` for what is left to do at EOS.
+    """Base class of sinks: override `render`, and `drain` to finish at EOS.
 
-    While the pipeline is paused a sink holds the first frame that comes: it has prerolled.
+    In a paused pipeline a sink holds the first frame that arrives: it has prerolled.
 
     Attributes:
-        position_ns: timestamp of the last frame shown in time, or None; kept while `sync` is on.
-        waited_ns: time spent waiting until frames were due, ns; it is no work.
+        position_ns: timestamp of the last frame rendered with `sync`, or None.
+        waited_ns: time spent waiting for frames to be due, ns; not counted as work.
     """
 
-    sync: bool = Property(False, doc="Wait until each frame's time has come, on the pipeline's clock.")
+    sync: bool = Property(False, doc="Render each frame at its running time.")
     wait_for_preroll: bool = Property(
         True,
         name="async",
-        doc="Whether a paused pipeline counts as prerolled only when this sink holds a frame.",
+        doc="Whether a paused pipeline is prerolled only when this sink holds a frame.",
     )
     max_lateness: int = Property(
         -1, min=-1, max=MAX_NS, unit="ns", doc="With sync: drop frames later than this; -1 is never."
     )
-    qos: bool = Property(False, doc="With sync: tell of each frame dropped for being late, on the bus.")
+    qos: bool = Property(False, doc="With sync: post a message for each frame dropped because it is late.")
     ts_offset: int = Property(
-        0, min=-MAX_NS, max=MAX_NS, unit="ns", doc="With sync: show each frame so much later."
+        0, min=-MAX_NS, max=MAX_NS, unit="ns", doc="With sync: render each frame this much later."
     )
     render_delay: int = Property(
-        0, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="With sync: show each frame so much earlier."
+        0, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="With sync: render each frame this much earlier."
     )
     throttle_time: int = Property(
-        0, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="Shortest time between two frames shown."
+        0, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="Minimum time between two rendered frames."
     )
     processing_deadline: int = Property(
         20_000_000,
         min=0,
         max=MAX_UNSIGNED_NS,
         unit="ns",
-        doc="What live frames are given to be worked on, with sync.",
+        doc="With sync: processing time granted to live frames.",
     )
 
     on_error: OnError = Property(
@@ -78,25 +76,25 @@ class Sink(Element):
         self.waited_ns = 0
         super().__init__(name, **properties)
 
-    # What an author overrides.
+    # Overridden by authors.
 
     def render(self, frame: Frame) -> None:
-        """Takes one frame."""
+        """Consumes one frame."""
         raise NotImplementedError
 
     def preroll(self, frame: Frame | None) -> None:
-        """The first frame while the pipeline is paused, rendered later; None for a gap or EOS."""
+        """Shows the first frame while the pipeline is paused; it is rendered later. None for a gap or EOS."""
 
     def drain(self) -> None:
-        """EOS: everything that came is to be finished."""
+        """Finishes all work at EOS."""
 
     def configure(self, sink_caps: Caps) -> None:
-        """New caps: frames that follow have them."""
+        """New caps for the frames that follow."""
 
-    # What the engine calls.
+    # Called by the engine.
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that takes the frames of a pad, as the pipeline's state and the properties stand."""
+        """The function called with each frame, for the current state and properties."""
         is_timed = self.sync or self.throttle_time > 0
         if self.timing.running.is_set() and not is_timed:
             return self.render
@@ -135,7 +133,7 @@ class Sink(Element):
         return False
 
     def _wait_for_time(self, frame: Frame, running_time_ns: int) -> bool:
-        """Waits until a frame is due, through pauses; False where it has come too late."""
+        """Waits until a frame is due, across pauses; False if it is too late."""
         if not self.sync:
             return True
         flushes, due_ns = self.flushes, running_time_ns + self.ts_offset - self.render_delay
@@ -157,7 +155,7 @@ class Sink(Element):
         return False
 
     def _hold(self, frame: Frame | None) -> None:
-        """Prerolls, once a pause, and waits until the pipeline plays."""
+        """Prerolls, once per pause, and waits until the pipeline plays."""
         if self.timing.running.is_set():
             return
         if not self._has_prerolled:
@@ -170,28 +168,28 @@ class Sink(Element):
         self._has_prerolled = False
 
     def prepare_run(self) -> None:
-        """Forgets an earlier run."""
+        """Resets the state of an earlier run."""
         self.waited_ns = 0
         self._has_prerolled = False
         self._last_end_ns = self._next_ns = 0
         self.position_ns = None
 
     def flush(self, *, begins: bool) -> None:
-        """A flush begins or ends; the frame that is held or waited for is dropped."""
+        """Begins or ends a flush, which drops the held frame."""
         super().flush(begins=begins)
         self._has_prerolled = False
         self.position_ns = None
 
     def latency(self) -> tuple[int, int | None]:
-        """With sync, the time frames are given to be worked on."""
+        """With `sync`, the processing deadline and the render delay."""
         return (self.processing_deadline + self.render_delay if self.sync else 0), 0
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Takes caps and EOS; EOS is told to the pipeline once everything is drained."""
+        """Handles caps, gaps and EOS; reports EOS once everything is drained."""
         with self.guarded():
             if isinstance(event, CapsEvent):
                 if (event.caps & pad.template.caps & self.query_caps(pad)).is_empty and pad.peer is not None:
-                    raise refusal(pad.peer, event.caps, pad.template.caps & self.query_caps(pad))
+                    raise pad.peer.refusal(event.caps, pad.template.caps & self.query_caps(pad))
                 self.configure(event.caps)
             elif isinstance(event, GapEvent):
                 self._hold(None)
@@ -199,7 +197,7 @@ class Sink(Element):
                 self._end(pad)
 
     def _end(self, pad: Pad) -> None:
-        """EOS: it waits for the end of the last frame shown, and for a paused pipeline to play."""
+        """Waits for the end of the last frame rendered, and for a paused pipeline to play, then drains."""
         self._hold(None)
         if self.sync and self._last_end_ns and not self.wait_until_due(self._last_end_ns + self.ts_offset):
             raise Flushing(self.name)
@@ -210,11 +208,11 @@ class Sink(Element):
             finally:
                 self.leave()
             pad.is_eos = True
-            self._tell_end()
+            self._report_end()
         else:
             pad.is_eos = True
 
-    def _tell_end(self) -> None:
+    def _report_end(self) -> None:
         if self.host is not None:
             self.host.sink_ended(self)
         else:

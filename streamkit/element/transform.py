@@ -1,4 +1,4 @@
-"""Transform: an element that turns each frame into another."""
+"""Transform: an element that maps each frame to none, one or several."""
 
 from __future__ import annotations
 
@@ -8,56 +8,54 @@ from collections.abc import Iterable
 from typing import Any
 
 from streamkit.element.base import Element
-from streamkit.element.negotiation import allowed_caps, demand_accepted, refusal
 from streamkit.element.pad import Direction, Pad
 from streamkit.flow.caps import Caps
-from streamkit.flow.events import CapsEvent, EosEvent, Event
+from streamkit.flow.events import CapsEvent, EndOfStream, EosEvent, Event
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import EndOfStream
 
 Result = Frame | Iterable[Frame | tuple[str, Frame]] | None
 
 
 class Transform(Element):
-    """Base of elements with one sink pad: override `transform`, and `drain` if frames are held back.
+    """Base class of elements with one sink pad: override `transform`, and `drain` if frames are held back.
 
-    Frames leave through the pad `src`. An element may declare more src pads in `templates`: for these
-    `transform` yields pairs of the pad's name and a frame. Caps of such a pad go before its first frame with
-    them; every other event, and EOS, reaches every src pad.
+    Frames leave through the pad `src`. For further src pads, declared in `templates`, `transform` yields
+    pairs of pad name and frame; their caps are sent before the first frame that has them. Every other event
+    reaches every src pad.
     """
 
-    # What an author overrides.
+    # Overridden by authors.
 
     def transform(self, frame: Frame) -> Result:
-        """The frame to pass on, several, or None for none; `(pad name, frame)` leaves through that pad."""
+        """Returns a frame, several, or None; `(pad name, frame)` leaves through that pad."""
         raise NotImplementedError
 
     def drain(self) -> Iterable[Frame | tuple[str, Frame]]:
-        """What is still held, at EOS."""
+        """Frames still held at EOS."""
         return ()
 
     def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
-        """New caps are agreed; frames that follow have them."""
+        """New caps for the frames that follow."""
 
     def event(self, event: Event) -> None:
-        """An event passes, in order with the frames."""
+        """An event arrived, in order with the frames."""
 
     def transform_caps(self, caps: Caps, direction: str) -> Caps:
-        """What the other pad can carry while the `direction` ("sink" or "src") pad carries `caps`."""
+        """Caps of the other pad while the `direction` ("sink" or "src") pad carries `caps`."""
         if self.keeps_caps:
             return caps
         other = Direction.SRC if direction == Direction.SINK else Direction.SINK
         return self.pads[str(other)].template.caps
 
     def fixate(self, sink_caps: Caps, allowed: Caps) -> Caps | None:
-        """Picks the caps to send out of `allowed`; None when only the first frame can tell."""
+        """Chooses the output caps out of `allowed`; None if only the first frame can tell."""
         return sink_caps if self.keeps_caps else allowed.fixate(near=sink_caps)
 
     def is_passthrough(self) -> bool:
-        """Whether frames pass unseen as the properties stand: the element then costs nothing."""
+        """Whether frames bypass the element with the current properties, at no cost."""
         return False
 
-    # What the engine calls.
+    # Called by the engine.
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         super().__init__(name, **properties)
@@ -71,7 +69,7 @@ class Transform(Element):
         return self.pads["src"]
 
     def query_caps(self, pad: Pad) -> Caps:
-        """What the pad can carry, given what its other side can."""
+        """Caps that the pad can carry, given those of the other side."""
         if pad.is_src and pad is not self.src_pad:
             return pad.template.caps
         other = self.pads["sink" if pad.is_src else "src"]
@@ -79,14 +77,14 @@ class Transform(Element):
         return self.transform_caps(beyond, str(other.template.direction))
 
     def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
-        """Takes an event and says what goes on; an element with its own `receive_event` sends by itself."""
+        """Handles an event; an element that overrides `receive_event` forwards events itself."""
         if type(self).receive_event is not Transform.receive_event:
             self.receive_event(pad, event)
             return None
         return self._take_event(event)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Negotiates on new caps, drains on EOS, passes everything on in order."""
+        """Negotiates on caps, drains on EOS, forwards everything in order."""
         onward = self._take_event(event)
         if onward is not None:
             onward[0].send_event(onward[1])
@@ -118,35 +116,35 @@ class Transform(Element):
             pad.is_eos = True
 
     def side_pads(self) -> list[Pad]:
-        """The src pads besides `src` that something is linked to."""
+        """Linked src pads other than `src`."""
         main = self.src_pad
         return [pad for pad in self.src_pads() if pad is not main and pad.peer is not None]
 
     def push_aside(self, name: str, frame: Frame) -> None:
-        """Sends a frame through one of the other src pads, after its caps where they are new.
+        """Sends a frame through another src pad, after its caps if they are new.
 
-        A pad that nothing is linked to any more swallows it; one whose branch has ended does, too.
+        The frame is lost if the pad is not linked or its branch has ended.
         """
         pad = self.pads.get(name)
         if pad is None or pad.peer is None:
             return
         if frame.caps is not pad.caps:
             if frame.caps != pad.caps:
-                demand_accepted(pad, frame.caps)
+                pad.demand_accepted(frame.caps)
                 pad.send_event(CapsEvent(frame.caps))
             frame = frame.replace(caps=pad.caps)
         with contextlib.suppress(EndOfStream):
             pad.push(frame)
 
     def _negotiate(self, sink_caps: Caps) -> Caps | None:
-        """The caps to send, with which the element is configured; None where only a frame can tell."""
+        """Configures the element; returns the output caps, or None if only a frame can tell."""
         sink, src = self.pads["sink"], self.src_pad
         if (sink_caps & sink.template.caps).is_empty and sink.peer is not None:
-            raise refusal(sink.peer, sink_caps, sink.template.caps)
+            raise sink.peer.refusal(sink_caps, sink.template.caps)
         possible = self.transform_caps(sink_caps, "sink")
         if possible.is_empty and sink.peer is not None:
-            raise refusal(sink.peer, sink_caps, sink.query_caps())
-        allowed = allowed_caps(src, possible)
+            raise sink.peer.refusal(sink_caps, sink.query_caps())
+        allowed = src.allowed_caps(possible)
         src_caps = self.fixate(sink_caps, allowed)
         self._sink_caps = sink_caps
         if src_caps is None:
@@ -163,14 +161,14 @@ class Transform(Element):
             self.configure(sink_caps, src_caps)
 
     def settled(self, frame: Frame) -> Frame:
-        """The frame with the src pad's caps, after telling downstream when the data changed them."""
+        """Sends the caps of an output frame if they changed; returns the frame with the src pad's caps."""
         pad = self.src_pad
         caps = frame.caps
         if caps is pad.caps:
             return frame
         if pad.caps is not None and (caps is self.pads["sink"].caps or caps == pad.caps):
             return frame.replace(caps=pad.caps)
-        demand_accepted(pad, caps)
+        pad.demand_accepted(caps)
         self._configure(self._sink_caps or caps, caps)
         pad.send_event(CapsEvent(caps))
         return frame

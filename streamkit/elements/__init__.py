@@ -1,1 +1,1 @@
-"""The core's own elements; they move frames and know nothing of what is in them."""
+"""Core elements: they route, queue and time frames, whatever the frames contain."""

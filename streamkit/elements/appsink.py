@@ -1,36 +1,34 @@
-"""appsink: frames to the application."""
+"""appsink: frames for the application."""
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterator
 from typing import Any
 
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
-from streamkit.elements.callbacks import Callbacks
+from streamkit.elements.frame_report import Callbacks
 from streamkit.elements.plainsink import PlainSink
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.events import EosEvent, Event, FlushStart, FlushStop
+from streamkit.flow.events import EosEvent, Event, Flushing, FlushStart, FlushStop
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import Flushing
 from streamkit.handoff.frame_queue import FrameQueue
 
-LOOK_S = 0.2
+POLL_S = 0.2
 UINT = 2**32 - 1
 UINT64 = 2**64 - 1
 
 
 class AppSink(PlainSink):
-    """Holds frames for the application: iterate over it, or call `pull`.
+    """Queues frames for the application: iterate over the element, or call `pull`.
 
     Attributes:
-        on_new_sample: called with the element for each frame, while `emit-signals` is on.
-        on_new_preroll: the same for the frame that a paused pipeline holds.
+        on_new_sample: called with the element for each frame, if `emit-signals` is on.
+        on_new_preroll: the same for the preroll frame.
         on_eos: called with the element at EOS.
-        pending: the frames and events held.
+        pending: queued frames and events.
 
     Example:
         videotestsrc num-buffers=5 ! appsink name=out
@@ -38,17 +36,19 @@ class AppSink(PlainSink):
 
     sink = "ANY"
 
-    caps: Caps | None = Property(ANY, doc="What it takes.")
-    max_buffers: int = Property(64, min=0, max=UINT, live=True, doc="Frames held at most; 0 is no limit.")
+    caps: Caps | None = Property(ANY, doc="Accepted caps.")
+    max_buffers: int = Property(
+        64, min=0, max=UINT, live=True, doc="Maximum number of queued frames; 0 is no limit."
+    )
     max_bytes: int = Property(
-        0, min=0, max=UINT64, live=True, unit="bytes", doc="Bytes held at most; 0 is no limit."
+        0, min=0, max=UINT64, live=True, unit="bytes", doc="Maximum of queued bytes; 0 is no limit."
     )
     max_time: int = Property(
-        0, min=0, max=UINT64, live=True, unit="ns", doc="Time held at most; 0 is no limit."
+        0, min=0, max=UINT64, live=True, unit="ns", doc="Maximum queued time; 0 is no limit."
     )
-    drop: bool = Property(False, live=True, doc="Drop the oldest frame when full, instead of waiting.")
+    drop: bool = Property(False, live=True, doc="Drop the oldest frame if full instead of waiting.")
     eos: bool = Property(True, read=lambda s: s._is_over(), doc="Whether nothing more can be pulled.")
-    emit_signals: bool = Property(False, live=True, doc="Call `on_new_sample` and the others.")
+    emit_signals: bool = Property(False, live=True, doc="Call `on_new_sample` and the other callbacks.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_new_sample = Callbacks()
@@ -56,23 +56,22 @@ class AppSink(PlainSink):
         self.on_eos = Callbacks()
         self.pending = FrameQueue()
         self._preroll: Frame | None = None
-        self._changed = threading.Condition()
         self._was_started = False
         super().__init__(name, **properties)
 
     @property
     def current_level_buffers(self) -> int:
-        """Frames held now."""
+        """Number of queued frames."""
         return self.pending.buffers
 
     @property
     def current_level_bytes(self) -> int:
-        """Bytes held now."""
+        """Queued bytes."""
         return self.pending.bytes
 
     @property
     def current_level_time(self) -> int:
-        """Time held now, ns."""
+        """Queued time, ns."""
         return self.pending.time_ns
 
     def query_caps(self, pad: Pad) -> Caps:
@@ -80,42 +79,41 @@ class AppSink(PlainSink):
         return self.caps or ANY
 
     def start(self) -> None:
-        """Forgets an earlier run."""
+        """Resets the state of an earlier run."""
         super().start()
         self._forget()
         self._was_started = True
 
     def stop(self) -> None:
-        """Frames that nobody took stay until the next start; who waits is told."""
+        """Wakes waiting callers; queued frames stay until the next start."""
         super().stop()
         self._was_started = False
-        self.interrupt()
+        self.wake()
 
     def _forget(self) -> None:
-        with self._changed:
+        with self.changed:
             self.pending.reset()
             self._preroll = None
-            self._changed.notify_all()
+            self.changed.notify_all()
 
     def property_changed(self, name: str) -> None:
-        """Who waits looks again."""
+        """Wakes waiting threads."""
         super().property_changed(name)
-        with self._changed:
-            self._changed.notify_all()
+        self.wake()
 
-    # The streaming side.
+    # Called in the streaming thread.
 
     def preroll(self, frame: Frame | None) -> None:
-        """The frame that a paused pipeline holds; it comes once more when the pipeline plays."""
-        with self._changed:
+        """Stores the preroll frame; it is rendered again when the pipeline plays."""
+        with self.changed:
             self._preroll = frame
-            self._changed.notify_all()
+            self.changed.notify_all()
         if frame is not None and self.emit_signals:
             self.on_new_preroll.emit(self)
 
     def render(self, frame: Frame) -> None:
-        """Lines the frame up; waits or drops the oldest when full."""
-        with self._changed:
+        """Queues the frame; waits, or drops the oldest, if full."""
+        with self.changed:
             self.demand_open()
             if self.is_outside(frame):
                 return
@@ -126,12 +124,12 @@ class AppSink(PlainSink):
                 if self.stopping.is_set() or self.is_flushing:
                     raise Flushing(self.name)
                 with self.waiting():
-                    self._changed.wait(LOOK_S)
+                    self.changed.wait(POLL_S)
             self.count += 1
             if self._keeps_last:
                 self.last_frame = frame
             self.pending.append(frame)
-            self._changed.notify_all()
+            self.changed.notify_all()
         if self.emit_signals:
             self.on_new_sample.emit(self)
 
@@ -139,32 +137,26 @@ class AppSink(PlainSink):
         return self.pending.is_full(self.max_buffers, self.max_bytes, self.max_time)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Lines events up between the frames, for `pull_object`."""
+        """Queues events between the frames, for `pull_object`."""
         if not isinstance(event, EosEvent | FlushStart | FlushStop):
-            with self._changed:
+            with self.changed:
                 self.pending.append(event)
-                self._changed.notify_all()
+                self.changed.notify_all()
         super().receive_event(pad, event)
 
     def drain(self) -> None:
-        """EOS: who waits for frames is told."""
+        """Wakes waiting callers at EOS."""
         super().drain()
-        with self._changed:
-            self._changed.notify_all()
+        self.wake()
         if self.emit_signals:
             self.on_eos.emit(self)
 
     def flush(self, *, begins: bool) -> None:
-        """A flush drops what is held."""
+        """A flush drops queued frames."""
         super().flush(begins=begins)
         self._forget()
 
-    def interrupt(self) -> None:
-        """Wakes who waits."""
-        with self._changed:
-            self._changed.notify_all()
-
-    # The application's side.
+    # Called by the application.
 
     def _is_over(self) -> bool:
         return not self._was_started or (self._has_ended and not self.pending.buffers)
@@ -173,7 +165,7 @@ class AppSink(PlainSink):
         """The next frame; None at EOS.
 
         Raises:
-            StateError: none has come within `timeout_s`, or the pipeline does not play.
+            StateError: none arrived within `timeout_s`, or the pipeline does not play.
             ElementFailure: the pipeline has failed.
         """
         frame = self.try_pull(timeout_s)
@@ -184,7 +176,7 @@ class AppSink(PlainSink):
         return frame
 
     def try_pull(self, timeout_s: float = 0.0) -> Frame | None:
-        """The next frame; None where none comes within the time, or ever.
+        """The next frame; None at the timeout or EOS.
 
         Raises:
             ElementFailure: the pipeline has failed.
@@ -195,46 +187,46 @@ class AppSink(PlainSink):
                 return item
 
     def pull_object(self, timeout_s: float = 5.0, *, only_frames: bool = False) -> Frame | Event | None:
-        """The next frame or event, in order; None where none comes within the time, or ever.
+        """The next frame or event, in order; None at the timeout or EOS.
 
         Raises:
             ElementFailure: the pipeline has failed.
         """
         deadline_s = time.monotonic() + timeout_s
-        with self._changed:
+        with self.changed:
             while not self._has_next(only_frames=only_frames):
                 self._raise_failure()
                 left_s = deadline_s - time.monotonic()
                 if self._has_ended or not self.is_playing or self.stopping.is_set() or left_s <= 0:
                     return None
-                self._changed.wait(min(left_s, LOOK_S))
+                self.changed.wait(min(left_s, POLL_S))
             item = self.pending.popleft()
             if isinstance(item, Frame):
                 self._preroll = None
-            self._changed.notify_all()
+            self.changed.notify_all()
             return item
 
     def _has_next(self, *, only_frames: bool) -> bool:
-        """Whether something can be pulled; events before the next frame are passed over if not wanted."""
+        """Whether something can be pulled; `only_frames` skips events."""
         items = self.pending.items
         while only_frames and items and not isinstance(items[0], Frame):
             self.pending.popleft()
         return bool(items)
 
     def pull_preroll(self, timeout_s: float = 5.0) -> Frame | None:
-        """The frame that the paused pipeline holds, once; None where there is none within the time.
+        """The preroll frame of the paused pipeline, once; None at the timeout.
 
         Raises:
             ElementFailure: the pipeline has failed.
         """
         deadline_s = time.monotonic() + timeout_s
-        with self._changed:
+        with self.changed:
             while self._preroll is None:
                 self._raise_failure()
                 left_s = deadline_s - time.monotonic()
                 if self._is_over() or self.stopping.is_set() or left_s <= 0:
                     return None
-                self._changed.wait(min(left_s, LOOK_S))
+                self.changed.wait(min(left_s, POLL_S))
             frame, self._preroll = self._preroll, None
             return frame
 
@@ -244,6 +236,6 @@ class AppSink(PlainSink):
             raise failure
 
     def __iter__(self) -> Iterator[Frame]:
-        """Frames until EOS; raises the pipeline's error if it fails."""
+        """Iterates over frames until EOS; raises the pipeline's error if it fails."""
         while (frame := self.pull(timeout_s=60.0)) is not None:
             yield frame

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -10,21 +9,21 @@ from typing import Any
 from streamkit.element.choice import Choice
 from streamkit.element.property import Property
 from streamkit.element.source import Source
-from streamkit.elements.callbacks import Callbacks
 from streamkit.elements.fakesrc import StreamFormat
+from streamkit.elements.frame_report import Callbacks
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import Event
 from streamkit.flow.frame import Frame, FrameFlags
 from streamkit.handoff.frame_queue import FrameQueue
 
-LOOK_S = 0.2
+POLL_S = 0.2
 INT64 = 2**63 - 1
 UINT64 = 2**64 - 1
 
 
 class LeakyType(Choice):
-    """Which frame a full line gives up."""
+    """Which frame a full queue drops."""
 
     NONE = "none", 0, "GST_APP_LEAKY_TYPE_NONE"
     UPSTREAM = "upstream", 1, "GST_APP_LEAKY_TYPE_UPSTREAM"
@@ -32,19 +31,19 @@ class LeakyType(Choice):
 
 
 class _Ended(Exception):
-    """Nothing more will be pushed."""
+    """No more frames follow."""
 
 
 class AppSrc(Source):
-    """Pushes what the application gives it with `push`; `end` closes the stream.
+    """Streams what the application passes to `push`; `end` closes the stream.
 
-    What is pushed before the pipeline plays is kept, however much. Afterwards `push` waits for room, unless
-    `block` is off (the line then grows past its limits, as GStreamer's does) or `leaky-type` drops a frame.
+    Everything pushed before the pipeline plays is kept. Later `push` waits while the queue is full, unless
+    `block` is off (the queue then exceeds its limits, as in GStreamer) or `leaky-type` drops a frame.
 
     Attributes:
-        on_need_data: called with the element and `max-bytes` when the line is empty or below `min-percent`.
+        on_need_data: called with the element and `max-bytes` if the queue is empty or below `min-percent`.
         on_enough_data: called with the element when a limit is reached.
-        pending: the frames and events held.
+        pending: queued frames and events.
 
     Example:
         appsrc name=in ! fakesink
@@ -52,26 +51,26 @@ class AppSrc(Source):
 
     src = "ANY"
 
-    caps: Caps | None = Property(ANY, live=True, doc="Caps of what is pushed as bare data.")
-    max_buffers: int = Property(16, min=0, max=UINT64, live=True, doc="Frames that fill the line; 0 is none.")
+    caps: Caps | None = Property(ANY, live=True, doc="Caps of bare data.")
+    max_buffers: int = Property(
+        16, min=0, max=UINT64, live=True, doc="Maximum number of queued frames; 0 is no limit."
+    )
     max_bytes: int = Property(
-        0, min=0, max=UINT64, live=True, unit="bytes", doc="Bytes that fill the line; 0 is no limit."
+        0, min=0, max=UINT64, live=True, unit="bytes", doc="Maximum of queued bytes; 0 is no limit."
     )
     max_time: int = Property(
-        0, min=0, max=UINT64, live=True, unit="ns", doc="Time that fills the line; 0 is no limit."
+        0, min=0, max=UINT64, live=True, unit="ns", doc="Maximum queued time; 0 is no limit."
     )
-    block: bool = Property(True, live=True, doc="`push` waits for room in a full line; else it goes on.")
-    leaky_type: LeakyType = Property(LeakyType.NONE, doc="Which frame a full line drops instead.")
-    current_level_buffers: int = Property(0, read=lambda s: s.pending.buffers, doc="Frames held now.")
-    current_level_bytes: int = Property(
-        0, read=lambda s: s.pending.bytes, unit="bytes", doc="Bytes held now."
-    )
-    current_level_time: int = Property(0, read=lambda s: s.pending.time_ns, unit="ns", doc="Time held now.")
+    block: bool = Property(True, live=True, doc="`push` waits while the queue is full; else the queue grows.")
+    leaky_type: LeakyType = Property(LeakyType.NONE, doc="Which frame a full queue drops instead.")
+    current_level_buffers: int = Property(0, read=lambda s: s.pending.buffers, doc="Number of queued frames.")
+    current_level_bytes: int = Property(0, read=lambda s: s.pending.bytes, unit="bytes", doc="Queued bytes.")
+    current_level_time: int = Property(0, read=lambda s: s.pending.time_ns, unit="ns", doc="Queued time.")
     num_buffers: int = Property(-1, min=-1, max=2**31 - 1, doc="Frames before EOS; -1 is endless.")
-    is_live: bool = Property(False, doc="Frames come at their own pace; nothing flows while paused.")
-    do_timestamp: bool = Property(False, doc="Stamp frames without a timestamp with the running time.")
-    min_latency: int = Property(-1, min=-1, max=INT64, unit="ns", doc="Least age of live frames; -1 is 0.")
-    max_latency: int = Property(-1, min=-1, max=INT64, unit="ns", doc="Greatest age; -1 is no limit.")
+    is_live: bool = Property(False, doc="Frames arrive at their own pace; none are sent while paused.")
+    do_timestamp: bool = Property(False, doc="Timestamp frames that have no timestamp with the running time.")
+    min_latency: int = Property(-1, min=-1, max=INT64, unit="ns", doc="Minimum age of live frames; -1 is 0.")
+    max_latency: int = Property(-1, min=-1, max=INT64, unit="ns", doc="Maximum age; -1 is no limit.")
     emit_signals: bool = Property(True, live=True, doc="Call `on_need_data` and `on_enough_data`.")
     min_percent: int = Property(
         0,
@@ -79,10 +78,10 @@ class AppSrc(Source):
         max=100,
         live=True,
         unit="%",
-        doc="Ask for data below this part of max-bytes.",
+        doc="Ask for data below this share of max-bytes.",
     )
     duration: int = Property(
-        UINT64, min=0, max=UINT64, unit="ns", doc="Length of the stream; the largest value is unknown."
+        UINT64, min=0, max=UINT64, unit="ns", doc="Length of the stream; the maximum is unknown."
     )
     format: StreamFormat = Property(StreamFormat.BYTES, doc="Accepted, without effect: times are ns.")
 
@@ -90,55 +89,53 @@ class AppSrc(Source):
         self.on_need_data = Callbacks()
         self.on_enough_data = Callbacks()
         self.pending = FrameQueue()
-        self._changed = threading.Condition()
         self._closed = False
         self._had_gap = False
         self._taken = 0
         super().__init__(name, **properties)
 
     def property_changed(self, name: str) -> None:
-        """Who waits for room looks again; None for caps is anything."""
+        """Wakes waiting threads; None for caps is ANY."""
         if name == "caps" and self.caps is None:
             self.caps = ANY
-        with self._changed:
-            self._changed.notify_all()
+        self.wake()
 
     def duration_ns(self) -> int | None:
-        """As the property says."""
+        """The property `duration`."""
         return None if self.duration == UINT64 else self.duration
 
     def latency(self) -> tuple[int, int | None]:
-        """As the properties say."""
+        """The properties `min-latency` and `max-latency`."""
         return max(0, self.min_latency), None if self.max_latency < 0 else self.max_latency
 
     def stop(self) -> None:
-        """Forgets the frames of this run that nobody took; those pushed before the next are kept."""
-        with self._changed:
+        """Drops queued frames; those pushed before the next start are kept."""
+        with self.changed:
             self.pending.reset()
             self._closed = self._had_gap = False
 
     def negotiate(self, allowed: Caps) -> Caps | None:
-        """The caps given, or those of the first frame."""
+        """The property `caps` if fixed, else those of the first frame."""
         caps = self.caps or ANY
         return (allowed & caps) if caps.is_fixed else None
 
-    # The application's side.
+    # Called by the application.
 
     def push(self, item: Any, timeout_s: float = 5.0, **fields: Any) -> None:
-        """Gives a frame, an event, or bare data with fields such as `pts`, to the pipeline.
+        """Queues a frame, an event, or bare data with fields such as `pts`.
 
         Raises:
-            StateError: there has been no room within `timeout_s`, or `end` has been called.
+            StateError: the queue stayed full for `timeout_s`, or `end` was called.
             ElementFailure: the pipeline has failed.
         """
         if isinstance(item, Event):
-            with self._changed:
+            with self.changed:
                 self._demand_open()
                 self.pending.append(item)
-                self._changed.notify_all()
+                self.changed.notify_all()
             return
         frame = item if isinstance(item, Frame) else Frame(item, self.caps or ANY, **fields)
-        with self._changed:
+        with self.changed:
             self._demand_open()
             is_full = self.is_playing and self._is_full()
         if is_full:
@@ -149,17 +146,17 @@ class AppSrc(Source):
         self._append(frame)
 
     def push_list(self, items: Iterable[Any], timeout_s: float = 5.0) -> None:
-        """Gives several, in order; see `push`."""
+        """Pushes several items in order; see `push`."""
         for item in items:
             self.push(item, timeout_s)
 
     def try_push(self, item: Any, **fields: Any) -> bool:
-        """Gives a frame if there is room now; False if there is none.
+        """Pushes a frame unless the queue is full; whether it did.
 
         Raises:
-            StateError: `end` has been called.
+            StateError: `end` was called.
         """
-        with self._changed:
+        with self.changed:
             self._demand_open()
             if self._is_full():
                 return False
@@ -167,29 +164,29 @@ class AppSrc(Source):
         return True
 
     def end(self) -> None:
-        """No frame follows; EOS goes behind those pushed."""
-        with self._changed:
+        """Ends the stream after the frames pushed so far."""
+        with self.changed:
             self._closed = True
-            self._changed.notify_all()
+            self.changed.notify_all()
 
     def _demand_open(self) -> None:
         if self._closed:
             raise StateError(f"{self.name}: no frame can follow end(); stop the pipeline to begin anew")
 
     def _append(self, frame: Frame) -> None:
-        with self._changed:
+        with self.changed:
             if self._had_gap:
                 self._had_gap = False
                 frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
             self.pending.append(frame)
-            self._changed.notify_all()
+            self.changed.notify_all()
 
     def _is_full(self) -> bool:
         return self.pending.is_full(self.max_buffers, self.max_bytes, self.max_time)
 
     def _make_room(self, deadline_s: float, timeout_s: float) -> bool:
-        """Drops, waits or does neither, as the properties say; False where the new frame is dropped."""
-        with self._changed:
+        """Drops, waits or neither, by the properties; False if the new frame is dropped."""
+        with self.changed:
             if self.leaky_type is LeakyType.UPSTREAM:
                 self._had_gap = True
                 self.count_drop("appsrc full, newest dropped")
@@ -208,13 +205,13 @@ class AppSrc(Source):
                     raise StateError(
                         f"{self.name}: no room for a frame within {timeout_s} s: nothing downstream takes it"
                     )
-                self._changed.wait(min(left_s, LOOK_S))
+                self.changed.wait(min(left_s, POLL_S))
             return True
 
-    # The streaming side.
+    # Called in the streaming thread.
 
     def frames(self) -> Iterator[Frame | Event]:
-        """What was pushed, in order."""
+        """Yields what was pushed, in order."""
         self._taken = 0
         try:
             while self._taken != self.num_buffers:
@@ -223,16 +220,16 @@ class AppSrc(Source):
             return
 
     def _take(self) -> Frame | Event:
-        """The oldest item, once there is one; raises `_Ended` where none will come."""
-        if self.emit_signals and self.on_need_data and self._is_wanting():
+        """Waits for the oldest item; raises `_Ended` if none follows."""
+        if self.emit_signals and self.on_need_data and self._needs_data():
             self.on_need_data.emit(self, self.max_bytes)
-        with self._changed:
+        with self.changed:
             while not self.pending.items:
                 if self._closed or self._finishing or self.stopping.is_set():
                     raise _Ended
-                self._changed.wait(LOOK_S)
+                self.changed.wait(POLL_S)
             item = self.pending.popleft()
-            self._changed.notify_all()
+            self.changed.notify_all()
             if not isinstance(item, Frame):
                 return item
             self._taken += 1
@@ -240,10 +237,5 @@ class AppSrc(Source):
             return item.replace(pts=self.timing.running_time_ns())
         return item
 
-    def _is_wanting(self) -> bool:
+    def _needs_data(self) -> bool:
         return not self.pending.items or 100 * self.pending.bytes < self.min_percent * self.max_bytes
-
-    def interrupt(self) -> None:
-        """Wakes who waits."""
-        with self._changed:
-            self._changed.notify_all()

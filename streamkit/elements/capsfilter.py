@@ -1,4 +1,4 @@
-"""capsfilter: lets one kind of frames through; written as caps between two `!`."""
+"""capsfilter: restricts the caps of a link; written as caps between two `!`."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from streamkit.flow.frame import Frame
 
 
 class CapsChangeMode(Choice):
-    """What happens to frames on their way when the caps change."""
+    """What happens to frames in flight when the caps change."""
 
     IMMEDIATE = "immediate", 0, "Only accept the current filter caps"
     DELAYED = "delayed", 1, "Temporarily accept previous filter caps"
 
 
 class CapsFilter(Transform):
-    """Restricts the caps on a link. Caps set while it plays make the source negotiate anew.
+    """Restricts the caps of a link. Setting caps while playing makes the source renegotiate.
 
     Example:
         videotestsrc num-buffers=5 ! video/x-raw, format=GRAY8, width=320 ! fakesink
@@ -27,11 +27,11 @@ class CapsFilter(Transform):
 
     sink = src = "ANY"
 
-    caps: Caps | None = Property(ANY, live=True, doc="What may pass; None is anything.")
+    caps: Caps | None = Property(ANY, live=True, doc="Allowed caps; None is ANY.")
     caps_change_mode: CapsChangeMode = Property(
         CapsChangeMode.IMMEDIATE,
         live=True,
-        doc="Whether the caps before a change are accepted until upstream has sent new ones.",
+        doc="Whether previous caps are accepted until upstream sends new ones.",
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
@@ -40,11 +40,11 @@ class CapsFilter(Transform):
         super().__init__(name, **properties)
 
     def start(self) -> None:
-        """Nothing is left over from an earlier run."""
+        """Forgets the caps of an earlier run."""
         self._previous = []
 
     def property_changed(self, name: str) -> None:
-        """New caps: upstream is asked to negotiate anew before its next frame."""
+        """Makes upstream renegotiate after a change of caps."""
         if name != "caps":
             return
         if self.caps is None:
@@ -57,21 +57,21 @@ class CapsFilter(Transform):
             self.reconfigure()
 
     def transform_caps(self, caps: Caps, direction: str) -> Caps:
-        """The caps of the other pad: the same, within the filter; the filter's order rules."""
+        """Intersects caps with the filter, in the filter's order."""
         possible = self._filter & caps
         for earlier in self._previous:
             possible = possible | (earlier & caps)
         return possible
 
     def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
-        """Caps that meet the newest filter end the patience with those before it."""
+        """Forgets previous caps once upstream meets the newest filter."""
         if not (self._filter & sink_caps).is_empty:
             self._previous = []
 
     def is_passthrough(self) -> bool:
-        """Frames pass unseen: negotiation has seen to their caps."""
+        """Always: negotiation has checked the caps."""
         return True
 
     def transform(self, frame: Frame) -> Frame:
-        """The same frame."""
+        """Returns the same frame."""
         return frame

@@ -1,8 +1,7 @@
-"""concat: one stream after another."""
+"""concat: concatenates streams."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -10,16 +9,15 @@ from streamkit.element.branching import Combine
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
 from streamkit.flow.caps import ANY
-from streamkit.flow.events import CapsEvent, Event, FlushStart, FlushStop, SegmentEvent
+from streamkit.flow.events import CapsEvent, EndOfStream, Event, Flushing, FlushStart, FlushStop, SegmentEvent
 from streamkit.flow.frame import Frame
 from streamkit.flow.segment import Segment
-from streamkit.flow.signals import EndOfStream, Flushing
 
 WAIT_S = 0.5
 
 
 class Concat(Combine):
-    """Passes on its first input until that ends, then the second, and so on; later inputs wait.
+    """Forwards its first input until EOS, then the second, and so on; later inputs wait.
 
     Example:
         concat name=c ! fakesink  fakesrc num-buffers=3 ! c.  fakesrc num-buffers=5 ! c.
@@ -29,27 +27,26 @@ class Concat(Combine):
     templates = (PadTemplate("sink_%u", Direction.SINK, ANY, Presence.REQUEST),)
 
     active_pad: str | None = Property(
-        None, read=lambda concat: concat._active_name(), doc="Name of the input whose turn it is."
+        None, read=lambda concat: concat._active_name(), doc="Name of the current input."
     )
     adjust_base: bool = Property(
-        True, live=True, doc="Let each input's running time begin where that of the one before it ended."
+        True, live=True, doc="Start the running time of each input where the previous one ended."
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._moved = threading.Condition()
         self._end_ns = 0
         super().__init__(name, **properties)
 
     def start(self) -> None:
-        """Nothing has been passed on."""
+        """Resets the state of an earlier run."""
         self._end_ns = 0
 
     def combine(self, pad_name: str, frame: Frame) -> Frame:
-        """The frame: its turn has come."""
+        """Forwards the frame."""
         return frame
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that takes the frames of a pad; it waits for the pads before it to end."""
+        """The function called with each frame of a pad; it waits until the pads before it have ended."""
         receive = super().receiver(pad)
 
         def in_turn(frame: Frame) -> None:
@@ -65,7 +62,7 @@ class Concat(Combine):
         return in_turn
 
     def switched(self, pad: Pad) -> None:
-        """The segment of the new input, moved to the end of what has been passed on."""
+        """Sends the segment of the new input, shifted to the end of the previous one."""
         segment = pad.segment
         if self.adjust_base and self._end_ns:
             segment = Segment(segment.start_ns, segment.stop_ns, self._end_ns)
@@ -73,12 +70,12 @@ class Concat(Combine):
             self.src_pad.send_event(SegmentEvent(segment))
 
     def _wait_for_turn(self, pad: Pad) -> None:
-        with self._moved:
+        with self.changed:
             while self._active() is not pad:
                 if self.stopping.is_set() or self.is_flushing or pad.name not in self.pads:
                     raise Flushing(self.name)
                 with self.waiting():
-                    self._moved.wait(WAIT_S)
+                    self.changed.wait(WAIT_S)
 
     def _active(self) -> Pad | None:
         return next((pad for pad in list(self.pads.values()) if not pad.is_src and not pad.is_eos), None)
@@ -88,26 +85,13 @@ class Concat(Combine):
         return None if active is None else active.name
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """EOS of the active input gives the next its turn; events wait for their turn too."""
+        """Makes events wait for their turn; EOS of the current input starts the next one."""
         if not isinstance(event, CapsEvent | SegmentEvent | FlushStart | FlushStop):
             self._wait_for_turn(pad)
         super().receive_event(pad, event)
-        self._wake()
+        self.wake()
 
     def release_pad(self, pad: Pad) -> None:
-        """Takes an input away; the next has its turn."""
+        """Removes an input; the next one may become current."""
         super().release_pad(pad)
-        self._wake()
-
-    def flush(self, *, begins: bool) -> None:
-        """A flush ends waits for a turn."""
-        super().flush(begins=begins)
-        self._wake()
-
-    def interrupt(self) -> None:
-        """Wakes who waits for a turn."""
-        self._wake()
-
-    def _wake(self) -> None:
-        with self._moved:
-            self._moved.notify_all()
+        self.wake()

@@ -1,4 +1,4 @@
-"""fakesink: takes frames and forgets them."""
+"""fakesink: discards frames."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ from typing import Any
 
 from streamkit.element.choice import Choice
 from streamkit.element.property import Property
-from streamkit.elements.callbacks import Callbacks
-from streamkit.elements.frame_text import dump_text, frame_text
+from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.elements.plainsink import PlainSink
 from streamkit.errors import StateError
+from streamkit.flow.events import EndOfStream
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import EndOfStream
 
 INT = 2**31 - 1
 
 
 class StateFault(Choice):
-    """Which change of state is to fail."""
+    """State change that fails on purpose."""
 
     NONE = "none", 0, "No state change errors"
     NULL_TO_READY = "null-to-ready", 1, "Fail state change from NULL to READY"
@@ -32,11 +31,11 @@ GOING_DOWN = (StateFault.PLAYING_TO_PAUSED, StateFault.PAUSED_TO_READY, StateFau
 
 
 class FakeSink(PlainSink):
-    """Takes every frame and does nothing with it; keeps the last one.
+    """Discards every frame; keeps the last one.
 
     Attributes:
-        on_handoff: called with (frame, pad) for each frame, where `signal-handoffs` is on.
-        on_preroll_handoff: the same for the frame that a paused pipeline holds.
+        on_handoff: called with (frame, pad) for each frame, if `signal-handoffs` is on.
+        on_preroll_handoff: the same for the preroll frame.
 
     Example:
         fakesrc num-buffers=10 ! fakesink
@@ -45,16 +44,16 @@ class FakeSink(PlainSink):
     sink = "ANY"
 
     num_buffers: int = Property(
-        -1, min=-1, max=INT, doc="Frames before the sink ends the stream; -1 is never."
+        -1, min=-1, max=INT, doc="Frames after which the sink ends the stream; -1 is never."
     )
     silent: bool = Property(True, live=True, doc="Post no message for each frame.")
     signal_handoffs: bool = Property(False, live=True, doc="Call `on_handoff` with each frame.")
     dump: bool = Property(False, live=True, doc="Post the bytes of each frame as a message.")
-    drop_out_of_segment: bool = Property(True, doc="Drop frames that lie wholly outside the segment.")
+    drop_out_of_segment: bool = Property(True, doc="Drop frames outside the segment.")
     state_error: StateFault = Property(
-        StateFault.NONE, doc="Fail at a change of state: at the start, or at the stop for those going down."
+        StateFault.NONE, doc="Fail at this state change: in `start`, or in `stop` for a change downwards."
     )
-    last_message: str | None = Property(None, readonly=True, doc="What was last done, unless silent.")
+    last_message: str | None = Property(None, readonly=True, doc="The last action, unless silent.")
     can_activate_push: bool = Property(True, doc="Accepted, without effect: frames are always pushed.")
     can_activate_pull: bool = Property(False, doc="Accepted, without effect: frames are never pulled.")
 
@@ -65,21 +64,21 @@ class FakeSink(PlainSink):
         super().__init__(name, **properties)
 
     def start(self) -> None:
-        """Begins to count, or fails on purpose."""
+        """Resets the counters, or fails on purpose."""
         super().start()
         fault = self.state_error
         if fault is not StateFault.NONE and fault not in GOING_DOWN:
-            raise StateError(f"state-error={fault}: the change of state at which to fail has come")
+            raise StateError(f"state-error={fault}: fails at this state change on purpose")
 
     def stop(self) -> None:
-        """Ends, or fails on purpose."""
+        """Stops, or fails on purpose."""
         super().stop()
         if self.state_error in GOING_DOWN:
-            raise StateError(f"state-error={self.state_error}: the change of state at which to fail has come")
+            raise StateError(f"state-error={self.state_error}: fails at this state change on purpose")
 
-    def settle(self) -> None:
-        """Looks whether each frame needs more than to be counted."""
-        super().settle()
+    def apply_state(self) -> None:
+        """Caches whether frames are only counted."""
+        super().apply_state()
         self._is_plain = (
             self._keeps_last
             and not (self._has_ended or self.signal_handoffs or self.dump)
@@ -89,7 +88,7 @@ class FakeSink(PlainSink):
         )
 
     def preroll(self, frame: Frame | None) -> None:
-        """The frame that a paused pipeline holds."""
+        """Calls `on_preroll_handoff`."""
         if frame is not None and self.signal_handoffs:
             self.on_preroll_handoff.emit(frame, self.pads["sink"])
 
@@ -111,12 +110,6 @@ class FakeSink(PlainSink):
         self.count += 1
         if self._keeps_last:
             self.last_frame = frame
-        if not self.silent:
-            self.last_message = frame_text("chain", self.pads["sink"], frame)
-            self.post_message("frame", seq=frame.seq, pts=frame.pts, caps=str(frame.caps))
-        if self.dump:
-            self.post_message("dump", content=dump_text(frame))
-        if self.signal_handoffs:
-            self.on_handoff.emit(frame, self.pads["sink"])
+        report_frame(self, "chain", self.pads["sink"], frame, frame, self.pads["sink"])
         if self.count == limit:
             raise EndOfStream(self.name)

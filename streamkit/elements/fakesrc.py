@@ -1,4 +1,4 @@
-"""fakesrc: frames without meaning."""
+"""fakesrc: produces frames of arbitrary bytes."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from typing import Any
 from streamkit.element.choice import Choice
 from streamkit.element.property import Property
 from streamkit.element.source import Source
-from streamkit.elements.callbacks import Callbacks
-from streamkit.elements.frame_text import dump_text, frame_text
+from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.errors import NotNegotiated
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.clock import SystemClock
@@ -23,7 +22,7 @@ PATTERN = bytes(range(256))
 
 
 class StreamFormat(Choice):
-    """What positions of a stream are counted in."""
+    """Unit of stream positions."""
 
     UNDEFINED = "undefined", 0, "GST_FORMAT_UNDEFINED"
     DEFAULT = "default", 1, "GST_FORMAT_DEFAULT"
@@ -34,7 +33,7 @@ class StreamFormat(Choice):
 
 
 class SizeType(Choice):
-    """How large frames are."""
+    """Size of frames."""
 
     EMPTY = "empty", 1, "Send empty buffers"
     FIXED = "fixed", 2, "Fixed size buffers (sizemax sized)"
@@ -42,7 +41,7 @@ class SizeType(Choice):
 
 
 class FillType(Choice):
-    """What is in the bytes."""
+    """Content of frames."""
 
     NOTHING = "nothing", 1, "Leave data as malloced"
     ZERO = "zero", 2, "Fill buffers with zeros"
@@ -52,17 +51,17 @@ class FillType(Choice):
 
 
 class DataType(Choice):
-    """Where the bytes are."""
+    """Allocation of frames."""
 
     ALLOCATE = "allocate", 1, "Allocate data"
     SUBBUFFER = "subbuffer", 2, "Subbuffer data"
 
 
 class FakeSrc(Source):
-    """Makes frames of a given size and content, as fast as they are taken.
+    """Produces frames of a given size and content as fast as downstream accepts them.
 
     Attributes:
-        on_handoff: called with (frame, pad) before each frame goes out, where `signal-handoffs` is on.
+        on_handoff: called with (frame, pad) before each frame is sent, if `signal-handoffs` is on.
 
     Example:
         fakesrc num-buffers=10 ! fakesink
@@ -71,22 +70,26 @@ class FakeSrc(Source):
     src = "ANY"
 
     num_buffers: int = Property(-1, min=-1, max=INT, doc="Frames before EOS; -1 is endless.")
-    sizetype: SizeType = Property(SizeType.EMPTY, doc="Whether frames are empty, of one size, or of any.")
-    sizemin: int = Property(0, min=0, max=INT, unit="bytes", doc="Smallest size at random.")
-    sizemax: int = Property(4096, min=0, max=INT, unit="bytes", doc="The fixed size, or the largest.")
-    filltype: FillType = Property(FillType.NOTHING, doc="What the bytes are; nothing is zeros too.")
-    data: DataType = Property(DataType.ALLOCATE, doc="Bytes of each frame's own, or parts of a larger whole.")
-    parentsize: int = Property(40960, min=0, max=INT, unit="bytes", doc="The whole, with data=subbuffer.")
-    datarate: int = Property(
-        0, min=0, max=INT, unit="bytes/s", doc="Stamps frames as if so much came a second; 0 is no stamp."
+    sizetype: SizeType = Property(SizeType.EMPTY, doc="Empty, fixed or random frame sizes.")
+    sizemin: int = Property(0, min=0, max=INT, unit="bytes", doc="Minimum of random sizes.")
+    sizemax: int = Property(4096, min=0, max=INT, unit="bytes", doc="Fixed size, or maximum of random sizes.")
+    filltype: FillType = Property(FillType.NOTHING, doc="Content of frames; `nothing` is zeros, too.")
+    data: DataType = Property(
+        DataType.ALLOCATE, doc="Allocate each frame, or cut frames from a larger buffer."
     )
-    sync: bool = Property(False, doc="With datarate: wait until each frame's time has come.")
-    do_timestamp: bool = Property(False, doc="Stamp each frame with the running time.")
-    is_live: bool = Property(False, doc="Pace the frames at 30 a second, as a camera would.")
+    parentsize: int = Property(
+        40960, min=0, max=INT, unit="bytes", doc="Size of that buffer, with data=subbuffer."
+    )
+    datarate: int = Property(
+        0, min=0, max=INT, unit="bytes/s", doc="Timestamps frames for this rate; 0 is off."
+    )
+    sync: bool = Property(False, doc="With datarate: send each frame at its running time.")
+    do_timestamp: bool = Property(False, doc="Timestamp each frame with the running time.")
+    is_live: bool = Property(False, doc="Send 30 frames/s, as a camera.")
     silent: bool = Property(True, live=True, doc="Keep no text in last-message.")
     signal_handoffs: bool = Property(False, doc="Call `on_handoff` with each frame.")
     dump: bool = Property(False, doc="Post the bytes of each frame as a message.")
-    last_message: str | None = Property(None, readonly=True, doc="What was last done, unless silent.")
+    last_message: str | None = Property(None, readonly=True, doc="The last action, unless silent.")
     blocksize: int = Property(4096, min=0, max=2**32 - 1, doc="Accepted, without effect: see sizemax.")
     can_activate_push: bool = Property(True, doc="Accepted, without effect: frames are always pushed.")
     can_activate_pull: bool = Property(True, doc="Accepted, without effect: frames are never pulled.")
@@ -97,7 +100,7 @@ class FakeSrc(Source):
         super().__init__(name, **properties)
 
     def negotiate(self, allowed: Caps) -> Caps:
-        """Anything; where a filter follows it must say everything about the format."""
+        """Accepts ANY or fixed caps from downstream."""
         if not allowed.is_any and not allowed.is_fixed:
             raise NotNegotiated(
                 f"{self.name}: the caps that follow ({allowed}) do not completely specify the output format; "
@@ -106,7 +109,7 @@ class FakeSrc(Source):
         return allowed
 
     def frames(self) -> Iterator[Frame]:
-        """Numbered frames."""
+        """Yields frames numbered from 0."""
         caps = self.src_pad.caps or ANY
         clock = self.clock
         now_ns = time.monotonic_ns if type(clock) is SystemClock else clock.monotonic_ns
@@ -126,16 +129,16 @@ class FakeSrc(Source):
                 return
             sent += len(content)
             frame = Frame(content, caps, pts, duration, 0, number, now_ns())
-            self._tell(frame)
+            report_frame(self, "create", self.src_pad, frame, frame, self.src_pad)
             yield frame
 
     def _is_plain(self) -> bool:
-        is_told = self.dump or self.signal_handoffs or not self.silent
+        is_reported = self.dump or self.signal_handoffs or not self.silent
         is_timed = self.is_live or self.do_timestamp or self.datarate
-        return self.sizetype is SizeType.EMPTY and not is_told and not is_timed
+        return self.sizetype is SizeType.EMPTY and not is_reported and not is_timed
 
     def _times(self, sent: int, size: int) -> tuple[int | None, int | None]:
-        """Timestamp and duration, ns, of the next frame, before which so many bytes were sent."""
+        """Timestamp and duration, ns, of a frame after `sent` bytes."""
         if self.datarate:
             rate = self.datarate
             begin, end = sent * 1_000_000_000 // rate, (sent + size) * 1_000_000_000 // rate
@@ -145,7 +148,7 @@ class FakeSrc(Source):
         return None, None
 
     def _data_maker(self) -> Callable[[], bytes | memoryview]:
-        """A function that makes the bytes of one frame after the other."""
+        """A function that returns the bytes of the next frame."""
         chance = random.Random(0)
         fill = self._filler(chance)
 
@@ -169,7 +172,7 @@ class FakeSrc(Source):
         return part
 
     def _filler(self, chance: random.Random) -> Callable[[int], bytes]:
-        """A function that makes so many bytes."""
+        """A function that returns the given number of bytes."""
         if self.filltype is FillType.RANDOM:
             return chance.randbytes
         if self.filltype is FillType.PATTERN:
@@ -186,11 +189,3 @@ class FakeSrc(Source):
             return zeros
 
         return same
-
-    def _tell(self, frame: Frame) -> None:
-        if not self.silent:
-            self.last_message = frame_text("create", self.src_pad, frame)
-        if self.dump:
-            self.post_message("dump", content=dump_text(frame))
-        if self.signal_handoffs:
-            self.on_handoff.emit(frame, self.src_pad)

@@ -1,4 +1,4 @@
-"""Frame rates in caps: what videorate can make of them."""
+"""Frame rates in caps, as videorate converts them."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ NTSC = Fraction(1000, 1001)
 
 
 def rates_after(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:
-    """What can come out for frames with these caps: the same rate first, then any other that is allowed."""
+    """Output caps for input caps: the same rate first, then any other."""
 
-    def ways(structure: Structure) -> Iterable[Structure]:
+    def options(structure: Structure) -> Iterable[Structure]:
         rate = structure.fields.get("framerate")
         highest = Fraction(max_rate)
         if rate is not None:
@@ -28,13 +28,13 @@ def rates_after(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:
             top = min(highest, highest_rate(rate))
         yield _with_rate(structure, FractionRange(VARIABLE, top))
 
-    return _each(caps, ways)
+    return _each(caps, options)
 
 
 def rates_before(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:
-    """What can come in where these caps are to come out."""
+    """Input caps for output caps."""
 
-    def ways(structure: Structure) -> Iterable[Structure]:
+    def options(structure: Structure) -> Iterable[Structure]:
         rate = structure.fields.get("framerate")
         if not drop_only:
             yield structure
@@ -51,16 +51,16 @@ def rates_before(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:
         if low > 0:
             yield _with_rate(structure, VARIABLE)
 
-    return _each(caps, ways)
+    return _each(caps, options)
 
 
-def _each(caps: Caps, ways: Any) -> Caps:
-    found = {str(way): way for structure in caps.structures for way in ways(structure)}
-    return Caps(list(found.values()))
+def _each(caps: Caps, options: Any) -> Caps:
+    unique = {str(found): found for structure in caps.structures for found in options(structure)}
+    return Caps(list(unique.values()))
 
 
 def _limited(structure: Structure, rate: Any, highest: Fraction) -> Iterable[Structure]:
-    """The structure with the rates that are not above the highest, if there are any."""
+    """The structure with the rates up to the highest, if any."""
     allowed = Caps([_with_rate(structure, rate)]) & Caps(
         [_with_rate(structure, FractionRange(VARIABLE, highest))]
     )
@@ -72,7 +72,7 @@ def _with_rate(structure: Structure, rate: Any) -> Structure:
 
 
 def highest_rate(rate: Any) -> Fraction:
-    """The highest of a rate, a range or a list."""
+    """Maximum of a rate, a range or a list."""
     if isinstance(rate, FractionRange):
         return rate.high
     if isinstance(rate, ValueList):
@@ -81,7 +81,7 @@ def highest_rate(rate: Any) -> Fraction:
 
 
 def lowest_rate(rate: Any) -> Fraction:
-    """The lowest of a rate, a range or a list."""
+    """Minimum of a rate, a range or a list."""
     if isinstance(rate, FractionRange):
         return rate.low
     if isinstance(rate, ValueList):
@@ -89,10 +89,10 @@ def lowest_rate(rate: Any) -> Fraction:
     return Fraction(rate)
 
 
-def guessed_rate(interval_ns: int) -> Fraction:
-    """The usual frame rate that an interval stands for: a whole number, or that times 1000/1001."""
+def estimated_rate(interval_ns: int) -> Fraction:
+    """The standard frame rate of an interval: an integer, or an integer times 1000/1001."""
     exact = Fraction(1_000_000_000, interval_ns)
-    for usual in (Fraction(round(exact)), round(exact / NTSC) * NTSC):
-        if usual > 0 and abs(usual - exact) * 2000 < exact:
-            return usual
+    for standard in (Fraction(round(exact)), round(exact / NTSC) * NTSC):
+        if standard > 0 and abs(standard - exact) * 2000 < exact:
+            return standard
     return exact.limit_denominator(1001)

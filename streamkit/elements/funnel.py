@@ -1,4 +1,4 @@
-"""funnel: several streams into one, as the frames come."""
+"""funnel: merges several streams in order of arrival."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from streamkit.flow.frame import Frame
 
 
 class Funnel(Combine):
-    """Passes on the frames of all its inputs in the order they arrive; ends when all inputs have ended.
+    """Forwards the frames of all inputs in order of arrival; ends when all inputs have ended.
 
     Example:
         funnel name=f ! fakesink  fakesrc num-buffers=3 ! f.  fakesrc num-buffers=5 ! f.
@@ -20,11 +20,11 @@ class Funnel(Combine):
     templates = (PadTemplate("sink_%u", Direction.SINK, ANY, Presence.REQUEST),)
 
     forward_sticky_events: bool = Property(
-        True, live=True, doc="Send the segment of an input before its frames whenever the input changes."
+        True, live=True, doc="Send the segment of an input whenever the input changes."
     )
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
-        """An input; one that is not named is called `funnelpadN`, as GStreamer has it."""
+        """Adds an input; its default name is `funnelpadN`, as in GStreamer."""
         if not name:
             number = 0
             while f"funnelpad{number}" in self.pads:
@@ -33,10 +33,10 @@ class Funnel(Combine):
         return super().request_pad(template, name)
 
     def combine(self, pad_name: str, frame: Frame) -> Frame:
-        """The frame, whichever input it came from."""
+        """Forwards the frame."""
         return frame
 
     def switched(self, pad: Pad) -> None:
-        """Sends the input's segment, unless the property says not to."""
+        """Sends the input's segment if `forward-sticky-events` is on."""
         if self.forward_sticky_events:
             super().switched(pad)

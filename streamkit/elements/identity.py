@@ -1,4 +1,4 @@
-"""identity: passes frames on as they are; made for tests of what a pipeline does."""
+"""identity: forwards frames unchanged; for tests of pipelines."""
 
 from __future__ import annotations
 
@@ -8,33 +8,30 @@ from typing import Any
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.transform import Transform
-from streamkit.elements.callbacks import Callbacks
-from streamkit.elements.frame_text import dump_text, frame_text
+from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.errors import PropertyError, StreamError
-from streamkit.flow.events import Event, GapEvent, SegmentEvent
+from streamkit.flow.events import EndOfStream, Event, Flushing, GapEvent, SegmentEvent
 from streamkit.flow.frame import Frame, FrameFlags
 from streamkit.flow.segment import OPEN_SEGMENT, Segment
-from streamkit.flow.signals import EndOfStream, Flushing
 from streamkit.handoff.frame_queue import data_size
 
 INT = 2**31 - 1
 INT64 = 2**63 - 1
 FLAGS = {"discont": FrameFlags.DISCONTINUITY, "corrupted": FrameFlags.CORRUPT}
-DELTA_UNIT = "delta-unit"  # a frame that is no keyframe; only coded streams tell them apart
-NEVER_SET = (  # GStreamer's other marks, which no frame here has
+DELTA_UNIT = "delta-unit"  # not a keyframe; only coded streams distinguish them
+NEVER_SET = (  # GStreamer's other flags, which frames here do not have
     "live", "decode-only", "resync", "marker", "header", "gap", "droppable", "tag-memory", "sync-after",
     "non-droppable", "last",
 )  # fmt: skip
 
 
 class Identity(Transform):
-    """Passes every frame on; may drop, delay, stamp or fail on purpose.
+    """Forwards every frame; can drop, delay, timestamp or fail on purpose.
 
-    Where nothing is to be done it costs nothing, and frames pass it unseen.
+    Without such properties frames bypass it at no cost.
 
     Attributes:
-        on_handoff: called with the frame before it goes on, while `signal-handoffs` is on. Add callables
-            before the pipeline plays.
+        on_handoff: called with each frame if `signal-handoffs` is on; add functions before playing.
 
     Example:
         fakesrc num-buffers=10 ! identity drop-probability=0.5 ! fakesink
@@ -42,35 +39,31 @@ class Identity(Transform):
 
     sink = src = "ANY"
 
-    sleep_time: int = Property(
-        0, min=0, max=2**32 - 1, unit="us", doc="Time to wait before each frame goes on."
-    )
+    sleep_time: int = Property(0, min=0, max=2**32 - 1, unit="us", doc="Delay of each frame.")
     error_after: int = Property(-1, min=-1, max=INT, doc="Fails at the n-th frame; -1 is never.")
     eos_after: int = Property(-1, min=-1, max=INT, doc="Ends the stream at the n-th frame; -1 is never.")
-    drop_probability: float = Property(0.0, min=0.0, max=1.0, doc="Share of frames dropped at random.")
+    drop_probability: float = Property(0.0, min=0.0, max=1.0, doc="Probability that a frame is dropped.")
     drop_buffer_flags: str = Property(
-        "", doc="Drop frames with any of these marks, joined by `+`: discont, corrupted, delta-unit."
+        "", doc="Drop frames with any of these flags, joined by `+`: discont, corrupted, delta-unit."
     )
     datarate: int = Property(
-        0, min=0, max=INT, unit="bytes/s", doc="Stamps frames as if so much came a second; 0 is no stamp."
+        0, min=0, max=INT, unit="bytes/s", doc="Timestamps frames for this rate; 0 is off."
     )
-    single_segment: bool = Property(
-        False, doc="Stamp frames with their running time, so that all lie in one segment."
+    single_segment: bool = Property(False, doc="Replace timestamps by running time, in one segment.")
+    sync: bool = Property(False, doc="Forward each frame at its running time.")
+    ts_offset: int = Property(
+        0, min=-INT64 - 1, max=INT64, unit="ns", doc="With sync: forward each frame this much later."
     )
-    sync: bool = Property(False, doc="Hold each frame until its time has come, on the pipeline's clock.")
-    ts_offset: int = Property(0, min=-INT64 - 1, max=INT64, unit="ns", doc="With sync: hold so much longer.")
     silent: bool = Property(True, doc="Post no message for each frame.")
     signal_handoffs: bool = Property(True, doc="Call `on_handoff` with each frame.")
     dump: bool = Property(False, doc="Post the bytes of each frame as a message.")
     check_imperfect_timestamp: bool = Property(
-        False, doc="Post a message where a timestamp is not the end of the frame before."
+        False, doc="Post a message if a timestamp is not the end of the previous frame."
     )
-    check_imperfect_offset: bool = Property(False, doc="Post a message where a frame's number skips one.")
-    last_message: str | None = Property(None, readonly=True, doc="What was last done, unless silent.")
-    stats: str = Property(
-        "", read=lambda identity: identity._stats(), doc="Frames and bytes looked at; none pass as they are."
-    )
-    seed: int = Property(0, doc="Of the random choice.")
+    check_imperfect_offset: bool = Property(False, doc="Post a message if frame numbers are not consecutive.")
+    last_message: str | None = Property(None, readonly=True, doc="The last action, unless silent.")
+    stats: str = Property("", read=lambda identity: identity._stats(), doc="Frames and bytes processed.")
+    seed: int = Property(0, doc="Seed of random drops.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_handoff = Callbacks()
@@ -83,7 +76,7 @@ class Identity(Transform):
         super().__init__(name, **properties)
 
     def property_changed(self, name: str) -> None:
-        """Reads the marks to drop."""
+        """Parses the flags to drop."""
         if name != "drop_buffer_flags":
             return
         words = [word for word in self.drop_buffer_flags.split("+") if word]
@@ -97,7 +90,7 @@ class Identity(Transform):
         self._drops_delta_units = DELTA_UNIT in words
 
     def start(self) -> None:
-        """Begins to count."""
+        """Resets the counters."""
         self._random = random.Random(self.seed)
         self._count = self._bytes = 0
         self._end_ns = self._number = None
@@ -106,7 +99,7 @@ class Identity(Transform):
         return f"application/x-identity-stats, num-bytes={self._bytes}, num-buffers={self._count}"
 
     def is_passthrough(self) -> bool:
-        """Whether nothing is to be done."""
+        """Whether no property asks for work."""
         return self.silent and not any((
             self.drop_probability, self.sleep_time, self.error_after >= 0, self.eos_after >= 0, self._flags,
             self._drops_delta_units, self.datarate, self.single_segment, self.sync, self.dump,
@@ -115,7 +108,7 @@ class Identity(Transform):
         ))  # fmt: skip
 
     def transform(self, frame: Frame) -> Frame | None:
-        """Counts, checks, drops, stamps and delays, in GStreamer's order."""
+        """Counts, checks, drops, timestamps and delays, in GStreamer's order."""
         self._count += 1
         self._bytes += data_size(frame.data)
         if self.check_imperfect_timestamp:
@@ -128,8 +121,8 @@ class Identity(Transform):
             return None
         if self._count == self.eos_after:
             raise EndOfStream(self.name)
-        self._tell(frame)
-        frame = self._stamped(frame)
+        report_frame(self, "chain", self.pads["sink"], frame, frame)
+        frame = self._timestamped(frame)
         if self.sync and frame.pts is not None:
             self._hold(frame.pts)
         if self.sleep_time:
@@ -138,10 +131,10 @@ class Identity(Transform):
         return frame
 
     def _is_dropped(self, frame: Frame) -> bool:
-        marked = frame.flags & self._flags or (
+        is_flagged = frame.flags & self._flags or (
             self._drops_delta_units and not frame.flags & FrameFlags.KEYFRAME
         )
-        if marked:
+        if is_flagged:
             self.count_drop("drop-buffer-flags")
             return True
         if self.drop_probability and self._random.random() < self.drop_probability:
@@ -149,16 +142,7 @@ class Identity(Transform):
             return True
         return False
 
-    def _tell(self, frame: Frame) -> None:
-        if not self.silent:
-            self.last_message = frame_text("chain", self.pads["sink"], frame)
-            self.post_message("frame", seq=frame.seq, pts=frame.pts, caps=str(frame.caps))
-        if self.dump:
-            self.post_message("dump", content=dump_text(frame))
-        if self.signal_handoffs:
-            self.on_handoff.emit(frame)
-
-    def _stamped(self, frame: Frame) -> Frame:
+    def _timestamped(self, frame: Frame) -> Frame:
         if self.datarate:
             size = data_size(frame.data)
             begin = (self._bytes - size) * 1_000_000_000 // self.datarate
@@ -168,7 +152,7 @@ class Identity(Transform):
         return frame
 
     def _hold(self, pts_ns: int) -> None:
-        """Waits for the running time of a timestamp."""
+        """Waits until the running time of a timestamp."""
         segment = OPEN_SEGMENT if self.single_segment else self.pads["sink"].segment
         if not self.wait_until_due(segment.running_time_ns(pts_ns) + self.ts_offset):
             raise Flushing(self.name)
@@ -185,7 +169,7 @@ class Identity(Transform):
         self._number = frame.seq
 
     def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
-        """Passes events on; with `single-segment` only one segment goes out."""
+        """Forwards events; replaces segments with `single-segment`."""
         if self.single_segment and isinstance(event, SegmentEvent):
             event = SegmentEvent(Segment())
         if self.single_segment and isinstance(event, GapEvent) and event.pts is not None:

@@ -1,8 +1,7 @@
-"""input-selector: one of several streams."""
+"""input-selector: forwards one of several streams."""
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -11,26 +10,25 @@ from streamkit.element.branching import Combine
 from streamkit.element.choice import Choice
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
-from streamkit.elements.active_pad import demand_pad_name
+from streamkit.errors import PropertyError
 from streamkit.flow.caps import ANY
-from streamkit.flow.events import EOS, CapsEvent, EosEvent, Event, FlushStart, FlushStop, SegmentEvent
+from streamkit.flow.events import EOS, EndOfStream, Event, Flushing
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import EndOfStream, Flushing
 
-LOOK_S = 0.5
-CLOCK_LOOK_S = 0.02
+POLL_S = 0.5
+CLOCK_POLL_S = 0.02
 MOST_CACHED = 256
 
 
 class SyncMode(Choice):
-    """What inactive inputs keep step with."""
+    """What inactive inputs are synchronised to."""
 
     ACTIVE_SEGMENT = "active-segment", 0, "Sync using the current active segment"
     CLOCK = "clock", 1, "Sync using the clock"
 
 
 class InputSelector(Combine):
-    """Passes on the frames of the active input and drops the others'; the first input is active at first.
+    """Forwards the frames of the active input, initially the first, and drops all others.
 
     Example:
         input-selector name=s ! fakesink  fakesrc num-buffers=3 ! s.  fakesrc num-buffers=3 ! s.
@@ -39,37 +37,36 @@ class InputSelector(Combine):
     src = "ANY"
     templates = (PadTemplate("sink_%u", Direction.SINK, ANY, Presence.REQUEST),)
 
-    active_pad: str | None = Property(
-        None, live=True, doc="Name of the input to pass on; unset is the first."
-    )
+    active_pad: str | None = Property(None, live=True, doc="Name of the active input; unset is the first.")
     sync_streams: bool = Property(
-        True, live=True, doc="Hold frames of inactive inputs until the active one has got as far in time."
+        True, live=True, doc="Block inactive inputs until the active one reaches their running time."
     )
     sync_mode: SyncMode = Property(
-        SyncMode.ACTIVE_SEGMENT, doc="With sync-streams: keep step with the active input or the clock."
+        SyncMode.ACTIVE_SEGMENT, doc="With sync-streams: synchronise to the active input or the clock."
     )
     cache_buffers: bool = Property(
-        False, live=True, doc="Keep frames of inactive inputs that are not older than the active one's."
+        False,
+        live=True,
+        doc="Keep frames of inactive inputs that are not older than those of the active one.",
     )
     drop_backwards: bool = Property(
-        False, live=True, doc="After a switch, drop frames older than the newest passed on."
+        False, live=True, doc="After a switch, drop frames older than the newest one forwarded."
     )
-    n_pads: int = Property(0, read=lambda s: sum(1 for _ in s.sink_pads()), doc="Inputs now.")
+    n_pads: int = Property(0, read=lambda s: sum(1 for _ in s.sink_pads()), doc="Number of inputs.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._moved = threading.Condition()
         self._time_ns: int | None = None
         self._made = 0
         self._cached: dict[str, deque[Frame]] = {}
         super().__init__(name, **properties)
 
     def start(self) -> None:
-        """Nothing has been passed on."""
+        """Resets the state of an earlier run."""
         self._time_ns = None
         self._cached = {}
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
-        """An input; they are numbered in the order in which they are made, whatever number is asked for."""
+        """Adds an input; inputs are numbered in order, whatever number is requested."""
         made = super().request_pad(template, f"sink_{self._made}")
         self._made += 1
         return made
@@ -79,16 +76,16 @@ class InputSelector(Combine):
         return next(self.sink_pads(), None) if name is None else self.pads.get(name)
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that takes the frames of a pad."""
+        """The function that is called with each frame of a pad."""
 
         def receive(frame: Frame) -> None:
             if pad.is_eos:
                 raise EndOfStream(self.name)
             if self.sync_streams and self._active() is not pad and frame.pts is not None:
-                self._keep_step(pad, frame.pts + (frame.duration or 0))
+                self._synchronise(pad, frame.pts + (frame.duration or 0))
             with self._lock:
                 if self._active() is pad:
-                    self._pass_on(pad, frame)
+                    self._forward_frame(pad, frame)
                 elif self.cache_buffers:
                     self._cache(pad, frame)
                 else:
@@ -96,10 +93,10 @@ class InputSelector(Combine):
 
         return receive
 
-    def _keep_step(self, pad: Pad, end_ns: int) -> None:
-        """Waits until the active input, or the clock, has got as far; or until this pad is the active one."""
+    def _synchronise(self, pad: Pad, end_ns: int) -> None:
+        """Waits until the active input or the clock reaches a time, or until this pad is active."""
         due_ns = pad.segment.running_time_ns(end_ns)
-        with self._moved:
+        with self.changed:
             while self.sync_streams and (active := self._active()) is not pad:
                 if self.stopping.is_set() or self.is_flushing:
                     raise Flushing(self.name)
@@ -110,7 +107,7 @@ class InputSelector(Combine):
                 if now_ns is not None and now_ns > due_ns:
                     return
                 with self.waiting():
-                    self._moved.wait(CLOCK_LOOK_S if by_clock else LOOK_S)
+                    self.changed.wait(CLOCK_POLL_S if by_clock else POLL_S)
 
     def _cache(self, pad: Pad, frame: Frame) -> None:
         kept = self._cached.setdefault(pad.name, deque())
@@ -120,12 +117,12 @@ class InputSelector(Combine):
             self.count_drop("input not active")
 
     def _is_past(self, pad: Pad, frame: Frame) -> bool:
-        """Whether a frame ends before the newest that was passed on."""
+        """Whether a frame ends before the newest one forwarded."""
         if frame.pts is None or self._time_ns is None:
             return False
         return pad.segment.running_time_ns(frame.pts + (frame.duration or 0)) < self._time_ns
 
-    def _pass_on(self, pad: Pad, frame: Frame) -> None:
+    def _forward_frame(self, pad: Pad, frame: Frame) -> None:
         for kept in self._cached.pop(pad.name, ()):
             if not self._is_past(pad, kept):
                 self._push(kept, pad)
@@ -134,33 +131,22 @@ class InputSelector(Combine):
             return
         self._push(frame, pad)
         if frame.pts is not None:
-            with self._moved:
+            with self.changed:
                 self._time_ns = pad.segment.running_time_ns(frame.pts)
-                self._moved.notify_all()
+                self.changed.notify_all()
 
     def combine(self, pad_name: str, frame: Frame) -> Frame | None:
-        """The frame, if it came in on the active pad."""
+        """The frame, if it is from the active pad."""
         active = self._active()
         return frame if active is not None and active.name == pad_name else None
 
-    def receive_event(self, pad: Pad, event: Event) -> None:
-        """EOS counts on the active input; caps and segments follow the frames; other active events go on."""
-        if isinstance(event, FlushStart | FlushStop):
+    def _forward_event(self, pad: Pad, event: Event) -> None:
+        if pad is self._active():
             self.src_pad.send_event(event)
-            return
-        with self._lock:
-            if isinstance(event, EosEvent):
-                pad.is_eos = True
-                self._end_if_active_has()
-            elif isinstance(event, SegmentEvent):
-                if pad is self._source:
-                    self.switched(pad)
-            elif not isinstance(event, CapsEvent) and pad is self._active():
-                self.src_pad.send_event(event)
 
-    def _end_if_active_has(self) -> None:
+    def _end_if_over(self) -> None:
         active = self._active()
-        self._wake()
+        self.wake()
         if active is None or not active.is_eos or self._has_ended:
             return
         self._has_ended = True
@@ -168,33 +154,32 @@ class InputSelector(Combine):
             self._push(kept, active)
         self.src_pad.send_event(EOS)
 
-    def _end_if_all_have(self) -> None:
-        self._end_if_active_has()
-
     def property_changed(self, name: str) -> None:
-        """A change to an input that has ended ends the stream; who waits looks again."""
+        """Wakes waiting inputs; ends the stream if the new active input has ended."""
         if name == "active_pad":
-            demand_pad_name(self, self.active_pad, "sink_%u")
+            self._demand_pad(self.active_pad)
         if self.is_playing:
             with self._lock:
-                self._end_if_active_has()
+                self._end_if_over()
+
+    def _demand_pad(self, name: str | None) -> None:
+        """Refuses a name that is not a pad; while the graph is built, one that cannot become a pad."""
+        template = self.pad_templates["sink_%u"]
+        if name is None or name in self.pads or (self.host is None and template.matches(name)):
+            return
+        known = ", ".join(pad for pad in self.pads if template.matches(pad)) or "sink_0, ..."
+        raise PropertyError(
+            f"{self.name}: property active-pad cannot be {name!r}: it takes the name of a pad ({known})"
+        )
 
     def flush(self, *, begins: bool) -> None:
-        """A flush forgets times and frames kept, and ends waits."""
+        """A flush forgets times and cached frames, and ends waits."""
         super().flush(begins=begins)
         if not begins:
             self._time_ns = None
             self._cached = {}
-        self._wake()
-
-    def interrupt(self) -> None:
-        """Wakes who waits."""
-        self._wake()
+        self.wake()
 
     def stop(self) -> None:
-        """Lets go of the frames kept."""
+        """Releases cached frames."""
         self._cached = {}
-
-    def _wake(self) -> None:
-        with self._moved:
-            self._moved.notify_all()

@@ -1,4 +1,4 @@
-"""output-selector: to one of several branches."""
+"""output-selector: sends frames to one of several branches."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from streamkit.flow.frame import Frame
 
 
 class Negotiation(Choice):
-    """Whose caps count upstream."""
+    """Whose caps bound upstream."""
 
     NONE = "none", 0, "None"
     ALL = "all", 1, "All"
@@ -23,7 +23,7 @@ class Negotiation(Choice):
 
 
 class OutputSelector(Split):
-    """Hands each frame to the active branch, the first at first; events go to every branch.
+    """Sends each frame to the active branch, initially the first, and events to every branch.
 
     Example:
         fakesrc num-buffers=3 ! output-selector name=s  s. ! fakesink  s. ! fakesink
@@ -32,14 +32,12 @@ class OutputSelector(Split):
     sink = "ANY"
     templates = (PadTemplate("src_%u", Direction.SRC, ANY, Presence.REQUEST),)
 
-    active_pad: str | None = Property(
-        None, live=True, doc="Name of the branch that gets frames; unset is the first."
-    )
+    active_pad: str | None = Property(None, live=True, doc="Name of the active branch; unset is the first.")
     pad_negotiation_mode: Negotiation = Property(
-        Negotiation.ALL, doc="Whose caps upstream has to meet: nobody's, all branches', or the active one's."
+        Negotiation.ALL, doc="Caps that bound upstream: none, those of all branches, or of the active one."
     )
     resend_latest: bool = Property(
-        False, live=True, doc="Give the newest frame once more to a branch that becomes active."
+        False, live=True, doc="Send the newest frame again to a branch that becomes active."
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
@@ -54,7 +52,7 @@ class OutputSelector(Split):
         return next(self.src_pads(), None)
 
     def query_caps(self, pad: Pad) -> Caps:
-        """What the mode says, for the sink pad; what comes in, for a src pad."""
+        """Caps by `pad-negotiation-mode` for the sink pad; upstream's caps for a src pad."""
         if pad.is_src:
             return self.pads["sink"].peer_caps()
         if self.pad_negotiation_mode is Negotiation.NONE:
@@ -65,12 +63,12 @@ class OutputSelector(Split):
         return ANY if active is None else active.peer_caps()
 
     def split(self, frame: Frame) -> Mapping[str, Frame]:
-        """The frame, for the active branch."""
+        """Returns the frame for the active branch."""
         active = self._active()
         return {} if active is None else {active.name: frame}
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that takes the frames of the sink pad."""
+        """The function that is called with each frame."""
         receive = super().receiver(pad)
 
         def remember(frame: Frame) -> None:
@@ -93,7 +91,7 @@ class OutputSelector(Split):
         active.push(latest)
 
     def property_changed(self, name: str) -> None:
-        """Another branch gets the frames, and may have other caps."""
+        """Switches branches; renegotiates if the active branch bounds upstream."""
         if name != "active_pad" or not self.is_playing:
             return
         self._switched = self.resend_latest
@@ -101,6 +99,6 @@ class OutputSelector(Split):
             self.reconfigure()
 
     def stop(self) -> None:
-        """Lets go of the newest frame."""
+        """Releases the newest frame."""
         self._latest = None
         self._switched = False

@@ -1,4 +1,4 @@
-"""PlainSink: what fakesink and appsink share besides the base of all sinks."""
+"""PlainSink: common base class of fakesink and appsink."""
 
 from __future__ import annotations
 
@@ -7,21 +7,20 @@ from typing import Any
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.sink import Sink
-from streamkit.flow.events import Event, SegmentEvent
+from streamkit.flow.events import EndOfStream, Event, SegmentEvent
 from streamkit.flow.frame import Frame
 from streamkit.flow.segment import Segment
-from streamkit.flow.signals import EndOfStream
 
 UINT = 2**32 - 1
 UINT64 = 2**64 - 1
 
 
 class PlainSink(Sink):
-    """A sink that counts frames, keeps the last one, and refuses what comes after EOS.
+    """A sink that counts frames, keeps the last one, and refuses frames after EOS.
 
     Attributes:
-        count: frames taken since the start.
-        last_frame: the newest, or None where `enable_last_sample` is off.
+        count: frames received since the start.
+        last_frame: the newest frame, or None if `enable_last_sample` is off.
     """
 
     enable_last_sample: bool = Property(True, live=True, doc="Keep the last frame in `last_frame`.")
@@ -41,36 +40,36 @@ class PlainSink(Sink):
         return f"application/x-sink-stats, rendered={self.count}, dropped={dropped}"
 
     def start(self) -> None:
-        """Begins to count."""
+        """Resets the counters."""
         self.count = 0
         self.last_frame = None
         self._has_ended = False
         self._clip = None
-        self.settle()
+        self.apply_state()
 
     def stop(self) -> None:
-        """Ends what `start` began; the last frame stays for who asks."""
+        """Keeps the last frame available."""
 
-    def settle(self) -> None:
-        """What has been set is to count from the next frame on."""
+    def apply_state(self) -> None:
+        """Caches what properties and stream state mean for the next frame."""
         self._keeps_last = self.enable_last_sample
         if not self._keeps_last:
             self.last_frame = None
 
     def property_changed(self, name: str) -> None:
-        """Counts at once."""
-        self.settle()
+        """Applies the property from the next frame on."""
+        self.apply_state()
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Notes where the stream is to be clipped; the rest is the base's."""
+        """Stores the segment for clipping, then handles the event as any sink."""
         if isinstance(event, SegmentEvent):
             segment = event.segment
             self._clip = segment if segment.start_ns or segment.stop_ns is not None else None
-            self.settle()
+            self.apply_state()
         super().receive_event(pad, event)
 
     def is_outside(self, frame: Frame) -> bool:
-        """Whether no part of a frame lies in the segment; it is then counted as dropped."""
+        """Whether a frame is outside the segment; counts it as dropped if so."""
         clip = self._clip
         if clip is None or frame.pts is None or clip.holds(frame.pts, frame.duration):
             return False
@@ -78,18 +77,18 @@ class PlainSink(Sink):
         return True
 
     def demand_open(self) -> None:
-        """Raises `EndOfStream` where the stream has ended."""
+        """Raises `EndOfStream` after EOS."""
         if self._has_ended:
             raise EndOfStream(self.name)
 
     def drain(self) -> None:
-        """EOS: frames that follow are refused."""
+        """Refuses frames after EOS."""
         self._has_ended = True
-        self.settle()
+        self.apply_state()
 
     def flush(self, *, begins: bool) -> None:
-        """A flush opens the sink anew."""
+        """A flush lets the sink accept frames again."""
         super().flush(begins=begins)
         self._has_ended = False
         self._clip = None
-        self.settle()
+        self.apply_state()

@@ -10,21 +10,31 @@ from streamkit.element.base import Element
 from streamkit.element.choice import Choice
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
-from streamkit.elements.callbacks import Callbacks
+from streamkit.elements.frame_report import Callbacks
 from streamkit.flow.caps import Caps
-from streamkit.flow.events import EOS, EosEvent, Event, FlushStart, FlushStop, GapEvent
+from streamkit.flow.events import (
+    EOS,
+    EndOfStream,
+    EosEvent,
+    Event,
+    FlowStop,
+    Flushing,
+    FlushStart,
+    FlushStop,
+    GapEvent,
+    NotLinked,
+)
 from streamkit.flow.frame import Frame, FrameFlags
-from streamkit.flow.signals import EndOfStream, FlowStop, Flushing, NotLinked
 from streamkit.handoff.frame_queue import FrameQueue
 
-LOOK_S = 0.5  # longest sleep between looks at `stopping`, should a wake-up be missed
-PARK_S = 2.0  # longest wait of a flush for the frame that is on its way downstream
+POLL_S = 0.5  # interval at which waits check `stopping`, in case a notification is missed
+PARK_S = 2.0  # longest wait of a flush for the frame in flight downstream
 UINT = 2**32 - 1
 UINT64 = 2**64 - 1
 
 
 class Leaky(Choice):
-    """Which frame a full queue gives up."""
+    """Which frame a full queue drops."""
 
     NO = "no", 0, "Not Leaky"
     UPSTREAM = "upstream", 1, "Leaky on upstream (new buffers)"
@@ -32,19 +42,19 @@ class Leaky(Choice):
 
 
 class _Drained(Exception):
-    """EOS has been handed over."""
+    """EOS has been sent downstream."""
 
 
 class Queue(Element):
-    """Lets what follows run in a thread of its own; holds frames up to three limits.
+    """Runs downstream in its own thread; holds frames up to three limits.
 
-    It is full when any level has reached its limit, which is looked at before a frame is added.
+    The queue is full if any level has reached its limit before a frame is added.
 
     Attributes:
-        on_overrun: called with the queue when a frame meets a full queue.
-        on_underrun: called with the queue when it has run empty.
-        on_running: called with the queue when frames are there again after that.
-        pending: the frames and events held; changed under the queue's lock only.
+        on_overrun: called with the queue when a frame arrives at a full queue.
+        on_underrun: called with the queue when it becomes empty.
+        on_running: called with the queue when frames arrive after that.
+        pending: queued frames and events; changed under the queue's lock only.
 
     Example:
         fakesrc num-buffers=100 ! queue max-size-buffers=10 ! fakesink
@@ -53,10 +63,10 @@ class Queue(Element):
     sink = src = "ANY"
 
     max_size_buffers: int = Property(
-        200, min=0, max=UINT, live=True, doc="Frames held at most; 0 is no limit."
+        200, min=0, max=UINT, live=True, doc="Maximum number of queued frames; 0 is no limit."
     )
     max_size_bytes: int = Property(
-        10485760, min=0, max=UINT, live=True, unit="bytes", doc="Bytes held at most; 0 is no limit."
+        10485760, min=0, max=UINT, live=True, unit="bytes", doc="Maximum of queued bytes; 0 is no limit."
     )
     max_size_time: int = Property(
         1_000_000_000,
@@ -64,26 +74,24 @@ class Queue(Element):
         max=UINT64,
         live=True,
         unit="ns",
-        doc="Running time held at most; 0 is no limit.",
+        doc="Maximum queued running time; 0 is no limit.",
     )
     min_threshold_buffers: int = Property(
-        0, min=0, max=UINT, live=True, doc="Frames to be held before any is handed on; 0 is none."
+        0, min=0, max=UINT, live=True, doc="Frames to queue before any is sent on; 0 is none."
     )
     min_threshold_bytes: int = Property(
-        0, min=0, max=UINT, live=True, unit="bytes", doc="Bytes to be held before any is handed on."
+        0, min=0, max=UINT, live=True, unit="bytes", doc="Bytes to queue before any frame is sent on."
     )
     min_threshold_time: int = Property(
-        0, min=0, max=UINT64, live=True, unit="ns", doc="Running time to be held before any is handed on."
+        0, min=0, max=UINT64, live=True, unit="ns", doc="Running time to queue before any frame is sent on."
     )
     leaky: Leaky = Property(Leaky.NO, live=True, doc="Which frame a full queue drops instead of waiting.")
-    flush_on_eos: bool = Property(False, live=True, doc="Drop the frames held when EOS comes.")
+    flush_on_eos: bool = Property(False, live=True, doc="Drop queued frames at EOS.")
     silent: bool = Property(False, live=True, doc="Call none of the callbacks.")
-    current_level_buffers: int = Property(0, read=lambda q: q.pending.buffers, doc="Frames held now.")
-    current_level_bytes: int = Property(
-        0, read=lambda q: q.pending.bytes, unit="bytes", doc="Bytes held now."
-    )
+    current_level_buffers: int = Property(0, read=lambda q: q.pending.buffers, doc="Number of queued frames.")
+    current_level_bytes: int = Property(0, read=lambda q: q.pending.bytes, unit="bytes", doc="Queued bytes.")
     current_level_time: int = Property(
-        0, read=lambda q: q.pending.time_ns, unit="ns", doc="Running time held now."
+        0, read=lambda q: q.pending.time_ns, unit="ns", doc="Queued running time."
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
@@ -91,11 +99,11 @@ class Queue(Element):
         self.on_underrun = Callbacks()
         self.on_running = Callbacks()
         self.pending = FrameQueue()
-        self._lock = threading.Lock()  # of everything below, and of what is held
+        self._lock = threading.Lock()  # guards everything below, and `pending`
         self._room = threading.Condition(self._lock)
         self._filled = threading.Condition(self._lock)
         self._refusal: type[FlowStop] | None = None  # why frames from upstream are refused
-        self._is_halted = False  # downstream is to take nothing more for now
+        self._is_halted = False  # downstream gets nothing for now
         self._is_flush_pending = False
         self._has_tail_gap = self._has_head_gap = False  # a frame was dropped at that end
         self._parked = threading.Event()
@@ -104,31 +112,32 @@ class Queue(Element):
         super().__init__(name, **properties)
 
     def latency(self) -> tuple[int, int | None]:
-        """It waits for its threshold, and can hold frames up to its limit."""
+        """From the time threshold to the time limit."""
         return self.min_threshold_time, self.max_size_time or None
 
     def query_caps(self, pad: Pad) -> Caps:
-        """What the other side can carry."""
+        """Caps of the other side."""
         return self.pads["sink" if pad.is_src else "src"].peer_caps()
 
     def property_changed(self, name: str) -> None:
-        """Limits and thresholds count at once: both sides look again."""
-        self._wake()
+        """Wakes both threads to apply new limits."""
+        self.wake()
 
-    def _wake(self) -> None:
+    def wake(self) -> None:
+        """Notifies both threads."""
         with self._lock:
             self._room.notify_all()
             self._filled.notify_all()
 
     def _emit(self, callbacks: Callbacks) -> None:
-        """Calls callbacks, without the lock, unless the queue is to be silent."""
+        """Runs callbacks, without the lock, unless `silent`."""
         if callbacks and not self.silent:
             callbacks.emit(self)
 
-    # The upstream side.
+    # Called in the upstream thread.
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that takes the frames of the sink pad."""
+        """The function that is called with each frame."""
         return self._put
 
     def _put(self, frame: Frame) -> None:
@@ -144,7 +153,7 @@ class Queue(Element):
                     self._append(frame)
 
     def _demand_open(self) -> None:
-        """Raises the reason why frames are refused, if there is one."""
+        """Raises the reason why frames are refused, if any."""
         if self._refusal is not None:
             raise self._refusal(self.name)
         if self.stopping.is_set():
@@ -161,7 +170,7 @@ class Queue(Element):
         self._filled.notify()
 
     def _make_room(self) -> bool:
-        """Waits or drops as `leaky` says; False if the new frame is the one given up."""
+        """Waits, or drops by `leaky`; False if the new frame is dropped."""
         while self._is_full():
             self._demand_open()
             if self.leaky is Leaky.UPSTREAM:
@@ -173,12 +182,12 @@ class Queue(Element):
                 self._has_head_gap = True
                 continue
             with self.waiting():
-                self._room.wait(LOOK_S)
+                self._room.wait(POLL_S)
         self._demand_open()
         return True
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Appends the event behind the frames, without counting it; a flush overtakes them."""
+        """Queues an event; a flush overtakes the frames."""
         if isinstance(event, FlushStart):
             self.pads["src"].send_event(event)
         elif isinstance(event, FlushStop):
@@ -192,10 +201,10 @@ class Queue(Element):
                 self.pending.append(event)
                 self._filled.notify()
 
-    # Flushes, in the flusher's thread.
+    # Called in the flushing thread.
 
     def flush(self, *, begins: bool) -> None:
-        """Frames are refused from the start of a flush to its stop; at its stop those held are dropped."""
+        """Refuses frames during a flush; drops queued frames at its end."""
         if begins:
             self._parked.clear()
             self._flush_over.clear()
@@ -205,7 +214,7 @@ class Queue(Element):
                 if EOS in self.pending.items:
                     self.pending.items.remove(EOS)
             super().flush(begins=True)
-            self._wake()
+            self.wake()
             return
         if self._thread_id and self._thread_id != threading.get_ident():
             self._parked.wait(PARK_S)
@@ -217,7 +226,7 @@ class Queue(Element):
         super().flush(begins=False)
 
     def _finish_flush(self, event: Event) -> None:
-        """Tells downstream of the end of the flush, then lets both sides go on."""
+        """Sends the end of the flush downstream, then lets both threads continue."""
         self.pads["src"].send_event(event)
         with self._lock:
             if self._refusal is Flushing:
@@ -225,17 +234,17 @@ class Queue(Element):
             self._is_halted = self.stopping.is_set()
         self._flush_over.set()
 
-    # The downstream side.
+    # Called in the queue's thread.
 
     def prepare_run(self) -> None:
-        """Forgets an earlier run."""
+        """Resets the state of an earlier run."""
         with self._lock:
             self.pending.reset()
             self._refusal = None
             self._is_flush_pending = self._is_halted = self._has_head_gap = self._has_tail_gap = False
 
     def stream(self) -> None:
-        """The body of the queue's thread: hands over frames and events in order, until EOS."""
+        """Body of the queue's thread: sends frames and events in order, until EOS."""
         src = self.pads["src"]
         self._thread_id = threading.get_ident()
         try:
@@ -253,7 +262,7 @@ class Queue(Element):
         except NotLinked as stop:
             had_ended = self.pads["sink"].is_eos
             self._refuse(type(stop))
-            if had_ended:  # else the next push tells upstream, which knows whether it minds
+            if had_ended:  # else the next push raises it upstream
                 raise
         except FlowStop as stop:
             self._refuse(type(stop))
@@ -266,7 +275,7 @@ class Queue(Element):
             self._parked.set()
 
     def _next_frame(self, src: Pad) -> Frame:
-        """Takes the oldest frame; events before it are sent on."""
+        """Takes the oldest frame, after sending the events before it."""
         while True:
             item = self._take()
             if isinstance(item, Frame):
@@ -276,7 +285,7 @@ class Queue(Element):
                 raise _Drained
 
     def _take(self) -> Frame | Event:
-        """Takes the oldest item, once something may be handed on."""
+        """Waits until the queue may be read; takes the oldest item."""
         while True:
             with self._lock:
                 if self._is_halted:
@@ -288,11 +297,11 @@ class Queue(Element):
                 self._emit(self.on_underrun)
             with self._lock:
                 while not self._may_read() and not self._is_halted:
-                    self._filled.wait(LOOK_S)
+                    self._filled.wait(POLL_S)
             self._emit(self.on_running)
 
     def _may_read(self) -> bool:
-        """Whether something may be handed on: past the thresholds, or full, or with an event at the tail."""
+        """Whether the queue is past its thresholds, full, or has an event at its tail."""
         pending = self.pending
         if not pending.items:
             return False
@@ -312,32 +321,32 @@ class Queue(Element):
         return item
 
     def _park(self) -> None:
-        """Waits out a flush; where there is none, streaming ends."""
+        """Waits until a flush ends; without a flush, ends streaming."""
         with self._lock:
             is_flush, self._is_flush_pending = self._is_flush_pending, False
         if not is_flush or self.stopping.is_set():
             raise Flushing(self.name)
         self._parked.set()
-        while not self._flush_over.wait(LOOK_S):
+        while not self._flush_over.wait(POLL_S):
             if self.stopping.is_set():
                 raise Flushing(self.name)
 
     def _refuse(self, stop: type[FlowStop]) -> None:
-        """Drops what is held and answers every later push with the reason why streaming ended."""
+        """Drops queued frames and raises the reason at every later push."""
         with self._lock:
             self._refusal = stop
             self.pending.keep([])
             self._room.notify_all()
 
     def interrupt(self) -> None:
-        """Wakes both sides, for good if the pipeline is stopping."""
+        """Wakes both threads, for good if the pipeline stops."""
         if self.stopping.is_set():
             with self._lock:
                 self._is_halted = True
             self._flush_over.set()
-        self._wake()
+        self.wake()
 
     def stop(self) -> None:
-        """Drops what is still held."""
+        """Drops queued frames."""
         with self._lock:
             self.pending.keep([])

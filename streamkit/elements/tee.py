@@ -1,4 +1,4 @@
-"""tee: the same frames to several branches."""
+"""tee: sends the same frames to several branches."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from streamkit.element.branching import Split
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
 from streamkit.flow.caps import ANY
+from streamkit.flow.events import NotLinked
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import NotLinked
 
 
 class Tee(Split):
-    """Hands every frame to each of its branches, shared and not copied; put a queue into each branch.
+    """Sends every frame to each branch, without a copy; put a queue into each branch.
 
-    A branch that ends or fails ends the tee's stream; one that is not linked counts only where all are.
+    A branch that ends or fails ends the tee's stream; unlinked branches matter only if all are unlinked.
 
     Example:
         fakesrc num-buffers=3 ! tee name=t  t. ! queue ! fakesink  t. ! queue ! fakesink
@@ -24,17 +24,19 @@ class Tee(Split):
     sink = "ANY"
     templates = (PadTemplate("src_%u", Direction.SRC, ANY, Presence.REQUEST),)
 
-    allow_not_linked: bool = Property(False, live=True, doc="Go on where no branch is linked.")
-    num_src_pads: int = Property(0, read=lambda tee: sum(1 for _ in tee.src_pads()), doc="Branches now.")
+    allow_not_linked: bool = Property(False, live=True, doc="Continue if no branch is linked.")
+    num_src_pads: int = Property(
+        0, read=lambda tee: sum(1 for _ in tee.src_pads()), doc="Number of branches."
+    )
     silent: bool = Property(True, live=True, doc="Keep no text in last-message.")
-    last_message: str | None = Property(None, readonly=True, doc="What was last done.")
+    last_message: str | None = Property(None, readonly=True, doc="The last action.")
 
     def split(self, frame: Frame) -> Mapping[str, Frame]:
-        """The frame, for every branch."""
+        """Returns the frame for every branch."""
         return dict.fromkeys((pad.name for pad in self.src_pads()), frame)
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that takes the frames of the sink pad."""
+        """The function that is called with each frame."""
         self.pads_changed()
 
         def receive(frame: Frame) -> None:
@@ -47,7 +49,7 @@ class Tee(Split):
                     not_linked += 1
             if not_linked or not branches:
                 self._some_not_linked(not_linked, len(branches))
-            if self._speaks:
+            if not self.silent:
                 self.last_message = f"chain ******* ({pad.path}) {frame.describe()}"
 
         return receive
@@ -56,10 +58,3 @@ class Tee(Split):
         self.count_drop("branch not linked", count)
         if count == branches and not self.allow_not_linked:
             raise NotLinked(f"{self.name}.src_%u")
-
-    def property_changed(self, name: str) -> None:
-        """Whether to keep a text of each frame."""
-        if name == "silent":
-            self._speaks = not self.silent
-
-    _speaks = False

@@ -1,4 +1,4 @@
-"""valve: lets frames through or not."""
+"""valve: forwards or drops frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from streamkit.flow.frame import Frame, FrameFlags
 
 
 class DropMode(Choice):
-    """What a closed valve holds back."""
+    """What a closed valve drops."""
 
     DROP_ALL = "drop-all", 0, "Drop all buffers and events"
     FORWARD_STICKY_EVENTS = "forward-sticky-events", 1, "Drop all buffers but forward sticky events"
@@ -25,7 +25,7 @@ class DropMode(Choice):
 
 
 class Valve(Transform):
-    """Drops every frame while `drop` is true; the first frame after it opens is marked as a discontinuity.
+    """Drops every frame while `drop` is true; the first frame after that is flagged as a discontinuity.
 
     Example:
         fakesrc num-buffers=10 ! valve drop=true drop-mode=forward-sticky-events ! fakesink
@@ -33,29 +33,25 @@ class Valve(Transform):
 
     sink = src = "ANY"
 
-    drop: bool = Property(False, live=True, doc="Let no frame through.")
+    drop: bool = Property(False, live=True, doc="Drop all frames.")
     drop_mode: DropMode = Property(
         DropMode.DROP_ALL,
-        doc="Hold back events too, hold back frames only, or turn frames into gaps.",
+        doc="Drop events too, drop frames only, or turn frames into gaps.",
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._is_closed = self._was_closed = False
+        self._was_closed = False
         self._held: dict[type, Event] = {}
         super().__init__(name, **properties)
 
     def start(self) -> None:
-        """Begins as if it had always been open."""
+        """Resets the state of an earlier run."""
         self._was_closed = False
         self._held = {}
 
-    def property_changed(self, name: str) -> None:
-        """Opens or closes from the next frame on."""
-        self._is_closed = self.drop
-
     def transform(self, frame: Frame) -> Frame | None:
-        """The frame while open; the events held back go first."""
-        if self._is_closed:
+        """Returns the frame while open, after sending the events held back."""
+        if self.drop:
             self._was_closed = True
             self.count_drop("valve closed")
             if self.drop_mode is DropMode.TRANSFORM_TO_GAP:
@@ -70,9 +66,9 @@ class Valve(Transform):
         return frame
 
     def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
-        """Passes events on; one closed to all keeps the latest caps and segment and loses the rest."""
+        """Forwards events; with `drop-all` a closed valve drops all but the latest caps and segment."""
         is_flush = isinstance(event, FlushStart | FlushStop)
-        if self._is_closed and self.drop_mode is DropMode.DROP_ALL and not is_flush:
+        if self.drop and self.drop_mode is DropMode.DROP_ALL and not is_flush:
             self._was_closed = True
             if isinstance(event, CapsEvent | SegmentEvent):
                 self._held[type(event)] = event

@@ -1,6 +1,6 @@
-"""Caps: what kinds of frames a pad can carry, and the algebra on them.
+"""Caps: the frame formats that a pad can carry, and their algebra.
 
-Source: GStreamer's documentation of GstCaps; results as GStreamer 1.22 gives them.
+Source: GStreamer's documentation of GstCaps; results as in GStreamer 1.22.
 """
 
 from __future__ import annotations
@@ -9,28 +9,28 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 from streamkit.errors import CapsTooLarge
-from streamkit.flow.caps_forms import normalize, simplify
 from streamkit.flow.caps_reader import STRUCTURE_LIMIT, WORDS, CapsReader
+from streamkit.flow.caps_simplify import normalize, simplify
 from streamkit.flow.caps_structure import NO_FIELDS, Structure
-from streamkit.flow.caps_values import NestedValue, Value
+from streamkit.flow.caps_values import NestedCaps, Value
 
 __all__ = ["ANY", "EMPTY", "Caps", "Structure", "read_value"]
 CACHED_TEXTS, CACHED_LENGTH = 512, 2_000
 WORK_LIMIT = 1_000_000
 
 
-class Caps(NestedValue):
+class Caps(NestedCaps):
     """An immutable set of frame formats, in order of preference.
 
     Built from text, `Caps("video/x-raw, format=GRAY8, width=[ 1, 4096 ]")`, or from structures.
     `ANY` is everything, `EMPTY` (or `NONE`) nothing.
 
-    Operators: `a & b` what both allow in the order of `a`; `a | b` what either allows; `a <= b` whether
-    everything that `a` allows is allowed by one structure of `b`; `a == b` whether each is within the other.
+    Operators: `a & b` is the intersection in the order of `a`, `a | b` the union; `a <= b` is true if each
+    structure of `a` is a subset of a structure of `b`, and `a == b` if both `a <= b` and `b <= a`.
 
     Raises:
-        CapsSyntax: the text is no caps.
-        CapsTooLarge: an operation gives more structures, or alternatives of a field, than are kept.
+        CapsSyntax: the text cannot be parsed.
+        CapsTooLarge: a result has too many structures, or alternatives of a field.
     """
 
     __slots__ = ("_fixed", "_text", "is_any", "structures")
@@ -50,7 +50,7 @@ class Caps(NestedValue):
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is allowed."""
+        """Whether no format is allowed."""
         return not self.is_any and not self.structures
 
     @property
@@ -77,11 +77,7 @@ class Caps(NestedValue):
         return self.structures[0].fields.get(field_name, default) if self.structures else default
 
     def integer(self, field_name: str) -> int:
-        """The value of an integer field.
-
-        Raises:
-            KeyError: there is no such field, or it is not one integer.
-        """
+        """The value of an integer field; raises `KeyError` if it is not a single integer."""
         value = self[field_name]
         if not isinstance(value, int) or isinstance(value, bool):
             raise KeyError(f"field {field_name!r} of caps {self} must be one integer")
@@ -92,19 +88,19 @@ class Caps(NestedValue):
             return other
         if other.is_any or self is other:
             return self
-        return _met((mine, theirs) for mine in self.structures for theirs in other.structures)
+        return _intersections((mine, theirs) for mine in self.structures for theirs in other.structures)
 
     def intersect(self, other: Caps) -> Caps:
-        """What both allow, in the zig-zag order of gst_caps_intersect: what either side prefers comes first.
+        """The intersection in the zig-zag order of gst_caps_intersect, which weighs both sides' preferences.
 
-        Pairs of structures are tried by the sum of their places, among equals the earlier of `other` first.
+        Pairs of structures are ordered by the sum of their indices, then by the index in `other`.
         """
         if self.is_any or other.is_any or self is other:
             return self & other
-        return _met(_zigzag(self.structures, other.structures))
+        return _intersections(_zigzag(self.structures, other.structures))
 
     def can_intersect(self, other: Caps) -> bool:
-        """Whether there is anything that both allow."""
+        """Whether the intersection is not empty."""
         if self.is_any or other.is_any:
             return bool(self) and bool(other)
         return any(
@@ -135,11 +131,7 @@ class Caps(NestedValue):
 
     def strictly_equal(self, other: Caps) -> bool:
         """Whether both have equal structures in the same order."""
-        return (
-            self.is_any == other.is_any
-            and len(self.structures) == len(other.structures)
-            and all(map(Structure.equal, self.structures, other.structures))
-        )
+        return self.is_any == other.is_any and self.structures == other.structures
 
     def __hash__(self) -> int:
         return hash((self.is_any, frozenset(structure.name for structure in self.structures)))
@@ -157,7 +149,7 @@ class Caps(NestedValue):
         return f"Caps({str(self)!r})"
 
     def fixate(self, near: Caps | None = None) -> Caps:
-        """One format: in the first structure each field nearest to `near`, or its first or lowest value."""
+        """Fixes the first structure: each field to the value nearest to `near`, else its first or lowest."""
         if not self.structures:
             return self
         wanted = near.structures[0].fields if near is not None and near.structures else NO_FIELDS
@@ -168,11 +160,11 @@ class Caps(NestedValue):
         return self if len(self.structures) < 2 else Caps(self.structures[:1])
 
     def normalize(self) -> Caps:
-        """The same formats with a structure of its own for each entry of a list."""
+        """The same formats with one structure for each entry of a list."""
         return self if self.is_any else Caps(normalize(self.structures))
 
     def simplify(self) -> Caps:
-        """The same formats in as few structures as may be, sorted by name."""
+        """The same formats in as few structures as possible, sorted by name."""
         return self if self.is_any else Caps(simplify(self.structures))
 
     def with_fields(self, **fields: Value) -> Caps:
@@ -180,7 +172,7 @@ class Caps(NestedValue):
         return Caps([Structure(s.name, {**s.fields, **fields}, s.features) for s in self.structures])
 
     def without_fields(self, *names: str) -> Caps:
-        """The same caps without these fields, that is with any value for them."""
+        """The same caps with any value for these fields."""
         if self.is_any:
             return self
         found = Caps()
@@ -190,42 +182,17 @@ class Caps(NestedValue):
         return found
 
     def conflict(self, other: Caps) -> str:
-        """The field that keeps two caps apart, for error texts."""
-        best = "media type"
+        """The name of the field in which two caps conflict, for errors."""
         for mine in self.structures:
             for theirs in other.structures:
                 field_name = mine.conflict(theirs)
                 if field_name not in (None, "media type"):
                     return str(field_name)
-        return best
-
-    @property
-    def nested_fixed(self) -> bool:
-        """Caps as a value are one value, whatever they allow, as in GStreamer."""
-        return True
-
-    def nested_equal(self, other: NestedValue) -> bool:
-        """Whether the other are equal caps."""
-        return isinstance(other, Caps) and self == other
-
-    def nested_meet(self, other: NestedValue) -> Caps | None:
-        """Caps as a value meet equal caps only, as in GStreamer."""
-        return self if self.nested_equal(other) else None
-
-    def nested_join(self, other: NestedValue) -> None:
-        """Caps as a value join with no others."""
-
-    def nested_within(self, other: NestedValue) -> bool:
-        """Caps as a value are within equal caps only, as in GStreamer."""
-        return self.nested_equal(other)
-
-    def nested_fixate(self) -> Caps:
-        """Caps as a value stay as they are, as in GStreamer."""
-        return self
+        return "media type"
 
 
 def _merge(found: list[Structure], structure: Structure) -> None:
-    """Appends a structure that none of those found allows already."""
+    """Appends a structure unless it is a subset of one found already."""
     if any(structure.is_subset(known) for known in found):
         return
     found.append(structure)
@@ -233,7 +200,7 @@ def _merge(found: list[Structure], structure: Structure) -> None:
         raise CapsTooLarge(f"the caps would have more than {STRUCTURE_LIMIT} structures")
 
 
-def _met(pairs: Iterable[tuple[Structure, Structure]]) -> Caps:
+def _intersections(pairs: Iterable[tuple[Structure, Structure]]) -> Caps:
     found: list[Structure] = []
     work = 0
     for mine, theirs in pairs:
@@ -251,16 +218,12 @@ def _zigzag(
     left: tuple[Structure, ...], right: tuple[Structure, ...]
 ) -> Iterator[tuple[Structure, Structure]]:
     for total in range(len(left) + len(right) - 1):
-        for place in range(max(0, total - len(left) + 1), min(total + 1, len(right))):
-            yield left[total - place], right[place]
+        for index in range(max(0, total - len(left) + 1), min(total + 1, len(right))):
+            yield left[total - index], right[index]
 
 
 def read_value(text: str) -> Value:
-    """One value as it stands in a field of caps.
-
-    Raises:
-        CapsSyntax: the text is no value.
-    """
+    """Parses the value of a field; raises `CapsSyntax`."""
     return CapsReader(text, _nested_caps).only_value()
 
 

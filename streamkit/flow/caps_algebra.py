@@ -1,34 +1,22 @@
-"""What values of caps fields share and contain: equality, intersection, subset.
+"""Equality, intersection and subset of the values of caps fields.
 
-Source: GStreamer's documentation of its value functions, and what GStreamer 1.22 answers.
+Source: GStreamer's documentation of its value functions, and what GStreamer 1.22 returns.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from datetime import date
-from fractions import Fraction
+from dataclasses import replace
+from typing import Any
 
 from streamkit.errors import CapsTooLarge
 from streamkit.flow.caps_values import (
-    RANGES,
-    Bitmask,
-    DateTime,
+    SCALARS,
     FlagSet,
-    Float32,
-    FloatRange,
-    FractionRange,
-    Int64,
     IntRange,
-    Long,
-    NestedValue,
-    NullText,
+    NestedStructure,
     Range,
-    UChar,
-    UInt,
-    UInt64,
-    ULong,
     Value,
     ValueArray,
     ValueList,
@@ -36,28 +24,19 @@ from streamkit.flow.caps_values import (
 
 MEMBER_LIMIT = 1_000
 PIECE_LIMIT = 256
-# Types whose values meet only where they are equal; all can be told apart by type and hash.
-SCALARS = frozenset(
-    (
-        *(int, str, bool, float, Fraction, bytes, date, Int64, UInt, UInt64, Long, ULong, UChar),
-        *(Bitmask, Float32, NullText, DateTime),
-    )
-)
 
 
 def same_type_equal(left: Value, right: Value) -> bool:
-    """Equality that keeps int, float, bool, Fraction, str and every width of number apart."""
+    """Equality of values of the same type: 1, 1.0, True and Int64(1) differ."""
     if type(left) is not type(right):
         return False
     if isinstance(left, ValueList | ValueArray) and isinstance(right, ValueList | ValueArray):
         return len(left.items) == len(right.items) and all(map(same_type_equal, left.items, right.items))
-    if isinstance(left, NestedValue) and isinstance(right, NestedValue):
-        return left.nested_equal(right)
     return left == right
 
 
 def values_equal(left: Value, right: Value) -> bool:
-    """Equality as GStreamer compares: lists in any order, and a list of one value is that value."""
+    """Equality as in GStreamer: lists in any order; a list of one value equals that value."""
     kind = type(left)
     if kind is type(right) and kind in SCALARS:
         return left == right
@@ -88,18 +67,14 @@ def _list_equal(choices: ValueList, other: Value) -> bool:
 
 
 def scalar_keys(choices: ValueList) -> list[tuple[type, Value]] | None:
-    """What tells the members apart, in order; None where they are not all plain values."""
+    """Type and value of each member, in order; None unless all are scalars."""
     if all(type(item) in SCALARS for item in choices.items):
         return [(type(item), item) for item in choices.items]
     return None
 
 
 def intersect_values(left: Value, right: Value) -> Value | None:
-    """What both values allow, in the order of `left`; None where nothing is left.
-
-    Raises:
-        CapsTooLarge: the result has too many alternatives.
-    """
+    """The intersection in the order of `left`, None if empty; raises `CapsTooLarge`."""
     kind = type(left)
     if kind is type(right) and kind in SCALARS:
         return left if left == right else None
@@ -109,21 +84,21 @@ def intersect_values(left: Value, right: Value) -> Value | None:
         return _intersect_list(right, left)
     if isinstance(left, ValueArray) and isinstance(right, ValueArray):
         return _intersect_arrays(left, right)
-    if isinstance(left, RANGES) and isinstance(right, RANGES):
+    if isinstance(left, Range) and isinstance(right, Range):
         return _intersect_ranges(left, right)
-    if isinstance(right, RANGES):
+    if isinstance(right, Range):
         return left if left in right else None
-    if isinstance(left, RANGES):
+    if isinstance(left, Range):
         return right if right in left else None
     if isinstance(left, FlagSet) and isinstance(right, FlagSet):
         return join_flags(left, right)
-    if isinstance(left, NestedValue) and isinstance(right, NestedValue):
-        return left if left.nested_equal(right) else left.nested_meet(right)
+    if isinstance(left, NestedStructure) and isinstance(right, NestedStructure):
+        return left if left == right else left.intersect(right)
     return left if same_type_equal(left, right) else None
 
 
 def join_flags(left: FlagSet, right: FlagSet) -> FlagSet | None:
-    """The flags that either decides; None where they disagree."""
+    """The flags set by either; None if they conflict."""
     if type(left) is not type(right) or (left.flags ^ right.flags) & left.mask & right.mask:
         return None
     return type(left)(left.flags | right.flags, left.mask | right.mask)
@@ -140,7 +115,7 @@ def _intersect_list(choices: ValueList, other: Value) -> Value | None:
     for item in choices.items:
         common = intersect_values(item, other)
         if common is not None and type(common) in SCALARS and not isinstance(other, ValueList):
-            # As in GStreamer a value that is repeated stays so, save at the beginning.
+            # As in GStreamer, repeated values are kept, except at the beginning.
             if len(found) != 1 or not values_equal(found[0], common):
                 found.append(common)
         elif common is not None:
@@ -149,7 +124,7 @@ def _intersect_list(choices: ValueList, other: Value) -> Value | None:
 
 
 def _paired(keys: list[tuple[type, Value]], others: list[tuple[type, Value]]) -> list[Value]:
-    """The values of the first list that the second has too, each as often as both have it."""
+    """The values that are in both lists, each as often as in both, in the order of the first."""
     left = Counter(others)
     found: list[Value] = []
     for key in keys:
@@ -160,11 +135,7 @@ def _paired(keys: list[tuple[type, Value]], others: list[tuple[type, Value]]) ->
 
 
 def add_choices(found: list[Value], value: Value) -> None:
-    """Appends a value, or the members of a list, save those that are there already.
-
-    Raises:
-        CapsTooLarge: there are too many.
-    """
+    """Appends a value, or the members of a list, unless they are there; raises `CapsTooLarge`."""
     for item in value.items if isinstance(value, ValueList) else (value,):
         if not any(values_equal(item, known) for known in found):
             found.append(item)
@@ -173,7 +144,7 @@ def add_choices(found: list[Value], value: Value) -> None:
 
 
 def as_choice(items: list[Value]) -> Value | None:
-    """A list of these alternatives; the one itself where it is alone, None where there is none."""
+    """A list of these alternatives; a single one by itself, None for none."""
     if not items:
         return None
     return items[0] if len(items) == 1 else ValueList(tuple(items))
@@ -193,30 +164,25 @@ def _intersect_arrays(left: ValueArray, right: ValueArray) -> Value | None:
     return ValueArray(tuple(found))
 
 
-def _intersect_ranges(left: Range, right: Range) -> Value | None:
+def _intersect_ranges(left: Range[Any], right: Range[Any]) -> Value | None:
     if type(left) is not type(right):
         return None
+    low, high = max(left.low, right.low), min(left.high, right.high)
     if isinstance(left, IntRange) and isinstance(right, IntRange):
         step = math.lcm(left.step, right.step)
-        low = -(-max(left.low, right.low) // step) * step
-        high = min(left.high, right.high) // step * step
-        number = left.number
-        return type(left)(number(low), number(high), step) if low < high else _point(low, high, number)
-    if isinstance(left, FractionRange) and isinstance(right, FractionRange):
-        bottom, top = max(left.low, right.low), min(left.high, right.high)
-        return FractionRange(bottom, top) if bottom < top else bottom if bottom == top else None
-    if isinstance(left, FloatRange) and isinstance(right, FloatRange):
-        start, end = max(left.low, right.low), min(left.high, right.high)
-        return FloatRange(start, end) if start < end else start if start == end else None
-    return None
+        return narrowed(left, -(-low // step) * step, high // step * step, step=step)
+    return narrowed(left, low, high)
 
 
-def _point(low: int, high: int, number: type[int]) -> Value | None:
-    return number(low) if low == high else None
+def narrowed(span: Range[Any], low: Any, high: Any, **changes: int) -> Value | None:
+    """The range with other ends; the number itself if they are equal, None if nothing is left."""
+    if low < high:
+        return replace(span, low=span.number(low), high=span.number(high), **changes)
+    return span.number(low) if low == high else None
 
 
 def is_subset_value(inner: Value, outer: Value) -> bool:
-    """Whether everything that `inner` allows is allowed by `outer`."""
+    """Whether `inner` is a subset of `outer`."""
     kind = type(inner)
     if kind is type(outer) and kind in SCALARS:
         return inner == outer
@@ -230,35 +196,35 @@ def is_subset_value(inner: Value, outer: Value) -> bool:
         return any(is_subset_value(inner, item) for item in outer.items) or _covered(inner, outer)
     if isinstance(inner, ValueArray) and isinstance(outer, ValueArray):
         return len(inner.items) == len(outer.items) and all(map(is_subset_value, inner.items, outer.items))
-    if isinstance(inner, RANGES):
-        return isinstance(outer, RANGES) and _range_within(inner, outer)
-    if isinstance(outer, RANGES):
+    if isinstance(inner, Range):
+        return isinstance(outer, Range) and _range_within(inner, outer)
+    if isinstance(outer, Range):
         return inner in outer
     if isinstance(inner, FlagSet) and isinstance(outer, FlagSet) and type(inner) is type(outer):
         return outer.mask & ~inner.mask == 0 and inner.flags & outer.mask == outer.flags
-    if isinstance(inner, NestedValue) and isinstance(outer, NestedValue):
-        return inner.nested_within(outer)
+    if isinstance(inner, NestedStructure) and isinstance(outer, NestedStructure):
+        return inner.is_subset(outer)
     return same_type_equal(inner, outer)
 
 
-def _range_within(inner: Range, outer: Range) -> bool:
+def _range_within(inner: Range[Any], outer: Range[Any]) -> bool:
     if type(inner) is not type(outer):
         return False
     if isinstance(inner, IntRange) and isinstance(outer, IntRange) and inner.step % outer.step:
-        # Ranges of two values only may lie on a coarser step all the same.
+        # A range of two values may still lie on a coarser step.
         return inner.high - inner.low == inner.step and inner.low in outer and inner.high in outer
     return bool(outer.low <= inner.low and inner.high <= outer.high)
 
 
 def _covered(inner: Value, outer: ValueList) -> bool:
-    """Whether several members of a list together allow a range: `[ 1, 3 ]` lies within `{ 1, [ 2, 3 ] }`."""
-    if not isinstance(inner, RANGES) or len(outer.items) < 2:
+    """Whether several members of a list together contain a range: `[ 1, 3 ]` is within `{ 1, [ 2, 3 ] }`."""
+    if not isinstance(inner, Range) or len(outer.items) < 2:
         return False
     keys = scalar_keys(outer)
     if keys is not None and type(inner) is IntRange:
         known = set(keys)
         inside = range(inner.low, inner.high + 1, inner.step)
         return len(inside) <= len(known) and all((int, value) in known for value in inside)
-    from streamkit.flow.caps_difference import subtract_values
+    from streamkit.flow.caps_simplify import subtract_values
 
     return subtract_values(inner, outer) is None

@@ -1,4 +1,4 @@
-"""The grammar of caps texts: structures with features and fields; values, ranges, lists, nested caps.
+"""Parser of caps: structures with features and fields; values, ranges, lists, nested caps.
 
 Source: the caps syntax of GStreamer's documentation ("Appendices: caps syntax").
 """
@@ -11,21 +11,17 @@ from fractions import Fraction
 from typing import Any
 
 from streamkit.errors import CapsSyntax
-from streamkit.flow.caps_algebra import SCALARS
 from streamkit.flow.caps_structure import Structure
-from streamkit.flow.caps_text import (
-    READERS,
-    TYPES,
-    read_string,
-    read_untyped,
-)
+from streamkit.flow.caps_text import READERS, TYPES, read_string, read_untyped
 from streamkit.flow.caps_values import (
+    SCALARS,
     FloatRange,
     FractionRange,
     Int64,
     Int64Range,
     IntRange,
-    NestedValue,
+    NestedCaps,
+    NestedStructure,
     Range,
     Value,
     ValueArray,
@@ -39,7 +35,7 @@ QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 UNESCAPED = re.compile(r"\\(.)", re.DOTALL)
 FEATURE = re.compile(r"ANY(?![A-Za-z:])|[A-Za-z]+:[A-Za-z][A-Za-z0-9]*(?![A-Za-z0-9_.:-])")
 BLANKS = re.compile(r"(?:\s|\\\s)*")
-# What tells a nested structure or nested caps from a range, after the opening bracket.
+# Distinguishes nested structures and caps from ranges, after the opening bracket.
 NESTED = rf"\s*{NAME.pattern}\s*(?:[\];(]|,\s*(?:[\];]|{FIELD.pattern}\s*=))"
 WORDS = ("ANY", "EMPTY", "NONE")
 SYSTEM_MEMORY = "memory:SystemMemory"
@@ -48,16 +44,16 @@ TEXT_LIMIT = 65_536
 STRUCTURE_LIMIT = 512
 MEMBER_LIMIT = 256
 SHOWN_LENGTH = 400
-CapsMaker = Callable[[tuple[Structure, ...] | None], NestedValue]
+CapsMaker = Callable[[tuple[Structure, ...] | None], NestedCaps]
 
 
 class CapsReader:
-    """Reads one caps text, left to right.
+    """A recursive-descent parser of one text.
 
     Args:
-        text: the caps, or one structure.
-        make_caps: makes nested caps of structures, or of None for `ANY`.
-        depth: how deep in other caps the text stands.
+        text: caps, or one structure.
+        make_caps: makes nested caps from structures, or from None for `ANY`.
+        depth: nesting depth of the text in other caps.
     """
 
     def __init__(self, text: str, make_caps: CapsMaker, depth: int = 0) -> None:
@@ -70,19 +66,19 @@ class CapsReader:
             raise CapsSyntax(f"caps text of {len(text)} characters: at most {TEXT_LIMIT} are read")
 
     def fail(self, rule: str, *, start: int | None = None, hint: str = "") -> CapsSyntax:
-        """The error for the place where reading stands, or for the text from `start` up to it."""
+        """The error at the current position, or for the text from `start` up to it."""
         place = self.position if start is None else start
         shown = self.text if len(self.text) <= SHOWN_LENGTH else f"{self.text[:SHOWN_LENGTH]}..."
         message = f"caps {shown!r}, at character {place}: {rule}"
         return CapsSyntax(message, place, self.position - place, rule=rule, hint=hint)
 
     def skip_blanks(self) -> None:
-        """Moves over blanks."""
+        """Skips blanks."""
         match = BLANKS.match(self.text, self.position)
         self.position = match.end() if match else self.position
 
     def take(self, pattern: re.Pattern[str], what: str) -> str:
-        """Reads one token or fails, naming what was wanted."""
+        """Reads one token, or fails with what was expected."""
         self.skip_blanks()
         match = pattern.match(self.text, self.position)
         if match is None:
@@ -100,12 +96,12 @@ class CapsReader:
         return False
 
     def at(self, marks: str) -> bool:
-        """Whether the text ends here, or one of the marks is next."""
+        """Whether the text ends, or one of the marks is next."""
         self.skip_blanks()
         return self.position >= len(self.text) or self.text[self.position] in marks
 
     def structures(self, closing: str = "") -> tuple[Structure, ...]:
-        """All structures up to the end of the text, or up to the closing mark."""
+        """Structures up to the closing mark or the end."""
         found: list[Structure] = []
         while True:
             found.append(self.structure())
@@ -118,7 +114,7 @@ class CapsReader:
                 raise self.fail("expected ',' or ';' between fields and structures")
 
     def only_structure(self, closing: str = "") -> Structure:
-        """One structure up to the end of the text, or up to the closing mark."""
+        """One structure up to the closing mark or the end."""
         found = self.structure()
         self.accept(";")
         if not self.ended(closing):
@@ -126,14 +122,14 @@ class CapsReader:
         return found
 
     def only_value(self) -> Value:
-        """One value up to the end of the text."""
+        """One value up to the end."""
         found = self.value(None)
         if not self.ended(""):
             raise self.fail("expected the end after the value")
         return found
 
     def ended(self, closing: str) -> bool:
-        """Reads the closing mark if it is next; without one, whether the text ends here."""
+        """Reads the closing mark if it is next; without a mark, whether the text ends."""
         if closing:
             return self.accept(closing)
         self.skip_blanks()
@@ -163,7 +159,7 @@ class CapsReader:
         return Structure(name, fields, features)
 
     def features(self) -> tuple[str, ...]:
-        """The features in parentheses, without repeats; none for memory of the system alone."""
+        """The unique features in parentheses; none for system memory only."""
         self.accept("(")
         if self.accept(")"):
             return ()
@@ -204,7 +200,7 @@ class CapsReader:
             self.depth -= 1
 
     def is_nested(self) -> bool:
-        """Whether a structure stands after the opening bracket, and not a range."""
+        """Whether a structure, not a range, follows the opening bracket."""
         self.skip_blanks()
         if not self.text[self.position : self.position + 1].isalpha():
             return False
@@ -214,7 +210,7 @@ class CapsReader:
         """The type after an opening parenthesis."""
         name = self.take(BARE, "a type name")
         if name not in TYPES:
-            import difflib  # Slow to import, and needed for this error only.
+            import difflib  # slow to import
 
             near = difflib.get_close_matches(name, TYPES, 1)
             known = f"no type {name!r}; types are {', '.join(sorted(set(TYPES.values())))}"
@@ -225,7 +221,7 @@ class CapsReader:
         return TYPES[name]
 
     def items(self, kind: str | None, closing: str) -> tuple[Value, ...]:
-        """The members of a list or array up to its closing mark; a comma may stand before and after."""
+        """Members of a list or array up to its closing mark; leading and trailing commas are allowed."""
         found: list[Value] = []
         self.accept(",")
         while not self.accept(closing):
@@ -240,7 +236,7 @@ class CapsReader:
                 raise self.fail(f"lists that hold more than plain values have at most {MEMBER_LIMIT} members")
         return tuple(found)
 
-    def range(self, kind: str | None, start: int) -> Range:
+    def range(self, kind: str | None, start: int) -> Range[Any]:
         """A range after its opening bracket."""
         parts = [self.value(kind)]
         while self.accept(","):
@@ -254,8 +250,8 @@ class CapsReader:
         except (ValueError, TypeError) as error:
             raise self.fail(str(error), start=start) from None
 
-    def nested(self, kind: str | None) -> NestedValue:
-        """A structure, or caps, after the opening bracket."""
+    def nested(self, kind: str | None) -> NestedStructure | NestedCaps:
+        """A structure or caps after the opening bracket."""
         if kind == "structure":
             return self.only_structure("]")
         before = self.position
@@ -273,7 +269,7 @@ class CapsReader:
         return self.make_caps(self.structures("]")) if features else self.only_structure("]")
 
     def simple(self, kind: str | None, raw: str, start: int) -> Value:
-        """A simple value of a given type, or of the first type that fits."""
+        """A simple value of the given type, or of the first type that fits."""
         if kind in ("structure", "GstCaps"):
             return self.nested_text(kind, raw, start)
         if kind is None:
@@ -286,8 +282,8 @@ class CapsReader:
             raise self.fail(f"{raw!r} is no value of type {kind}", start=start)
         return value
 
-    def nested_text(self, kind: str, raw: str, start: int) -> NestedValue:
-        """A structure, or caps, written as a string or a bare name."""
+    def nested_text(self, kind: str, raw: str, start: int) -> NestedStructure | NestedCaps:
+        """A structure or caps written as a string or a bare name."""
         if self.depth >= DEPTH_LIMIT:
             raise self.fail(f"values nest at most {DEPTH_LIMIT} deep", start=start)
         text = read_string(raw)
@@ -302,13 +298,8 @@ class CapsReader:
             raise self.fail(f"no {kind}: {error.rule}", start=start, hint=error.hint) from None
 
 
-def make_range(parts: list[Value]) -> Range:
-    """A range out of its two ends and its step, all of one type.
-
-    Raises:
-        TypeError: the type has no ranges, or the parts differ in type.
-        ValueError: the range is empty, or its ends do not lie on its step.
-    """
+def make_range(parts: list[Value]) -> Range[Any]:
+    """Makes a range from its ends and step; raises `TypeError` or `ValueError` with the rule."""
     for end in parts[:2]:
         if not isinstance(end, int | float | Fraction) or isinstance(end, bool):
             raise TypeError(f"a range's ends must be numbers, got {end!r}")
@@ -323,5 +314,5 @@ def make_range(parts: list[Value]) -> Range:
     }.get(type(low))  # fmt: skip
     if kind is None:
         raise TypeError("ranges are of int, gint64, double or fraction")
-    found: Range = kind(low, high, *(int(step) for step in rest if isinstance(step, int)))
+    found: Range[Any] = kind(low, high, *(int(step) for step in rest if isinstance(step, int)))
     return found

@@ -1,30 +1,21 @@
-"""Text of caps, written as GStreamer writes it."""
+"""Writes caps as text, in GStreamer's form."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from datetime import date
 from fractions import Fraction
 
 from streamkit.flow.caps_values import (
+    TYPE_NAMES,
     Bitmask,
     DateTime,
     FlagSet,
-    Float32,
-    FloatRange,
-    FractionRange,
-    Int64,
-    Int64Range,
     IntRange,
-    Long,
-    MultiviewFlags,
-    NestedValue,
+    NestedCaps,
+    NestedStructure,
     NullText,
-    UChar,
-    UInt,
-    UInt64,
-    ULong,
+    Range,
     Value,
     ValueArray,
     ValueList,
@@ -32,21 +23,14 @@ from streamkit.flow.caps_values import (
 
 PLAIN = re.compile(r"[A-Za-z0-9_+/:.-]+")
 OTHER = re.compile(rb"[^A-Za-z0-9_+/:.-]")
-TYPE_NAMES: dict[type, str] = {
-    bool: "boolean", int: "int", IntRange: "int", UInt: "uint", Int64: "gint64", Int64Range: "gint64",
-    UInt64: "guint64", Long: "glong", ULong: "gulong", UChar: "guchar", float: "double",
-    FloatRange: "double", Float32: "float", Fraction: "fraction", FractionRange: "fraction", str: "string",
-    NullText: "string", bytes: "buffer", date: "date", DateTime: "datetime", Bitmask: "bitmask",
-    FlagSet: "flagset", MultiviewFlags: "GstVideoMultiviewFlagsSet",
-}  # fmt: skip
 
 
 def type_name(value: Value) -> str:
-    """GStreamer's name of a value's type; of a list or array that of its first member."""
+    """GStreamer's name of the type of a value, or of the first member of a list or array."""
     if isinstance(value, ValueList | ValueArray):
         return type_name(value.items[0]) if value.items else "int"
-    if isinstance(value, NestedValue):
-        return "structure" if hasattr(value, "fields") else "GstCaps"
+    if isinstance(value, NestedStructure | NestedCaps):
+        return "structure" if isinstance(value, NestedStructure) else "GstCaps"
     name = TYPE_NAMES.get(type(value))
     return name or next((name for kind, name in TYPE_NAMES.items() if isinstance(value, kind)), "string")
 
@@ -60,10 +44,7 @@ def write_structure(name: str, features: Iterable[str], fields: Mapping[str, Val
 
 
 def write_value(value: Value) -> str:
-    """The text of a value with its type in front.
-
-    The members of a list or array have its type; where they differ each has its own.
-    """
+    """A value with its type; members of a list or array have their own types if these differ."""
     if isinstance(value, ValueList | ValueArray) and len({type_name(item) for item in value.items}) > 1:
         return write_members(value, typed=True)
     return f"({type_name(value)}){write_plain(value)}"
@@ -75,7 +56,7 @@ def write_members(value: ValueList | ValueArray, *, typed: bool) -> str:
     members: list[str] = []
     for item in value.items:
         if isinstance(item, ValueList | ValueArray):
-            # As in GStreamer the members of an inner list carry their types.
+            # As in GStreamer, members of an inner list have their types.
             members.append(write_members(item, typed=True))
         else:
             members.append(write_value(item) if typed else write_plain(item))
@@ -83,13 +64,13 @@ def write_members(value: ValueList | ValueArray, *, typed: bool) -> str:
 
 
 def write_plain(value: Value) -> str:
-    """The text of a value without its type."""
+    """A value without its type."""
     if isinstance(value, ValueList | ValueArray):
         return write_members(value, typed=False)
     if isinstance(value, IntRange):
         step = f", {value.step}" if value.step != 1 else ""
         return f"[ {value.low}, {value.high}{step} ]"
-    if isinstance(value, FloatRange | FractionRange):
+    if isinstance(value, Range):
         return f"[ {write_plain(value.low)}, {write_plain(value.high)} ]"
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -109,15 +90,13 @@ def write_plain(value: Value) -> str:
         names = ((bit, name) for bit, name in value.names.items() if value.mask & bit)
         marks = "".join(("+" if value.flags & bit else "/") + name for bit, name in names)
         return f"{value.flags:x}:{value.mask:x}" + (f":{marks}" if marks else "")
-    return _write_nested(value) if isinstance(value, NestedValue) else str(value)
-
-
-def _write_nested(value: NestedValue) -> str:
-    return f"[{value};]" if type_name(value) == "structure" else f"[{value}]"
+    if isinstance(value, NestedStructure):
+        return f"[{value};]"
+    return f"[{value}]" if isinstance(value, NestedCaps) else str(value)
 
 
 def write_string(text: str) -> str:
-    """A string, quoted and with escapes where it has other characters than those of names."""
+    """A string, quoted and escaped if it has characters that names do not have."""
     if PLAIN.fullmatch(text) and text != "NULL":
         return text
 

@@ -1,4 +1,4 @@
-"""One alternative of caps: a media type with features and fields."""
+"""Structures of caps, and fixation of their values."""
 
 from __future__ import annotations
 
@@ -7,21 +7,28 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from streamkit.flow.caps_algebra import intersect_values, is_subset_value, values_equal
-from streamkit.flow.caps_difference import unite_values
-from streamkit.flow.caps_fixate import fixate_value
 from streamkit.flow.caps_serialize import write_structure
-from streamkit.flow.caps_values import NestedValue, Value, is_fixed
+from streamkit.flow.caps_values import (
+    FULL_MASK,
+    FlagSet,
+    IntRange,
+    NestedStructure,
+    Range,
+    Value,
+    ValueArray,
+    ValueList,
+    is_fixed,
+)
 
 NO_FIELDS: Mapping[str, Value] = MappingProxyType({})
 ANY_FEATURES = ("ANY",)
 
 
-@dataclass(frozen=True, slots=True)
-class Structure(NestedValue):
+@dataclass(frozen=True, slots=True, eq=False)
+class Structure(NestedStructure):
     """One alternative of caps: a media type with features and fields.
 
-    `features` are in the order written, without repeats; `()` is memory of the system, `("ANY",)` any
-    features.
+    `features` are unique and in the order written; `()` is system memory, `("ANY",)` any features.
     """
 
     name: str
@@ -42,13 +49,13 @@ class Structure(NestedValue):
         return mine == theirs or (len(mine) == len(theirs) > 1 and set(mine) == set(theirs))
 
     def same_kind(self, other: Structure) -> bool:
-        """Whether names agree and features are compatible (`ANY` matches all features)."""
+        """Whether names are equal and features compatible (`ANY` matches all features)."""
         if self.name != other.name:
             return False
         return self.same_features(other) or ANY_FEATURES in (self.features, other.features)
 
     def intersect(self, other: Structure) -> Structure | None:
-        """What both structures allow; a missing field means any value."""
+        """The intersection, or None; a missing field means any value."""
         if not self.same_kind(other):
             return None
         fields = dict(self.fields)
@@ -61,7 +68,7 @@ class Structure(NestedValue):
         return Structure(self.name, fields, features)
 
     def conflict(self, other: Structure) -> str | None:
-        """The name of the first thing that keeps two structures apart, or None."""
+        """The first conflict: "media type", "features", a field name, or None."""
         if self.name != other.name:
             return "media type"
         if not self.same_kind(other):
@@ -72,7 +79,7 @@ class Structure(NestedValue):
         return None
 
     def is_subset(self, other: Structure) -> bool:
-        """Whether everything this structure allows is allowed by the other."""
+        """Whether this is a subset of the other structure."""
         if self.name != other.name:
             return False
         if other.features != ANY_FEATURES and not self.same_features(other):
@@ -82,57 +89,51 @@ class Structure(NestedValue):
             for name, value in other.fields.items()
         )
 
-    def equal(self, other: Structure) -> bool:
-        """Same name, features and fields, whatever their order."""
+    def __eq__(self, other: object) -> bool:
+        """Whether name, features and fields are the same, in any order."""
         return (
-            self.name == other.name
+            isinstance(other, Structure)
+            and self.name == other.name
             and self.same_features(other)
             and self.fields.keys() == other.fields.keys()
             and all(values_equal(value, other.fields[name]) for name, value in self.fields.items())
         )
 
-    def join(self, other: Structure) -> Structure | None:
-        """What either allows, where they have the same fields and all but one are equal; otherwise None."""
-        if self.name != other.name or not self.same_features(other):
-            return None
-        if self.fields.keys() != other.fields.keys():
-            return None
-        unlike = [name for name, value in self.fields.items() if not values_equal(value, other.fields[name])]
-        if len(unlike) != 1:
-            return None
-        both = unite_values(self.fields[unlike[0]], other.fields[unlike[0]])
-        return None if both is None else self.with_field(unlike[0], both)
+    __hash__ = None  # type: ignore[assignment]
 
     def with_field(self, name: str, value: Value) -> Structure:
-        """The same structure with one field set."""
+        """A copy with one field set."""
         return Structure(self.name, {**self.fields, name: value}, self.features)
 
     def fixate(self, near: Mapping[str, Value] = NO_FIELDS) -> Structure:
-        """One format: each field nearest to `near`, or its first or lowest value; no features for `ANY`."""
+        """Fixes each field to the value nearest to `near`, else to its first or lowest value."""
         fields = {name: fixate_value(value, near.get(name)) for name, value in self.fields.items()}
         return Structure(self.name, fields, () if self.features == ANY_FEATURES else self.features)
 
-    @property
-    def nested_fixed(self) -> bool:
-        """Whether every field has one value."""
-        return all(map(is_fixed, self.fields.values()))
 
-    def nested_equal(self, other: NestedValue) -> bool:
-        """Whether the other is an equal structure."""
-        return isinstance(other, Structure) and self.equal(other)
+def fixate_value(value: Value, near: Value | None = None) -> Value:
+    """Fixes a choice to the value nearest to `near`, else to the first entry or the low end."""
+    if isinstance(value, ValueList):
+        return _pick(value, near) if value.items else value
+    if isinstance(value, Range):
+        if type(near) is not value.number:
+            return value.low  # type: ignore[no-any-return]
+        nearest = min(max(near, value.low), value.high)
+        return value.number(nearest // value.step * value.step) if isinstance(value, IntRange) else nearest
+    if isinstance(value, ValueArray):
+        return ValueArray(tuple(fixate_value(item) for item in value.items))
+    if isinstance(value, FlagSet):
+        return type(value)(value.flags, FULL_MASK)
+    return value.fixate() if isinstance(value, NestedStructure) else value
 
-    def nested_meet(self, other: NestedValue) -> Structure | None:
-        """What both allow, as fields of caps."""
-        return self.intersect(other) if isinstance(other, Structure) else None
 
-    def nested_join(self, other: NestedValue) -> Structure | None:
-        """Both in one, where one field only tells them apart."""
-        return self.join(other) if isinstance(other, Structure) else None
-
-    def nested_within(self, other: NestedValue) -> bool:
-        """Whether it is a subset of the other, as fields of caps."""
-        return isinstance(other, Structure) and self.is_subset(other)
-
-    def nested_fixate(self) -> Structure:
-        """The same structure with every field fixed."""
-        return self.fixate()
+def _pick(choices: ValueList, near: Value | None) -> Value:
+    if near is None or not is_fixed(near):
+        return fixate_value(choices.items[0])
+    if any(is_subset_value(near, item) for item in choices.items):
+        return near
+    closest = [fixate_value(item, near) for item in choices.items]
+    numbers = [item for item in closest if type(item) is int]
+    if type(near) is int and len(numbers) == len(closest):
+        return min(numbers, key=lambda number: abs(number - near))
+    return closest[0]

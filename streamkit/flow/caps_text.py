@@ -1,4 +1,4 @@
-"""Text of simple values, read: numbers, fractions, flag sets, booleans, strings, dates, bytes.
+"""Parses simple values: numbers, fractions, flag sets, booleans, strings, dates, bytes.
 
 Source: the caps syntax of GStreamer's documentation ("Appendices: caps syntax") and GStreamer's results.
 """
@@ -43,7 +43,7 @@ DATE_TIME = (
     r"[0-9]{4}(?:-[01][0-9](?:-[0-3][0-9](?:T[0-2][0-9]:[0-5][0-9](?::[0-5][0-9](?:\.[0-9]{1,6})?)?"
     r"(?:Z|[+-][01][0-9](?::?[0-5][0-9])?)?)?)?)?"
 )
-# Those that are rarely used are compiled when they are first used.
+# Rarely used patterns are compiled on first use.
 BYTES = r"(?:[0-9A-Fa-f]{2})*"
 ESCAPE = rb"(?s)\\([0-3][0-7]{2}|[^0-3])"
 FRACTION_WORDS = {"max": FRACTION_MAX, "min": -FRACTION_MAX, "1/max": Fraction(1, INT_MAX)}
@@ -65,7 +65,7 @@ def read_integer(text: str) -> int | None:
 
 
 def read_width(text: str, bits: int, *, signed: bool) -> int | None:
-    """An integer that fits `bits` bits, signed or not, as C keeps it; `min`, `max` or a byte order."""
+    """An integer of `bits` bits that wraps as in C; also `min`, `max` or a byte order."""
     span: int = 2**bits
     low, high = (-span // 2, span // 2 - 1) if signed else (0, span - 1)
     number = read_integer(text)
@@ -83,7 +83,7 @@ def read_width(text: str, bits: int, *, signed: bool) -> int | None:
 
 
 def read_fraction(text: str) -> Fraction | None:
-    """A fraction `n/d` or whole number whose parts fit 32 bits, `min`, `max` or `1/max`, or None."""
+    """A fraction `n/d` or integer whose parts fit 32 bits, `min`, `max` or `1/max`, or None."""
     match = FRACTION.fullmatch(text)
     if match or WHOLE.fullmatch(text):
         numerator, denominator = (int(match[1]), int(match[2])) if match else (int(text), 1)
@@ -108,7 +108,7 @@ def read_float(text: str) -> float | None:
 
 
 def read_double(text: str) -> float | None:
-    """A finite number, or `min` or `max` of the type, or None."""
+    """A finite number, `min` or `max`, or None."""
     word = text.lower()
     return FLOAT_MAX if word == "max" else -FLOAT_MAX if word == "min" else read_float(text)
 
@@ -134,7 +134,7 @@ def read_flag_set(text: str) -> FlagSet | None:
 
 
 def read_string(text: str) -> str | None:
-    r"""A string: within a pair of quotes `\c` is c and `\ooo` one byte of UTF-8; None where that fails."""
+    r"""A string: in quotes `\c` is c and `\ooo` a byte of UTF-8; None if invalid."""
     if text == "NULL":
         return NullText(text)
     if text[:1] != '"' or text[-1:] != '"':
@@ -219,14 +219,14 @@ TYPES: dict[str, str] = {
 
 
 def read_untyped(text: str, raw: str) -> Value | None:
-    """A value without a type: int, double, fraction, flag set, boolean or string, the first that fits.
+    """A value without a type: the first of int, double, fraction, flag set, boolean and string that fits.
 
     Args:
-        text: what is written, without quotes and escapes.
-        raw: as it is written, with quotes and escapes.
+        text: without quotes and escapes.
+        raw: with quotes and escapes.
 
     Returns:
-        The value; None for a number, or fraction, that its type cannot hold.
+        The value; None for a number out of the range of its type.
     """
     if text[:1] in NUMBER_STARTS:
         number = read_int(text)

@@ -1,8 +1,7 @@
 """Values of caps fields: numbers of every width, ranges, lists, arrays, flag sets, nested caps.
 
-Plain Python values stand for GStreamer's commonest types: int (32 bits), float (double), bool, str, bytes
-(buffer), Fraction, date. The other types are small classes, so that a value keeps its type through every
-operation: two values of different types are never equal, whatever Python says.
+Python's int (32 bits), float (double), bool, str, bytes (buffer), Fraction and date are GStreamer's common
+types. The other types are small classes: values of different types are never equal.
 """
 
 from __future__ import annotations
@@ -13,139 +12,113 @@ from dataclasses import dataclass
 from datetime import date
 from fractions import Fraction
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 INT_MIN, INT_MAX = -(2**31), 2**31 - 1
-INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
 FRACTION_MAX = Fraction(INT_MAX, 1)
 FULL_MASK = 0xFFFFFFFF
+Number = TypeVar("Number", int, float, Fraction)
 
 
 class Int64(int):
     """A signed integer of 64 bits."""
 
-    __slots__ = ()
-
 
 class UInt(int):
     """An unsigned integer of 32 bits."""
-
-    __slots__ = ()
 
 
 class UInt64(int):
     """An unsigned integer of 64 bits."""
 
-    __slots__ = ()
-
 
 class Long(int):
-    """A signed integer of C's type long, 64 bits."""
-
-    __slots__ = ()
+    """C's long, 64 bits."""
 
 
 class ULong(int):
-    """An unsigned integer of C's type unsigned long, 64 bits."""
-
-    __slots__ = ()
+    """C's unsigned long, 64 bits."""
 
 
 class UChar(int):
     """An unsigned integer of 8 bits."""
 
-    __slots__ = ()
-
 
 class Bitmask(int):
-    """64 bits without an order, such as an audio channel mask."""
-
-    __slots__ = ()
+    """64 bits, such as an audio channel mask."""
 
 
 class Float32(float):
     """A float of 32 bits."""
 
-    __slots__ = ()
-
 
 class NullText(str):
-    """The string that is not there, written `NULL`."""
-
-    __slots__ = ()
+    """A null string, written `NULL`."""
 
 
 class DateTime(str):
-    """A point of time in ISO 8601, from the year alone down to fractions of a second."""
-
-    __slots__ = ()
+    """An ISO 8601 date and time, from the year down to fractions of a second."""
 
 
 @dataclass(frozen=True, slots=True)
-class IntRange:
+class Range(Generic[Number]):
+    """Numbers of one type from `low` to `high`, both included."""
+
+    low: Number
+    high: Number
+
+    number: ClassVar[type[Any]]
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise ValueError(f"a range's low end must be below its high end, got [ {self.low}, {self.high} ]")
+
+    def __contains__(self, value: Any) -> bool:
+        """Whether the value has the range's type and lies in the range."""
+        return type(value) is self.number and self.low <= value <= self.high
+
+
+class FloatRange(Range[float]):
+    """Floats (doubles) from `low` to `high`, both included."""
+
+    number = float
+
+
+class FractionRange(Range[Fraction]):
+    """Fractions from `low` to `high`, both included; exact."""
+
+    number = Fraction
+
+
+@dataclass(frozen=True, slots=True)
+class IntRange(Range[int]):
     """Integers from `low` to `high`, both included, that are multiples of `step`."""
 
-    low: int
-    high: int
     step: int = 1
 
-    number: ClassVar[type[int]] = int
+    number = int
 
     def __post_init__(self) -> None:
         if self.step < 1:
             raise ValueError(f"a range's step must be at least 1, got {self.step}")
-        if self.low >= self.high:
-            raise ValueError(f"a range's low end must be below its high end, got [ {self.low}, {self.high} ]")
+        Range.__post_init__(self)
         if self.low % self.step or self.high % self.step:
             raise ValueError(f"a range's ends must be multiples of its step {self.step}")
 
-    def __contains__(self, value: object) -> bool:
-        """Whether the integer is of the range's width, lies in the range and on its step."""
+    def __contains__(self, value: Any) -> bool:
+        """Whether the integer has the range's type and is a multiple of `step` in the range."""
         return type(value) is self.number and self.low <= value <= self.high and value % self.step == 0
 
 
 class Int64Range(IntRange):
     """64-bit integers from `low` to `high`, both included, that are multiples of `step`."""
 
-    __slots__ = ()
-    number: ClassVar[type[int]] = Int64
-
-
-@dataclass(frozen=True, slots=True)
-class FloatRange:
-    """Floats (doubles) from `low` to `high`, both included."""
-
-    low: float
-    high: float
-
-    def __post_init__(self) -> None:
-        if not self.low < self.high:
-            raise ValueError(f"a range's low end must be below its high end, got [ {self.low}, {self.high} ]")
-
-    def __contains__(self, value: object) -> bool:
-        """Whether the float lies in the range."""
-        return type(value) is float and self.low <= value <= self.high
-
-
-@dataclass(frozen=True, slots=True)
-class FractionRange:
-    """Fractions from `low` to `high`, both included; exact."""
-
-    low: Fraction
-    high: Fraction
-
-    def __post_init__(self) -> None:
-        if self.low >= self.high:
-            raise ValueError(f"a range's low end must be below its high end, got [ {self.low}, {self.high} ]")
-
-    def __contains__(self, value: object) -> bool:
-        """Whether the fraction lies in the range."""
-        return isinstance(value, Fraction) and self.low <= value <= self.high
+    number = Int64
 
 
 @dataclass(frozen=True, slots=True)
 class FlagSet:
-    """32 flags of which only those in `mask` are decided; all others may be either."""
+    """32 flags, of which those in `mask` are set to `flags`; the others are undecided."""
 
     flags: int
     mask: int
@@ -159,9 +132,8 @@ class FlagSet:
 
 
 class MultiviewFlags(FlagSet):
-    """How the views of stereoscopic video lie in a frame, as decoders write it into their caps."""
+    """Layout of the views of stereoscopic video, as in the caps of decoders."""
 
-    __slots__ = ()
     names: ClassVar[Mapping[int, str]] = MappingProxyType(
         {
             0x1: "right-view-first",
@@ -184,54 +156,56 @@ class ValueList:
 
 @dataclass(frozen=True, slots=True)
 class ValueArray:
-    """An ordered sequence; arrays meet element by element."""
+    """An ordered sequence; arrays intersect element by element."""
 
     items: tuple[Value, ...]
 
 
-class NestedValue(ABC):
-    """A value that has fields itself: a structure, or whole caps."""
+class NestedCaps:
+    """Base of caps: as a value of a field they are one opaque value, whatever they allow, as in GStreamer."""
 
     __slots__ = ()
 
-    @property
-    @abstractmethod
-    def nested_fixed(self) -> bool:
-        """Whether it counts as one value."""
+
+class NestedStructure(ABC):
+    """Base of structures, which may be values of fields themselves."""
+
+    __slots__ = ()
+    fields: Mapping[str, Value]
 
     @abstractmethod
-    def nested_equal(self, other: NestedValue) -> bool:
-        """Whether both are the same value."""
+    def intersect(self, other: Any) -> NestedStructure | None:
+        """What both structures allow, or None."""
 
     @abstractmethod
-    def nested_meet(self, other: NestedValue) -> NestedValue | None:
-        """What both allow, or None."""
+    def is_subset(self, other: Any) -> bool:
+        """Whether everything the structure allows is allowed by the other."""
 
     @abstractmethod
-    def nested_join(self, other: NestedValue) -> NestedValue | None:
-        """One value that allows what either allows, or None where a list is needed."""
-
-    @abstractmethod
-    def nested_within(self, other: NestedValue) -> bool:
-        """Whether everything it allows is allowed by the other."""
-
-    @abstractmethod
-    def nested_fixate(self) -> NestedValue:
-        """One value out of what it allows."""
+    def fixate(self) -> NestedStructure:
+        """One format out of those the structure allows."""
 
 
-Range = IntRange | FloatRange | FractionRange
-RANGES = (IntRange, Int64Range, FloatRange, FractionRange)
 Simple = bool | int | float | str | bytes | Fraction | date | FlagSet
-Value = Simple | Range | ValueList | ValueArray | NestedValue
+Value = Simple | Range[Any] | ValueList | ValueArray | NestedStructure | NestedCaps
+# GStreamer's names of the types; a range has the name of its ends.
+TYPE_NAMES: dict[type, str] = {
+    bool: "boolean", int: "int", IntRange: "int", UInt: "uint", Int64: "gint64", Int64Range: "gint64",
+    UInt64: "guint64", Long: "glong", ULong: "gulong", UChar: "guchar", float: "double",
+    FloatRange: "double", Float32: "float", Fraction: "fraction", FractionRange: "fraction", str: "string",
+    NullText: "string", bytes: "buffer", date: "date", DateTime: "datetime", Bitmask: "bitmask",
+    FlagSet: "flagset", MultiviewFlags: "GstVideoMultiviewFlagsSet",
+}  # fmt: skip
+# Types whose values intersect only if they are equal; type and hash tell any two of them apart.
+SCALARS = frozenset(kind for kind in TYPE_NAMES if not issubclass(kind, Range | FlagSet))
 
 
 def is_fixed(value: Value) -> bool:
     """Whether a value is one value and not a choice."""
-    if isinstance(value, (*RANGES, ValueList)):
+    if isinstance(value, Range | ValueList):
         return False
     if isinstance(value, ValueArray):
-        return all(is_fixed(item) for item in value.items)
-    if isinstance(value, FlagSet):
-        return value.mask == FULL_MASK
-    return value.nested_fixed if isinstance(value, NestedValue) else True
+        return all(map(is_fixed, value.items))
+    if isinstance(value, NestedStructure):
+        return all(map(is_fixed, value.fields.values()))
+    return value.mask == FULL_MASK if isinstance(value, FlagSet) else True

@@ -8,23 +8,23 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """What an element needs of a clock; `streamkit.testing.ManualClock` is one that tests move by hand."""
+    """Interface of clocks; tests use `streamkit.testing.ManualClock`."""
 
     def monotonic_ns(self) -> int:
-        """Nanoseconds of a clock that never goes back."""
+        """Monotonic time, ns."""
 
     def utc_ns(self) -> int:
         """Nanoseconds since 1970-01-01 UTC."""
 
     def wait_until(self, deadline_ns: int, cancelled: threading.Event) -> bool:
-        """Waits until `monotonic_ns()` reaches the deadline; False if cancelled before."""
+        """Waits until `monotonic_ns()` reaches the deadline; False if cancelled first."""
 
 
 class SystemClock:
-    """The machine's clock."""
+    """The system clock."""
 
     def monotonic_ns(self) -> int:
-        """Nanoseconds of the machine's monotonic clock."""
+        """Monotonic time, ns."""
         return time.monotonic_ns()
 
     def utc_ns(self) -> int:
@@ -32,7 +32,7 @@ class SystemClock:
         return time.time_ns()
 
     def wait_until(self, deadline_ns: int, cancelled: threading.Event) -> bool:
-        """Waits until the deadline; False if cancelled before."""
+        """Waits until the deadline; False if cancelled first."""
         while (left := deadline_ns - time.monotonic_ns()) > 0:
             if cancelled.wait(min(left / 1e9, 1.0)):
                 return False

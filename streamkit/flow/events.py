@@ -1,4 +1,4 @@
-"""Events: what travels in order with the frames, and what a pad tells besides data."""
+"""Events, which travel in order with the frames, and the exceptions that unwind a streaming thread."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class CapsEvent:
 
 @dataclass(frozen=True, slots=True)
 class SegmentEvent:
-    """The timestamps that follow lie on the running time so."""
+    """Maps the timestamps that follow to running time."""
 
     segment: Segment
 
 
 @dataclass(frozen=True, slots=True)
 class GapEvent:
-    """No frame comes for a while; it stands for one where data is waited for.
+    """No frame comes for a while; an element that waits for data takes the gap instead.
 
     Attributes:
         pts: start of the gap, ns; None if unknown.
@@ -50,15 +50,31 @@ class EosEvent:
 
 @dataclass(frozen=True, slots=True)
 class FlushStart:
-    """Drop what is held and refuse frames until `FlushStop`; overtakes frames, in the sender's thread."""
+    """Drop held frames and refuse new ones until `FlushStop`; overtakes frames, in the sender's thread."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlushStop:
-    """Frames are welcome again; nothing of what came before the flush remains."""
+    """Frames are accepted again; nothing from before the flush remains."""
 
 
 Event = CapsEvent | SegmentEvent | GapEvent | DiscontinuityEvent | EosEvent | FlushStart | FlushStop
 EOS = EosEvent()
 FLUSH_START = FlushStart()
 FLUSH_STOP = FlushStop()
+
+
+class FlowStop(Exception):
+    """Base of the reasons, none of them errors, why a push did not deliver its frame."""
+
+
+class Flushing(FlowStop):
+    """The pipeline is stopping."""
+
+
+class EndOfStream(FlowStop):
+    """Downstream wants no more frames."""
+
+
+class NotLinked(FlowStop):
+    """The pad has no peer."""

@@ -17,7 +17,7 @@ NO_METADATA: Mapping[type, object] = MappingProxyType({})
 
 
 class FrameFlags(enum.IntFlag):
-    """Marks of a frame."""
+    """Flags of a frame."""
 
     NONE = 0
     DISCONTINUITY = 1
@@ -30,7 +30,7 @@ class Capture(msgspec.Struct, frozen=True):
 
     Attributes:
         utc_ns: nanoseconds since 1970-01-01 UTC.
-        origin: where the time is from: RTCP sender reports, MISB telemetry, the file, or arrival here.
+        origin: RTCP sender reports, MISB telemetry, the file, or arrival here.
     """
 
     utc_ns: int
@@ -38,19 +38,19 @@ class Capture(msgspec.Struct, frozen=True):
 
 
 class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
-    """One item on a pad: a picture, a coded packet, telemetry or tracks, told apart by its caps.
+    """One item on a pad: video, a coded packet, telemetry or tracks, as its caps say.
 
     Attributes:
-        data: a read-only array for raw video, bytes-like for packets and lines.
+        data: read-only array for raw video, bytes-like for packets and text.
         caps: the fixed format of `data`.
         pts: presentation time, ns, monotonic within an epoch; None if unknown.
         duration: ns; None if unknown.
-        epoch: goes up at each discontinuity such as a reconnect.
-        seq: number given by the source, never reused.
+        epoch: increases at each discontinuity such as a reconnect.
+        seq: sequence number from the source, never reused.
         arrival_ns: monotonic clock when the frame entered the pipeline.
         capture: UTC time of capture with its origin; None if unknown.
-        flags: discontinuity, corrupt, keyframe.
-        metadata: what elements learnt about the frame, by type.
+        flags: combination of `FrameFlags`.
+        metadata: results of elements, by type.
     """
 
     data: Any
@@ -65,7 +65,7 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
     metadata: Mapping[type, object] = NO_METADATA
 
     def __post_init__(self) -> None:
-        """Makes the array read-only: whoever shares a frame can trust it."""
+        """Makes the array read-only, because frames are shared."""
         data = self.data
         if data.__class__ is bytes:
             return
@@ -74,32 +74,32 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
             flags.writeable = False
 
     def replace(self, **changes: Any) -> Frame:
-        """The same frame with these attributes changed."""
+        """A copy with these attributes changed; data is shared."""
         return msgspec.structs.replace(self, **changes)
 
     def get(self, kind: Callable[..., Item]) -> Item | None:
-        """The metadata of a type, which may be a protocol, or None."""
+        """Metadata of a type, which may be a protocol, or None."""
         return cast("Item | None", self.metadata.get(cast("type", kind)))
 
     def attach(self, *items: object) -> Frame:
-        """The same frame with metadata added, each item under its own type."""
+        """A copy with metadata added, each item under its own type."""
         added = dict(self.metadata)
         for item in items:
             added[type(item)] = item
         return msgspec.structs.replace(self, metadata=added)
 
     def attach_as(self, kind: type, item: object) -> Frame:
-        """The same frame with an item added under a given type, for example a protocol."""
+        """A copy with metadata added under a given type, for example a protocol."""
         return msgspec.structs.replace(self, metadata={**self.metadata, kind: item})
 
     def writable(self) -> Frame:
-        """The same frame with a copy of its array, which may be written."""
+        """A copy with a writable copy of the array."""
         frame = msgspec.structs.replace(self, data=self.data.copy())
         frame.data.flags.writeable = True
         return frame
 
     def describe(self) -> str:
-        """A few words that name the frame in a message."""
+        """Identifies the frame in messages."""
         time = f" pts={self.pts / 1e9:.3f} s" if self.pts is not None else ""
         epoch = f" epoch={self.epoch}" if self.epoch else ""
         return f"frame seq={self.seq}{time}{epoch}"

@@ -1,4 +1,4 @@
-"""Messages: what elements and the pipeline tell the application through the bus."""
+"""Messages from elements and the pipeline to the application, sent on the bus."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from streamkit.masking import presentable, presentable_value
 
 
 class MessageKind(enum.StrEnum):
-    """What a message is about."""
+    """Kind of a message."""
 
     ERROR = "error"
     WARNING = "warning"
@@ -21,13 +21,12 @@ class MessageKind(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message on the bus; its texts are masked and bounded when it is made.
+    """One message on the bus; secrets in its texts are masked, and their lengths bounded.
 
     Attributes:
-        kind: error, warning, eos, state or element.
         source: name of the element, or "" for the pipeline.
         text: for people.
-        fields: for programs; element messages carry their own name as `name`.
+        fields: for programs; those of an element message include its `name`.
         error: the exception of an error message.
     """
 

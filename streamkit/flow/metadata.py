@@ -1,4 +1,4 @@
-"""The vocabulary of metadata: what elements tell each other about a frame.
+"""Metadata types that elements attach to frames.
 
 Pixel coordinates: x right, y down, (0, 0) the centre of the top-left pixel. Angles in radians from +x
 towards +y. Times in nanoseconds. Arrays are float64 unless said.
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class RegistrationStatus(enum.StrEnum):
-    """How far a frame's registration can be trusted."""
+    """Reliability of a frame's registration."""
 
     OK = "ok"
     WEAK = "weak"
@@ -30,17 +30,16 @@ class RegistrationStatus(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """Where a frame lies on the ground plane that its neighbours share.
+    """Registration of a frame to its predecessor and to a common ground plane.
 
     Attributes:
         to_previous: float64[3, 3], maps pixels of this frame to the previous frame.
         to_reference: float64[3, 3], maps pixels of this frame to the reference plane.
-        reference: number of the reference plane; another number is another plane.
+        reference: id of the reference plane.
         reference_change: float64[3, 3] old plane to new, on the frame where the plane changes, else None.
-        status: ok, weak, lost, cut or still.
-        keyframe: whether this frame became a key frame.
-        matches: points matched.
-        inliers: points that agree with the homography.
+        keyframe: whether this frame became a keyframe.
+        matches: matched points.
+        inliers: points consistent with the homography.
         rmse: root mean square residual of the inliers, px.
     """
 
@@ -57,14 +56,14 @@ class Registration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detections:
-    """Things found in a frame, one row each.
+    """Objects detected in a frame, one row each.
 
     Attributes:
         centroids: float64[n, 2], x y px.
         boxes: float64[n, 4], x0 y0 x1 y1 px.
         areas: float64[n], px.
         scores: float64[n], 0 to 1.
-        labels: n words, or none at all.
+        labels: n labels, or empty.
     """
 
     centroids: FloatArray
@@ -86,22 +85,22 @@ class Features:
 
 @runtime_checkable
 class FeatureSpace(Protocol):
-    """A space in which target windows are compared; attached under this type with `Frame.attach_as`."""
+    """Feature space for comparing target patches; attached with `Frame.attach_as` under this type."""
 
     @property
     def patch_size(self) -> tuple[int, int]:
-        """Height and width of the patches `embed` takes, px."""
+        """Height and width of patches for `embed`, px."""
 
     @property
     def version(self) -> int:
-        """Goes up whenever vectors of the same patch change."""
+        """Increases whenever the vectors of the same patch change."""
 
     def embed(self, patches: Float32Array) -> Float32Array:
-        """float32[n, h, w] grey patches to float32[n, k] vectors."""
+        """Maps grey patches, float32[n, h, w], to vectors, float32[n, k]."""
 
 
 class TrackState(enum.StrEnum):
-    """Where a track stands in its life."""
+    """Life-cycle state of a track."""
 
     TENTATIVE = "tentative"
     CONFIRMED = "confirmed"
@@ -111,16 +110,16 @@ class TrackState(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Where a track's row in a frame comes from.
+    """How a track was updated in a frame.
 
     Attributes:
-        predicted: x and y before the frame was looked at, px; None where nothing was expected.
-        detection: row of the frame's `Detections` that was given to the track, or None.
-        gate: distance of that detection from the predicted place, standard deviations.
-        shared: whether the detection of another track covers this one too.
-        similarity: of the window to what the track looks like, 0 to 1; None where that was not asked.
-        learnt: whether the track's look was learnt from this frame.
-        cause: why the track began, was confirmed or ended in this frame; else empty.
+        predicted: predicted x and y, px; None without a prediction.
+        detection: row of the associated detection in the frame's `Detections`, or None.
+        gate: distance of that detection from the prediction, standard deviations.
+        shared: whether the detection of another track covers this one, too.
+        similarity: of the patch to the track's template, 0 to 1; None if not computed.
+        learnt: whether the template was updated from this frame.
+        cause: why the track was initiated, confirmed or deleted in this frame; else empty.
     """
 
     predicted: tuple[float, float] | None = None
@@ -137,10 +136,9 @@ class Track:
     """One target in one frame.
 
     Attributes:
-        id: number of the target, never reused.
-        state: tentative, confirmed, coasting, or lost (its last row).
-        x: centre, px of this frame.
-        y: centre, px of this frame.
+        id: never reused.
+        state: `lost` marks the last row of a track.
+        x, y: centre, px of this frame.
         length: along `angle`, px.
         width: across `angle`, px.
         angle: direction of the length, rad from +x towards +y.
@@ -148,7 +146,7 @@ class Track:
         covariance: float64[2, 2] of x and y, px squared.
         score: similarity or confidence, 0 to 1.
         age_ns: time since the track began.
-        provenance: where the row comes from, if the tracker tells.
+        provenance: how the row was computed, if the tracker reports it.
     """
 
     id: int
@@ -174,20 +172,17 @@ class Tracks:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where the camera was and how it looked.
+    """Position and orientation of the camera.
 
     Attributes:
-        latitude: deg, WGS84.
-        longitude: deg, WGS84.
+        latitude, longitude: deg, WGS84.
         altitude: m above the ellipsoid unless `source` says otherwise.
-        heading: platform heading, rad clockwise from north.
-        pitch: rad.
-        roll: rad.
+        heading, pitch, roll: of the platform, rad; heading clockwise from north.
         sensor_angles: azimuth, elevation, roll of the sensor to the platform, rad.
         field_of_view: horizontal, vertical, rad.
         source: "misb", "dji", "exif", ...
-        gap_ns: from the frame to the nearest measurement; negative where that is older.
-        is_stale: whether that gap is too long for the pose to be relied on.
+        gap_ns: from the frame to the nearest measurement; negative if that is older.
+        is_stale: whether that gap is too long for the pose to be reliable.
     """
 
     latitude: float

@@ -27,15 +27,11 @@ Row3 = tuple[float, float, float]
 
 
 class RegistrationRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Where the frame lies on the reference plane.
+    """Registration of the frame: see `streamkit.Registration`.
 
     Attributes:
-        reference: number of the plane.
-        to_reference: 3x3 rows, maps pixels of the frame to the plane; None where it is not known.
-        status: ok, weak, lost, cut or still.
-        matches: points matched; only told with provenance, as the next two.
-        inliers: points that agree with the placement.
-        rmse: root mean square residual of the inliers, px.
+        to_reference: rows of the 3x3 matrix; None if unknown.
+        matches, inliers, rmse: only with provenance.
     """
 
     reference: int
@@ -47,7 +43,7 @@ class RegistrationRecord(msgspec.Struct, frozen=True, kw_only=True, omit_default
 
 
 class GeoRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Where a target is on the ground: WGS84 degrees, and the radius of error in m."""
+    """Position of a target on the ground: WGS84 degrees, and error radius in m."""
 
     lat: float
     lon: float
@@ -55,11 +51,11 @@ class GeoRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class MatchRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The detection that a target was given, px of the frame.
+    """The detection associated with a target, px of the frame.
 
     Attributes:
         row: of the detection in its frame.
-        gate: its distance from the predicted place, standard deviations.
+        gate: distance from the prediction, standard deviations.
     """
 
     row: int
@@ -72,7 +68,7 @@ class MatchRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
 
 
 class ProvenanceRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Where a target's row comes from: see `streamkit.Provenance`."""
+    """How a target was updated: see `streamkit.Provenance`."""
 
     predicted: Row2 | None = None
     detection: MatchRecord | None = None
@@ -86,9 +82,9 @@ class TargetRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     """One target: pixels of the frame, radians from +x towards +y, px/s on the reference plane.
 
     Attributes:
-        bbox: x0 y0 x1 y1, the upright box around the target's rotated rectangle; may reach out of the frame.
-        vx: None where the velocity is not known, as `vy`, `position_covariance` and `geo`.
-        provenance: where the row comes from; in files only.
+        bbox: x0 y0 x1 y1, axis-aligned bounds of the rotated rectangle; may exceed the frame.
+        vx, vy, position_covariance, geo: None if unknown.
+        provenance: in files only.
     """
 
     id: int
@@ -109,23 +105,20 @@ class TargetRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
 
 class TrackRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What was tracked in one frame; None stands for what is not known and is left out of the JSON.
+    """The tracks of one frame; None is unknown and omitted from the JSON.
 
     Attributes:
-        schema: name and version of this form.
-        source: who says so, for example the key `uav/1`.
+        schema: name and version of the format.
+        source: publisher, for example the key `uav/1`.
         seq: number of the frame at its source; a gap is a frame without a record.
-        epoch: goes up when `pts_ns` starts anew.
-        pts_ns: time of the frame in its stream.
+        epoch: increases when `pts_ns` restarts.
         capture_ns: UTC of capture.
-        capture_origin: where that time is from: rtcp, misb, file or arrival.
-        published_ns: UTC when the record was made.
+        capture_origin: rtcp, misb, file or arrival.
+        published_ns: UTC of the record.
         age_ms: from capture to publishing.
-        width: of the frame, px.
-        height: of the frame, px.
-        registration: the frame's place on the reference plane.
-        tracks: the targets in order of their ids.
-        dropped: records the publisher has not been able to deliver so far.
+        width, height: of the frame, px.
+        tracks: in order of their ids.
+        dropped: records that the publisher could not deliver so far.
     """
 
     schema: Literal["streamkit.tracks/1"]
@@ -161,14 +154,14 @@ def track_record(
 
     Args:
         frame: any frame; without `Tracks` the record has no targets.
-        source: who publishes; told with its secrets masked.
-        published_ns: UTC now, ns; None leaves it and the age out.
+        source: publisher; its secrets are masked.
+        published_ns: UTC now, ns; None omits it and the age.
         dropped: records lost so far.
-        ground_altitude_m: altitude of the ground; targets of frames with a pose then have `geo`.
-        provenance: whether to tell where each row comes from, and how well the frame was placed.
+        ground_altitude_m: altitude of the ground, m; targets of frames with a pose then have `geo`.
+        provenance: whether to include how each row was computed, and the quality of the registration.
 
     Raises:
-        ValueError: a track's place, size, angle or score is not a finite number.
+        ValueError: a track's position, size, angle or score is not finite.
         StreamError: the frame has `TRACKS_CAPS`, and its data is no record.
     """
     if frame.caps.name == TRACKS_CAPS.name:
@@ -204,15 +197,15 @@ def track_record(
 
 
 def encode_record(record: TrackRecord) -> bytes:
-    """One line of JSON, UTF-8, without the line break."""
+    """One line of JSON in UTF-8, without a line break."""
     return _ENCODER.encode(record)
 
 
 def decode_record(data: bytes | bytearray | memoryview | str) -> TrackRecord:
-    """Reads a record; fields it does not know are skipped.
+    """Decodes a record; unknown fields are ignored.
 
     Raises:
-        StreamError: the data is no record of this schema; names the field.
+        StreamError: the data is not a record of this schema; names the field.
     """
     try:
         return _DECODER.decode(data)
@@ -257,7 +250,7 @@ def _target_record(
 ) -> TargetRecord:
     x, y, length, width = float(track.x), float(track.y), float(track.length), float(track.width)
     angle, score = float(track.angle), float(track.score)
-    # A sum is finite only where all its terms are: one test instead of six, at every track of every frame.
+    # A sum is finite only if all its terms are: one test instead of six for every track.
     if not isfinite(x + y + length + width + angle + score):
         _demand_finite(track, (x, y, length, width, angle, score))
     vx, vy = track.velocity
@@ -288,19 +281,19 @@ def _target_record(
 
 
 def _provenance_record(track: Track, detections: Detections | None) -> ProvenanceRecord | None:
-    told = track.provenance
-    if told is None:
+    known = track.provenance
+    if known is None:
         return None
-    row, match = told.detection, None
+    row, match = known.detection, None
     if row is not None and detections is not None and row < len(detections):
-        match = _match_record(detections, row, told.gate)
+        match = _match_record(detections, row, known.gate)
     return ProvenanceRecord(
-        predicted=_finite_pair(told.predicted),
+        predicted=_finite_pair(known.predicted),
         detection=match,
-        shared=told.shared,
-        similarity=_finite(told.similarity),
-        learnt=told.learnt,
-        cause=told.cause or None,
+        shared=known.shared,
+        similarity=_finite(known.similarity),
+        learnt=known.learnt,
+        cause=known.cause or None,
     )
 
 

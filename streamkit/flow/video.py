@@ -1,4 +1,4 @@
-"""Raw video on frames: caps and array layouts."""
+"""Raw video: caps and array layouts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def raw_video_caps(pixel_format: str, width: int, height: int, framerate: Fracti
         pixel_format: GRAY8, I420, NV12, BGR, RGB, BGRA or RGBA.
         width: px.
         height: px.
-        framerate: frames per second; None leaves the field out.
+        framerate: frames/s; None omits the field.
     """
     fields: dict[str, Value] = {"format": pixel_format, "width": width, "height": height}
     if framerate is not None:
@@ -35,10 +35,10 @@ def raw_video_caps(pixel_format: str, width: int, height: int, framerate: Fracti
 
 
 def luma(frame: Frame) -> NDArray[np.uint8]:
-    """The brightness of a raw video frame: uint8[height, width], a view without copy.
+    """The luma plane of a raw video frame: uint8[height, width], a view.
 
     Raises:
-        TypeError: the frame's format has no plane of brightness.
+        TypeError: the frame's format has no luma plane.
     """
     pixel_format = frame.caps.get("format")
     if pixel_format == "GRAY8":
@@ -52,9 +52,9 @@ def luma(frame: Frame) -> NDArray[np.uint8]:
 
 
 def layout_error(frame: Frame) -> str | None:
-    """How the array of a raw video frame differs from what its caps say; None where it does not.
+    """How the array of a raw video frame contradicts its caps, or None.
 
-    Formats that are not known here, and data that is no array, are taken as they are.
+    Unknown formats and data that is not an array are not checked.
     """
     caps, data = frame.caps, frame.data
     shape = getattr(data, "shape", None)

@@ -1,4 +1,4 @@
-"""Addresses in a description: which element reads or writes one."""
+"""URIs in a description: selects the element that reads or writes one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LOCAL_HOSTS = ("", "localhost")
 
 
 def factory_for(url: str, *, as_source: bool, place: Place) -> str:
-    """The element for an address: named after its scheme and side, else the one of the highest rank.
+    """The element type for a URI: named after its scheme and side, else the one of the highest rank.
 
     Raises:
         DescriptionError: code `no-such-element`.
@@ -37,7 +37,7 @@ def factory_for(url: str, *, as_source: bool, place: Place) -> str:
 
 
 def _candidates(scheme: str, *, as_source: bool) -> list[tuple[int, str]]:
-    """Rank and name of every element of that side that declares a scheme; this imports them."""
+    """Rank and name of every source or sink that declares a scheme; imports them."""
     found = []
     for name in installed_elements():
         if not name.endswith("src" if as_source else "sink"):
@@ -52,7 +52,7 @@ def _candidates(scheme: str, *, as_source: bool) -> list[tuple[int, str]]:
 
 
 def location_of(url: str, place: Place) -> str:
-    """What an element's location is to be: the path of a local file, else the address as it is.
+    """The `location` for a URI: the path of a local file, else the URI itself.
 
     Raises:
         DescriptionError: the file is on another host.

@@ -1,14 +1,15 @@
-"""What a description sets on an element: properties, one by one in textual order, then presets."""
+"""Applies assignments of a description to elements and bins, in textual order, then presets."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from streamkit.element.base import Element
 from streamkit.element.property import PropertyDeclaration
 from streamkit.element.property_text import unquote_string, value_from_text
-from streamkit.element.suggest import did_you_mean
-from streamkit.errors import DescriptionError, Place, StreamkitError
+from streamkit.errors import DescriptionError, Place, StreamkitError, did_you_mean
+from streamkit.graph.bins import Bin
 from streamkit.graph.parse import resolve_escapes, unquote_value
 from streamkit.graph.syntax import Assignment, ElementNode
 
@@ -16,7 +17,7 @@ Warnings = list[tuple[str, str]]
 
 
 def name_in_text(node: ElementNode, warnings: Warnings) -> str:
-    """The name that an element is given, or ""; of several the first counts."""
+    """The name given to an element, or ""; the first of several."""
     names = [item for item in node.assignments if item.name == "name"]
     for item in names[1:]:
         warnings.append(("name-ignored", f"{item.name}={item.value}: {node.factory} has a name already"))
@@ -24,11 +25,7 @@ def name_in_text(node: ElementNode, warnings: Warnings) -> str:
 
 
 def name_value(item: Assignment) -> str:
-    """The name that an assignment gives; "" where it asks for an automatic one.
-
-    Raises:
-        DescriptionError: its quotes or escapes are broken.
-    """
+    """The name in an assignment, "" for an automatic one; raises `DescriptionError`."""
     try:
         value = unquote_value(item.value)
         return "" if value == "NULL" else unquote_string(value)
@@ -39,11 +36,7 @@ def name_value(item: Assignment) -> str:
 
 
 def set_properties(element: Element, assignments: Iterable[Assignment], warnings: Warnings) -> None:
-    """Sets what stands behind an element, save its name.
-
-    Raises:
-        DescriptionError: the first property that is unknown, or whose value is refused.
-    """
+    """Sets the properties of an element, except its name; raises the first `DescriptionError`."""
     for item in assignments:
         if item.name != "name":
             declaration = find_declaration(element, item, warnings)
@@ -51,7 +44,7 @@ def set_properties(element: Element, assignments: Iterable[Assignment], warnings
 
 
 def find_declaration(element: Element, item: Assignment, warnings: Warnings) -> PropertyDeclaration:
-    """The property that an assignment means; an older name is accepted with a warning.
+    """The property of an assignment; aliases are accepted with a warning.
 
     Raises:
         DescriptionError: code `no-such-property`; `could-not-set-property` for `parent`.
@@ -74,11 +67,7 @@ def find_declaration(element: Element, item: Assignment, warnings: Warnings) -> 
 def set_text(
     element: Element, declaration: PropertyDeclaration, text: str, place: Place, warnings: Warnings
 ) -> None:
-    """Sets a property from its text, launch-level quotes removed.
-
-    Raises:
-        DescriptionError: code `could-not-set-property`.
-    """
+    """Sets a property from text without launch-level quotes; raises `DescriptionError`."""
     if declaration.readonly:
         _demand_readable(element, declaration, text, place)
         what = f"{element.name}: {declaration.spelling} can only be read; {text} is ignored"
@@ -88,7 +77,7 @@ def set_text(
         value: str | None = text
         if declaration.kind is str:
             value = unquote_string(text)
-            if text == "NULL":  # how GStreamer writes a text that is not there
+            if text == "NULL":  # GStreamer's null string
                 value = None if declaration.optional else ""
         element.set_property(declaration.name, value)
     except Exception as error:
@@ -100,7 +89,7 @@ def set_text(
 
 
 def _demand_readable(element: Element, declaration: PropertyDeclaration, text: str, place: Place) -> None:
-    """Refuses what is no value of the property's type, even though a value would be ignored."""
+    """Refuses a text of the wrong type for a read-only property."""
     try:
         value_from_text(declaration.kind, text)
     except ValueError as error:
@@ -109,11 +98,7 @@ def _demand_readable(element: Element, declaration: PropertyDeclaration, text: s
 
 
 def load_presets(element: Element, presets: Iterable[Assignment]) -> None:
-    """Sets the values of each preset, over those that stand in the text.
-
-    Raises:
-        DescriptionError: the element has no such preset.
-    """
+    """Sets the values of presets, which replace those in the text; raises `DescriptionError`."""
     for item in presets:
         known = element.presets
         if not known:
@@ -130,3 +115,56 @@ def load_presets(element: Element, presets: Iterable[Assignment]) -> None:
             except StreamkitError as error:
                 raise DescriptionError("could-not-set-property", str(error), item.place) from None
             element.set_in_text[element.find_property(property_name).spelling] = value
+
+
+@dataclass(frozen=True, slots=True)
+class PendingProperty:
+    """A child property whose child does not exist yet."""
+
+    group: Bin
+    assignment: Assignment
+
+
+def set_on_bin(group: Bin, assignments: tuple[Assignment, ...], warnings: Warnings) -> list[PendingProperty]:
+    """Sets properties of a bin and its children; returns those of children that do not exist yet.
+
+    Raises:
+        DescriptionError: a property is unknown or refuses its value.
+    """
+    waiting = []
+    for item in assignments:
+        if "::" in item.name:
+            pending = PendingProperty(group, item)
+            if not try_child(pending, warnings):
+                waiting.append(pending)
+        elif item.name == "name":
+            group.name = name_value(item) or group.name
+        else:
+            declaration = find_declaration(group, item, warnings)
+            set_text(group, declaration, unquote_value(item.value), item.place, warnings)
+            if not declaration.readonly:
+                text = f"{group.name}: {item.name} is accepted for gst-launch's sake and changes nothing here"
+                warnings.append(("no-effect", text))
+    return waiting
+
+
+def try_child(pending: PendingProperty, warnings: Warnings) -> bool:
+    """Sets a child property if the child exists; whether it did.
+
+    Raises:
+        DescriptionError: the child has no such property, or refuses the value.
+    """
+    item = pending.assignment
+    *path, name = item.name.split("::")
+    target: Element | None = pending.group
+    for step in path:
+        target = target.child(step) if isinstance(target, Bin) else None
+    if target is None:
+        return False
+    inner = Assignment(name, item.value, item.place)
+    try:
+        declaration = find_declaration(target, inner, warnings)
+    except DescriptionError as error:
+        raise DescriptionError("could-not-set-property", error.message, item.place, error.hint) from None
+    set_text(target, declaration, unquote_value(item.value), item.place, warnings)
+    return True

@@ -1,21 +1,24 @@
-"""Bins: named groups of elements in a description, and how names in them are found."""
+"""Bins: named groups of elements in a description, and lookup of names in them."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 
 from streamkit.element.base import Element
+from streamkit.element.pad import Pad
 from streamkit.element.property import Property
+from streamkit.errors import DescriptionError, Place
 
 
 class Bin(Element):
-    """A group of elements, written in brackets; it moves no frames itself.
+    """A group of elements in brackets; frames do not pass through it.
 
     Attributes:
-        parent: name of the bin it stands in, or "".
+        parent: name of the enclosing bin, or "".
         container: that bin, or None.
-        children: what stands in it, in the order it came.
-        ghost_pads: pads of what stands in it that links from outside go to, by the name they have here.
+        children: elements and bins, in textual order.
+        ghost_pads: paths of inner pads that are linked from outside, by ghost pad name.
     """
 
     async_handling: bool = Property(
@@ -34,12 +37,12 @@ class Bin(Element):
         self.ghost_pads: dict[str, str] = {}
 
     def child(self, name: str) -> Element | None:
-        """What stands directly in it under a name."""
+        """The direct child of a name, or None."""
         return next((child for child in self.children if child.name == name), None)
 
 
 class PipelineBin(Bin):
-    """A group that was written `pipeline.( ... )`."""
+    """A group written as `pipeline.( ... )`."""
 
     delay: int = Property(0, min=0, max=2**64 - 1, unit="ns", doc="Accepted for gst-launch's sake.")
     auto_flush_bus: bool = Property(True, doc="Accepted for gst-launch's sake.")
@@ -52,7 +55,7 @@ BIN_CLASSES: dict[str, type[Bin]] = {"bin": Bin, "pipeline": PipelineBin}
 
 
 def search(children: Sequence[Element], name: str) -> Element | None:
-    """The element or bin of a name: what came last is looked at first, and into each bin at once."""
+    """The element or bin of a name; searches depth first, the last child first."""
     for child in reversed(children):
         if child.name == name:
             return child
@@ -63,7 +66,94 @@ def search(children: Sequence[Element], name: str) -> Element | None:
 
 
 def containers(container: Bin | None) -> Iterator[Bin]:
-    """A bin and all that it stands in, from the inside out."""
+    """A bin and all enclosing bins, from the inside out."""
     while container is not None:
         yield container
         container = container.container
+
+
+class Placement:
+    """Assigns elements to bins while a graph is built.
+
+    Attributes:
+        root: elements and bins outside any bin, in textual order.
+    """
+
+    def __init__(self) -> None:
+        self.root: list[Element] = []
+        self._containers: dict[int, Bin | None] = {}
+        self._by_name: defaultdict[str, list[Element]] = defaultdict(list)
+        self._names: defaultdict[int, set[str]] = defaultdict(set)
+        self._duplicates: dict[int, DescriptionError] = {}
+        self._crossings: dict[int, list[tuple[Bin, str]]] = {}
+        self._ghost_number = 0
+
+    def place(self, element: Element, container: Bin | None, place: Place) -> None:
+        """Adds an element or bin to a bin, or to none; records duplicate names as errors instead."""
+        names = self._names[id(container)]
+        if element.name in names:
+            what = f"two elements are named {element.name!r}; names are unique in a pipeline"
+            if container is not None:
+                what = f"two elements are named {element.name!r}; names are unique in a bin"
+            self._duplicates[id(element)] = DescriptionError("link", what, place)
+            return
+        names.add(element.name)
+        self._by_name[element.name].append(element)
+        self._containers[id(element)] = container
+        (self.root if container is None else container.children).append(element)
+        element.parent = "" if container is None else container.name
+        if isinstance(element, Bin):
+            element.container = container
+
+    def take_out(self, element: Element) -> None:
+        """Undoes `place` for the element placed last."""
+        container = self._containers.pop(id(element))
+        self._names[id(container)].discard(element.name)
+        self._by_name[element.name].remove(element)
+        (self.root if container is None else container.children).remove(element)
+
+    def container_of(self, element: Element) -> Bin | None:
+        """The bin of an element, or None."""
+        return self._containers.get(id(element))
+
+    def find(self, name: str) -> Element | None:
+        """The element or bin of a reference, or None."""
+        found = self._by_name.get(name, [])
+        alone = self.root[0] if len(self.root) == 1 else None
+        if isinstance(alone, Bin):
+            return search(alone.children, name)
+        return found[0] if len(found) == 1 else search(self.root, name)
+
+    def demand_placed(self, element: Element) -> None:
+        """Raises a `DescriptionError` (code `link`) if the element's name is a duplicate in its bin."""
+        if id(element) in self._duplicates:
+            raise self._duplicates[id(element)]
+
+    def demand_all_placed(self) -> None:
+        """Raises the first `DescriptionError` for a duplicate name, if any."""
+        for error in self._duplicates.values():
+            raise error
+
+    def cross(self, src: Pad, sink: Pad) -> None:
+        """Adds a ghost pad to every bin whose border a link crosses."""
+        source, target = self.container_of(src.element), self.container_of(sink.element)
+        if source is target:
+            return
+        self._crossings[id(src)] = []
+        outer, inner = list(containers(source)), list(containers(target))
+        common = {id(group) for group in outer} & {id(group) for group in inner}
+        for pad, chain in ((src, outer), (sink, inner)):
+            reached = pad.path
+            for group in chain:
+                if id(group) in common:
+                    break
+                name = f"ghost{self._ghost_number}"
+                self._ghost_number += 1
+                group.ghost_pads[name] = reached
+                self._crossings[id(src)].append((group, name))
+                reached = f"{group.name}.{name}"
+
+    def uncross(self, src: Pad) -> None:
+        """Undoes `cross` for a link; the numbers of its ghost pads are not reused."""
+        for group, name in self._crossings.pop(id(src), ()):
+            del group.ghost_pads[name]

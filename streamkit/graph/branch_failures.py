@@ -1,4 +1,4 @@
-"""Branches that may fail: behind a tee, one whose sinks all say `on-error=drop-branch` ends alone."""
+"""Failures of branches behind a tee: drops a branch whose sinks all have `on-error=drop-branch`."""
 
 from __future__ import annotations
 
@@ -11,17 +11,16 @@ from streamkit.element.branching import Split
 from streamkit.element.pad import Pad
 from streamkit.element.sink import OnError, Sink
 from streamkit.errors import ElementFailure, NotNegotiated, StreamkitError
-from streamkit.flow.events import EOS
+from streamkit.flow.events import EOS, EndOfStream, FlowStop
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.flow.signals import EndOfStream, FlowStop
 from streamkit.graph.bus import Bus
 from streamkit.graph.graph import Graph
 from streamkit.graph.stream_end import StreamEnd
 
 
-def elements_behind(src: Pad) -> Iterator[Element]:
-    """Every element that frames from a src pad can reach, each once."""
+def downstream_elements(src: Pad) -> Iterator[Element]:
+    """Every element downstream of a src pad, each once."""
     front = [src]
     seen: set[int] = set()
     while front:
@@ -34,15 +33,15 @@ def elements_behind(src: Pad) -> Iterator[Element]:
 
 
 def is_expendable(src: Pad) -> bool:
-    """Whether the branch behind a src pad of a tee may fail without the pipeline."""
+    """Whether the branch behind a src pad of a tee may be dropped."""
     if not isinstance(src.element, Split):
         return False
-    sinks = [element for element in elements_behind(src) if isinstance(element, Sink)]
+    sinks = [element for element in downstream_elements(src) if isinstance(element, Sink)]
     return bool(sinks) and all(sink.on_error is OnError.DROP_BRANCH for sink in sinks)
 
 
 def expendable_branch_of(element: Element) -> Pad | None:
-    """The nearest src pad upstream of an element whose branch may fail; None where there is none."""
+    """The nearest src pad upstream of an element whose branch may be dropped, or None."""
     front = [element]
     seen: set[int] = set()
     while front:
@@ -59,7 +58,7 @@ def expendable_branch_of(element: Element) -> Pad | None:
 
 
 def end_branch(src: Pad) -> None:
-    """Ends a branch with its next frame, in the thread that feeds it; later frames count as dropped."""
+    """Ends a branch at its next frame, in the feeding thread; later frames are counted as dropped."""
 
     def drop(frame: Frame) -> None:
         src.element.count_drop("branch dropped after its failure")
@@ -77,12 +76,12 @@ def end_branch(src: Pad) -> None:
 
 
 class BranchFailures:
-    """Drops branches that fail and may, in one run of a graph.
+    """Drops failed branches in one run of a graph.
 
     Args:
-        graph: its elements.
-        bus: takes a warning for each branch that is dropped.
-        end: is told of the sinks that are gone.
+        graph: the graph.
+        bus: gets a warning for each dropped branch.
+        end: the sinks of a dropped branch are removed from it.
     """
 
     def __init__(self, graph: Graph, bus: Bus, end: StreamEnd) -> None:
@@ -90,14 +89,14 @@ class BranchFailures:
         self._bus = bus
         self._end = end
         self._lock = threading.Lock()
-        self._dropped: set[int] = set()  # sinks by `id`
+        self._dropped: set[int] = set()  # ids of sinks
 
     def reset(self) -> None:
-        """A new run begins."""
+        """Resets the state of an earlier run."""
         self._dropped = set()
 
     def guard(self, src: Pad) -> None:
-        """Lets the branch behind a src pad fail alone, if its sinks say so."""
+        """Guards the branch behind a src pad if it may be dropped."""
         if not is_expendable(src):
             return
         push = src.push
@@ -108,14 +107,14 @@ class BranchFailures:
             except (ElementFailure, NotNegotiated) as error:
                 if not self._drop(src, error):
                     raise
-            except EndOfStream:  # it has failed behind a queue, or wants no more: no reason to end others
+            except EndOfStream:  # failed behind a queue, or finished: others continue
                 src.element.count_drop("branch has ended")
 
         src.push = push_guarded
         src.element.pads_changed()
 
     def drops(self, error: Exception) -> bool:
-        """Drops the branch in which an element failed; False where the error is the pipeline's."""
+        """Drops the branch of a failed element; False if the pipeline fails."""
         if not isinstance(error, ElementFailure):
             return False
         failed = next((e for e in self._graph.elements if e.name == error.element), None)
@@ -123,8 +122,8 @@ class BranchFailures:
         return branch is not None and self._drop(branch, error)
 
     def _drop(self, src: Pad, error: Exception) -> bool:
-        """Drops a branch; False where no other sink would be left."""
-        sinks = [element for element in elements_behind(src) if isinstance(element, Sink)]
+        """Drops a branch; False if no other sink would be left."""
+        sinks = [element for element in downstream_elements(src) if isinstance(element, Sink)]
         every_sink = {id(element) for element in self._graph.elements if isinstance(element, Sink)}
         with self._lock:
             dropped = self._dropped | {id(sink) for sink in sinks}

@@ -1,4 +1,4 @@
-"""Branches: descriptions that join and leave a graph, also while it streams."""
+"""Branches: descriptions added to and removed from a graph, also while it streams."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     from streamkit.graph.playback import Playback
 
 NOWHERE = Place()
-IDLE_S = 0.5  # with no frame for so long, nothing is on its way into a branch
+IDLE_S = 0.5  # without a frame for this time, nothing is in flight to a branch
 
 
 @dataclass(frozen=True, slots=True)
 class Branch:
-    """A description that was linked behind a request pad.
+    """A description linked to a request pad.
 
     Attributes:
         src: the request pad.
-        elements: what the description made, and the converters it needed.
+        elements: its elements, including inserted converters.
     """
 
     src: Pad
@@ -39,7 +39,7 @@ class Branch:
 
 
 def add_branch(graph: Graph, name: str, description: str, playback: Playback | None) -> Branch:
-    """Links a description behind an element of a graph; see `Pipeline.add_branch`."""
+    """Implements `Pipeline.add_branch`."""
     from streamkit.graph.build import build
 
     element = graph.element(name)
@@ -49,7 +49,9 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     src = find_pad(element, Direction.SRC, "", NOWHERE)
     if src.template.presence is not Presence.REQUEST:
         raise DescriptionError("link", f"{name} makes no pads on request; put a tee there: tee name=t")
-    src.joins = playback is not None and playback.is_streaming  # no event before its elements have started
+    src.awaits_first_frame = (
+        playback is not None and playback.is_streaming
+    )  # no event before its elements have started
     src.link(entry)
     before = len(graph.inserted)
     graph.elements += added.elements
@@ -62,13 +64,13 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
             _start(graph, branch, playback)
     except (DescriptionError, ElementFailure):
         branch.elements.extend(graph.inserted[before:])
-        _take_out(graph, branch)
+        _detach(graph, branch)
         raise
     return branch
 
 
 def _rename(added: Graph, taken: set[str]) -> None:
-    """Gives automatic names that are taken the next free number."""
+    """Renumbers automatic names that are already in use."""
     for element in added.elements:
         if element.name not in taken:
             taken.add(element.name)
@@ -94,18 +96,18 @@ def _start(graph: Graph, branch: Branch, playback: Playback) -> None:
 
 
 def remove_branch(graph: Graph, branch: Branch, playback: Playback | None, timeout_s: float) -> None:
-    """Takes a branch out of a graph once it has finished what it holds; its elements are still started."""
+    """Removes a branch after it has drained; its elements stay started."""
     if playback is not None and playback.is_streaming:
         _close(branch.src)
         playback.end.wait(branch.elements, time.monotonic() + timeout_s)
         playback.leave_branch(branch.src, branch.elements)
-    _take_out(graph, branch)
+    _detach(graph, branch)
     if playback is not None and playback.is_streaming:
         remember_caps(graph)
 
 
 def _close(src: Pad) -> None:
-    """Sends EOS into the branch, in the thread that feeds it, so that no frame can follow."""
+    """Sends EOS into the branch in the feeding thread, so that no frame follows."""
     closed = threading.Event()
 
     def close(frame: Frame | None) -> None:
@@ -120,7 +122,7 @@ def _close(src: Pad) -> None:
         close(None)
 
 
-def _take_out(graph: Graph, branch: Branch) -> None:
+def _detach(graph: Graph, branch: Branch) -> None:
     branch.src.element.release_pad(branch.src)
     branch.src.element.pads_changed()
     members = {id(element) for element in branch.elements}
@@ -131,10 +133,10 @@ def _take_out(graph: Graph, branch: Branch) -> None:
 
 
 def first_push(src: Pad, push: Callable[[Frame], None]) -> Callable[[Frame], None]:
-    """A push for a pad that joins a stream: caps and segment go before its first frame."""
+    """A push function that sends caps and segment before the first frame of a new branch."""
 
     def begin(frame: Frame) -> None:
-        src.joins = False
+        src.awaits_first_frame = False
         src.send_event(CapsEvent(frame.caps))
         upstream = next(src.element.sink_pads(), None)
         if upstream is not None:
@@ -143,5 +145,5 @@ def first_push(src: Pad, push: Callable[[Frame], None]) -> Callable[[Frame], Non
         src.element.pads_changed()
         push(frame)
 
-    src.joins = True
+    src.awaits_first_frame = True
     return begin

@@ -1,6 +1,6 @@
-"""Syntax tree to graph: elements in textual order, then links, then negotiation.
+"""Builds a graph from a syntax tree: elements in textual order, then links, then negotiation.
 
-Things are done in gst-launch's order, so that of several errors the one it would report is reported.
+The order is that of gst-launch, so that the first of several errors is the one that it reports.
 """
 
 from __future__ import annotations
@@ -12,18 +12,22 @@ from dataclasses import dataclass, replace
 
 from streamkit.element.base import Element
 from streamkit.element.registry import element_class, make_element
-from streamkit.element.suggest import did_you_mean
-from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, Place, PluginBroken
+from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, Place, PluginBroken, did_you_mean
 from streamkit.flow.caps import Caps
 from streamkit.graph.addresses import factory_for, location_of
-from streamkit.graph.assignments import load_presets, name_in_text, set_properties
-from streamkit.graph.bins import BIN_CLASSES, Bin
-from streamkit.graph.child_properties import WaitingProperty, set_on_bin, try_child
+from streamkit.graph.assignments import (
+    PendingProperty,
+    load_presets,
+    name_in_text,
+    set_on_bin,
+    set_properties,
+    try_child,
+)
+from streamkit.graph.bins import BIN_CLASSES, Bin, Placement
 from streamkit.graph.graph import Graph
 from streamkit.graph.linking import End, Linker, PendingLink
 from streamkit.graph.negotiate import negotiate
 from streamkit.graph.parse import parse
-from streamkit.graph.places import Placement
 from streamkit.graph.secrets import conceal
 from streamkit.graph.syntax import (
     BinNode,
@@ -42,7 +46,7 @@ def build(text: str, variables: Mapping[str, str]) -> Graph:
     """The graph of a description, its links checked.
 
     Raises:
-        DescriptionError: the first thing that is wrong, with its place in the text.
+        DescriptionError: the first error, with its place in the text.
     """
     try:
         graph = GraphBuilder().build(parse(text, variables))
@@ -55,14 +59,14 @@ def build(text: str, variables: Mapping[str, str]) -> Graph:
 
 @dataclass(frozen=True, slots=True)
 class Ends:
-    """What stands at the two sides of a node; None where a link cannot reach in."""
+    """The ends of a node on its sink and src side; None if a link cannot enter."""
 
     entry: End | None
     leave: End | None
 
 
 class GraphBuilder:
-    """Makes elements while walking the tree, and links when all names are known."""
+    """Makes elements while traversing the tree, then links when all names are known."""
 
     def __init__(self) -> None:
         self.graph = Graph()
@@ -70,14 +74,14 @@ class GraphBuilder:
         self._linker = Linker(self.graph, self._placement, self._auto_name)
         self._places: dict[int, Place] = {}
         self._numbers: Counter[str] = Counter()
-        self._pending: list[PendingLink] = []
-        self._waiting: list[WaitingProperty] = []
+        self._pending_links: list[PendingLink] = []
+        self._pending_properties: list[PendingProperty] = []
 
     def build(self, chains: Sequence[ChainNode]) -> Graph:
         """The graph of all chains.
 
         Raises:
-            DescriptionError: the first thing that is wrong.
+            DescriptionError: the first error.
         """
         members: list[Element] = []
         for chain in chains:
@@ -85,13 +89,13 @@ class GraphBuilder:
         self._place_all(members, None)
         self._make_links()
         self._placement.demand_all_placed()
-        self._set_waiting()
+        self._set_pending_properties()
         if self.graph.has_loop():
             what = "the links form a loop: caps are not negotiated, and the pipeline will refuse to start"
             self.graph.warnings.append(("loop", what))
             for element in self.graph.elements:
                 for pad in element.pads.values():
-                    pad.known_caps = pad.template.caps  # a query would go round for ever
+                    pad.known_caps = pad.template.caps  # a query would not end
         else:
             self._negotiate()
         return self.graph
@@ -103,17 +107,17 @@ class GraphBuilder:
             raise DescriptionError("link", f"the caps of the links cannot be compared: {error}") from None
 
     def _make_links(self) -> None:
-        for link in self._pending:
+        for link in self._pending_links:
             try:
                 self._linker.make(link)
             except DescriptionError:
-                # Links made before this one are negotiated last, but their conflicts came first.
+                # Conflicts of earlier links come first.
                 if not self.graph.has_loop():
                     self._negotiate()
                 raise
 
-    def _set_waiting(self) -> None:
-        for pending in self._waiting:
+    def _set_pending_properties(self) -> None:
+        for pending in self._pending_properties:
             if not try_child(pending, self.graph.warnings):
                 name = pending.assignment.name
                 self.graph.warnings.append(
@@ -123,13 +127,13 @@ class GraphBuilder:
     # Chains.
 
     def _add_chain(self, chain: ChainNode, members: list[Element]) -> Ends:
-        """Makes what a chain holds, notes its links, and adds what is to be placed to `members`."""
+        """Makes the elements of a chain, records its links, and appends what is to be placed to `members`."""
         ends = self._add_node(chain.nodes[0], members, is_first=True)
         entry = ends.entry
         for link, node in zip(chain.links, chain.nodes[1:], strict=True):
             caps = _filter_caps(link)
             right = self._add_node(node, members, is_first=False)
-            self._note_link(ends.leave, right.entry, link, caps)
+            self._record_link(ends.leave, right.entry, link, caps)
             ends = right
         self._refuse_unused(chain)
         return Ends(entry, ends.leave)
@@ -143,12 +147,12 @@ class GraphBuilder:
             what = f"unexpected pad {last.src_pads[0]!r}: no link follows that could use it"
             raise DescriptionError("syntax", what, last.place)
 
-    def _note_link(self, left: End | None, right: End | None, link: LinkNode, caps: Caps | None) -> None:
+    def _record_link(self, left: End | None, right: End | None, link: LinkNode, caps: Caps | None) -> None:
         if left is None or right is None:
             kind, edge = ("source", "ends") if left is None else ("sink", "begins")
             rule = f"link has no {kind}: the chain in the brackets {edge} with a reference or an address"
             raise DescriptionError("link", rule, link.place)
-        self._pending.append(PendingLink(left, right, caps, link.every_pad, link.place))
+        self._pending_links.append(PendingLink(left, right, caps, link.every_pad, link.place))
 
     # Nodes.
 
@@ -161,7 +165,7 @@ class GraphBuilder:
             end = End(None, node.name, node.pads, node.place)
             return Ends(None, end) if is_first else Ends(end, None)
         if isinstance(node, UrlNode):
-            element = self._make_from_address(node, as_source=is_first)
+            element = self._make_from_uri(node, as_source=is_first)
             end = End(element, "", (), node.place)
             ends = Ends(None, end) if is_first else Ends(end, None)
         else:
@@ -175,7 +179,7 @@ class GraphBuilder:
     def _make_element(self, node: ElementNode) -> Element:
         if node.factory in BIN_CLASSES:
             return self._make_empty_bin(node)
-        _demand_known(node.factory, node.place)
+        _check_known(node.factory, node.place)
         warnings = self.graph.warnings
         name = name_in_text(node, warnings) or self._auto_name(node.factory)
         element = _make(node.factory, name, node.place)
@@ -185,16 +189,16 @@ class GraphBuilder:
         return element
 
     def _make_empty_bin(self, node: ElementNode) -> Bin:
-        """A bin written like an element: legal, and of no use."""
+        """A bin written like an element: legal, but useless."""
         name = name_in_text(node, self.graph.warnings) or self._auto_name(node.factory)
         group = BIN_CLASSES[node.factory](name, node.factory)
         named = tuple(item for item in node.assignments if item.name != "name")
-        self._waiting += set_on_bin(group, named, self.graph.warnings)
+        self._pending_properties += set_on_bin(group, named, self.graph.warnings)
         load_presets(group, node.presets)
         self.graph.bins.append(group)
         return group
 
-    def _make_from_address(self, node: UrlNode, *, as_source: bool) -> Element:
+    def _make_from_uri(self, node: UrlNode, *, as_source: bool) -> Element:
         factory = factory_for(node.url, as_source=as_source, place=node.place)
         location = location_of(node.url, node.place)
         element = _make(factory, self._auto_name(factory), node.place)
@@ -216,7 +220,7 @@ class GraphBuilder:
             raise DescriptionError("no-such-element", f'no bin "{node.factory}"', node.place, hint)
         group = BIN_CLASSES[node.factory](self._auto_name(node.factory), node.factory)
         self._place_all(inside, group)
-        self._waiting += set_on_bin(group, node.assignments, self.graph.warnings)
+        self._pending_properties += set_on_bin(group, node.assignments, self.graph.warnings)
         for child in inside:
             child.parent = group.name
         self._places[id(group)] = node.place
@@ -233,7 +237,7 @@ class GraphBuilder:
             self._placement.place(member, container, self._places.get(id(member), Place()))
 
     def _auto_name(self, factory: str) -> str:
-        """GStreamer's: the type, without dashes, and a number per type."""
+        """An automatic name as in GStreamer: the type, without dashes, and a number per type."""
         number = self._numbers[factory]
         self._numbers[factory] += 1
         plain = factory.replace("-", "")
@@ -258,7 +262,7 @@ def _filter_caps(link: LinkNode) -> Caps | None:
         raise DescriptionError("link", f"could not parse caps {shown!r}: {error.rule}", place, hint) from None
 
 
-def _demand_known(factory: str, place: Place) -> None:
+def _check_known(factory: str, place: Place) -> None:
     try:
         element_class(factory)
     except DescriptionError as error:

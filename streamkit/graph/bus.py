@@ -1,4 +1,4 @@
-"""The bus: messages from every thread of a graph to its application."""
+"""Bus: messages from all threads of a graph to the application."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from collections.abc import Callable
 from streamkit.flow.messages import Message, MessageKind
 
 CAPACITY = 4096
-LOOK_EVERY_S = 0.2
+POLL_S = 0.2
 
 
 class Bus:
-    """A bounded line of messages; when full, the oldest that is neither error nor eos is lost and counted.
+    """A bounded queue of messages; if full, it drops the oldest that is neither error nor eos.
 
     Attributes:
-        lost: messages dropped because nobody read them.
+        lost: number of dropped messages.
     """
 
     def __init__(self) -> None:
@@ -27,23 +27,23 @@ class Bus:
         self.lost = 0
 
     def post(self, message: Message) -> None:
-        """Adds a message; watchers see it at once, in the posting thread."""
+        """Queues a message; watchers are called with it in the posting thread."""
         for watcher in tuple(self._watchers):
             watcher(message)
         with self._changed:
             if len(self._messages) >= CAPACITY:
-                self._lose_one()
+                self._drop_one()
             self._messages.append(message)
             self._changed.notify()
 
-    def _lose_one(self) -> None:
+    def _drop_one(self) -> None:
         kept = (MessageKind.ERROR, MessageKind.EOS)
         index = next((i for i, message in enumerate(self._messages) if message.kind not in kept), 0)
         del self._messages[index]
         self.lost += 1
 
     def flush(self) -> None:
-        """Forgets the messages that nobody has read."""
+        """Discards unread messages."""
         with self._changed:
             self._messages.clear()
 
@@ -52,10 +52,10 @@ class Bus:
         self._watchers.append(watcher)
 
     def pop(self, timeout_s: float | None = 0.0, kinds: tuple[MessageKind, ...] = ()) -> Message | None:
-        """The next message of the kinds wanted (all where none are named); None when the time is over.
+        """The next message, of one of `kinds` if any are given; None at the timeout.
 
         Args:
-            timeout_s: longest wait; None waits in steps that Ctrl-C can end.
+            timeout_s: maximum wait; None has no limit, but Ctrl-C ends it.
             kinds: other messages are discarded while waiting.
         """
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
@@ -65,7 +65,7 @@ class Bus:
                     message = self._messages.popleft()
                     if not kinds or message.kind in kinds:
                         return message
-                left_s = LOOK_EVERY_S if deadline is None else deadline - time.monotonic()
+                left_s = POLL_S if deadline is None else deadline - time.monotonic()
                 if left_s <= 0:
                     return None
-                self._changed.wait(min(left_s, LOOK_EVERY_S))
+                self._changed.wait(min(left_s, POLL_S))

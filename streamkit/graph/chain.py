@@ -1,4 +1,4 @@
-"""Chains: the run of transforms behind a src pad, which one loop calls in turn, counts and times."""
+"""Chains: the transforms downstream of a src pad, called, counted and timed in one loop."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated
+from streamkit.flow.events import FlowStop
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import FlowStop
 from streamkit.flow.video import layout_error
 
 if TYPE_CHECKING:
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 
 class Stage:
-    """One element of a chain and what was counted of it.
+    """One element of a chain and its counters.
 
     Attributes:
-        element: a transform, or the element that the chain ends in.
-        sink: the pad that frames come in through.
-        call: takes one frame; of a transform it returns what goes on.
+        element: a transform, or the last element of the chain.
+        sink: the pad through which frames arrive.
+        call: called with each frame; returns the output of a transform.
         is_terminal: whether the chain ends here.
         swallowed: frames for which a transform did not return exactly one frame.
-        busy_ns: time spent in `call`, and in iterating over what it returned, ns.
-        newest_ns: arrival time of the newest frame that came through, or 0.
+        busy_ns: time spent in `call`, and in iterating over its result, ns.
+        newest_ns: arrival time of the newest frame, or 0.
     """
 
     __slots__ = ("busy_ns", "call", "element", "is_terminal", "newest_ns", "settles", "sink", "swallowed")
@@ -46,13 +46,13 @@ class Stage:
 
 
 class Chain:
-    """What stands behind one src pad, up to and with the next element that is not a transform.
+    """The elements downstream of a src pad, up to the first one that is not a transform.
 
     Attributes:
         src: the pad that pushes into the chain.
-        stages: the elements in order, transforms that pass frames unseen included.
+        stages: the elements in order, including bypassed transforms.
         frames: frames pushed into the chain.
-        upstream_ns: time between the end of one push and the next, in which a source makes frames, ns.
+        upstream_ns: time between pushes, in which a source produces frames, ns.
     """
 
     def __init__(self, src: Pad) -> None:
@@ -64,23 +64,23 @@ class Chain:
             if not isinstance(pad.peer.element, Transform):
                 break
             pad = pad.peer.element.src_pad
-        self._end = pad  # not linked where the last stage is not terminal
-        self._called = tuple(stage for stage in self.stages if not _passes_unseen(stage))
+        self._end = pad  # not linked if the last stage is not terminal
+        self._called = tuple(stage for stage in self.stages if not _is_bypassed(stage))
         self._is_behind_source = isinstance(src.element, Source)
         self._left_ns = 0
         self.frames = self.upstream_ns = 0
 
     @property
     def terminal(self) -> Element | None:
-        """The element that the chain ends in, or None where a pad is not linked."""
+        """The last element, or None if a pad is not linked."""
         return self.stages[-1].element if self.stages and self.stages[-1].is_terminal else None
 
     def push(self, frame: Frame) -> None:
-        """Sends a frame through: each stage gets what the one before it returned.
+        """Sends a frame through all stages.
 
         Raises:
-            ElementFailure: a stage failed; names its element.
-            FlowStop: downstream takes no more.
+            ElementFailure: an element failed.
+            FlowStop: downstream accepts no more frames.
         """
         clock = time.perf_counter_ns
         self.frames += 1
@@ -118,13 +118,13 @@ class Chain:
             self._left_ns = clock()
 
     def refresh(self) -> None:
-        """Asks the element that the chain ends in anew for the function that takes its frames."""
+        """Gets the receiver function of the last element again."""
         if self.terminal is not None:
             last = self.stages[-1]
             last.call = last.element.receiver(last.sink)
 
     def received(self) -> list[tuple[Stage, int]]:
-        """Every stage with the number of frames that reached it, in the order of the chain."""
+        """Every stage with the number of frames that reached it, in order."""
         rows: list[tuple[Stage, int]] = []
         count = self.frames
         for stage in self.stages:
@@ -138,7 +138,7 @@ class Chain:
         return sum(stage.busy_ns for stage in self.stages)
 
     def _settled(self, stage: Stage, frame: Frame) -> Frame:
-        """A frame that a transform made, with the caps of its src pad and pixels that agree with them."""
+        """A frame from a transform, with the caps of its src pad and a checked layout."""
         if stage.settles:
             assert isinstance(stage.element, Transform)
             frame = stage.element.settled(frame)
@@ -146,7 +146,7 @@ class Chain:
         return frame
 
     def _push_each(self, stage: Stage, results: Any) -> None:
-        """A transform returned None or several frames: they go on behind its own src pads."""
+        """Pushes the frames of a transform that returned None or several to its own src pads."""
         stage.swallowed += 1
         if results is None:
             return
@@ -169,7 +169,7 @@ class Chain:
 
 
 def _timed(results: Iterable[Any], stage: Stage) -> Iterable[Any]:
-    """The items of an iterable, whose making counts as work of the stage."""
+    """Iterates over results; the time is counted as work of the stage."""
     iterator = iter(results)
     while True:
         before = time.perf_counter_ns()
@@ -182,19 +182,19 @@ def _timed(results: Iterable[Any], stage: Stage) -> Iterable[Any]:
         yield item
 
 
-def _passes_unseen(stage: Stage) -> bool:
+def _is_bypassed(stage: Stage) -> bool:
     return isinstance(stage.element, Transform) and stage.element.is_passthrough()
 
 
 def demand_layout(element: Element, frame: Frame) -> None:
-    """Raises an `ElementFailure` where the pixels of a frame are not what its caps say."""
+    """Raises an `ElementFailure` if the array of a frame contradicts its caps."""
     fault = layout_error(frame)
     if fault is not None:
         raise element.failure(ValueError(fault), frame)
 
 
 def chain_on_first_frame(src: Pad, chains: list[Chain]) -> Callable[[Frame], None]:
-    """A push that makes the chain behind a pad when the first frame comes, and adds it to `chains`."""
+    """A push function that makes the chain of a pad at the first frame, and appends it to `chains`."""
 
     def push(frame: Frame) -> None:
         chain = Chain(src)
@@ -206,11 +206,11 @@ def chain_on_first_frame(src: Pad, chains: list[Chain]) -> Callable[[Frame], Non
 
 
 class RetiredChainTotals:
-    """What the chains of removed branches had counted of the element they hung on.
+    """Counters of the chains of removed branches, by the `id` of the element before them.
 
     Attributes:
-        frames: that left the element for them, by the element's `id`.
-        busy_ns: working time in them, ns, by the element's `id`.
+        frames: frames sent to them.
+        busy_ns: working time in them, ns.
     """
 
     def __init__(self) -> None:
@@ -218,12 +218,12 @@ class RetiredChainTotals:
         self.busy_ns: Counter[int] = Counter()
 
     def add(self, chain: Chain) -> None:
-        """Adds what a chain has counted."""
+        """Adds the counters of a chain."""
         self.frames[id(chain.src.element)] += chain.frames
         self.busy_ns[id(chain.src.element)] += chain.busy_ns
 
     def forget(self, elements: Iterable[int]) -> None:
-        """Drops the totals of elements, by their `id`, that are removed themselves."""
+        """Removes the totals of elements, given by `id`."""
         for element in elements:
             self.frames.pop(element, None)
             self.busy_ns.pop(element, None)

@@ -1,4 +1,4 @@
-"""Calls of `start` and `stop`, each in a thread of its own, so that one that hangs can be given up."""
+"""Calls of `start` and `stop`, each in its own thread, so that a hanging call can be abandoned."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from streamkit.errors import ElementFailure, HangDetected, StartCancelled
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.watchdog import hang_of, hang_warning
 
-LOOK_S = 0.1
-CANCEL_GRACE_S = 5.0  # what a call that was interrupted is given to come back
+POLL_S = 0.1
+CANCEL_GRACE_S = 5.0  # time for an interrupted call to return
 
 
 @dataclass(frozen=True)
 class CallLimits:
-    """How long a call may take.
+    """Time limits of calls.
 
     Attributes:
-        watchdog_s: after so long it is warned of; 0 is never.
-        stop_s: after so long a `stop` is given up; a `start` has no such limit.
-        cancelled: set when somebody does not want to wait any longer.
-        post: takes the warning.
+        watchdog_s: time until a warning; 0 is never.
+        stop_s: time until a `stop` is abandoned; a `start` has no limit.
+        cancelled: set to cancel the call.
+        post: called with the warning.
     """
 
     watchdog_s: float
@@ -38,7 +38,7 @@ class ElementCall(threading.Thread):
     """One call of a method of an element.
 
     Attributes:
-        error: what it raised, or None.
+        error: raised by the method, or None.
     """
 
     def __init__(self, element: Element, method: str) -> None:
@@ -58,7 +58,7 @@ class ElementCall(threading.Thread):
             self.element.leave()
 
     def interrupt(self, grace_s: float) -> bool:
-        """Has the element end its waits; whether the call has come back in time."""
+        """Makes the element end its waits; whether the call returned in time."""
         self.element.stopping.set()
         self.element.waking.set()
         with contextlib.suppress(Exception):
@@ -71,8 +71,8 @@ def start_element(element: Element, limits: CallLimits) -> None:
     """Starts an element.
 
     Raises:
-        ElementFailure: its `start` failed; was cancelled (of `StartCancelled`); or did not come back after
-            that (of `HangDetected`).
+        ElementFailure: `start` failed, was cancelled (`StartCancelled`), or did not return after that
+            (`HangDetected`).
     """
     element.stopping.clear()
     element.rearm()
@@ -84,23 +84,23 @@ def start_element(element: Element, limits: CallLimits) -> None:
 
 
 def _call_start(element: Element, limits: CallLimits) -> None:
-    call = _called(element, "start")
+    call = _begin_call(element, "start")
     if call is None:
         return
     try:
         _wait(call, limits, None)
-    except BaseException:  # Ctrl-C in the calling thread: the element must not be started beside its stop
+    except BaseException:  # Ctrl-C in the calling thread: `start` must not overlap with `stop`
         call.interrupt(CANCEL_GRACE_S)
         raise
     if limits.cancelled.is_set():
         if not call.interrupt(CANCEL_GRACE_S):
-            raise _given_up("start", CANCEL_GRACE_S)
+            raise _hang("start", CANCEL_GRACE_S)
         raise StartCancelled(f"{element.name}: its start was interrupted")
     _raise_error(call)
 
 
 def wake_elements(elements: Iterable[Element], post: Callable[[Message], None]) -> None:
-    """Ends the waits of elements whose threads are to stop."""
+    """Ends the waits of elements that are to stop."""
     members = list(elements)
     for element in members:
         element.stopping.set()
@@ -113,10 +113,10 @@ def wake_elements(elements: Iterable[Element], post: Callable[[Message], None]) 
 
 
 def stop_elements(elements: list[Element], limits: CallLimits) -> list[str]:
-    """Stops started elements, the last first, so that sinks close last with all they got; empties the list.
+    """Stops started elements in reverse order, sinks last; empties the list.
 
     Returns:
-        Names of the elements whose `stop` has not come back.
+        Names of the elements whose `stop` did not return.
     """
     stuck = []
     while elements:
@@ -136,18 +136,18 @@ def stop_elements(elements: list[Element], limits: CallLimits) -> list[str]:
 
 
 def _call_stop(element: Element, limits: CallLimits) -> None:
-    call = _called(element, "stop")
+    call = _begin_call(element, "stop")
     if call is None:
         return
     began = time.monotonic()
     _wait(call, limits, limits.stop_s)
     if call.is_alive():
-        raise _given_up("stop", time.monotonic() - began)
+        raise _hang("stop", time.monotonic() - began)
     _raise_error(call)
 
 
-def _called(element: Element, method: str) -> ElementCall | None:
-    """The call, begun; None where the element has no such method of its own."""
+def _begin_call(element: Element, method: str) -> ElementCall | None:
+    """Starts the call; None if the element does not override the method."""
     if getattr(type(element), method) is getattr(Element, method) and method not in vars(element):
         return None
     call = ElementCall(element, method)
@@ -156,20 +156,20 @@ def _called(element: Element, method: str) -> ElementCall | None:
 
 
 def _wait(call: ElementCall, limits: CallLimits, limit_s: float | None) -> None:
-    """Waits until the call has come back, is cancelled, or has reached its limit; warns once on the way.
+    """Waits until the call returns, is cancelled, or reaches its limit; warns once.
 
-    Time is counted in looks: a process that was suspended has not hung.
+    Time is counted in polls, because a suspended process does not hang.
     """
-    looks = 0
-    call.join(LOOK_S)
+    polls = 0
+    call.join(POLL_S)
     while call.is_alive() and not limits.cancelled.is_set():
-        looks += 1
-        seconds = looks * LOOK_S
-        if limits.watchdog_s and seconds - LOOK_S < limits.watchdog_s <= seconds:
+        polls += 1
+        seconds = polls * POLL_S
+        if limits.watchdog_s and seconds - POLL_S < limits.watchdog_s <= seconds:
             limits.post(hang_warning(call.element, hang_of(call.method, limits.watchdog_s)))
         if limit_s is not None and seconds >= limit_s:
             return
-        call.join(LOOK_S)
+        call.join(POLL_S)
     if limit_s is not None and call.is_alive():
         call.join(min(1.0, limit_s))
 
@@ -179,7 +179,7 @@ def _raise_error(call: ElementCall) -> None:
         raise call.error
 
 
-def _given_up(method: str, seconds: float) -> HangDetected:
+def _hang(method: str, seconds: float) -> HangDetected:
     return HangDetected(
         f"its {method} has not come back within {seconds:.0f} s and is given up; its thread is left behind"
     )

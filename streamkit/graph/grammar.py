@@ -1,7 +1,7 @@
-"""The parser of the description language: from tables made beforehand, or from the grammar itself.
+"""Parser of the description language, loaded from generated tables or built from the grammar.
 
-Making the tables takes lark 0.1 s, much of the start of a small pipeline. After a change of grammar.lark,
-`python -m streamkit.graph.grammar` writes them anew.
+Building takes lark 0.1 s. After a change of grammar.lark, `python -m streamkit.graph.grammar` updates the
+tables.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from streamkit.graph.tokens import DescriptionLexer
 
 
 def grammar_text() -> str:
-    """The grammar."""
+    """Text of grammar.lark."""
     return (files("streamkit.graph") / "grammar.lark").read_text(encoding="utf-8")
 
 
 def build_parser() -> Lark:
-    """The parser, made from the grammar."""
+    """Builds the parser from the grammar."""
     return Lark(grammar_text(), parser="lalr", lexer=DescriptionLexer, maybe_placeholders=False)
 
 
 @functools.cache
 def parser() -> Lark:
-    """The parser, from the tables where they were made by the lark that is installed."""
+    """The parser, from the tables if the installed lark made them."""
     from streamkit.graph import grammar_tables
 
     if lark.__version__ != grammar_tables.LARK_VERSION:
@@ -42,7 +42,7 @@ def parser() -> Lark:
 
 
 def tables_source() -> str:
-    """The module grammar_tables.py for the grammar as it stands."""
+    """Source of grammar_tables.py for the current grammar."""
     from lark.grammar import Rule
     from lark.lexer import TerminalDef
 

@@ -1,4 +1,4 @@
-"""Graph: elements and the links between them, checked and with converters where raw video needs one."""
+"""Graph: elements and the links between them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from streamkit.element.base import Element
 from streamkit.element.pad import Pad, Presence
 from streamkit.errors import StateError
 from streamkit.graph.bins import Bin
-from streamkit.graph.delayed_links import DelayedLink
+from streamkit.graph.link import DelayedLink
 
 
 @dataclass(slots=True)
@@ -19,10 +19,9 @@ class Graph:
 
     Attributes:
         elements: in textual order.
-        bins: groups of elements.
-        inserted: converters that negotiation put in; they are in `elements` too.
-        delayed_links: links that wait for a pad that only the stream brings.
-        warnings: (code, text) of what was done unasked.
+        inserted: converters inserted by negotiation; also in `elements`.
+        delayed_links: links that wait for sometimes pads.
+        warnings: (code, text) pairs.
     """
 
     elements: list[Element] = field(default_factory=list)
@@ -32,11 +31,7 @@ class Graph:
     warnings: list[tuple[str, str]] = field(default_factory=list)
 
     def element(self, name: str) -> Element:
-        """The element of a name; where bins share it, of `bin/name`.
-
-        Raises:
-            KeyError: there is none; lists those that there are.
-        """
+        """The element of a name, or of `bin/name`; raises `KeyError`, which lists all names."""
         for element in self.elements:
             if name in (element.name, f"{element.parent}/{element.name}"):
                 return element
@@ -52,23 +47,20 @@ class Graph:
                     yield pad, pad.peer
 
     def from_sinks(self) -> list[Element]:
-        """The elements so that each stands behind everything downstream of it: sinks first, sources last.
-
-        A loop of links is cut where it is first met, from the end of the text.
-        """
+        """The elements in reverse topological order: sinks first, sources last; loops are cut."""
         waits_for = {id(element): len(_downstream(element)) for element in self.elements}
         ready = deque(element for element in reversed(self.elements) if not waits_for[id(element)])
         left = deque(reversed(self.elements))
         ordered: list[Element] = []
-        placed: set[int] = set()
+        visited: set[int] = set()
         while len(ordered) < len(waits_for):
             if ready:
                 element = ready.popleft()
             else:
-                element = next(element for element in left if id(element) not in placed)
-            if id(element) in placed:
+                element = next(element for element in left if id(element) not in visited)
+            if id(element) in visited:
                 continue
-            placed.add(id(element))
+            visited.add(id(element))
             ordered.append(element)
             for pad in element.sink_pads():
                 if pad.peer is not None and id(pad.peer.element) in waits_for:
@@ -78,17 +70,12 @@ class Graph:
         return ordered
 
     def has_loop(self) -> bool:
-        """Whether frames could come back to an element that has sent them."""
+        """Whether the links form a loop."""
         position = {id(element): index for index, element in enumerate(self.from_sinks())}
         return any(position[id(src.element)] < position[id(sink.element)] for src, sink in self.links())
 
     def demand_links(self) -> None:
-        """Refuses a graph that would not end.
-
-        Raises:
-            StateError: the links form a loop.
-            ElementFailure: nothing is linked to a sink pad.
-        """
+        """Raises `StateError` for a loop, and `ElementFailure` for an unlinked sink pad."""
         if self.has_loop():
             raise StateError("the links form a loop; frames would run in it for ever")
         if self.delayed_links:

@@ -1,21 +1,21 @@
-"""Links: which pads two ends of a `!` mean."""
+"""Links: selects the pads for a `!`; delayed links wait for sometimes pads."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
-from streamkit.element.suggest import did_you_mean
-from streamkit.errors import DescriptionError, Place, StreamkitError
+from streamkit.errors import DescriptionError, Place, StreamkitError, did_you_mean
 from streamkit.flow.caps import Caps
 
 RAW_VIDEO = Caps("video/x-raw")
 
 
 class Ends(NamedTuple):
-    """The two elements of a link, the pad named on each or "", and where the link stands in the text."""
+    """The two elements of a link, the pad named on each or "", and the place in the text."""
 
     source: Element
     src_name: str
@@ -27,11 +27,7 @@ class Ends(NamedTuple):
 def pad_pairs(
     source: Element, src_names: Sequence[str], sink: Element, sink_names: Sequence[str], place: Place
 ) -> list[Ends]:
-    """The links that a `!` with lists of pads stands for.
-
-    Raises:
-        DescriptionError: code `link`, where both sides name pads, but not as many.
-    """
+    """The links of a `!` with lists of pads; raises `DescriptionError` if the lists differ in length."""
     if not (src_names and sink_names):
         return [Ends(source, "".join(src_names[:1]), sink, "".join(sink_names[:1]), place)]
     if len(src_names) != len(sink_names):
@@ -45,9 +41,9 @@ def pad_pairs(
 
 
 def choose_pads(ends: Ends, *, strict: bool = False) -> tuple[Pad, Pad]:
-    """The pads that a link takes: those named, else the first two that fit, new ones where none is free.
+    """The pads of a link: those named, else the first free or requested pads that fit.
 
-    Where there is no choice, caps are left to negotiation, unless `strict`.
+    If there is only one choice, caps are left to negotiation, unless `strict`.
 
     Raises:
         DescriptionError: code `link`; no pad was made.
@@ -69,7 +65,7 @@ def choose_pads(ends: Ends, *, strict: bool = False) -> tuple[Pad, Pad]:
 
 
 def find_pad(element: Element, direction: Direction, name: str, place: Place) -> Pad:
-    """A free pad of an element: the one named, else the first that is there, else a new one on request.
+    """A free pad of an element: the one named, else the first free one, else a new request pad.
 
     Raises:
         DescriptionError: there is none, or it is linked already.
@@ -82,7 +78,7 @@ def find_pad(element: Element, direction: Direction, name: str, place: Place) ->
 
 
 def _pair(ends: Ends, srcs: list[Pad] | None, sinks: list[Pad] | None, strict: bool) -> tuple[Pad, Pad]:
-    """The first two that fit: pads before templates, the source's order before the sink's."""
+    """The first pair that fits: pads before templates, in the source's order before the sink's."""
     src_choices = [*(srcs or _choices(ends.source, Direction.SRC))]
     sink_choices = [*(sinks or _choices(ends.sink, Direction.SINK))]
     for element, direction, choices in (
@@ -93,7 +89,7 @@ def _pair(ends: Ends, srcs: list[Pad] | None, sinks: list[Pad] | None, strict: b
             raise _nothing_free(element, direction, ends.place)
     if not strict and len(src_choices) == len(sink_choices) == 1 and not awaits_pads(ends.source):
         return _make(ends.source, src_choices[0]), _make(ends.sink, sink_choices[0])
-    # Pads that are there go before pads to be made, on the source's side first.
+    # Existing pads come before pads to be requested, on the source's side first.
     pairs = sorted(
         ((src, sink) for src in src_choices for sink in sink_choices),
         key=lambda pair: (not isinstance(pair[0], Pad), not isinstance(pair[1], Pad)),
@@ -102,11 +98,11 @@ def _pair(ends: Ends, srcs: list[Pad] | None, sinks: list[Pad] | None, strict: b
         for src, sink in pairs:
             if fits(_caps(src), _caps(sink)):
                 return _make(ends.source, src), _make(ends.sink, sink)
-    raise _misfit(ends, src_choices[0], sink_choices[0])
+    raise _caps_conflict(ends, src_choices[0], sink_choices[0])
 
 
 def awaits_pads(element: Element) -> bool:
-    """Whether the stream may bring src pads that are not there yet."""
+    """Whether the stream may add src pads later."""
     return any(
         template.presence is Presence.SOMETIMES and template.direction is Direction.SRC
         for template in element.pad_templates.values()
@@ -114,7 +110,7 @@ def awaits_pads(element: Element) -> bool:
 
 
 def _choices(element: Element, direction: Direction) -> Iterator[Pad | PadTemplate]:
-    """Free pads, then the templates that make pads on request."""
+    """Free pads, then templates of request pads."""
     for pad in list(element.pads.values()):
         if pad.template.direction is direction and pad.peer is None:
             yield pad
@@ -128,7 +124,7 @@ def _caps(choice: Pad | PadTemplate) -> Caps:
         return choice.caps
     try:
         return choice.query_caps()
-    except RecursionError:  # a loop of links asks itself
+    except RecursionError:  # a loop of links
         return choice.template.caps
 
 
@@ -141,12 +137,12 @@ def _intersect(offered: Caps, accepted: Caps) -> bool:
 
 
 def _convertible(offered: Caps, accepted: Caps) -> bool:
-    """Whether nothing but the format of raw video stands between the two: negotiation puts a converter in."""
+    """Whether caps conflict in the format of raw video only, so that negotiation inserts a converter."""
     return _intersect(offered.without_fields("format") & RAW_VIDEO, accepted.without_fields("format"))
 
 
 def _named(element: Element, direction: Direction, name: str, place: Place, made: list[Pad]) -> Pad:
-    """The pad of a name; one that had to be made is noted in `made`."""
+    """The pad of a name; a new one is appended to `made`."""
     pad = element.pads.get(name)
     if pad is None:
         for template in element.pad_templates.values():
@@ -182,7 +178,7 @@ def _nothing_free(element: Element, direction: Direction, place: Place) -> Descr
     return DescriptionError("link", f"link has no {kind}: {element.name} has no {direction} pad", place)
 
 
-def _misfit(ends: Ends, src: Pad | PadTemplate, sink: Pad | PadTemplate) -> DescriptionError:
+def _caps_conflict(ends: Ends, src: Pad | PadTemplate, sink: Pad | PadTemplate) -> DescriptionError:
     offered, accepted = _caps(src), _caps(sink)
     left, right = f"{ends.source.name}.{src.name}", f"{ends.sink.name}.{sink.name}"
     return DescriptionError(
@@ -191,3 +187,47 @@ def _misfit(ends: Ends, src: Pad | PadTemplate, sink: Pad | PadTemplate) -> Desc
         f"{left} offers {offered}; {right} takes {accepted}",
         ends.place,
     )
+
+
+@dataclass(slots=True)
+class DelayedLink:
+    """A link that is tried whenever its source adds a pad.
+
+    Attributes:
+        ends: the two elements and the named pads.
+        make: makes a link, with its caps filter.
+        every_pad: whether it links every new pad.
+        has_succeeded: whether it has linked a pad.
+    """
+
+    ends: Ends
+    make: Callable[[Ends], list[tuple[Pad, Pad]]]
+    every_pad: bool = False
+    has_succeeded: bool = False
+
+    @property
+    def source(self) -> Element:
+        """The element that adds the pad."""
+        return self.ends.source
+
+    @property
+    def description(self) -> str:
+        """The link as text."""
+        ends = self.ends
+        src = f"{ends.source.name}.{ends.src_name}"
+        return f"{src} ! {ends.sink.name}{'.' if ends.sink_name else ''}{ends.sink_name}"
+
+    def try_link(self, element: Element, pad: Pad) -> list[tuple[Pad, Pad]]:
+        """Links a new pad if it matches; returns the links made."""
+        if element is not self.ends.source or pad.template.direction is not Direction.SRC:
+            return []
+        if pad.peer is not None or (self.has_succeeded and not self.every_pad):
+            return []
+        if self.ends.src_name not in ("", pad.name, pad.template.name):
+            return []
+        try:
+            made = self.make(self.ends._replace(src_name=pad.name))
+        except DescriptionError:
+            return []
+        self.has_succeeded = True
+        return made

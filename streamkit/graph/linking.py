@@ -1,4 +1,4 @@
-"""Makes the links of a description in textual order, with their filters and ghost pads."""
+"""Makes the links of a description in textual order, with caps filters and ghost pads."""
 
 from __future__ import annotations
 
@@ -8,18 +8,16 @@ from dataclasses import dataclass
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad, Presence
 from streamkit.element.registry import make_element
-from streamkit.element.suggest import did_you_mean
-from streamkit.errors import DescriptionError, Place, PluginBroken
+from streamkit.errors import DescriptionError, Place, PluginBroken, did_you_mean
 from streamkit.flow.caps import Caps
-from streamkit.graph.delayed_links import DelayedLink
+from streamkit.graph.bins import Placement
 from streamkit.graph.graph import Graph
-from streamkit.graph.link import Ends, awaits_pads, choose_pads, pad_pairs
-from streamkit.graph.places import Placement
+from streamkit.graph.link import DelayedLink, Ends, awaits_pads, choose_pads, pad_pairs
 
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """One end of a link: an element, or the name of one, and the pads named on it."""
+    """One end of a link: an element or its name, and the named pads."""
 
     element: Element | None
     name: str
@@ -29,7 +27,7 @@ class End:
 
 @dataclass(frozen=True, slots=True)
 class PendingLink:
-    """A link that is made when all elements are."""
+    """A link to be made once all elements exist."""
 
     source: End
     sink: End
@@ -42,7 +40,7 @@ class Linker:
     """Makes links one by one.
 
     Attributes:
-        places: where in the text the link of a src pad stands, by the pad's path.
+        places: place in the text of the link of a src pad, by the pad's path.
     """
 
     def __init__(self, graph: Graph, placement: Placement, auto_name: Callable[[str], str]) -> None:
@@ -52,10 +50,10 @@ class Linker:
         self._auto_name = auto_name
 
     def make(self, link: PendingLink) -> None:
-        """Makes a link, or arms it where the stream may bring the pad.
+        """Makes a link, or a delayed link if the stream may add the pad.
 
         Raises:
-            DescriptionError: a name is unknown, or the link cannot be.
+            DescriptionError: a name is unknown, or the link is impossible.
         """
         source, sink = self._resolve(link.source), self._resolve(link.sink)
         both_named = bool(link.source.pads and link.sink.pads)
@@ -63,18 +61,18 @@ class Linker:
             if link.every_pad and not both_named:
                 self._make_all(ends, link.caps)
             else:
-                self._make_or_arm(ends, link.caps, link.every_pad)
+                self._make_or_delay(ends, link.caps, link.every_pad)
 
-    def _make_or_arm(self, ends: Ends, caps: Caps | None, every_pad: bool) -> None:
+    def _make_or_delay(self, ends: Ends, caps: Caps | None, every_pad: bool) -> None:
         try:
             self._connect(ends, caps, strict=False)
         except DescriptionError:
             if not awaits_pads(ends.source):
                 raise
-            self._arm(ends, caps, every_pad)
+            self._delay(ends, caps, every_pad)
 
     def _make_all(self, ends: Ends, caps: Caps | None) -> None:
-        """Links whatever fits; where both sides make pads on request, once."""
+        """Links all pads that fit; once if both sides have request pads."""
         try:
             made = self._connect(ends, caps, strict=True)
             while not (_on_request(made[0][0]) and _on_request(made[-1][1])):
@@ -82,9 +80,9 @@ class Linker:
         except DescriptionError:
             pass
         if awaits_pads(ends.source):
-            self._arm(ends, caps, every_pad=True)
+            self._delay(ends, caps, every_pad=True)
 
-    def _arm(self, ends: Ends, caps: Caps | None, every_pad: bool) -> None:
+    def _delay(self, ends: Ends, caps: Caps | None, every_pad: bool) -> None:
         def connect(now: Ends) -> list[tuple[Pad, Pad]]:
             return self._connect(now, caps, strict=True)
 

@@ -1,4 +1,4 @@
-"""Checks that all links can agree on caps, and puts converters where raw video disagrees on its format."""
+"""Negotiation before streaming: checks the caps of all links, and inserts converters for raw video."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ RAW_VIDEO = "video/x-raw"
 
 
 def negotiate(graph: Graph, places: dict[str, Place]) -> None:
-    """Goes through the links from the sinks up, so that a converter stands as far downstream as it can.
+    """Checks links from the sinks upstream, so that converters are inserted as far downstream as possible.
 
     Args:
-        graph: links are checked; converters join it where they are needed.
-        places: where in the text the link of a src pad stands, by the pad's path.
+        graph: converters are added to it.
+        places: place in the text of the link of a src pad, by the pad's path.
 
     Raises:
-        DescriptionError: code `link`, where two pads can never agree.
+        DescriptionError: code `link`, if two pads have no common caps.
     """
     if graph.has_loop():
         raise DescriptionError("link", "the links form a loop; frames would run in it for ever")
     has_changed = False
     with remembered_caps(graph):
         for src, sink in _links_from_sinks(graph):
-            if has_changed:  # a converter put in downstream may have changed the answers
+            if has_changed:  # an inserted converter may change the answers
                 src.known_caps = sink.known_caps = None
             offered, accepted = src.query_caps(), sink.query_caps()
             src.known_caps, sink.known_caps = offered, accepted
-            # A pad that can carry nothing stands beside a conflict at another link, which has its own turn.
+            # Empty caps are due to a conflict at another link.
             if offered.is_empty or accepted.is_empty or not (accepted & offered).is_empty:
                 continue
             if not _convert(graph, src, sink, offered, accepted, places.get(src.path)):
@@ -48,7 +48,7 @@ def negotiate(graph: Graph, places: dict[str, Place]) -> None:
 
 
 def remember_caps(graph: Graph) -> None:
-    """Asks every pad once what it can carry, from the sinks up and then down; queries then answer at once."""
+    """Caches the caps query of every pad: sink pads from the sinks upstream, then src pads downstream."""
     forget_caps(graph)
     links = _links_from_sinks(graph)
     for _, sink in links:
@@ -57,13 +57,13 @@ def remember_caps(graph: Graph) -> None:
         if src.known_caps is not None:
             continue
         if isinstance(src.element, Split):
-            src.element.remember_branches()
+            src.element.cache_branch_caps()
         else:
             src.known_caps = src.query_caps()
 
 
 def forget_caps(graph: Graph) -> None:
-    """Queries ask the whole graph anew."""
+    """Clears cached caps queries."""
     for element in graph.elements:
         for pad in list(element.pads.values()):
             pad.known_caps = None
@@ -71,7 +71,7 @@ def forget_caps(graph: Graph) -> None:
 
 @contextlib.contextmanager
 def remembered_caps(graph: Graph) -> Iterator[None]:
-    """Within the block each pad knows its answer to a query, else asked for along the whole graph."""
+    """Context in which caps queries are cached; otherwise each one traverses the graph."""
     try:
         remember_caps(graph)
         yield
@@ -95,7 +95,7 @@ def _conflict(src: Pad, sink: Pad, places: dict[str, Place]) -> DescriptionError
 
 
 def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, place: Place | None) -> bool:
-    """Tries a converter between two raw-video pads that differ in nothing but the format."""
+    """Inserts a converter between raw-video pads that differ in format only; whether it did."""
     if CONVERTER not in installed_elements():
         return False
     if (accepted.without_fields("format") & offered.without_fields("format") & Caps(RAW_VIDEO)).is_empty:

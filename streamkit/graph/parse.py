@@ -1,4 +1,4 @@
-"""Description text to syntax tree."""
+"""Parses a description to a syntax tree."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ NAMES = {
 
 
 def parse(text: str, variables: Mapping[str, str]) -> tuple[ChainNode, ...]:
-    """The chains of a description; where the text stops fitting the grammar they end in a `FaultNode`.
+    """The chains of a description; a `FaultNode` marks a syntax error.
 
     Raises:
-        DescriptionError: the text is empty (code `empty`), or too long or too deep (code `syntax`).
+        DescriptionError: the text is empty (code `empty`), or too long or nested too deeply (code `syntax`).
     """
     expanded = expand(text, variables)
     machine = parser().parse_interactive("")
@@ -76,9 +76,9 @@ def _accepted(machine: InteractiveParser) -> set[str]:
 
 
 def _close(machine: InteractiveParser) -> Any:
-    """Puts an element without a name where the text stops fitting, and ends all that is open."""
+    """Completes the input at a syntax error: adds an element without a name and closes open bins."""
     nameless = Token("IDENTIFIER", "")
-    if _accepted(machine) == {"IDENTIFIER"}:  # within a list of pads: the name of one more
+    if _accepted(machine) == {"IDENTIFIER"}:  # inside a list of pads
         machine.feed_token(nameless)
     machine.feed_token(nameless)
     while "$END" not in _accepted(machine):
@@ -91,13 +91,13 @@ def _fault(expanded: ExpandedText, machine: InteractiveParser, token: Token) -> 
     if token.type == "$END":
         end = len(expanded.text.rstrip())
         last = expanded.text[:end].rsplit(maxsplit=1)[-1]
-        glued = last.endswith(")") and "=" in last and "CLOSE" in _accepted(machine)
+        is_attached = last.endswith(")") and "=" in last and "CLOSE" in _accepted(machine)
         return DescriptionError(
             "syntax",
             f"the description ends where {expected} must follow",
             expanded.place(max(0, end - 1), end),
             f"the ')' is part of the value of {last.partition('=')[0]}: put a blank before it"
-            if glued
+            if is_attached
             else "",
         )
     place = expanded.place(token.start_pos or 0, token.end_pos or 0)
@@ -116,7 +116,7 @@ def _fault(expanded: ExpandedText, machine: InteractiveParser, token: Token) -> 
 
 @v_args(inline=True)
 class TreeBuilder(Transformer[Token, Any]):
-    """Makes the syntax tree out of lark's."""
+    """Transforms lark's tree to the syntax tree."""
 
     def __init__(self, expanded: ExpandedText, fault: DescriptionError | None) -> None:
         super().__init__()
@@ -144,7 +144,7 @@ class TreeBuilder(Transformer[Token, Any]):
         return with_pads(node, src=pads)
 
     def simple(self, name: Token, *settings: Token) -> ElementNode | FaultNode:
-        """An element type and what is set on it."""
+        """An element type and its assignments."""
         if not name and self.fault is not None:
             return FaultNode(self.fault)
         assignments = tuple(self._assignment(token) for token in settings if token.type == "ASSIGNMENT")
@@ -152,7 +152,7 @@ class TreeBuilder(Transformer[Token, Any]):
         return ElementNode(str(name), self._place(name), assignments, presets)
 
     def bin(self, opening: Token, *parts: Any) -> BinNode:
-        """A group; its own properties stand first."""
+        """A bin; its own properties come first."""
         factory = "bin" if opening.type == "OPEN" else re.split(r"[\s.]", str(opening), maxsplit=1)[0]
         assignments = tuple(self._assignment(part) for part in parts[:-1] if isinstance(part, Token))
         chains = tuple(part for part in parts if isinstance(part, ChainNode))
@@ -173,26 +173,26 @@ class TreeBuilder(Transformer[Token, Any]):
         return (str(first)[1:], *(str(token) for token in rest if token.type != "COMMA"))
 
     def reference(self, token: Token, *rest: Token) -> ReferenceNode:
-        """A name, and pads of it."""
+        """A name and its pads."""
         name, _, pad = str(token).partition(".")
         more = tuple(str(item) for item in rest if item.type != "COMMA")
         return ReferenceNode(name, self._place(token), (pad, *more) if pad else more)
 
     def url(self, token: Token) -> UrlNode:
-        """An address."""
+        """A URI."""
         return UrlNode(resolve_escapes(str(token)), self._place(token))
 
     def _assignment(self, token: Token) -> Assignment:
         name, _, value = str(token).partition("=")
-        # Blanks in front belong to the name of a preset, as in gst-launch.
+        # Leading blanks belong to the name of a preset, as in gst-launch.
         value = value if token.type == "PRESET" else value.lstrip(" \t\n\r\f\v")
         return Assignment(name.strip(), value, self._place(token))
 
 
 def unquote_value(text: str) -> str:
-    """Launch level unquoting: one pair of double quotes off, backslashes resolved outside inner quotes.
+    """Launch-level unquoting: removes a pair of double quotes, resolves backslashes outside inner quotes.
 
-    Source: GStreamer's description of gst-launch quoting; inner quotes protect what stands between them.
+    Source: GStreamer's description of gst-launch quoting.
     """
     if text and text[0] == text[-1] == '"':
         text = text[1:-1]
@@ -200,7 +200,7 @@ def unquote_value(text: str) -> str:
 
 
 def resolve_escapes(text: str) -> str:
-    """The text with backslashes resolved, save between double quotes."""
+    """Resolves backslashes, except between double quotes."""
     if "\\" not in text:
         return text
     kept: list[str] = []

@@ -1,4 +1,4 @@
-"""Pipeline: a graph that can be started, watched and stopped."""
+"""Pipeline: starts, monitors and stops a graph."""
 
 from __future__ import annotations
 
@@ -21,24 +21,22 @@ from streamkit.graph.graph import Graph
 from streamkit.graph.playback import Playback
 from streamkit.graph.queries import Latency, duration_ns, graph_latency, position_ns
 from streamkit.graph.states import State, StateChange
-from streamkit.graph.statistics import ElementStatistics, Tally, collect_statistics
+from streamkit.graph.statistics import ElementStatistics, MessageCounts, collect_statistics
 
 STOP_LIMIT_S = 5.0
 WATCHDOG_S = 30.0
 
 
 class Pipeline:
-    """A graph of elements that streams.
-
-    `Pipeline.parse(text)` makes one; as a context manager it stops at the end of the block.
+    """A graph of elements that streams; `Pipeline.parse(text)` makes one. A context manager that stops it.
 
     Attributes:
         graph: the elements and links.
         bus: messages from the elements.
         state: null, ready, paused or playing.
         timing: the running time.
-        watchdog_s: an element that does not come back with a frame for so long fails; other calls that take
-            so long (`start`, `drain`, `stop`) are warned of, and `stop` is given up. 0 is never.
+        watchdog_s: time limit of an element's calls: for a frame the element fails; for `start`, `drain` and
+            `stop` a warning is posted, and `stop` is abandoned. 0 is no limit.
     """
 
     def __init__(self, graph: Graph, clock: Clock | None = None, watchdog_s: float = WATCHDOG_S) -> None:
@@ -51,8 +49,8 @@ class Pipeline:
         self._cancelled = threading.Event()
         self._lock = threading.RLock()
         self._started: list[Element] = []
-        self._tally = Tally()
-        self.bus.watch(self._tally)
+        self._message_counts = MessageCounts()
+        self.bus.watch(self._message_counts)
         self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
 
     @classmethod
@@ -67,12 +65,12 @@ class Pipeline:
 
         Args:
             text: in gst-launch's language, with `#` comments and `${VARIABLES}`.
-            variables: values for `${NAME}`.
-            clock: another clock than the machine's.
-            watchdog_s: longest time that an element may take for a frame, s; 0 is for ever.
+            variables: values of `${NAME}`.
+            clock: instead of the system clock.
+            watchdog_s: time limit of an element's calls, s; 0 is none.
 
         Raises:
-            DescriptionError: the text cannot become a graph; points into the text.
+            DescriptionError: the text is invalid; points into the text.
         """
         from streamkit.graph.build import build
 
@@ -96,23 +94,21 @@ class Pipeline:
 
     @property
     def ended(self) -> threading.Event:
-        """Set at the end of the stream, after a failure, and after a stop."""
+        """Set at EOS, failure and stop."""
         return self._playback.end.ended
 
     @property
     def is_live(self) -> bool:
-        """Whether any source is live: its frames do not wait for anybody."""
+        """Whether any source is live."""
         return self._playback.is_live
 
     # States.
 
     def ready(self) -> None:
-        """Starts every element, sinks first; a failure stops those already started.
-
-        From a higher state it ends streaming and leaves the elements started.
+        """Starts every element, sinks first; from a higher state, stops first.
 
         Raises:
-            ElementFailure: an element could not start, or `cancel` was called meanwhile.
+            ElementFailure: an element could not start, or `cancel` was called; started elements are stopped.
         """
         with self._lock:
             if self.state in (State.PAUSED, State.PLAYING):
@@ -125,7 +121,7 @@ class Pipeline:
             self.timing.reset()
             self.timing.running.set()
             self.bus.flush()
-            self._tally.counts.clear()
+            self._message_counts.counts.clear()
             try:
                 for element in self.graph.from_sinks():
                     self._adopt(element)
@@ -135,7 +131,7 @@ class Pipeline:
             self._change_state(State.READY)
 
     def play(self) -> StateChange:
-        """Starts streaming, or goes on after a pause.
+        """Starts streaming, or resumes after a pause.
 
         Raises:
             ElementFailure: an element could not start.
@@ -158,9 +154,9 @@ class Pipeline:
         return StateChange.SUCCESS
 
     def pause(self) -> StateChange:
-        """Makes sinks hold the next frame that comes, and live sources wait; running time stands still.
+        """Pauses running time, live sources, and sinks at their next frame.
 
-        A pipeline that does not stream yet begins to, up to the first frame in each sink: `wait_prerolled`.
+        A pipeline that does not stream yet prerolls up to the first frame in each sink: `wait_prerolled`.
 
         Raises:
             ElementFailure: an element could not start.
@@ -184,35 +180,35 @@ class Pipeline:
         """Waits until every sink of the paused pipeline holds its first frame.
 
         Raises:
-            ElementFailure: the pipeline has failed instead.
+            ElementFailure: the pipeline failed.
         """
         return self._playback.end.wait_prerolled(timeout_s)
 
     def flush(self) -> None:
-        """Drops every frame that is on its way, as a jump to the newest of a live feed needs it."""
+        """Drops all frames in flight, for example to jump to the newest of a live feed."""
         with self._lock:
             if self.state in (State.PAUSED, State.PLAYING):
                 self._playback.flush()
 
     def cancel(self) -> None:
-        """Ends a start or a stop that is under way; may be called from any thread or signal handler.
+        """Cancels a start or stop in progress; safe in any thread or signal handler.
 
-        A start then raises `ElementFailure` (of `StartCancelled`), after elements that have started were
-        stopped; a stop gives up the calls that have not come back.
+        The start raises `ElementFailure` (of `StartCancelled`) after stopping started elements; the stop
+        abandons calls that did not return.
         """
         self._cancelled.set()
 
     def finish(self) -> None:
-        """Makes every source end its stream; EOS then travels behind the last frames."""
+        """Makes every source end its stream with EOS."""
         for element in self.graph.elements:
             if isinstance(element, Source):
                 element.finish()
 
     def stop(self) -> None:
-        """Ends streaming and stops every element that was started; returns within bounds.
+        """Ends streaming and stops every started element, within time limits.
 
         Raises:
-            StateError: a thread did not end in time, which is named; or a thread of the graph itself calls.
+            StateError: a thread did not end in time, or the caller is a streaming thread.
         """
         if self._playback.is_own_thread():
             raise StateError(
@@ -234,18 +230,18 @@ class Pipeline:
                 "of the stop; its thread is left behind"
             )
 
-    # Waiting and looking.
+    # Waiting and queries.
 
     def wait(self, timeout_s: float | None = None) -> Message | None:
-        """Waits for the end: the eos or error message, or None when the time is over."""
+        """Waits for the eos or error message; None at the timeout."""
         return self.bus.pop(timeout_s, (MessageKind.EOS, MessageKind.ERROR))
 
     def run(self, timeout_s: float | None = None) -> None:
         """Plays until EOS, then stops.
 
         Raises:
-            ElementFailure: an element failed; every started element has been stopped.
-            StateError: EOS has not come within `timeout_s`.
+            ElementFailure: an element failed.
+            StateError: no EOS within `timeout_s`.
         """
         try:
             self.play()
@@ -261,44 +257,44 @@ class Pipeline:
         """Counters of every element since streaming began."""
         chains, retired = list(self._playback.chains), self._playback.retired
         now_ns = self.clock.monotonic_ns()
-        return collect_statistics(self.graph, chains, retired, self._tally.counts, now_ns)
+        return collect_statistics(self.graph, chains, retired, self._message_counts.counts, now_ns)
 
     def latency(self) -> Latency:
-        """How old live frames are at the sinks at least, and for how long they can be held."""
+        """Minimum and maximum latency of live frames; posts a warning if they cannot be buffered."""
         found = graph_latency(self.graph)
         if warning := found.warning():
             self.bus.post(Message(MessageKind.WARNING, "", warning, {"code": "latency"}))
         return found
 
     def position_ns(self) -> int | None:
-        """Timestamp of the newest frame that a synchronised sink has shown; None where there is none."""
+        """Timestamp of the newest frame that a sink with `sync` has rendered, or None."""
         return position_ns(self.graph)
 
     def duration_ns(self) -> int | None:
-        """How long the longest source streams; None where one has no end or cannot tell."""
+        """Duration of the longest source; None if that of any source is unknown."""
         return duration_ns(self.graph)
 
     # Branches.
 
     def add_branch(self, element: str, description: str) -> Branch:
-        """Links a description behind a request pad of an element (a tee), also while playing.
+        """Links a description to a request pad of an element (a tee), also while playing.
 
         Args:
             element: name of the element that has request pads.
-            description: begins with an element that takes frames, as "queue ! fakesink".
+            description: starts with an element with a sink pad, as "queue ! fakesink".
 
         Raises:
-            DescriptionError: the text is wrong, or cannot be linked there.
-            ElementFailure: an element of the branch could not start; nothing of it remains.
+            DescriptionError: the text is invalid, or cannot be linked.
+            ElementFailure: an element of the branch could not start; the branch is removed.
         """
         with self._lock:
             return add_branch(self.graph, element, description, self._playback if self._started else None)
 
     def remove_branch(self, branch: Branch, timeout_s: float = 2.0) -> None:
-        """Unlinks a branch; it ends with EOS, finishes what it has within `timeout_s`, and is stopped.
+        """Sends EOS into a branch, lets it drain for `timeout_s`, then unlinks and stops it.
 
         Raises:
-            StateError: one of its threads did not end in time; names it.
+            StateError: a thread did not end in time.
         """
         with self._lock:
             remove_branch(self.graph, branch, self._playback if self._started else None, timeout_s)
@@ -308,17 +304,17 @@ class Pipeline:
         if stuck:
             raise StateError(f"{', '.join(stuck)}: a call has not come back; its thread is left behind")
 
-    # Inside.
+    # Internal.
 
     def _limits(self) -> CallLimits:
-        return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self._posted)
+        return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self._post)
 
     def _adopt(self, element: Element) -> None:
-        """Starts an element as one of this pipeline."""
+        """Adds an element to this pipeline and starts it."""
         element.clock = self.clock
         element.timing = self.timing
         element.host = self._playback
-        element.poster = self._posted
+        element.poster = self._post
         element.pipeline_error = lambda: self.error
         self._started.append(element)
         start_element(element, self._limits())
@@ -329,8 +325,8 @@ class Pipeline:
             element.is_playing = value
 
     def _end_streaming(self, elements: list[Element]) -> list[str]:
-        """Ends the threads of some elements; names of those that did not."""
-        wake_elements(elements, self._posted)
+        """Ends the threads of some elements; names of those whose thread did not end."""
+        wake_elements(elements, self._post)
         return self._playback.join(time.monotonic() + STOP_LIMIT_S, elements)
 
     def _change_state(self, state: State) -> None:
@@ -338,8 +334,8 @@ class Pipeline:
             self.state = state
             self.bus.post(Message(MessageKind.STATE, "", str(state), {"state": str(state)}))
 
-    def _posted(self, message: Message) -> None:
-        """Takes a message of an element; a sink's EOS counts, and only that of the last is posted."""
+    def _post(self, message: Message) -> None:
+        """Posts a message of an element, except EOS, which is posted for the last sink only."""
         if message.kind is not MessageKind.EOS:
             self.bus.post(message)
             return

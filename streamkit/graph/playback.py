@@ -1,4 +1,4 @@
-"""Playback: one streaming of a graph, from its threads' start to their end."""
+"""Playback: one run of a graph, from the start of its threads to their end."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from streamkit.graph.watchdog import Watchdog
 
 
 class Playback:
-    """The threads, chains and ends of a graph that streams; what its elements call as their host.
+    """The threads and chains of a streaming graph, and the host of its elements.
 
     Attributes:
-        chains: one behind every src pad.
-        retired: what the chains of removed branches had counted.
-        end: which sinks the run waits for, and how it ended.
-        is_streaming: whether threads have been started.
+        chains: one for each src pad.
+        retired: counters of the chains of removed branches.
+        end: tracks the end of the run.
+        is_streaming: whether threads were started.
     """
 
     def __init__(self, graph: Graph, bus: Bus, timing: Timing, adopt: Callable[[Element], None]) -> None:
-        """Nothing streams yet.
+        """Prepares a run.
 
         Args:
-            graph: its elements have been started.
-            bus: takes messages.
+            graph: its elements are started.
+            bus: for messages.
             timing: running time of the pipeline.
-            adopt: starts an element that joins while the graph streams.
+            adopt: starts an element that is added while the graph streams.
         """
         self.chains: list[Chain] = []
         self.retired = RetiredChainTotals()
@@ -58,7 +58,7 @@ class Playback:
         self._watchdog: Watchdog | None = None
         self._is_stopping = False
 
-    # Beginning and ending.
+    # Start and stop.
 
     @property
     def is_live(self) -> bool:
@@ -66,7 +66,7 @@ class Playback:
         return any(source.is_live for source in self._sources())
 
     def begin(self, watchdog_s: float) -> None:
-        """Makes the chains and starts a thread for every source and queue, and the watchdog beside them."""
+        """Makes the chains; starts the watchdog and a thread for every source and queue."""
         graph = self._graph
         for element in graph.elements:
             for pad in element.pads.values():
@@ -92,7 +92,7 @@ class Playback:
             thread.start()
 
     def add_threads(self, elements: Iterable[Element]) -> list[StreamingThread]:
-        """Threads for the elements that stream, not started yet."""
+        """Makes threads, not started yet, for the sources and queues among the elements."""
         made = []
         for element in elements:
             if isinstance(element, Sink):
@@ -105,7 +105,7 @@ class Playback:
         return made
 
     def join(self, deadline: float, elements: Iterable[Element] | None = None) -> list[str]:
-        """Waits for the threads (of some elements) to end; names of the elements whose thread has not."""
+        """Waits until the threads (of some elements) end; returns the names of those that did not."""
         with self._lock:
             wanted = None if elements is None else {id(element) for element in elements}
             threads = [thread for thread in self._threads if wanted is None or id(thread.element) in wanted]
@@ -115,11 +115,11 @@ class Playback:
         return stuck
 
     def is_own_thread(self) -> bool:
-        """Whether the calling thread is one of the graph's own."""
+        """Whether the caller is a streaming thread of the graph."""
         return any(thread.is_current for thread in self._threads)
 
     def stop(self) -> None:
-        """The pipeline is stopping: no end of the stream is reported any more, and no hang."""
+        """Stops reporting hangs and the end of the stream."""
         self._is_stopping = True
         if self._watchdog is not None:
             self._watchdog.stop()
@@ -127,7 +127,7 @@ class Playback:
     # Pausing and flushing.
 
     def hold(self) -> None:
-        """Running time stands still; sinks hold the next frame that comes."""
+        """Pauses running time; sinks hold their next frame."""
         self._timing.hold()
         self._expect_preroll()
         for element in self._graph.elements:
@@ -137,7 +137,7 @@ class Playback:
         self.refresh()
 
     def go_on(self) -> None:
-        """Frames are rendered again."""
+        """Resumes rendering."""
         for element in self._graph.elements:
             if not element.is_flushing:
                 element.rearm()
@@ -147,7 +147,7 @@ class Playback:
             source.hold(False)
 
     def refresh(self) -> None:
-        """Lets every sink say anew how it takes its frames."""
+        """Updates the receiver function of every sink."""
         for chain in list(self.chains):
             if isinstance(chain.terminal, Sink):
                 chain.refresh()
@@ -156,7 +156,7 @@ class Playback:
         self.end.expect_preroll([] if self.is_live else self._sinks())
 
     def flush(self) -> None:
-        """Drops everything that is on its way; sources go on with their next frame."""
+        """Drops all frames in flight; sources continue with their next frame."""
         pads = [pad for source in self._sources() for pad in source.src_pads()]
         for source in self._sources():
             source.flush(begins=True)
@@ -169,21 +169,21 @@ class Playback:
         for source in self._sources():
             source.flush(begins=False)
 
-    # What elements call as their host.
+    # Called by elements, as their host.
 
     def prerolled(self, element: Element) -> None:
         """A sink of the paused graph holds its first frame."""
         self.end.sink_prerolled(element)
 
     def reconfigure(self, element: Element) -> None:
-        """What an element can take has changed: its sources negotiate anew before their next frame."""
+        """Makes the sources upstream of an element renegotiate before their next frame."""
         with self._lock:
             remember_caps(self._graph)
-        for source in _sources_above(element):
+        for source in _upstream_sources(element):
             source.renegotiate()
 
     def pad_added(self, pad: Pad) -> None:
-        """Tries the links that wait for the pad, and composes what then stands behind it."""
+        """Tries the delayed links of a new pad, and composes the chain behind it."""
         with self._lock:
             known = {id(element) for element in self._graph.elements}
             for link in list(self._graph.delayed_links):
@@ -202,14 +202,14 @@ class Playback:
         self.chains.append(chain)
 
     def no_more_pads(self, element: Element) -> None:
-        """Links still waiting are warned of; what they should have fed ends, so that the rest can.
+        """Warns of delayed links without a pad and sends EOS to their sinks.
 
-        Where the element feeds nothing at all, as a decoder was left out, that is an error.
+        If no pad of the element is linked, for example because a decoder is missing, the run fails.
         """
         text = ""
         for link in list(self._graph.delayed_links):
             if link.source is element and not link.has_succeeded and not link.every_pad:
-                text = f"the stream has no pad for {link.description}; {_pads_told(element)}"
+                text = f"the stream has no pad for {link.description}; {_pads_text(element)}"
                 self._bus.post(Message(MessageKind.WARNING, element.name, text, {"code": "delayed-link"}))
         if text and all(pad.peer is None for pad in element.src_pads()):
             cause = NotNegotiated(
@@ -221,10 +221,10 @@ class Playback:
                 if pad.peer is None and not pad.is_eos:
                     pad.receive_event(EOS)
 
-    # Branches that come and go.
+    # Adding and removing branches.
 
     def join_branch(self, src: Pad, elements: list[Element]) -> None:
-        """A branch of started elements begins to stream behind a request pad."""
+        """Starts streaming into a branch of started elements behind a request pad."""
         with self._lock:
             is_paused = not self._timing.running.is_set() and not self.is_live
             self.end.add((e for e in elements if isinstance(e, Sink)), is_paused=is_paused)
@@ -243,7 +243,7 @@ class Playback:
         src.element.pads_changed()
 
     def leave_branch(self, src: Pad, elements: list[Element]) -> None:
-        """A branch is gone: the stream may end without its sinks."""
+        """Removes a branch; the run no longer waits for its sinks."""
         members = {id(element) for element in elements}
         with self._lock:
             gone = [c for c in self.chains if c.src is src or id(c.src.element) in members]
@@ -254,19 +254,19 @@ class Playback:
             self.retired.forget(members)
         self.end.remove(elements)
 
-    # Ends.
+    # End of the run.
 
     def sink_ended(self, element: Element) -> None:
-        """A sink has seen EOS."""
+        """A sink has drained after EOS."""
         self.end.sink_ended(element)
 
     def fail(self, error: Exception) -> None:
-        """An element failed: its branch is dropped if it may be, else the run ends."""
+        """Handles a failure: drops the branch if that is allowed, else ends the run."""
         if not (self.is_streaming and self._failures.drops(error)):
             self.end.fail(error)
 
     def _thread_ended(self) -> None:
-        """Nothing more can come once every thread has ended: that is the end even where a sink saw no EOS."""
+        """Ends the run once every thread has ended, even if a sink did not get EOS."""
         if not self._is_stopping and all(thread.has_ended for thread in self._threads):
             self.end.post_eos()
 
@@ -278,9 +278,9 @@ class Playback:
 
 
 def compose_chains(elements: Iterable[Element], chains: list[Chain]) -> None:
-    """Composes the chain behind every src pad of some elements and adds it to `chains`.
+    """Composes the chain of every src pad of some elements and appends it to `chains`.
 
-    Behind a transform that is not needed before it makes none or several of a frame: it is composed then.
+    Chains behind transforms are composed when the transform first returns several frames.
     """
     for element in elements:
         for pad in list(element.src_pads()):
@@ -293,8 +293,8 @@ def compose_chains(elements: Iterable[Element], chains: list[Chain]) -> None:
         element.pads_changed()
 
 
-def _pads_told(element: Element) -> str:
-    """The pads that an element has brought, with what they carry: what is missing shows by that."""
+def _pads_text(element: Element) -> str:
+    """The src pads of an element with their media types, for a warning."""
     pads = [
         pad.name if pad.caps is None or pad.caps.is_any else f"{pad.name} with {pad.caps.name}"
         for pad in element.src_pads()
@@ -302,7 +302,7 @@ def _pads_told(element: Element) -> str:
     return f"it has {', '.join(pads)}" if pads else "it has none at all"
 
 
-def _sources_above(element: Element) -> list[Source]:
+def _upstream_sources(element: Element) -> list[Source]:
     found: list[Source] = []
     seen: set[int] = set()
     front = [element]

@@ -1,4 +1,4 @@
-"""Queries: what a graph as a whole can tell: latency, position, duration."""
+"""Queries on a graph: latency, position, duration."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from streamkit.graph.graph import Graph
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """The answer of a latency query.
+    """Result of a latency query.
 
     Attributes:
-        is_live: whether any source is live; the times of a graph without one are 0.
-        minimum_ns: what every sink must add to be in time for the slowest path.
-        maximum_ns: for how long the path that can hold least can hold frames; None is no limit.
+        is_live: whether any source is live; without one the times are 0.
+        minimum_ns: latency of the slowest path.
+        maximum_ns: shortest time that any path can buffer frames; None is no limit.
     """
 
     is_live: bool
@@ -24,7 +24,7 @@ class Latency:
     maximum_ns: int | None = None
 
     def warning(self) -> str:
-        """What is wrong where frames cannot be held for as long as they need; "" where nothing is."""
+        """A warning if paths cannot buffer frames for the minimum latency, else ""."""
         if self.maximum_ns is None or self.maximum_ns >= self.minimum_ns:
             return ""
         return (
@@ -34,7 +34,7 @@ class Latency:
 
 
 def graph_latency(graph: Graph) -> Latency:
-    """The latency of a graph: the longest of its paths, and the least that any of them can hold.
+    """The latency of a graph: maximum of all paths, and the minimum that any of them can buffer.
 
     Source: GStreamer's latency query.
     """
@@ -66,13 +66,13 @@ def _joined(paths: list[Latency]) -> Latency:
 
 
 def position_ns(graph: Graph) -> int | None:
-    """Timestamp of the newest frame that a synchronised sink has shown, ns; None where there is none."""
+    """Timestamp of the newest frame that a sink with `sync` has rendered, ns, or None."""
     sinks = (element for element in graph.elements if isinstance(element, Sink))
     return max((sink.position_ns for sink in sinks if sink.position_ns is not None), default=None)
 
 
 def duration_ns(graph: Graph) -> int | None:
-    """How long the longest source streams, ns; None where one has no end or cannot tell."""
+    """Duration of the longest source, ns; None if that of any source is unknown."""
     found = [element.duration_ns() for element in graph.elements if isinstance(element, Source)]
     known = [duration for duration in found if duration is not None]
     return max(known) if known and len(known) == len(found) else None

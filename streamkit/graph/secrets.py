@@ -1,4 +1,4 @@
-"""Finds what must not be shown with a text: values of properties that are declared secret, or look so."""
+"""Finds secrets in a description: values of properties that are secret by declaration or by name."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from streamkit.errors import DescriptionError, PluginBroken
 from streamkit.graph.tokens import TOKEN_LIMIT, DescriptionLexer
 from streamkit.masking import MASK, credential_spans, is_secret_name
 
-SHORTEST_PIECE = 3  # shorter ones stand in too many words of an error
+SHORTEST_PIECE = 3  # shorter ones occur in too many words of an error
 
 
 def conceal(error: DescriptionError, text: str) -> None:
-    """Takes out of an error about a text what stands in the text's secrets.
+    """Masks the secrets of a text in an error about it.
 
-    A password with a blank in it falls apart into words, which an error may name as elements.
+    A password with blanks is parsed as several words, which an error may name as elements.
     """
     pieces = {
         piece
@@ -33,7 +33,7 @@ def conceal(error: DescriptionError, text: str) -> None:
 
 
 def secret_assignments(text: str) -> tuple[str, ...]:
-    """The assignments of a text whose values are secret, as written, up to its last token."""
+    """The assignments of a text whose values are secret, as written."""
     found: list[str] = []
     factory = ""
     for token in itertools.islice(DescriptionLexer(None).lex(text), TOKEN_LIMIT):

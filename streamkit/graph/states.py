@@ -1,4 +1,4 @@
-"""The states of a pipeline, and what a change of state has come to."""
+"""States of a pipeline, and results of state changes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import enum
 
 
 class State(enum.StrEnum):
-    """What a pipeline is doing."""
+    """State of a pipeline."""
 
     NULL = "null"
     READY = "ready"
@@ -15,10 +15,7 @@ class State(enum.StrEnum):
 
 
 class StateChange(enum.StrEnum):
-    """What a change of state has come to.
-
-    ASYNC: a paused pipeline still waits for its sinks' first frames; NO_PREROLL: it is live, and none come.
-    """
+    """Result of a state change; ASYNC: sinks await their first frame; NO_PREROLL: the pipeline is live."""
 
     SUCCESS = "success"
     ASYNC = "async"

@@ -1,6 +1,6 @@
-"""Counters of a running graph: what came in, what went out, what was dropped and why, working time, age.
+"""Counters of a running graph: frames in, out and dropped, working time, age.
 
-Every frame is counted once per chain, and the clock is read once per element and frame.
+Every frame is counted once per chain; the clock is read once per element and frame.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ class PadStatistics(msgspec.Struct, frozen=True):
     """Counters of one pad since streaming began.
 
     Attributes:
-        pad: its name.
+        pad: name.
         direction: "sink" or "src".
-        frames: frames that went through it.
-        peer: element and pad it is linked to, "queue0.sink", or None.
-        caps: the caps in force, or None before negotiation.
+        frames: number of frames.
+        peer: linked element and pad, "queue0.sink", or None.
+        caps: current caps, or None before negotiation.
     """
 
     pad: str
@@ -41,16 +41,14 @@ class PadStatistics(msgspec.Struct, frozen=True):
 
 
 class QueueLevels(msgspec.Struct, frozen=True):
-    """What an element that holds frames holds now, and the most it held since streaming began.
+    """Current and maximum levels of a queue since streaming began.
 
     Attributes:
-        buffers: frames held.
+        buffers: queued frames.
         bytes: their size.
         time_ns: from the oldest to the newest, ns.
-        max_buffers: the most frames it held, or None where that is not counted.
-        max_bytes: the most bytes it held, or None where that is not counted.
-        max_time_ns: the longest time it held, or None where that is not counted.
-        limit_buffers: how many frames make it full; 0 is no limit.
+        max_buffers, max_bytes, max_time_ns: maximum levels, or None if not counted.
+        limit_buffers: frames that make it full; 0 is no limit.
     """
 
     buffers: int
@@ -66,18 +64,17 @@ class ElementStatistics(msgspec.Struct, frozen=True):
     """Counters of one element since streaming began.
 
     Attributes:
-        element: its name.
-        parent: name of the bin it stands in, or "".
-        factory: its type.
-        frames_in: frames that arrived, over all sink pads.
-        frames_out: frames that left, over all src pads.
+        element: name.
+        parent: name of the enclosing bin, or "".
+        factory: element type.
+        frames_in: frames over all sink pads.
+        frames_out: frames over all src pads.
         dropped: frames not delivered, by reason.
-        errors: failures of the element.
-        warnings: warnings it posted.
-        busy_ns: working time, ns. Of a source: the time it took to make frames, 0 for a live one,
-            whose waiting is no work. Of a queue: what upstream took to hand frames over, waiting included.
-        age_ns: how long ago the newest frame seen arrived at its source, ns; None before a frame.
-        queue: what it holds, or None for an element that holds no frames.
+        errors, warnings: messages posted.
+        busy_ns: working time, ns. Of a source: time to produce frames, 0 for a live one. Of a queue: time of
+            upstream to push frames, including waits.
+        age_ns: time since the newest frame arrived at its source, ns; None before a frame.
+        queue: levels, or None for an element without a queue.
         pads: counters of each pad.
     """
 
@@ -96,12 +93,12 @@ class ElementStatistics(msgspec.Struct, frozen=True):
 
 
 class RunStatistics(msgspec.Struct, frozen=True, kw_only=True):
-    """The counters of a whole graph: the JSON of `launch --stats=json`, told in docs/statistics.md.
+    """The counters of a graph: the JSON of `launch --stats=json`, see docs/statistics.md.
 
     Attributes:
-        schema: name and version of the object's shape.
+        schema: name and version of the format.
         elapsed_s: since the run began, s.
-        elements: one entry for each element, in the order of the description.
+        elements: in the order of the description.
     """
 
     schema: Literal["streamkit.statistics/1"] = "streamkit.statistics/1"
@@ -109,8 +106,8 @@ class RunStatistics(msgspec.Struct, frozen=True, kw_only=True):
     elements: list[ElementStatistics]
 
 
-class Tally:
-    """Counts errors and warnings of each element, as a watcher of the bus."""
+class MessageCounts:
+    """Counts errors and warnings of each element; a watcher of the bus."""
 
     def __init__(self) -> None:
         self.counts: Counter[tuple[str, MessageKind]] = Counter()
@@ -121,13 +118,13 @@ class Tally:
             self.counts[message.source, message.kind] += 1
 
 
-class _Sums:
-    """What the chains of a graph add up to, by pad and by element, whose name another may share."""
+class _ChainTotals:
+    """Totals of the chains of a graph by pad, and by `id` of the element."""
 
     def __init__(self, chains: Iterable[Chain], retired: RetiredChainTotals) -> None:
         self.frames: Counter[Pad] = Counter()
-        self.came: Counter[int] = Counter()
-        self.left: Counter[int] = Counter(retired.frames)
+        self.frames_in: Counter[int] = Counter()
+        self.frames_out: Counter[int] = Counter(retired.frames)
         self.busy_ns: Counter[int] = Counter()
         self.newest_ns: dict[int, int] = {}
         self._behind: dict[int, list[Chain]] = {}
@@ -136,41 +133,41 @@ class _Sums:
             self._behind.setdefault(id(chain.src.element), []).append(chain)
             self._add(chain)
         for owner in [behind[0].src.element for behind in self._behind.values()]:
-            self._settle(owner, self._behind[id(owner)])
+            self._attribute_work(owner, self._behind[id(owner)])
 
     def _add(self, chain: Chain) -> None:
-        """Adds what one chain counted."""
-        self._leave(chain.src, chain.frames)
+        """Adds the counters of a chain."""
+        self._count_output(chain.src, chain.frames)
         newest_ns = 0
         for stage, count in reversed(chain.received()):
-            newest_ns = stage.newest_ns or newest_ns  # a stage that is not called passes what came behind it
+            newest_ns = stage.newest_ns or newest_ns  # a bypassed stage has the time of the next one
             element = stage.element
-            self._see(element, newest_ns)
-            self.came[id(element)] += count
+            self._update_newest(element, newest_ns)
+            self.frames_in[id(element)] += count
             self.frames[stage.sink] += count
             self.busy_ns[id(element)] += stage.busy_ns
             if isinstance(element, Transform):
-                self._leave(element.src_pad, count - stage.swallowed)
-        self._see(chain.src.element, newest_ns)
+                self._count_output(element.src_pad, count - stage.swallowed)
+        self._update_newest(chain.src.element, newest_ns)
 
-    def _leave(self, pad: Pad, count: int) -> None:
+    def _count_output(self, pad: Pad, count: int) -> None:
         self.frames[pad] += count
-        self.left[id(pad.element)] += count
+        self.frames_out[id(pad.element)] += count
 
-    def _see(self, element: Element, newest_ns: int) -> None:
+    def _update_newest(self, element: Element, newest_ns: int) -> None:
         self.newest_ns[id(element)] = max(newest_ns, self.newest_ns.get(id(element), 0))
 
-    def _settle(self, owner: Element, behind: list[Chain]) -> None:
-        """Tells the work of an element from that of the chains it calls: a source's, a tee's."""
+    def _attribute_work(self, owner: Element, behind: list[Chain]) -> None:
+        """Separates the work of a source or tee from that of the chains that it calls."""
         if isinstance(owner, Source):
             made_ns = 0 if owner.is_live else behind[0].upstream_ns
             self.busy_ns[id(owner)] = made_ns - sum(self._spent_ns(chain) for chain in behind[1:])
-        elif not isinstance(owner, Transform) and not hasattr(owner, "stream"):  # with no thread of its own
+        elif not isinstance(owner, Transform) and not hasattr(owner, "stream"):  # without its own thread
             called_ns = self._retired.busy_ns[id(owner)]
             self.busy_ns[id(owner)] -= called_ns + sum(self._spent_ns(chain) for chain in behind)
 
     def _spent_ns(self, chain: Chain) -> int:
-        """Working time in a chain, with the chains of transforms that make several frames of one."""
+        """Working time in a chain, including chains behind transforms that return several frames."""
         nested = (
             beyond
             for stage in chain.stages
@@ -187,34 +184,34 @@ def collect_statistics(
     counts: Counter[tuple[str, MessageKind]],
     now_ns: int,
 ) -> list[ElementStatistics]:
-    """The counters of every element of a graph, in its order.
+    """The counters of every element of a graph, in order.
 
     Args:
-        graph: its elements.
+        graph: the graph.
         chains: the chains of its run.
-        retired: what the chains of removed branches had counted.
+        retired: counters of the chains of removed branches.
         counts: messages by element and kind.
         now_ns: time of the pipeline's clock, ns.
     """
-    sums = _Sums(chains, retired)
+    totals = _ChainTotals(chains, retired)
 
     def row(element: Element) -> ElementStatistics:
         name = element.name
-        newest_ns = sums.newest_ns.get(id(element), 0)
+        newest_ns = totals.newest_ns.get(id(element), 0)
         waited_ns = element.waited_ns if isinstance(element, Sink) else 0
         return ElementStatistics(
             element=name,
             parent=element.parent,
             factory=element.factory,
-            frames_in=sums.came[id(element)],
-            frames_out=sums.left[id(element)],
+            frames_in=totals.frames_in[id(element)],
+            frames_out=totals.frames_out[id(element)],
             dropped=dict(element.drops),
             errors=counts[name, MessageKind.ERROR],
             warnings=counts[name, MessageKind.WARNING],
-            busy_ns=max(0, sums.busy_ns[id(element)] - waited_ns),
+            busy_ns=max(0, totals.busy_ns[id(element)] - waited_ns),
             age_ns=max(0, now_ns - newest_ns) if newest_ns else None,
             queue=_levels(element),
-            pads=[_pad_row(pad, sums.frames[pad]) for pad in list(element.pads.values())],
+            pads=[_pad_row(pad, totals.frames[pad]) for pad in list(element.pads.values())],
         )
 
     return [row(element) for element in graph.elements]
@@ -232,7 +229,7 @@ def _pad_row(pad: Pad, frames: int) -> PadStatistics:
 
 
 def _levels(element: Any) -> QueueLevels | None:
-    """What an element holds in its `pending` frames; None where it holds none."""
+    """Levels of the element's queue `pending`, or None."""
     pending = getattr(element, "pending", None)
     if not isinstance(pending, FrameQueue):
         return None

@@ -1,4 +1,4 @@
-"""StreamEnd: which sinks a run still waits for, to preroll or to end, and how it ended."""
+"""StreamEnd: tracks preroll and end of the sinks of a run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class StreamEnd:
 
     Attributes:
         error: the first failure, or None.
-        ended: set at the end of the stream, after a failure, and after a stop.
+        ended: set at EOS, failure and stop.
         is_prerolled: set while every sink of a paused graph holds a frame.
     """
 
@@ -32,33 +32,33 @@ class StreamEnd:
         self._not_prerolled: set[int] = set()
 
     def expect_end(self, sinks: Iterable[Sink]) -> None:
-        """The run ends when these sinks have ended."""
+        """Sets the sinks whose end is the end of the run."""
         with self._sink_ended:
             self._open = {id(sink) for sink in sinks}
 
     def expect_preroll(self, sinks: Iterable[Sink]) -> None:
-        """The graph is prerolled when each of these sinks that counts (`async`) holds a frame."""
+        """Sets the sinks of a paused graph that have to preroll, unless `async` is off."""
         with self._sink_ended:
             self._not_prerolled = {id(sink) for sink in sinks if sink.wait_for_preroll}
-            self._tell_preroll()
+            self._update_prerolled()
 
     def add(self, sinks: Iterable[Sink], *, is_paused: bool) -> None:
-        """Sinks join the run."""
+        """Adds sinks to the run."""
         joined = list(sinks)
         with self._sink_ended:
             self._open |= {id(sink) for sink in joined}
             if is_paused:
                 self._not_prerolled |= {id(sink) for sink in joined if sink.wait_for_preroll}
-                self._tell_preroll()
+                self._update_prerolled()
 
-    def _tell_preroll(self) -> None:
+    def _update_prerolled(self) -> None:
         if self._not_prerolled:
             self.is_prerolled.clear()
         else:
             self.is_prerolled.set()
 
     def remove(self, elements: Iterable[Element]) -> None:
-        """Sinks leave the run, which ends if they were the last that it waited for."""
+        """Removes sinks from the run, which ends if no other sinks are open."""
         members = {id(element) for element in elements}
         with self._sink_ended:
             had_some = bool(self._open)
@@ -70,7 +70,7 @@ class StreamEnd:
             self.post_eos()
 
     def sink_ended(self, sink: Element) -> None:
-        """A sink has seen EOS; that of the last is the pipeline's."""
+        """A sink has drained after EOS; the last one ends the run."""
         with self._sink_ended:
             self._open.discard(id(sink))
             is_over = not self._open
@@ -89,7 +89,7 @@ class StreamEnd:
             self._bus.post(Message(MessageKind.ELEMENT, "", "prerolled", {"name": "async-done"}))
 
     def wait_prerolled(self, timeout_s: float) -> bool:
-        """Waits until every sink holds its first frame; raises the error of a run that has failed."""
+        """Waits until every sink holds its first frame; raises the error of a failed run."""
         deadline = time.monotonic() + timeout_s
         while not self.is_prerolled.wait(min(0.1, max(0.0, deadline - time.monotonic()))):
             if self.error is not None:
@@ -99,7 +99,7 @@ class StreamEnd:
         return True
 
     def wait(self, elements: Iterable[Element], deadline: float) -> None:
-        """Waits until these sinks have ended, the run has failed, or a monotonic time has come."""
+        """Waits until these sinks have ended, the run has failed, or the deadline."""
         members = {id(element) for element in elements}
         with self._sink_ended:
             while members & self._open and self.error is None:
@@ -109,7 +109,7 @@ class StreamEnd:
                 self._sink_ended.wait(left_s)
 
     def fail(self, error: Exception) -> None:
-        """An element's thread ended with an error: the first one is the pipeline's."""
+        """Posts a failure; the first one ends the run, later ones are warnings."""
         source = error.element if isinstance(error, ElementFailure) else ""
         with self._sink_ended:
             is_first = self.error is None
@@ -123,7 +123,7 @@ class StreamEnd:
             self._bus.post(Message(MessageKind.WARNING, source, f"after the first error: {error}"))
 
     def post_eos(self) -> None:
-        """The stream has ended; told once, and not after a failure."""
+        """Posts EOS, once, and not after a failure."""
         with self._sink_ended:
             if self.ended.is_set() or self.error is not None:
                 return

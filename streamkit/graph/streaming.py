@@ -1,4 +1,4 @@
-"""Streaming threads: one per source and per queue, started, watched and joined."""
+"""Streaming threads, one per source and queue."""
 
 from __future__ import annotations
 
@@ -10,21 +10,20 @@ from typing import Protocol, runtime_checkable
 
 from streamkit.element.base import Element
 from streamkit.errors import ElementFailure, NotNegotiated, StreamkitError
-from streamkit.flow.events import EOS
-from streamkit.flow.signals import EndOfStream, FlowStop, Flushing, NotLinked
+from streamkit.flow.events import EOS, EndOfStream, FlowStop, Flushing, NotLinked
 
 
 @runtime_checkable
 class Streaming(Protocol):
-    """An element with a thread of its own."""
+    """An element with its own thread."""
 
     name: str
 
     def stream(self) -> None:
-        """The body of the thread; returns after EOS, raises where streaming ends otherwise."""
+        """Body of the thread; returns after EOS, raises if streaming ends otherwise."""
 
     def prepare_run(self) -> None:
-        """Forgets an earlier run's end."""
+        """Resets the state of an earlier run."""
 
 
 class StreamingThread:
@@ -33,12 +32,12 @@ class StreamingThread:
     def __init__(
         self, element: Streaming, failed: Callable[[Exception], None], ended: Callable[[], None]
     ) -> None:
-        """A thread to be started.
+        """Makes a thread that is not started yet.
 
         Args:
-            element: streams in it.
-            failed: takes the error that ended streaming.
-            ended: called last, however streaming ended.
+            element: streams in the thread.
+            failed: called with the error that ended streaming.
+            ended: called last in any case.
         """
         self.element = element
         self.has_ended = False
@@ -47,17 +46,17 @@ class StreamingThread:
         self._thread = threading.Thread(target=self._run, name=f"streamkit:{element.name}")
 
     def start(self) -> None:
-        """Begins streaming."""
+        """Starts streaming."""
         self._thread.start()
 
     def join(self, deadline: float) -> bool:
-        """Waits until `time.monotonic()` reaches the deadline; whether the thread has ended."""
+        """Waits until the deadline (`time.monotonic()`); whether the thread has ended."""
         self._thread.join(max(0.0, deadline - time.monotonic()))
         return not self._thread.is_alive()
 
     @property
     def is_current(self) -> bool:
-        """Whether the caller runs in this thread."""
+        """Whether this is the calling thread."""
         return threading.current_thread() is self._thread
 
     def _run(self) -> None:
@@ -81,11 +80,11 @@ class StreamingThread:
             return
         except (ElementFailure, NotNegotiated) as error:
             self._fail(error)
-        except BaseException as cause:  # also SystemExit: a thread that ends unseen leaves the graph waiting
+        except BaseException as cause:  # also SystemExit: an unreported end leaves the graph waiting
             self._fail(element.failure(cause))
 
     def _fail(self, error: Exception) -> None:
-        """Reports the error, then ends the stream: branches that are sound finish what they have."""
+        """Reports the error, then sends EOS, so that other branches finish."""
         self._failed(error)
         element = self.element
         assert isinstance(element, Element)

@@ -10,7 +10,7 @@ from streamkit.errors import DescriptionError, Place
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """`name=value`; `value` is the text as written, quotes and escapes still in it."""
+    """`name=value`; `value` is as written, with quotes and escapes."""
 
     name: str
     value: str
@@ -19,7 +19,7 @@ class Assignment:
 
 @dataclass(frozen=True, slots=True)
 class ElementNode:
-    """An element: its type, its properties, and the pads named before and after it."""
+    """An element: type, properties, and the pads named before and after it."""
 
     factory: str
     place: Place
@@ -52,7 +52,7 @@ class ReferenceNode:
 
 @dataclass(frozen=True, slots=True)
 class UrlNode:
-    """An address that stands for a source or sink of its scheme."""
+    """A URI that stands for a source or sink of its scheme."""
 
     url: str
     place: Place
@@ -60,16 +60,16 @@ class UrlNode:
 
 @dataclass(frozen=True, slots=True)
 class FaultNode:
-    """Where the text stops fitting the grammar; what stands before it may hold an earlier error."""
+    """The place of a syntax error; an earlier node may contain an earlier error."""
 
     error: DescriptionError
 
 
 @dataclass(frozen=True, slots=True)
 class LinkNode:
-    """`!` or `:`, with caps between two of them; `every_pad` where one of them is `:`.
+    """`!` or `:`, with caps between two of them; `every_pad` if one of them is `:`.
 
-    `place_in_caps` finds the place of a stretch of the caps, from its offset and length.
+    `place_in_caps` maps offset and length in the caps to a place in the text.
     """
 
     place: Place
@@ -83,14 +83,14 @@ Node = ElementNode | BinNode | ReferenceNode | UrlNode | FaultNode
 
 @dataclass(frozen=True, slots=True)
 class ChainNode:
-    """Nodes with a link between each two neighbours."""
+    """Nodes and the links between neighbours."""
 
     nodes: tuple[Node, ...]
     links: tuple[LinkNode, ...] = field(default=())
 
 
 def with_pads(node: Node, *, sink: tuple[str, ...] = (), src: tuple[str, ...] = ()) -> Node:
-    """The node with pads named on its sink or src side, where it has such sides."""
+    """A copy of an element or bin node with pads named on its sink or src side."""
     if not (sink or src) or not isinstance(node, ElementNode | BinNode):
         return node
     return replace(node, sink_pads=sink or node.sink_pads, src_pads=src or node.src_pads)

@@ -1,6 +1,6 @@
-"""Tokens of the description language: at each place the longest match wins, as in gst-launch.
+"""Lexer of the description language: the longest match wins, as in gst-launch.
 
-A lexer of our own because lark's take the first terminal that fits, not the longest.
+Lark's own lexers take the first terminal that matches, not the longest.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ TOKEN_LIMIT = 20_000  # of a description
 BLANK = r"[ \t\n\r\f\v]"
 VISIBLE = r"[^ \t\n\r\f\v]"
 IDENTIFIER = r"[A-Za-z0-9_][A-Za-z0-9_\-%:]*"
-MIME = r"[A-Za-z0-9-]++/[A-Za-z0-9-]++"  # possessive: else a missing `!` is looked for in all splits
+MIME = r"[A-Za-z0-9-]++/[A-Za-z0-9-]++"  # possessive: avoids quadratic backtracking for a missing `!`
 CAPS = rf"{MIME}(?:\\[;!]|[^;!])*"
 BLANKS = re.compile(rf"{BLANK}+")
 ASSIGNED = re.compile(rf"(?:{IDENTIFIER}|@preset){BLANK}*={BLANK}*")
-ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+,.\-]{0,63}://")  # bounded: lists of pads begin alike
-PATH = re.compile(r'[."{}_identfr]?/')  # the letters are those of the word "identifier": gst-launch's slip
-# A blank belongs to the word when a backslash stands before it, whatever stands before that.
+ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+,.\-]{0,63}://")  # bounded: lists of pads start alike
+PATH = re.compile(r'[."{}_identfr]?/')  # these letters are a slip of gst-launch
+# A blank after a backslash belongs to the word, even if that backslash is escaped.
 WORD = re.compile(rf"(?:{VISIBLE}|(?<=\\)[ \t\r\f\v])+")
 QUOTED = {'"': re.compile(r'"(?:\\"|[^"])*"'), "'": re.compile(r"'(?:\\'|[^'])*'")}
 PLAIN = {
@@ -37,13 +37,13 @@ MARKS = {"(": "OPEN", ")": "CLOSE", ",": "COMMA"}
 
 
 class DescriptionLexer(Lexer):
-    """Cuts a description into tokens; a character that fits nothing becomes an ILLEGAL token."""
+    """Splits a description into tokens; other characters become ILLEGAL tokens."""
 
     def __init__(self, lexer_conf: Any) -> None:
-        """Takes what lark hands to a lexer; nothing of it is needed."""
+        """Lark passes a configuration, which is not needed."""
 
     def lex(self, data: str) -> Iterator[Token]:  # type: ignore[override]
-        """Tokens with their offsets, blanks left out."""
+        """Yields tokens with their offsets, without blanks."""
         position = 0
         while position < len(data):
             blanks = BLANKS.match(data, position)
@@ -57,7 +57,7 @@ class DescriptionLexer(Lexer):
 
 @functools.cache
 def _plain_kinds(first: str) -> tuple[str, ...]:
-    """The kinds of plain tokens that may begin with a character."""
+    """The kinds of plain tokens that can start with a character."""
     if first == ".":
         return ("PADREF",)
     if first in "!:":
@@ -87,7 +87,7 @@ def _longest(text: str, position: int) -> tuple[str, int]:
 
 
 def _value_end(text: str, position: int) -> int:
-    """Where the value that begins here ends; 0 where there is none."""
+    """End of the value that starts here, or 0."""
     forms = [WORD.match(text, position)]
     if position < len(text) and text[position] in QUOTED:
         forms.append(QUOTED[text[position]].match(text, position))
@@ -95,7 +95,7 @@ def _value_end(text: str, position: int) -> int:
 
 
 def _address_end(text: str, position: int) -> int:
-    """Where the address or path that begins here ends; 0 where none begins."""
+    """End of the URI or path that starts here, or 0."""
     address = ADDRESS.match(text, position)
     if address:
         return _value_end(text, address.end()) or address.end()

@@ -1,4 +1,4 @@
-"""Comments and `${VARIABLES}` of descriptions, resolved with a map back to the text as written."""
+"""Comments and `${VARIABLES}` of descriptions, expanded with a map back to the original text."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from streamkit.errors import DescriptionError, Place
 
-VARIABLE = r"\$\{(?P<name>[^}:\s{]*)(?::-(?P<default>(?:[^}\n$]|\$(?!\{))*))?\}"  # none within another
-# What stands in quotes or behind a backslash begins no comment; variables in quotes are filled in.
+VARIABLE = r"\$\{(?P<name>[^}:\s{]*)(?::-(?P<default>(?:[^}\n$]|\$(?!\{))*))?\}"  # not nested
+# Quoted or escaped text contains no comments; variables in quotes are expanded.
 COMMENT = r"(?P<comment>(?<!\S)(?<!\\[ \t])\#[^\n]*)"
 QUOTED = r"""(?P<quoted>"(?:\\"|[^"])*"|(?<==)'(?:\\'|[^'])*')"""
 PIECE = re.compile(rf"{VARIABLE}|{COMMENT}|{QUOTED}|\\[^\n]")
@@ -24,10 +24,10 @@ class ExpandedText:
     """A description with comments blanked and variables replaced.
 
     Attributes:
-        text: what is parsed.
-        original: what was written.
-        offsets: pairs (offset in `text`, offset in `original`) where a piece begins.
-        line_starts: offsets in `original` where a line begins.
+        text: to be parsed.
+        original: as written.
+        offsets: start of each piece: (offset in `text`, offset in `original`).
+        line_starts: offsets of lines in `original`.
     """
 
     text: str
@@ -36,7 +36,7 @@ class ExpandedText:
     line_starts: tuple[int, ...]
 
     def place(self, start: int, end: int) -> Place:
-        """Line, column and length in the original of a stretch of the expanded text."""
+        """The place in the original of a range of the expanded text."""
         first, last = self._original(start), self._original(max(start, end - 1))
         line = bisect.bisect_right(self.line_starts, first)
         return Place(line, first - self.line_starts[line - 1] + 1, max(1, last - first + 1))
@@ -51,8 +51,8 @@ class ExpandedText:
 def expand(text: str, variables: Mapping[str, str]) -> ExpandedText:
     """Blanks comments and replaces `${NAME}` and `${NAME:-default}`.
 
-    A comment begins with `#` at the start of a word, outside quotes, and ends with its line; a text of one
-    line has none, as in gst-launch. A variable inside a property's value may hold blanks: they are escaped.
+    A comment starts with `#` at the start of a word, outside quotes, and ends with its line; a text of one
+    line has none, as in gst-launch. Blanks of a variable inside a property value are escaped.
 
     Raises:
         DescriptionError: a variable has no value and no default, or the text is too long.
@@ -92,7 +92,7 @@ def _pieces(text: str) -> Iterator[re.Match[str]]:
 
 
 def _inserted(text: str, match: re.Match[str], variables: Mapping[str, str]) -> str:
-    """What stands in place of a comment or a variable."""
+    """The replacement of a comment or a variable."""
     if match["name"] is None:
         return " " * len(match.group())
     value = _value(text, match, variables)
@@ -126,7 +126,7 @@ def _place_in(text: str, match: re.Match[str]) -> Place:
 
 
 def _in_value(text: str, offset: int) -> bool:
-    """Whether an offset lies in an unquoted property value."""
+    """Whether an offset is in an unquoted property value."""
     before = text[max(0, offset - 4096) : offset]
     if not before or before[-1].isspace():
         return False

@@ -1,4 +1,4 @@
-"""Watchdog: notices from outside that an element does not come back from a call of the engine."""
+"""Watchdog: detects calls of elements that do not return."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from streamkit.element.source import Source
 from streamkit.errors import ElementFailure, HangDetected
 from streamkit.flow.messages import Message, MessageKind
 
-LOOK_S = 1.0  # longest time between two looks
+POLL_S = 1.0  # maximum interval between two checks
 
 
 class Watchdog:
-    """A thread that looks at every element now and then while a graph streams.
+    """A thread that checks every element periodically while a graph streams.
 
-    Time is counted in looks and not read from a clock: a process that was suspended has not hung. Sources are
-    left out, because they may wait for the next frame as long as they like; so is an element that waits on
-    purpose (`Element.waiting`) or that stands in a call of the element behind it.
+    Time is counted in checks, not read from a clock, because a suspended process does not hang. It ignores
+    sources, which may wait for frames without limit, elements that wait on purpose (`Element.waiting`), and
+    elements inside a call of a downstream element.
 
     Args:
-        elements: gives the elements of the graph.
-        limit_s: how long a call may take, s; 0 switches the watchdog off.
-        post: takes a warning, for a call such as `drain` that may take long.
-        fail: takes the failure of an element that does not come back with a frame.
+        elements: returns the elements of the graph.
+        limit_s: maximum duration of a call, s; 0 disables the watchdog.
+        post: called with a warning for a long call such as `drain`.
+        fail: called with the failure of an element that does not return from a frame.
     """
 
     def __init__(
@@ -38,43 +38,41 @@ class Watchdog:
         self._elements = elements
         self._post = post
         self._fail = fail
-        self._look_s = min(LOOK_S, limit_s / 4)
-        self._looks: dict[
-            int, tuple[int, int]
-        ] = {}  # by the element's id: since_ns of its call, looks so far
+        self._interval_s = min(POLL_S, limit_s / 4)
+        self._checks: dict[int, tuple[int, int]] = {}  # start of the call and number of checks, by element id
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Begins to look."""
+        """Starts the thread."""
         if self.limit_s > 0:
             self._thread = threading.Thread(target=self._run, name="streamkit-watchdog")
             self._thread.start()
 
     def stop(self) -> None:
-        """Ends the thread."""
+        """Stops the thread."""
         self._stopping.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join()
 
     def _run(self) -> None:
-        while not self._stopping.wait(self._look_s):
+        while not self._stopping.wait(self._interval_s):
             self.look()
 
     def look(self) -> None:
-        """Counts a look at every element that is still in the same call; reports those that are too long."""
-        looks: dict[int, tuple[int, int]] = {}
+        """Checks every element once; reports calls that exceed the limit."""
+        checks: dict[int, tuple[int, int]] = {}
         for element in list(self._elements()):
             activity = element.activity
             if activity is None or not _is_stuck(element):
                 continue
             since_ns = activity[1]
-            known_ns, count = self._looks.get(id(element), (since_ns, 0))
+            known_ns, count = self._checks.get(id(element), (since_ns, 0))
             count = count + 1 if known_ns == since_ns else 1
-            looks[id(element)] = since_ns, count
-            if (count - 1) * self._look_s < self.limit_s <= count * self._look_s:
+            checks[id(element)] = since_ns, count
+            if (count - 1) * self._interval_s < self.limit_s <= count * self._interval_s:
                 self._report(element, activity[0])
-        self._looks = looks
+        self._checks = checks
 
     def _report(self, element: Element, call: str) -> None:
         activity = element.activity
@@ -88,7 +86,7 @@ class Watchdog:
 
 
 def hang_of(call: str, seconds: float) -> HangDetected:
-    """What to say of a call that has not come back."""
+    """The error for a call that did not return."""
     what = "taking a frame" if call == "frame" else f"`{call}`"
     return HangDetected(
         f"{what} has not come back for {seconds:g} s; it hangs in its own code or in a library it calls; "
@@ -97,12 +95,12 @@ def hang_of(call: str, seconds: float) -> HangDetected:
 
 
 def hang_warning(element: Element, cause: HangDetected) -> Message:
-    """The warning that an element does not come back from a call, which goes on."""
+    """The warning for a call that does not return."""
     return Message(MessageKind.WARNING, element.name, str(cause), {"code": "watchdog"})
 
 
 def _is_stuck(element: Element) -> bool:
-    """Whether an element stands in a call of its own code, not of an element behind it, and does not wait."""
+    """Whether an element is inside its own code, not downstream of it, and does not wait."""
     if element.is_waiting or isinstance(element, Source):
         return False
     behind = [pad.peer.element for pad in element.src_pads() if pad.peer is not None]
@@ -110,5 +108,5 @@ def _is_stuck(element: Element) -> bool:
 
 
 def is_hang(error: Exception | None) -> bool:
-    """Whether an error is that of an element that did not come back."""
+    """Whether an error is due to a call that did not return."""
     return isinstance(error, ElementFailure) and isinstance(error.cause, HangDetected)

@@ -1,4 +1,4 @@
-"""For authors' tests: a harness that runs one element, and a clock that is moved by hand."""
+"""For tests of elements: a harness that runs one element, and a manual clock."""
 
 from streamkit.testing.clock import ManualClock
 from streamkit.testing.harness import Harness

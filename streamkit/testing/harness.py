@@ -1,4 +1,4 @@
-"""A harness: one element, frames in by hand, frames and messages out."""
+"""Harness: runs one element on given frames; collects its frames and messages."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from streamkit.graph.chain import Chain
 
 
 class _Feed(Element):
-    """Stands upstream of the element under test."""
+    """Upstream of the element under test."""
 
     templates = (PadTemplate("src", Direction.SRC, ANY),)
 
 
 class _Collect(Sink):
-    """Stands downstream of it."""
+    """Downstream of the element under test."""
 
     sink = "ANY"
     accepts: Caps = ANY
@@ -51,13 +51,13 @@ class _Collect(Sink):
 
 
 class Harness:
-    """Runs one element in the calling thread, and is its host: pads that it adds meanwhile are collected too.
+    """Runs one element in the calling thread, as its host.
 
     Attributes:
         element: the element under test.
-        messages: what it posted.
-        has_all_pads: whether it has said that no more pads come.
-        has_ended: whether it is a sink and has finished all that came before EOS.
+        messages: posted by the element.
+        has_all_pads: whether the element has called `no_more_pads`.
+        has_ended: whether a sink has drained after EOS.
     """
 
     def __init__(
@@ -71,10 +71,10 @@ class Harness:
         """Starts the element.
 
         Args:
-            element: its type, or an instance.
-            downstream: the caps that stand behind it.
-            clock: another clock than the machine's.
-            **properties: set on an element given by its type.
+            element: element type, or an instance.
+            downstream: caps that downstream accepts.
+            clock: instead of the system clock.
+            **properties: of an element given by its type.
         """
         self.element = make_element(element, **properties) if isinstance(element, str) else element
         self.messages: list[Message] = []
@@ -90,8 +90,8 @@ class Harness:
             if template.presence is Presence.REQUEST:
                 self.element.request_pad(template)
         for pad in self.element.pads.values():
-            self._surround(pad)
-        for owner in [*self._feeds.values(), self.element]:  # once all is linked
+            self._connect(pad)
+        for owner in [*self._feeds.values(), self.element]:  # after all links
             for pad in owner.src_pads():
                 pad.push = Chain(pad).push
         self._epochs: dict[str, int] = {}
@@ -103,7 +103,7 @@ class Harness:
             raise
         self.element.is_playing = True
 
-    def _surround(self, pad: Pad) -> None:
+    def _connect(self, pad: Pad) -> None:
         if pad.is_src:
             collect = _Collect(f"collect_{pad.name}", self._frames)
             collect.accepts = self._downstream
@@ -114,7 +114,7 @@ class Harness:
             feed.pads["src"].link(pad)
 
     def push(self, frame: Frame, pad: str = "sink") -> list[Frame]:
-        """Sends a frame in, its caps first when they are new; what came out meanwhile."""
+        """Pushes a frame, after its caps if they are new; returns the output."""
         src = self._feed(pad)
         if src.caps is None or frame.caps != src.caps:
             src.send_event(CapsEvent(frame.caps))
@@ -130,12 +130,12 @@ class Harness:
         return self.take()
 
     def send(self, event: Event, pad: str = "sink") -> list[Frame]:
-        """Sends an event in, for example a gap; what came out meanwhile."""
+        """Sends an event, for example a gap; returns the output."""
         self._feed(pad).send_event(event)
         return self.take()
 
     def flush(self) -> list[Frame]:
-        """Sends a flush through every sink pad: what was held is dropped; what came out meanwhile."""
+        """Flushes every sink pad; returns the output."""
         for event in (FLUSH_START, FLUSH_STOP):
             for pad in self._feeds:
                 self._feed(pad).send_event(event)
@@ -143,13 +143,13 @@ class Harness:
         return self.take()
 
     def drain(self) -> list[Frame]:
-        """Sends EOS; what came out."""
+        """Sends EOS to every sink pad; returns the output."""
         for pad in self._feeds:
             self._feed(pad).send_event(EOS)
         return self.take()
 
     def take(self) -> list[Frame]:
-        """What has come out since the last look."""
+        """Returns the output since the last call."""
         frames = self._frames[:]
         self._frames.clear()
         return frames
@@ -159,30 +159,30 @@ class Harness:
             raise StateError("the harness is closed")
         return self._feeds[pad].pads["src"]
 
-    # What the element calls.
+    # Called by the element.
 
     def pad_added(self, pad: Pad) -> None:
-        """Feeds or collects from a new pad."""
-        self._surround(pad)
+        """Connects a new pad."""
+        self._connect(pad)
         src = pad if pad.is_src else self._feeds[pad.name].pads["src"]
         src.push = Chain(src).push
 
     def no_more_pads(self, element: Element) -> None:
-        """The element has all its pads."""
+        """Sets `has_all_pads`."""
         self.has_all_pads = True
 
     def reconfigure(self, element: Element) -> None:
-        """Negotiates anew before the next frame."""
+        """Makes the next frame renegotiate."""
         for feed in self._feeds.values():
             feed.pads["src"].caps = None
 
     def sink_ended(self, element: Element) -> None:
-        """The element is a sink and has drained."""
+        """Sets `has_ended`."""
         self.has_ended = True
         self.messages.append(Message(MessageKind.EOS, element.name))
 
     def prerolled(self, element: Element) -> None:
-        """Nothing waits for it: a harness never pauses."""
+        """Nothing to do: a harness never pauses."""
 
     def close(self) -> None:
         """Stops the element."""

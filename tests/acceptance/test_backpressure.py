@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from streamkit import Caps, Frame, Pipeline, Property, Sink, Source, Transform
-from streamkit.flow.signals import Flushing
+from streamkit.flow.events import Flushing
 
 Register = Callable[..., None]
 UHD = Caps("video/x-raw, format=BGR, width=3840, height=2160, framerate=30/1")

@@ -8,9 +8,8 @@ import pytest
 
 from streamkit import Caps, ElementFailure, EndOfStream, Frame, FrameFlags, Pipeline, PropertyError
 from streamkit.elements.identity import Identity
-from streamkit.flow.events import SegmentEvent
+from streamkit.flow.events import Flushing, SegmentEvent
 from streamkit.flow.segment import Segment
-from streamkit.flow.signals import Flushing
 from streamkit.testing import Harness, ManualClock
 
 A = Caps("a/b")

@@ -11,9 +11,18 @@ from streamkit.element.pad import Pad
 from streamkit.element.registry import make_element
 from streamkit.elements.queue import Queue
 from streamkit.errors import ElementFailure
-from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, CapsEvent, EosEvent, SegmentEvent
+from streamkit.flow.events import (
+    EOS,
+    FLUSH_START,
+    FLUSH_STOP,
+    CapsEvent,
+    EosEvent,
+    FlowStop,
+    Flushing,
+    NotLinked,
+    SegmentEvent,
+)
 from streamkit.flow.segment import Segment
-from streamkit.flow.signals import FlowStop, Flushing, NotLinked
 
 Register = Callable[..., None]
 SECOND = 1_000_000_000

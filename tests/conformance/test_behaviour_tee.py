@@ -10,7 +10,7 @@ from streamkit import Caps, ElementFailure, EndOfStream, Frame, Pipeline, Sink, 
 from streamkit.element.pad import Pad
 from streamkit.element.registry import make_element
 from streamkit.elements.tee import Tee
-from streamkit.flow.signals import Flushing, NotLinked
+from streamkit.flow.events import Flushing, NotLinked
 from streamkit.graph.pipeline import StateChange
 
 Register = Callable[..., None]

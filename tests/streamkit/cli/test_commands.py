@@ -142,7 +142,7 @@ def test_a_command_that_was_only_listed_runs_all_the_same() -> None:
         "main()\n"
     )
     for arguments, found in (
-        (["inspect", "tee"], "Hands every frame to each of its branches"),
+        (["inspect", "tee"], "Sends every frame to each branch"),
         (["caps", "--help"], "Computes with caps"),
         (["launch", "--stats=json", "fakesrc num-buffers=2 ! fakesink"], '"frames_in":2'),
     ):

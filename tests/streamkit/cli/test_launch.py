@@ -30,7 +30,7 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
     def leave(code: int) -> None:
         raise typer.Exit(code)
 
-    monkeypatch.setattr(module, "_leave", leave)
+    monkeypatch.setattr(module, "_exit", leave)
 
     def run(*arguments: str, **options: Any) -> Result:
         return CliRunner().invoke(make_app(()), ["launch", *arguments], **options)

@@ -3,7 +3,6 @@
 import pytest
 
 from streamkit import Caps, Direction, Element, NotNegotiated, PadTemplate
-from streamkit.element.negotiation import allowed_caps, demand_accepted, refusal
 from streamkit.element.pad import Pad
 
 
@@ -19,13 +18,13 @@ def pads(offered: str, accepted: str) -> tuple[Pad, Pad]:
 def test_downstreams_order_rules() -> None:
     """Of what both can, the receiver's preference comes first."""
     src, _ = pads("a/b, f={ x, y, z }", "a/b, f={ z, y }")
-    assert str(allowed_caps(src, Caps("a/b"))) == "a/b, f=(string){ z, y }"
+    assert str(src.allowed_caps(Caps("a/b"))) == "a/b, f=(string){ z, y }"
 
 
 def test_what_the_element_can_now_bounds_it() -> None:
     """The template is wide, the element's input may be narrow."""
     src, _ = pads("a/b", "a/b, f={ z, y }")
-    assert allowed_caps(src, Caps("a/b, f=y")) == Caps("a/b, f=y")
+    assert src.allowed_caps(Caps("a/b, f=y")) == Caps("a/b, f=y")
 
 
 def test_nothing_left_is_a_refusal_that_names_all() -> None:
@@ -36,16 +35,15 @@ def test_nothing_left_is_a_refusal_that_names_all() -> None:
         r"up.src offers a/b, width=\(int\)4; down.sink takes a/b, width=\(int\)\[ 8, 16 \]"
     )
     with pytest.raises(NotNegotiated, match=f"^{text}$"):
-        allowed_caps(src, Caps("ANY"))
+        src.allowed_caps(Caps("ANY"))
     with pytest.raises(NotNegotiated, match=f"^{text}$"):
-        demand_accepted(src, Caps("a/b, width=4"))
+        src.demand_accepted(Caps("a/b, width=4"))
     assert sink.peer is src
 
 
 def test_caps_that_fit_are_accepted() -> None:
     """No error where data and receiver agree."""
     src, _ = pads("ANY", "a/b, width=[ 8, 16 ]")
-    demand_accepted(src, Caps("a/b, width=9, height=2"))
-    assert "nothing" in str(
-        refusal(Pad(Element("e"), PadTemplate("src", Direction.SRC), "src"), Caps(), Caps())
-    )
+    src.demand_accepted(Caps("a/b, width=9, height=2"))
+    alone = Pad(Element("e"), PadTemplate("src", Direction.SRC), "src")
+    assert "nothing" in str(alone.refusal(Caps(), Caps()))

@@ -5,8 +5,8 @@ import pytest
 from streamkit import Caps, CapsEvent, Direction, Element, EosEvent, Event, PadTemplate, Presence
 from streamkit.element.pad import Pad
 from streamkit.errors import StateError
+from streamkit.flow.events import NotLinked
 from streamkit.flow.frame import Frame
-from streamkit.flow.signals import NotLinked
 
 RAW = Caps("video/x-raw")
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from streamkit import Element, PropertyError
-from streamkit.element.registry import ElementEntry, element_class, installed_elements, make_element
+from streamkit.element.entries import PluginEntry
+from streamkit.element.registry import element_class, installed_elements, make_element
 from streamkit.errors import DescriptionError, PluginBroken
 
 Register = Callable[..., None]
@@ -32,7 +33,7 @@ def test_an_entry_says_where_it_is_from(tmp_path: Path) -> None:
         "Metadata-Version: 2.1\nName: some-package\nVersion: 1.2\n", encoding="utf-8"
     )
     distribution = importlib.metadata.Distribution.at(tmp_path)
-    entry = ElementEntry("framediff", "some.module:FrameDiff", distribution)
+    entry = PluginEntry("element", "framediff", "some.module:FrameDiff", distribution)
     assert entry.where == "element 'framediff' (some.module:FrameDiff, some-package 1.2)"
 
 

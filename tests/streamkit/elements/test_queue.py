@@ -10,8 +10,7 @@ from streamkit import Caps, DiscontinuityEvent, ElementFailure, EndOfStream, Eve
 from streamkit.element.pad import Pad
 from streamkit.element.registry import make_element
 from streamkit.elements.queue import Queue
-from streamkit.flow.events import EOS, CapsEvent
-from streamkit.flow.signals import Flushing
+from streamkit.flow.events import EOS, CapsEvent, Flushing
 from streamkit.testing import Harness
 
 Register = Callable[..., None]

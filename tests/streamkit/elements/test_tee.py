@@ -6,7 +6,7 @@ import pytest
 
 from streamkit import Caps, ElementFailure, EndOfStream, Frame, Pipeline, Sink
 from streamkit.element.registry import make_element
-from streamkit.flow.signals import Flushing, NotLinked
+from streamkit.flow.events import Flushing, NotLinked
 
 Register = Callable[..., None]
 ANYTHING = Caps("a/b")

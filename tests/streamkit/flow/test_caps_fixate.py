@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import pytest
 
-from streamkit.flow.caps_fixate import fixate_value
+from streamkit.flow.caps_structure import fixate_value
 from streamkit.flow.caps_values import (
     FlagSet,
     FloatRange,

@@ -3,6 +3,7 @@
 import pytest
 
 from streamkit.flow.caps import Caps
+from streamkit.flow.caps_simplify import join_structures
 from streamkit.flow.caps_structure import Structure
 from streamkit.flow.caps_values import IntRange, ValueList
 
@@ -46,11 +47,13 @@ def test_fixation_leaves_no_choice_at_all() -> None:
 def test_two_structures_join_where_one_field_tells_them_apart() -> None:
     """Any other difference, a missing field or a type, keeps them apart."""
     one = Structure("a/b", {"f": 1, "g": 2})
-    assert one.join(Structure("a/b", {"f": 1, "g": 3})) == Structure("a/b", {"f": 1, "g": ValueList((2, 3))})
-    assert one.join(Structure("a/b", {"f": 2, "g": 3})) is None
-    assert one.join(Structure("a/b", {"f": 1})) is None
-    assert one.join(Structure("a/b", {"f": 1, "g": "x"})) is None
-    assert one.join(Structure("a/b", {"f": 1, "g": 3}, ("memory:A",))) is None
+    assert join_structures(one, Structure("a/b", {"f": 1, "g": 3})) == Structure(
+        "a/b", {"f": 1, "g": ValueList((2, 3))}
+    )
+    assert join_structures(one, Structure("a/b", {"f": 2, "g": 3})) is None
+    assert join_structures(one, Structure("a/b", {"f": 1})) is None
+    assert join_structures(one, Structure("a/b", {"f": 1, "g": "x"})) is None
+    assert join_structures(one, Structure("a/b", {"f": 1, "g": 3}, ("memory:A",))) is None
 
 
 def test_the_first_field_in_conflict_is_named_in_order() -> None:

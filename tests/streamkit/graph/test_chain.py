@@ -26,7 +26,7 @@ def test_a_chain_ends_at_the_first_element_that_is_no_transform() -> None:
 
 def test_an_open_end_is_not_linked() -> None:
     """The signal names the pad that has no peer; nothing is counted behind it."""
-    from streamkit.flow.signals import NotLinked
+    from streamkit.flow.events import NotLinked
 
     source, passing = make_element("fakesrc", "s"), make_element("identity", "i")
     source.pads["src"].link(passing.pads["sink"])
