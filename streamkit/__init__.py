@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from streamkit.element.base import Element as Element
     from streamkit.element.branching import Combine as Combine
     from streamkit.element.branching import Split as Split
-    from streamkit.element.choice import Choice as Choice
     from streamkit.element.pad import Direction as Direction
     from streamkit.element.pad import Pad as Pad
     from streamkit.element.pad import PadTemplate as PadTemplate
     from streamkit.element.pad import Presence as Presence
     from streamkit.element.property import Property as Property
     from streamkit.element.property import SettingsOf as SettingsOf
+    from streamkit.element.property_text import Choice as Choice
     from streamkit.element.sink import OnError as OnError
     from streamkit.element.sink import Sink as Sink
     from streamkit.element.source import Source as Source
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from streamkit.flow.events import FlushStart as FlushStart
     from streamkit.flow.events import FlushStop as FlushStop
     from streamkit.flow.events import GapEvent as GapEvent
+    from streamkit.flow.events import Segment as Segment
     from streamkit.flow.events import SegmentEvent as SegmentEvent
     from streamkit.flow.frame import Capture as Capture
     from streamkit.flow.frame import Frame as Frame
@@ -69,7 +70,6 @@ if TYPE_CHECKING:
     from streamkit.flow.record import encode_record as encode_record
     from streamkit.flow.record import record_line as record_line
     from streamkit.flow.record import track_record as track_record
-    from streamkit.flow.segment import Segment as Segment
     from streamkit.flow.video import LUMA_CAPS as LUMA_CAPS
     from streamkit.flow.video import luma as luma
     from streamkit.flow.video import raw_video_caps as raw_video_caps
@@ -79,7 +79,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "streamkit.element.base": ("Element",),
     "streamkit.element.branching": ("Combine", "Split"),
-    "streamkit.element.choice": ("Choice",),
+    "streamkit.element.property_text": ("Choice",),
     "streamkit.element.pad": ("Direction", "Pad", "PadTemplate", "Presence"),
     "streamkit.element.property": ("Property", "SettingsOf"),
     "streamkit.element.sink": ("OnError", "Sink"),
@@ -93,7 +93,7 @@ _HOMES = {
     "streamkit.flow.caps_values": ("FractionRange", "IntRange", "ValueList"),
     "streamkit.flow.events": (
         "CapsEvent", "DiscontinuityEvent", "EndOfStream", "EosEvent", "Event", "FlushStart", "FlushStop",
-        "Flushing", "GapEvent", "SegmentEvent",
+        "Flushing", "GapEvent", "Segment", "SegmentEvent",
     ),
     "streamkit.flow.frame": ("Capture", "Frame", "FrameFlags"),
     "streamkit.flow.messages": ("Message", "MessageKind"),
@@ -104,7 +104,6 @@ _HOMES = {
     "streamkit.flow.record": (
         "TRACKS_CAPS", "TrackRecord", "decode_record", "encode_record", "record_line", "track_record",
     ),
-    "streamkit.flow.segment": ("Segment",),
     "streamkit.flow.video": ("LUMA_CAPS", "luma", "raw_video_caps"),
     "streamkit.graph.pipeline": ("Pipeline",),
     "streamkit.masking": ("mask_secrets",),

@@ -111,7 +111,7 @@ class DescriptionError(StreamkitError, ValueError):
         self.hint = presentable(hint)
         self.secrets: tuple[str, ...] = ()
 
-    def placed(self, place: Place) -> DescriptionError:
+    def at(self, place: Place) -> DescriptionError:
         """The same error at another place."""
         return DescriptionError(self.code, self.message, place, self.hint)
 

@@ -94,7 +94,7 @@ def _relation(texts: Sequence[str]) -> dict[str, Any]:
 
 def _fixate(caps: Caps) -> Caps:
     if caps.is_any:
-        raise CapsSyntax("ANY allows every format: there is none to pick", 0, 3, hint="give caps with a name")
+        raise CapsSyntax("ANY cannot be fixated: it allows every format", 0, 3, hint="give caps with a name")
     return caps.fixate()
 
 

@@ -115,3 +115,39 @@ def _refusal(text: str) -> Callable[[], NoReturn]:
         raise typer.Exit(1)
 
     return refuse
+
+
+def version(show: bool = typer.Option(False, "--version", help="Print the version and leave.")) -> None:
+    """Streams frames through graphs of elements: drone video in, tracks out."""
+    if show:
+        from importlib.metadata import version as installed
+
+        typer.echo(f"streamkit {installed('streamkit')}")
+        raise typer.Exit
+
+
+def application(arguments: Sequence[str]) -> typer.Typer:
+    """The application with the command named first in the arguments.
+
+    Without one, all commands are listed with the docstrings in their source, and imported when called.
+    """
+    app = typer.Typer(
+        name="streamkit",
+        help="Streams frames through graphs of elements: drone video in, tracks out.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+    )
+    app.callback(invoke_without_command=True)(version)
+    wanted = _command_named(arguments[0]) if arguments else None
+    if wanted is not None:
+        add_command(app, wanted)
+        return app
+    for entry in installed_commands().values():
+        list_command(app, entry, lambda words: application(words)(words))
+    return app
+
+
+def _command_named(name: str) -> PluginEntry | None:
+    """The command of a name; searches installed packages only if necessary."""
+    return PluginEntry("command", name, CORE[name]) if name in CORE else installed_commands().get(name)

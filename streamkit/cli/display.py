@@ -37,15 +37,15 @@ class Display:
         self.began_s = self._drawn_s = time.monotonic()
         self.last: RunStatistics | None = None
 
-    def look(self) -> RunStatistics:
+    def measure(self) -> RunStatistics:
         """Current statistics."""
         return RunStatistics(
             elapsed_s=round(time.monotonic() - self.began_s, 3), elements=self.pipeline.statistics()
         )
 
-    def last_look(self) -> RunStatistics:
+    def measure_last(self) -> RunStatistics:
         """Statistics of the whole run; call it at the end."""
-        self.last = self.look()
+        self.last = self.measure()
         return self.last
 
     def show(self) -> None:
@@ -78,7 +78,7 @@ class Progress(Display):
 
     def draw(self) -> None:
         """Redraws the line."""
-        self._write(self.look())
+        self._write(self.measure())
 
     def _write(self, now: RunStatistics, *, is_last: bool = False) -> None:
         frames = max((row.frames_in for row in now.elements), default=0)
@@ -131,7 +131,7 @@ class Lines(Display):
         """Prints a line."""
         if not self.every_second:
             return
-        now = self.look()
+        now = self.measure()
         self.print_line(as_line(now, self.before))
         self.before = now
 
@@ -151,7 +151,7 @@ class Table(Lines):
 
     def draw(self) -> None:
         """Redraws the table with rates over about the last second."""
-        now = self.look()
+        now = self.measure()
         self._update(now, self.before)
         if self.before is None or now.elapsed_s - self.before.elapsed_s >= LINE_EVERY_S:
             self.before = now

@@ -20,7 +20,7 @@ NO_OUTPUT = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 def make_app(arguments: Sequence[str]) -> typer.Typer:
     """The application with the command named first in the arguments, or with all commands."""
-    from streamkit.cli.application import application
+    from streamkit.cli.commands import application
 
     return application(arguments)
 

@@ -44,7 +44,7 @@ def new(
     kind: Annotated[Kind, typer.Option(help="Kind of its element.")] = Kind.TRANSFORM,
 ) -> None:
     """Creates a plugin package in a new folder; it installs, and its own test passes."""
-    demand_free_name(name)
+    check_free_name(name)
     folder = Path(name)
     try:
         write_package(folder, kind)
@@ -64,7 +64,7 @@ def element_name(name: str) -> str:
     return name.replace("-", "")
 
 
-def demand_free_name(name: str) -> None:
+def check_free_name(name: str) -> None:
     """Refuses a name that is invalid for a package, module or element, or already in use."""
     if not NAME.fullmatch(name) or len(name) > LONGEST_NAME:
         wanted = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-0123456789")[:LONGEST_NAME]

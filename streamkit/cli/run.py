@@ -79,7 +79,7 @@ class Run:
         finally:
             self._is_watching = False
             self._print_caps()
-            self.statistics = self.display.last_look()
+            self.statistics = self.display.measure_last()
             gc.unfreeze()
 
     def _stop(self) -> int:
@@ -115,7 +115,7 @@ class Run:
                 self.pipeline.finish()
                 deadline = time.monotonic() + EOS_LIMIT_S
             if deadline is not None and time.monotonic() > deadline:
-                return self._fail(f"EOS has not come through within {EOS_LIMIT_S:g} s of the interrupt")
+                return self._fail(f"EOS did not arrive within {EOS_LIMIT_S:g} s of the interrupt")
 
     @contextlib.contextmanager
     def _signals(self, report: CrashReport) -> Iterator[None]:

@@ -91,7 +91,7 @@ class Combine(Element):
         """Sends caps, and the segment if the input has changed."""
         src = self.src_pad
         if caps is not None and caps is not src.caps:
-            src.demand_accepted(caps)
+            src.check_accepted(caps)
             src.send_event(CapsEvent(caps))
         if pad is not None and pad is not self._source:
             self._source = pad

@@ -10,8 +10,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from streamkit.errors import NotNegotiated, StateError
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.events import CapsEvent, EosEvent, Event, FlushStart, FlushStop, NotLinked, SegmentEvent
-from streamkit.flow.segment import OPEN_SEGMENT, Segment
+from streamkit.flow.events import (
+    OPEN_SEGMENT,
+    CapsEvent,
+    EosEvent,
+    Event,
+    FlushStart,
+    FlushStop,
+    NotLinked,
+    Segment,
+    SegmentEvent,
+)
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
@@ -131,7 +140,7 @@ class Pad:
             raise self.refusal(offered, accepted)
         return allowed
 
-    def demand_accepted(self, caps: Caps) -> None:
+    def check_accepted(self, caps: Caps) -> None:
         """Checks that downstream accepts caps that the data has decided.
 
         Raises:
@@ -163,20 +172,20 @@ class Pad:
         onward: tuple[Pad, Event] | None = (self, event)
         while onward is not None:
             src, event = onward
-            src.note(event)
+            src.store_event(event)
             if src.peer is None:
                 return
-            src.peer.note(event)
+            src.peer.store_event(event)
             onward = src.peer.element.pass_event(src.peer, event)
 
     def receive_event(self, event: Event) -> None:
         """Takes an event from upstream."""
-        self.note(event)
+        self.store_event(event)
         onward = self.element.pass_event(self, event)
         if onward is not None:
             onward[0].send_event(onward[1])
 
-    def note(self, event: Event) -> None:
+    def store_event(self, event: Event) -> None:
         """Stores the caps or segment of the frames that follow, or begins or ends a flush."""
         if isinstance(event, CapsEvent):
             self.caps = event.caps

@@ -1,4 +1,4 @@
-"""Converts the text of a description to a property value.
+"""Converts the text of a description to a property value; enumerations of properties.
 
 Source: GStreamer's documentation of value deserialisation, and what GStreamer 1.22 returns.
 """
@@ -20,6 +20,30 @@ BYTE_ORDERS = {"little_endian": 1234, "big_endian": 4321}
 BLANKS = " \t\n\r\f\v"  # C's functions skip them in front of a number
 ESCAPE = re.compile(rb"\\([0-3][0-7]{2}|.)", re.DOTALL)
 UNESCAPED_QUOTE = re.compile(r'(?:[^"\\]|\\.)*(?:"|\\$)', re.DOTALL)
+
+
+class Choice(enum.StrEnum):
+    """Base class of property enumerations: users write the word, the number or the label of a member.
+
+    A member is declared as a word, or as (word, number, label). The default number is one more than the
+    previous member's, the default label is the word:
+
+        class Leaky(Choice):
+            NO = "no", 0, "Not Leaky"
+            UPSTREAM = "upstream", 1, "Leaky on upstream (new buffers)"
+    """
+
+    number: int
+    label: str
+
+    def __new__(cls, word: str, number: int | None = None, label: str = "") -> Choice:
+        """Makes a member whose value is the word."""
+        member = str.__new__(cls, word)
+        member._value_ = word
+        previous = list(cls.__members__.values())
+        member.number = number if number is not None else previous[-1].number + 1 if previous else 0
+        member.label = label or word
+        return member
 
 
 def value_from_text(kind: type, text: str, *, minimum: Any = None, maximum: Any = None) -> Any:

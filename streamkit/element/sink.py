@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 from streamkit.element.base import Element
-from streamkit.element.choice import Choice
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
+from streamkit.element.property_text import Choice
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import CapsEvent, EosEvent, Event, Flushing, GapEvent
 from streamkit.flow.frame import Frame
@@ -38,43 +38,35 @@ class Sink(Element):
 
     sync: bool = Property(False, doc="Render each frame at its running time.")
     wait_for_preroll: bool = Property(
-        True,
-        name="async",
-        doc="Whether a paused pipeline is prerolled only when this sink holds a frame.",
+        True, name="async", doc="Whether a paused pipeline is prerolled only when this sink holds a frame."
     )
     max_lateness: int = Property(
         -1, min=-1, max=MAX_NS, unit="ns", doc="With sync: drop frames later than this; -1 is never."
     )
     qos: bool = Property(False, doc="With sync: post a message for each frame dropped because it is late.")
-    ts_offset: int = Property(
-        0, min=-MAX_NS, max=MAX_NS, unit="ns", doc="With sync: render each frame this much later."
-    )
+    ts_offset: int = Property(0, min=-MAX_NS, max=MAX_NS, unit="ns", doc="With sync: delay of each frame.")
     render_delay: int = Property(
         0, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="With sync: render each frame this much earlier."
     )
-    throttle_time: int = Property(
-        0, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="Minimum time between two rendered frames."
-    )
+    throttle_time: int = Property(0, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="Minimum frame interval.")
     processing_deadline: int = Property(
-        20_000_000,
-        min=0,
-        max=MAX_UNSIGNED_NS,
-        unit="ns",
-        doc="With sync: processing time granted to live frames.",
+        20_000_000, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="With sync: time to process live frames."
     )
 
     on_error: OnError = Property(
-        OnError.END,
-        doc="Behind a tee: whether a failure in this branch ends the pipeline, or drops the branch only.",
+        OnError.END, doc="Behind a tee: whether a failure ends the pipeline or only this branch."
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._has_prerolled = False
-        self._last_end_ns = 0
-        self._next_ns = 0
-        self.position_ns: int | None = None
-        self.waited_ns = 0
+        self.prepare_run()
         super().__init__(name, **properties)
+
+    def prepare_run(self) -> None:
+        """Resets the state of an earlier run."""
+        self.waited_ns = 0
+        self._has_prerolled = False
+        self._last_end_ns = self._next_ns = 0
+        self.position_ns: int | None = None
 
     # Overridden by authors.
 
@@ -166,13 +158,6 @@ class Sink(Element):
         if not self.wait_while_paused():
             raise Flushing(self.name)
         self._has_prerolled = False
-
-    def prepare_run(self) -> None:
-        """Resets the state of an earlier run."""
-        self.waited_ns = 0
-        self._has_prerolled = False
-        self._last_end_ns = self._next_ns = 0
-        self.position_ns = None
 
     def flush(self, *, begins: bool) -> None:
         """Begins or ends a flush, which drops the held frame."""

@@ -16,10 +16,10 @@ from streamkit.flow.events import (
     EndOfStream,
     Event,
     Flushing,
+    Segment,
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame
-from streamkit.flow.segment import Segment
 
 POLL_S = 1.0  # interval at which a paused source checks `stopping`, in case a notification is missed
 
@@ -39,19 +39,21 @@ class Source(Element):
     is_live: bool = False
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self.over = threading.Event()
-        self._held = threading.Event()
-        self._held.set()
-        self._finishing = False
+        self.over, self._held, self._flush_over = threading.Event(), threading.Event(), threading.Event()
+        self._segment = Segment()
+        self.prepare_run()
+        super().__init__(name, **properties)
+
+    def prepare_run(self) -> None:
+        """Resets the state of an earlier run."""
+        self._finishing = self._renegotiates = False
         self._needs_check = False  # pause, end or renegotiation before the next frame
-        self._renegotiates = False
-        self._flush_over = threading.Event()
+        self.over.clear()
+        self._held.set()
         self._flush_over.set()
         self._epochs: dict[str, int] = {}
         self._numbers: dict[str, int] = {}
-        self._segment = Segment()
         self._segment_epoch: int | None = None
-        super().__init__(name, **properties)
 
     # Overridden by authors.
 
@@ -118,15 +120,6 @@ class Source(Element):
         else:
             self._flush_over.set()
 
-    def prepare_run(self) -> None:
-        """Resets the state of an earlier run."""
-        self._finishing = self._needs_check = self._renegotiates = False
-        self.over.clear()
-        self._held.set()
-        self._flush_over.set()
-        self._epochs, self._numbers = {}, {}
-        self._segment_epoch = None
-
     def stream(self) -> None:
         """Body of the source's thread: negotiates, pushes every frame, then EOS."""
         try:
@@ -147,7 +140,7 @@ class Source(Element):
             return
         caps = self.negotiate(pad.allowed_caps(ANY))
         if caps is not None and not caps.is_any:
-            pad.demand_accepted(caps)
+            pad.check_accepted(caps)
             pad.send_event(CapsEvent(caps))
         elif caps is not None:
             pad.caps = caps
@@ -253,7 +246,7 @@ class Source(Element):
                 pad.caps = caps
         for other in list(self.src_pads()):
             if other.caps is not None and other.peer is not None:
-                other.demand_accepted(other.caps)
+                other.check_accepted(other.caps)
                 other.send_event(CapsEvent(other.caps))
 
     def _announce_caps(self, pad: Pad, frame: Frame) -> Frame:
@@ -261,7 +254,7 @@ class Source(Element):
         caps = frame.caps
         if pad.caps is not None and caps == pad.caps:
             return frame.replace(caps=pad.caps)
-        pad.demand_accepted(caps)
+        pad.check_accepted(caps)
         pad.send_event(CapsEvent(caps))
         return frame
 

@@ -109,7 +109,7 @@ class Transform(Element):
                 if isinstance(item, tuple):
                     self.push_aside(*item)
                 else:
-                    self.src_pad.push(self.settled(item))
+                    self.src_pad.push(self.with_src_caps(item))
         finally:
             self.leave()
         for pad in list(self.src_pads()):
@@ -130,7 +130,7 @@ class Transform(Element):
             return
         if frame.caps is not pad.caps:
             if frame.caps != pad.caps:
-                pad.demand_accepted(frame.caps)
+                pad.check_accepted(frame.caps)
                 pad.send_event(CapsEvent(frame.caps))
             frame = frame.replace(caps=pad.caps)
         with contextlib.suppress(EndOfStream):
@@ -160,7 +160,7 @@ class Transform(Element):
         with self.guarded():
             self.configure(sink_caps, src_caps)
 
-    def settled(self, frame: Frame) -> Frame:
+    def with_src_caps(self, frame: Frame) -> Frame:
         """Sends the caps of an output frame if they changed; returns the frame with the src pad's caps."""
         pad = self.src_pad
         caps = frame.caps
@@ -168,7 +168,7 @@ class Transform(Element):
             return frame
         if pad.caps is not None and (caps is self.pads["sink"].caps or caps == pad.caps):
             return frame.replace(caps=pad.caps)
-        pad.demand_accepted(caps)
+        pad.check_accepted(caps)
         self._configure(self._sink_caps or caps, caps)
         pad.send_event(CapsEvent(caps))
         return frame

@@ -37,15 +37,9 @@ class AppSink(PlainSink):
     sink = "ANY"
 
     caps: Caps | None = Property(ANY, doc="Accepted caps.")
-    max_buffers: int = Property(
-        64, min=0, max=UINT, live=True, doc="Maximum number of queued frames; 0 is no limit."
-    )
-    max_bytes: int = Property(
-        0, min=0, max=UINT64, live=True, unit="bytes", doc="Maximum of queued bytes; 0 is no limit."
-    )
-    max_time: int = Property(
-        0, min=0, max=UINT64, live=True, unit="ns", doc="Maximum queued time; 0 is no limit."
-    )
+    max_buffers: int = Property(64, min=0, max=UINT, live=True, doc="Frame limit; 0 is none.")
+    max_bytes: int = Property(0, min=0, max=UINT64, live=True, unit="bytes", doc="Size limit; 0 is none.")
+    max_time: int = Property(0, min=0, max=UINT64, live=True, unit="ns", doc="Time limit; 0 is none.")
     drop: bool = Property(False, live=True, doc="Drop the oldest frame if full instead of waiting.")
     eos: bool = Property(True, read=lambda s: s._is_over(), doc="Whether nothing more can be pulled.")
     emit_signals: bool = Property(False, live=True, doc="Call `on_new_sample` and the other callbacks.")
@@ -114,7 +108,7 @@ class AppSink(PlainSink):
     def render(self, frame: Frame) -> None:
         """Queues the frame; waits, or drops the oldest, if full."""
         with self.changed:
-            self.demand_open()
+            self.check_open()
             if self.is_outside(frame):
                 return
             while self._is_full():

@@ -6,8 +6,8 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from streamkit.element.choice import Choice
 from streamkit.element.property import Property
+from streamkit.element.property_text import Choice
 from streamkit.element.source import Source
 from streamkit.elements.fakesrc import StreamFormat
 from streamkit.elements.frame_report import Callbacks
@@ -52,15 +52,9 @@ class AppSrc(Source):
     src = "ANY"
 
     caps: Caps | None = Property(ANY, live=True, doc="Caps of bare data.")
-    max_buffers: int = Property(
-        16, min=0, max=UINT64, live=True, doc="Maximum number of queued frames; 0 is no limit."
-    )
-    max_bytes: int = Property(
-        0, min=0, max=UINT64, live=True, unit="bytes", doc="Maximum of queued bytes; 0 is no limit."
-    )
-    max_time: int = Property(
-        0, min=0, max=UINT64, live=True, unit="ns", doc="Maximum queued time; 0 is no limit."
-    )
+    max_buffers: int = Property(16, min=0, max=UINT64, live=True, doc="Frame limit; 0 is none.")
+    max_bytes: int = Property(0, min=0, max=UINT64, live=True, unit="bytes", doc="Size limit; 0 is none.")
+    max_time: int = Property(0, min=0, max=UINT64, live=True, unit="ns", doc="Time limit; 0 is none.")
     block: bool = Property(True, live=True, doc="`push` waits while the queue is full; else the queue grows.")
     leaky_type: LeakyType = Property(LeakyType.NONE, doc="Which frame a full queue drops instead.")
     current_level_buffers: int = Property(0, read=lambda s: s.pending.buffers, doc="Number of queued frames.")
@@ -73,16 +67,9 @@ class AppSrc(Source):
     max_latency: int = Property(-1, min=-1, max=INT64, unit="ns", doc="Maximum age; -1 is no limit.")
     emit_signals: bool = Property(True, live=True, doc="Call `on_need_data` and `on_enough_data`.")
     min_percent: int = Property(
-        0,
-        min=0,
-        max=100,
-        live=True,
-        unit="%",
-        doc="Ask for data below this share of max-bytes.",
+        0, min=0, max=100, live=True, unit="%", doc="Ask for data below this share of max-bytes."
     )
-    duration: int = Property(
-        UINT64, min=0, max=UINT64, unit="ns", doc="Length of the stream; the maximum is unknown."
-    )
+    duration: int = Property(UINT64, min=0, max=UINT64, unit="ns", doc="Stream length; the maximum: unknown.")
     format: StreamFormat = Property(StreamFormat.BYTES, doc="Accepted, without effect: times are ns.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
@@ -130,13 +117,13 @@ class AppSrc(Source):
         """
         if isinstance(item, Event):
             with self.changed:
-                self._demand_open()
+                self._check_open()
                 self.pending.append(item)
                 self.changed.notify_all()
             return
         frame = item if isinstance(item, Frame) else Frame(item, self.caps or ANY, **fields)
         with self.changed:
-            self._demand_open()
+            self._check_open()
             is_full = self.is_playing and self._is_full()
         if is_full:
             if self.emit_signals:
@@ -157,7 +144,7 @@ class AppSrc(Source):
             StateError: `end` was called.
         """
         with self.changed:
-            self._demand_open()
+            self._check_open()
             if self._is_full():
                 return False
         self.push(item, **fields)
@@ -169,9 +156,9 @@ class AppSrc(Source):
             self._closed = True
             self.changed.notify_all()
 
-    def _demand_open(self) -> None:
+    def _check_open(self) -> None:
         if self._closed:
-            raise StateError(f"{self.name}: no frame can follow end(); stop the pipeline to begin anew")
+            raise StateError(f"{self.name}: no frame can follow end(); stop the pipeline to start again")
 
     def _append(self, frame: Frame) -> None:
         with self.changed:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from streamkit.element.choice import Choice
 from streamkit.element.property import Property
+from streamkit.element.property_text import Choice
 from streamkit.element.transform import Transform
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.frame import Frame
@@ -29,9 +29,7 @@ class CapsFilter(Transform):
 
     caps: Caps | None = Property(ANY, live=True, doc="Allowed caps; None is ANY.")
     caps_change_mode: CapsChangeMode = Property(
-        CapsChangeMode.IMMEDIATE,
-        live=True,
-        doc="Whether previous caps are accepted until upstream sends new ones.",
+        CapsChangeMode.IMMEDIATE, live=True, doc="Whether previous caps are accepted until new ones arrive."
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:

@@ -9,9 +9,17 @@ from streamkit.element.branching import Combine
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
 from streamkit.flow.caps import ANY
-from streamkit.flow.events import CapsEvent, EndOfStream, Event, Flushing, FlushStart, FlushStop, SegmentEvent
+from streamkit.flow.events import (
+    CapsEvent,
+    EndOfStream,
+    Event,
+    Flushing,
+    FlushStart,
+    FlushStop,
+    Segment,
+    SegmentEvent,
+)
 from streamkit.flow.frame import Frame
-from streamkit.flow.segment import Segment
 
 WAIT_S = 0.5
 
@@ -26,12 +34,8 @@ class Concat(Combine):
     src = "ANY"
     templates = (PadTemplate("sink_%u", Direction.SINK, ANY, Presence.REQUEST),)
 
-    active_pad: str | None = Property(
-        None, read=lambda concat: concat._active_name(), doc="Name of the current input."
-    )
-    adjust_base: bool = Property(
-        True, live=True, doc="Start the running time of each input where the previous one ended."
-    )
+    active_pad: str | None = Property(None, read=lambda c: c._active_name(), doc="Name of the current input.")
+    adjust_base: bool = Property(True, live=True, doc="Start each input where the previous one ended.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self._end_ns = 0

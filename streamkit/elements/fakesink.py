@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from streamkit.element.choice import Choice
 from streamkit.element.property import Property
+from streamkit.element.property_text import Choice
 from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.elements.plainsink import PlainSink
 from streamkit.errors import StateError
@@ -43,9 +43,7 @@ class FakeSink(PlainSink):
 
     sink = "ANY"
 
-    num_buffers: int = Property(
-        -1, min=-1, max=INT, doc="Frames after which the sink ends the stream; -1 is never."
-    )
+    num_buffers: int = Property(-1, min=-1, max=INT, doc="Frames until the sink ends the stream; -1: never.")
     silent: bool = Property(True, live=True, doc="Post no message for each frame.")
     signal_handoffs: bool = Property(False, live=True, doc="Call `on_handoff` with each frame.")
     dump: bool = Property(False, live=True, doc="Post the bytes of each frame as a message.")
@@ -101,7 +99,7 @@ class FakeSink(PlainSink):
             self._render_fully(frame)
 
     def _render_fully(self, frame: Frame) -> None:
-        self.demand_open()
+        self.check_open()
         limit = self.num_buffers
         if 0 <= limit <= self.count:
             raise EndOfStream(self.name)

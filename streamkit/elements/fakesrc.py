@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from streamkit.element.choice import Choice
 from streamkit.element.property import Property
+from streamkit.element.property_text import Choice
 from streamkit.element.source import Source
 from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.errors import NotNegotiated
@@ -74,15 +74,9 @@ class FakeSrc(Source):
     sizemin: int = Property(0, min=0, max=INT, unit="bytes", doc="Minimum of random sizes.")
     sizemax: int = Property(4096, min=0, max=INT, unit="bytes", doc="Fixed size, or maximum of random sizes.")
     filltype: FillType = Property(FillType.NOTHING, doc="Content of frames; `nothing` is zeros, too.")
-    data: DataType = Property(
-        DataType.ALLOCATE, doc="Allocate each frame, or cut frames from a larger buffer."
-    )
-    parentsize: int = Property(
-        40960, min=0, max=INT, unit="bytes", doc="Size of that buffer, with data=subbuffer."
-    )
-    datarate: int = Property(
-        0, min=0, max=INT, unit="bytes/s", doc="Timestamps frames for this rate; 0 is off."
-    )
+    data: DataType = Property(DataType.ALLOCATE, doc="Allocate each frame, or cut it from a larger buffer.")
+    parentsize: int = Property(40960, min=0, max=INT, unit="bytes", doc="Size of that buffer.")
+    datarate: int = Property(0, min=0, max=INT, unit="bytes/s", doc="Timestamps by this rate; 0 is off.")
     sync: bool = Property(False, doc="With datarate: send each frame at its running time.")
     do_timestamp: bool = Property(False, doc="Timestamp each frame with the running time.")
     is_live: bool = Property(False, doc="Send 30 frames/s, as a camera.")

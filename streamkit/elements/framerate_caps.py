@@ -24,8 +24,8 @@ def rates_after(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:
         if rate is not None:
             yield from _limited(structure, rate, highest)
         top = highest
-        if drop_only and rate is not None and highest_rate(rate) > 0:
-            top = min(highest, highest_rate(rate))
+        if drop_only and rate is not None and rate_bounds(rate)[1] > 0:
+            top = min(highest, rate_bounds(rate)[1])
         yield _with_rate(structure, FractionRange(VARIABLE, top))
 
     return _each(caps, options)
@@ -46,7 +46,7 @@ def rates_before(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:
             yield _with_rate(structure, ANY_RATE)
             return
         yield structure
-        low = lowest_rate(rate)
+        low = rate_bounds(rate)[0]
         yield _with_rate(structure, FractionRange(low, MOST))
         if low > 0:
             yield _with_rate(structure, VARIABLE)
@@ -71,22 +71,14 @@ def _with_rate(structure: Structure, rate: Any) -> Structure:
     return Structure(structure.name, {**structure.fields, "framerate": rate}, structure.features)
 
 
-def highest_rate(rate: Any) -> Fraction:
-    """Maximum of a rate, a range or a list."""
+def rate_bounds(rate: Any) -> tuple[Fraction, Fraction]:
+    """Minimum and maximum of a rate, a range or a list."""
     if isinstance(rate, FractionRange):
-        return rate.high
+        return rate.low, rate.high
     if isinstance(rate, ValueList):
-        return max(highest_rate(item) for item in rate.items)
-    return Fraction(rate)
-
-
-def lowest_rate(rate: Any) -> Fraction:
-    """Minimum of a rate, a range or a list."""
-    if isinstance(rate, FractionRange):
-        return rate.low
-    if isinstance(rate, ValueList):
-        return min(lowest_rate(item) for item in rate.items)
-    return Fraction(rate)
+        bounds = [rate_bounds(item) for item in rate.items]
+        return min(low for low, _ in bounds), max(high for _, high in bounds)
+    return Fraction(rate), Fraction(rate)
 
 
 def estimated_rate(interval_ns: int) -> Fraction:

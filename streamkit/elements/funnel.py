@@ -19,9 +19,7 @@ class Funnel(Combine):
     src = "ANY"
     templates = (PadTemplate("sink_%u", Direction.SINK, ANY, Presence.REQUEST),)
 
-    forward_sticky_events: bool = Property(
-        True, live=True, doc="Send the segment of an input whenever the input changes."
-    )
+    forward_sticky_events: bool = Property(True, live=True, doc="Send the segment when the input changes.")
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
         """Adds an input; its default name is `funnelpadN`, as in GStreamer."""

@@ -10,9 +10,8 @@ from streamkit.element.property import Property
 from streamkit.element.transform import Transform
 from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.errors import PropertyError, StreamError
-from streamkit.flow.events import EndOfStream, Event, Flushing, GapEvent, SegmentEvent
+from streamkit.flow.events import OPEN_SEGMENT, EndOfStream, Event, Flushing, GapEvent, Segment, SegmentEvent
 from streamkit.flow.frame import Frame, FrameFlags
-from streamkit.flow.segment import OPEN_SEGMENT, Segment
 from streamkit.handoff.frame_queue import data_size
 
 INT = 2**31 - 1
@@ -46,19 +45,15 @@ class Identity(Transform):
     drop_buffer_flags: str = Property(
         "", doc="Drop frames with any of these flags, joined by `+`: discont, corrupted, delta-unit."
     )
-    datarate: int = Property(
-        0, min=0, max=INT, unit="bytes/s", doc="Timestamps frames for this rate; 0 is off."
-    )
+    datarate: int = Property(0, min=0, max=INT, unit="bytes/s", doc="Timestamps by this rate; 0 is off.")
     single_segment: bool = Property(False, doc="Replace timestamps by running time, in one segment.")
     sync: bool = Property(False, doc="Forward each frame at its running time.")
-    ts_offset: int = Property(
-        0, min=-INT64 - 1, max=INT64, unit="ns", doc="With sync: forward each frame this much later."
-    )
+    ts_offset: int = Property(0, min=-INT64 - 1, max=INT64, unit="ns", doc="With sync: delay of each frame.")
     silent: bool = Property(True, doc="Post no message for each frame.")
     signal_handoffs: bool = Property(True, doc="Call `on_handoff` with each frame.")
     dump: bool = Property(False, doc="Post the bytes of each frame as a message.")
     check_imperfect_timestamp: bool = Property(
-        False, doc="Post a message if a timestamp is not the end of the previous frame."
+        False, doc="Post a message at gaps and overlaps in timestamps."
     )
     check_imperfect_offset: bool = Property(False, doc="Post a message if frame numbers are not consecutive.")
     last_message: str | None = Property(None, readonly=True, doc="The last action, unless silent.")
@@ -69,10 +64,7 @@ class Identity(Transform):
         self.on_handoff = Callbacks()
         self._flags = 0
         self._drops_delta_units = False
-        self._random = random.Random(0)
-        self._count = self._bytes = 0
-        self._end_ns: int | None = None
-        self._number: int | None = None
+        self.start()
         super().__init__(name, **properties)
 
     def property_changed(self, name: str) -> None:
@@ -93,7 +85,8 @@ class Identity(Transform):
         """Resets the counters."""
         self._random = random.Random(self.seed)
         self._count = self._bytes = 0
-        self._end_ns = self._number = None
+        self._end_ns: int | None = None
+        self._number: int | None = None
 
     def _stats(self) -> str:
         return f"application/x-identity-stats, num-bytes={self._bytes}, num-buffers={self._count}"

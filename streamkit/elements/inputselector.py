@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 from streamkit.element.branching import Combine
-from streamkit.element.choice import Choice
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
+from streamkit.element.property_text import Choice
 from streamkit.errors import PropertyError
 from streamkit.flow.caps import ANY
 from streamkit.flow.events import EOS, EndOfStream, Event, Flushing
@@ -38,20 +38,14 @@ class InputSelector(Combine):
     templates = (PadTemplate("sink_%u", Direction.SINK, ANY, Presence.REQUEST),)
 
     active_pad: str | None = Property(None, live=True, doc="Name of the active input; unset is the first.")
-    sync_streams: bool = Property(
-        True, live=True, doc="Block inactive inputs until the active one reaches their running time."
-    )
+    sync_streams: bool = Property(True, live=True, doc="Make inactive inputs wait for the active one.")
     sync_mode: SyncMode = Property(
         SyncMode.ACTIVE_SEGMENT, doc="With sync-streams: synchronise to the active input or the clock."
     )
     cache_buffers: bool = Property(
-        False,
-        live=True,
-        doc="Keep frames of inactive inputs that are not older than those of the active one.",
+        False, live=True, doc="Keep frames of inactive inputs unless they are older than the active one's."
     )
-    drop_backwards: bool = Property(
-        False, live=True, doc="After a switch, drop frames older than the newest one forwarded."
-    )
+    drop_backwards: bool = Property(False, live=True, doc="After a switch, drop frames older than the last.")
     n_pads: int = Property(0, read=lambda s: sum(1 for _ in s.sink_pads()), doc="Number of inputs.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
@@ -157,12 +151,12 @@ class InputSelector(Combine):
     def property_changed(self, name: str) -> None:
         """Wakes waiting inputs; ends the stream if the new active input has ended."""
         if name == "active_pad":
-            self._demand_pad(self.active_pad)
+            self._check_pad(self.active_pad)
         if self.is_playing:
             with self._lock:
                 self._end_if_over()
 
-    def _demand_pad(self, name: str | None) -> None:
+    def _check_pad(self, name: str | None) -> None:
         """Refuses a name that is not a pad; while the graph is built, one that cannot become a pad."""
         template = self.pad_templates["sink_%u"]
         if name is None or name in self.pads or (self.host is None and template.matches(name)):

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from streamkit.element.branching import Split
-from streamkit.element.choice import Choice
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
+from streamkit.element.property_text import Choice
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import CapsEvent, SegmentEvent
 from streamkit.flow.frame import Frame
@@ -36,9 +36,7 @@ class OutputSelector(Split):
     pad_negotiation_mode: Negotiation = Property(
         Negotiation.ALL, doc="Caps that bound upstream: none, those of all branches, or of the active one."
     )
-    resend_latest: bool = Property(
-        False, live=True, doc="Send the newest frame again to a branch that becomes active."
-    )
+    resend_latest: bool = Property(False, live=True, doc="Send the newest frame again after a switch.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self._latest: Frame | None = None

@@ -7,9 +7,8 @@ from typing import Any
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.sink import Sink
-from streamkit.flow.events import EndOfStream, Event, SegmentEvent
+from streamkit.flow.events import EndOfStream, Event, Segment, SegmentEvent
 from streamkit.flow.frame import Frame
-from streamkit.flow.segment import Segment
 
 UINT = 2**32 - 1
 UINT64 = 2**64 - 1
@@ -47,9 +46,6 @@ class PlainSink(Sink):
         self._clip = None
         self.apply_state()
 
-    def stop(self) -> None:
-        """Keeps the last frame available."""
-
     def apply_state(self) -> None:
         """Caches what properties and stream state mean for the next frame."""
         self._keeps_last = self.enable_last_sample
@@ -76,7 +72,7 @@ class PlainSink(Sink):
         self.count_drop("outside the segment")
         return True
 
-    def demand_open(self) -> None:
+    def check_open(self) -> None:
         """Raises `EndOfStream` after EOS."""
         if self._has_ended:
             raise EndOfStream(self.name)

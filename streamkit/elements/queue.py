@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 from streamkit.element.base import Element
-from streamkit.element.choice import Choice
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
+from streamkit.element.property_text import Choice
 from streamkit.elements.frame_report import Callbacks
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import (
@@ -62,37 +62,28 @@ class Queue(Element):
 
     sink = src = "ANY"
 
-    max_size_buffers: int = Property(
-        200, min=0, max=UINT, live=True, doc="Maximum number of queued frames; 0 is no limit."
-    )
+    max_size_buffers: int = Property(200, min=0, max=UINT, live=True, doc="Frame limit; 0 is none.")
     max_size_bytes: int = Property(
-        10485760, min=0, max=UINT, live=True, unit="bytes", doc="Maximum of queued bytes; 0 is no limit."
+        10485760, min=0, max=UINT, live=True, unit="bytes", doc="Size limit; 0 is none."
     )
     max_size_time: int = Property(
-        1_000_000_000,
-        min=0,
-        max=UINT64,
-        live=True,
-        unit="ns",
-        doc="Maximum queued running time; 0 is no limit.",
+        1_000_000_000, min=0, max=UINT64, live=True, unit="ns", doc="Time limit; 0 is none."
     )
     min_threshold_buffers: int = Property(
-        0, min=0, max=UINT, live=True, doc="Frames to queue before any is sent on; 0 is none."
+        0, min=0, max=UINT, live=True, doc="Frames to queue before reading."
     )
     min_threshold_bytes: int = Property(
-        0, min=0, max=UINT, live=True, unit="bytes", doc="Bytes to queue before any frame is sent on."
+        0, min=0, max=UINT, live=True, unit="bytes", doc="Bytes to queue before reading."
     )
     min_threshold_time: int = Property(
-        0, min=0, max=UINT64, live=True, unit="ns", doc="Running time to queue before any frame is sent on."
+        0, min=0, max=UINT64, live=True, unit="ns", doc="Running time to queue before reading."
     )
     leaky: Leaky = Property(Leaky.NO, live=True, doc="Which frame a full queue drops instead of waiting.")
     flush_on_eos: bool = Property(False, live=True, doc="Drop queued frames at EOS.")
     silent: bool = Property(False, live=True, doc="Call none of the callbacks.")
     current_level_buffers: int = Property(0, read=lambda q: q.pending.buffers, doc="Number of queued frames.")
     current_level_bytes: int = Property(0, read=lambda q: q.pending.bytes, unit="bytes", doc="Queued bytes.")
-    current_level_time: int = Property(
-        0, read=lambda q: q.pending.time_ns, unit="ns", doc="Queued running time."
-    )
+    current_level_time: int = Property(0, read=lambda q: q.pending.time_ns, unit="ns", doc="Queued time.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_overrun = Callbacks()
@@ -142,7 +133,7 @@ class Queue(Element):
 
     def _put(self, frame: Frame) -> None:
         with self._lock:
-            self._demand_open()
+            self._check_open()
             is_met_full = self._is_full()
             if not is_met_full:
                 self._append(frame)
@@ -152,7 +143,7 @@ class Queue(Element):
                 if self._make_room():
                     self._append(frame)
 
-    def _demand_open(self) -> None:
+    def _check_open(self) -> None:
         """Raises the reason why frames are refused, if any."""
         if self._refusal is not None:
             raise self._refusal(self.name)
@@ -172,7 +163,7 @@ class Queue(Element):
     def _make_room(self) -> bool:
         """Waits, or drops by `leaky`; False if the new frame is dropped."""
         while self._is_full():
-            self._demand_open()
+            self._check_open()
             if self.leaky is Leaky.UPSTREAM:
                 self.count_drop("queue full, newest dropped")
                 self._has_tail_gap = True
@@ -183,7 +174,7 @@ class Queue(Element):
                 continue
             with self.waiting():
                 self._room.wait(POLL_S)
-        self._demand_open()
+        self._check_open()
         return True
 
     def receive_event(self, pad: Pad, event: Event) -> None:

@@ -25,9 +25,7 @@ class Tee(Split):
     templates = (PadTemplate("src_%u", Direction.SRC, ANY, Presence.REQUEST),)
 
     allow_not_linked: bool = Property(False, live=True, doc="Continue if no branch is linked.")
-    num_src_pads: int = Property(
-        0, read=lambda tee: sum(1 for _ in tee.src_pads()), doc="Number of branches."
-    )
+    num_src_pads: int = Property(0, read=lambda t: sum(1 for _ in t.src_pads()), doc="Number of branches.")
     silent: bool = Property(True, live=True, doc="Keep no text in last-message.")
     last_message: str | None = Property(None, readonly=True, doc="The last action.")
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from streamkit.element.choice import Choice
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
+from streamkit.element.property_text import Choice
 from streamkit.element.transform import Transform
 from streamkit.flow.events import CapsEvent, Event, FlushStart, FlushStop, GapEvent, SegmentEvent
 from streamkit.flow.frame import Frame, FrameFlags
@@ -34,10 +34,7 @@ class Valve(Transform):
     sink = src = "ANY"
 
     drop: bool = Property(False, live=True, doc="Drop all frames.")
-    drop_mode: DropMode = Property(
-        DropMode.DROP_ALL,
-        doc="Drop events too, drop frames only, or turn frames into gaps.",
-    )
+    drop_mode: DropMode = Property(DropMode.DROP_ALL, doc="Drop events too, only frames, or send gaps.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self._was_closed = False

@@ -9,7 +9,7 @@ from typing import Any
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.transform import Transform
-from streamkit.elements.framerate_caps import VARIABLE, estimated_rate, lowest_rate, rates_after, rates_before
+from streamkit.elements.framerate_caps import VARIABLE, estimated_rate, rate_bounds, rates_after, rates_before
 from streamkit.errors import NotNegotiated, StreamError
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import CapsEvent, DiscontinuityEvent, Event, FlushStart, FlushStop, SegmentEvent
@@ -37,15 +37,9 @@ class VideoRate(Transform):
         INT, min=1, max=INT, live=True, unit="frames/s", doc="Maximum output rate; implies drop-only."
     )
     average_period: int = Property(
-        0,
-        min=0,
-        max=2**63 - 1,
-        unit="ns",
-        doc="With max-rate: averaging period of the rate; 0 is none.",
+        0, min=0, max=2**63 - 1, unit="ns", doc="With max-rate: averaging period of the rate; 0 is none."
     )
-    max_duplication_time: int = Property(
-        0, min=0, max=UINT64, unit="ns", doc="Do not fill longer gaps; 0 is no limit."
-    )
+    max_duplication_time: int = Property(0, min=0, max=UINT64, unit="ns", doc="Longest filled gap; 0 is any.")
     max_closing_segment_duplication_duration: int = Property(
         SECOND_NS, min=0, max=UINT64, unit="ns", doc="Maximum time filled at the end of a segment."
     )
@@ -58,13 +52,10 @@ class VideoRate(Transform):
     duplicate: int = Property(0, read=lambda v: v._repeated, doc="Frames duplicated.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._in = self._out = self._dropped = self._repeated = 0
-        self._rate_out = VARIABLE
-        self._rate_in = VARIABLE
+        self._rate_in = self._rate_out = VARIABLE
         self._may_estimate = False
         self._caps: Caps | None = None
-        self._start_ns = 0
-        self._forget()
+        self.start()
         super().__init__(name, **properties)
 
     def _forget(self) -> None:
@@ -116,8 +107,8 @@ class VideoRate(Transform):
             self._push_unused()
             self._held = None
         self._caps = src_caps
-        self._rate_in = lowest_rate(sink_caps["framerate"])
-        rate = lowest_rate(src_caps["framerate"])
+        self._rate_in = rate_bounds(sink_caps["framerate"])[0]
+        rate = rate_bounds(src_caps["framerate"])[0]
         if rate != self._rate_out and self._base_ns is not None:
             self._base_ns, self._ticks = self._tick_ns(), 0
         self._rate_out = rate

@@ -146,7 +146,7 @@ class CapsReader:
         else:
             name = self.take(NAME, "a media type such as video/x-raw")
         if name in WORDS:
-            raise self.fail(f"{name} stands alone, without fields and other structures", start=start)
+            raise self.fail(f"{name} must be alone, without fields and other structures", start=start)
         features = self.features() if self.text.startswith("(", self.position) else ()
         fields: dict[str, Value] = {}
         while self.accept(","):
@@ -170,7 +170,7 @@ class CapsReader:
             raise self.fail("expected ')' after the caps features")
         found = tuple(dict.fromkeys(names))
         if "ANY" in found and len(found) > 1:
-            raise self.fail("the feature ANY stands alone")
+            raise self.fail("the feature ANY must be alone")
         return () if found == (SYSTEM_MEMORY,) else found
 
     def value(self, kind: str | None) -> Value:

@@ -252,12 +252,13 @@ def _target_record(
     angle, score = float(track.angle), float(track.score)
     # A sum is finite only if all its terms are: one test instead of six for every track.
     if not isfinite(x + y + length + width + angle + score):
-        _demand_finite(track, (x, y, length, width, angle, score))
+        _check_finite(track, (x, y, length, width, angle, score))
     vx, vy = track.velocity
     vx, vy = float(vx), float(vy)
     moving = isfinite(vx) and isfinite(vy)
     (xx, xy), (yx, yy) = track.covariance.tolist()
     spread = isfinite(xx + xy + yx + yy)
+    place = places.get(track.id) if places else None
     cosine, sine = abs(cos(angle)), abs(sin(angle))
     half_x = (length * cosine + width * sine) / 2
     half_y = (length * sine + width * cosine) / 2
@@ -319,7 +320,7 @@ def _finite_pair(pair: tuple[float, float] | None) -> Row2 | None:
     return None if pair is None or not isfinite(pair[0] + pair[1]) else pair
 
 
-def _demand_finite(track: Track, place: tuple[float, ...]) -> None:
+def _check_finite(track: Track, place: tuple[float, ...]) -> None:
     if not all(isfinite(value) for value in place):
         raise ValueError(
             f"track {track.id}: x, y, length, width, angle and score must be finite, got "

@@ -52,11 +52,7 @@ def _candidates(scheme: str, *, as_source: bool) -> list[tuple[int, str]]:
 
 
 def location_of(url: str, place: Place) -> str:
-    """The `location` for a URI: the path of a local file, else the URI itself.
-
-    Raises:
-        DescriptionError: the file is on another host.
-    """
+    """The `location` for a URI: the path of a local file, else the URI itself; raises `DescriptionError`."""
     scheme, _, rest = url.partition("://")
     if scheme.lower() != "file":
         return url

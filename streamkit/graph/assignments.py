@@ -10,8 +10,7 @@ from streamkit.element.property import PropertyDeclaration
 from streamkit.element.property_text import unquote_string, value_from_text
 from streamkit.errors import DescriptionError, Place, StreamkitError, did_you_mean
 from streamkit.graph.bins import Bin
-from streamkit.graph.parse import resolve_escapes, unquote_value
-from streamkit.graph.syntax import Assignment, ElementNode
+from streamkit.graph.parse import Assignment, ElementNode, resolve_escapes, unquote_value
 
 Warnings = list[tuple[str, str]]
 
@@ -44,11 +43,7 @@ def set_properties(element: Element, assignments: Iterable[Assignment], warnings
 
 
 def find_declaration(element: Element, item: Assignment, warnings: Warnings) -> PropertyDeclaration:
-    """The property of an assignment; aliases are accepted with a warning.
-
-    Raises:
-        DescriptionError: code `no-such-property`; `could-not-set-property` for `parent`.
-    """
+    """The property of an assignment; aliases are accepted with a warning; raises `DescriptionError`."""
     declaration = element.declaration_of(item.name)
     if declaration is not None:
         if item.name.replace("-", "_") in declaration.aliases:
@@ -56,7 +51,7 @@ def find_declaration(element: Element, item: Assignment, warnings: Warnings) -> 
             warnings.append(("renamed-property", what))
         return declaration
     if item.name == "parent":
-        rule = "an element's parent is the bin in whose brackets it stands"
+        rule = "the parent of an element is the bin that contains it"
         raise DescriptionError("could-not-set-property", rule, item.place)
     hint = did_you_mean(item.name, ["name", *(known.spelling for known in element.properties.values())])
     raise DescriptionError(
@@ -69,7 +64,7 @@ def set_text(
 ) -> None:
     """Sets a property from text without launch-level quotes; raises `DescriptionError`."""
     if declaration.readonly:
-        _demand_readable(element, declaration, text, place)
+        _check_readable(element, declaration, text, place)
         what = f"{element.name}: {declaration.spelling} can only be read; {text} is ignored"
         warnings.append(("read-only-property", what))
         return
@@ -88,7 +83,7 @@ def set_text(
     element.set_in_text[declaration.spelling] = text
 
 
-def _demand_readable(element: Element, declaration: PropertyDeclaration, text: str, place: Place) -> None:
+def _check_readable(element: Element, declaration: PropertyDeclaration, text: str, place: Place) -> None:
     """Refuses a text of the wrong type for a read-only property."""
     try:
         value_from_text(declaration.kind, text)
@@ -149,11 +144,7 @@ def set_on_bin(group: Bin, assignments: tuple[Assignment, ...], warnings: Warnin
 
 
 def try_child(pending: PendingProperty, warnings: Warnings) -> bool:
-    """Sets a child property if the child exists; whether it did.
-
-    Raises:
-        DescriptionError: the child has no such property, or refuses the value.
-    """
+    """Sets a child property if the child exists; whether it did; raises `DescriptionError`."""
     item = pending.assignment
     *path, name = item.name.split("::")
     target: Element | None = pending.group

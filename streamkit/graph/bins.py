@@ -21,12 +21,8 @@ class Bin(Element):
         ghost_pads: paths of inner pads that are linked from outside, by ghost pad name.
     """
 
-    async_handling: bool = Property(
-        False, doc="Accepted for gst-launch's sake; state changes are handled for the whole pipeline."
-    )
-    message_forward: bool = Property(
-        False, doc="Accepted for gst-launch's sake; every message reaches the pipeline's bus."
-    )
+    async_handling: bool = Property(False, doc="Accepted for gst-launch's sake, without effect.")
+    message_forward: bool = Property(False, doc="Accepted for gst-launch's sake, without effect.")
 
     def __init__(self, name: str = "bin", factory: str = "bin", parent: str = "") -> None:
         super().__init__(name)
@@ -72,7 +68,7 @@ def containers(container: Bin | None) -> Iterator[Bin]:
         container = container.container
 
 
-class Placement:
+class BinTree:
     """Assigns elements to bins while a graph is built.
 
     Attributes:
@@ -88,7 +84,7 @@ class Placement:
         self._crossings: dict[int, list[tuple[Bin, str]]] = {}
         self._ghost_number = 0
 
-    def place(self, element: Element, container: Bin | None, place: Place) -> None:
+    def add(self, element: Element, container: Bin | None, place: Place) -> None:
         """Adds an element or bin to a bin, or to none; records duplicate names as errors instead."""
         names = self._names[id(container)]
         if element.name in names:
@@ -105,8 +101,8 @@ class Placement:
         if isinstance(element, Bin):
             element.container = container
 
-    def take_out(self, element: Element) -> None:
-        """Undoes `place` for the element placed last."""
+    def remove(self, element: Element) -> None:
+        """Undoes `add` for the element added last."""
         container = self._containers.pop(id(element))
         self._names[id(container)].discard(element.name)
         self._by_name[element.name].remove(element)
@@ -124,12 +120,12 @@ class Placement:
             return search(alone.children, name)
         return found[0] if len(found) == 1 else search(self.root, name)
 
-    def demand_placed(self, element: Element) -> None:
+    def check_unique(self, element: Element) -> None:
         """Raises a `DescriptionError` (code `link`) if the element's name is a duplicate in its bin."""
         if id(element) in self._duplicates:
             raise self._duplicates[id(element)]
 
-    def demand_all_placed(self) -> None:
+    def check_all_unique(self) -> None:
         """Raises the first `DescriptionError` for a duplicate name, if any."""
         for error in self._duplicates.values():
             raise error

@@ -23,13 +23,11 @@ from streamkit.graph.assignments import (
     set_properties,
     try_child,
 )
-from streamkit.graph.bins import BIN_CLASSES, Bin, Placement
+from streamkit.graph.bins import BIN_CLASSES, Bin, BinTree
 from streamkit.graph.graph import Graph
 from streamkit.graph.linking import End, Linker, PendingLink
 from streamkit.graph.negotiate import negotiate
-from streamkit.graph.parse import parse
-from streamkit.graph.secrets import conceal
-from streamkit.graph.syntax import (
+from streamkit.graph.parse import (
     BinNode,
     ChainNode,
     ElementNode,
@@ -38,16 +36,14 @@ from streamkit.graph.syntax import (
     Node,
     ReferenceNode,
     UrlNode,
+    parse,
 )
+from streamkit.graph.secrets import conceal
 from streamkit.masking import mask_secrets, presentable
 
 
 def build(text: str, variables: Mapping[str, str]) -> Graph:
-    """The graph of a description, its links checked.
-
-    Raises:
-        DescriptionError: the first error, with its place in the text.
-    """
+    """The graph of a description, its links checked; raises `DescriptionError`."""
     try:
         graph = GraphBuilder().build(parse(text, variables))
     except DescriptionError as error:
@@ -70,25 +66,21 @@ class GraphBuilder:
 
     def __init__(self) -> None:
         self.graph = Graph()
-        self._placement = Placement()
-        self._linker = Linker(self.graph, self._placement, self._auto_name)
+        self._bins = BinTree()
+        self._linker = Linker(self.graph, self._bins, self._auto_name)
         self._places: dict[int, Place] = {}
         self._numbers: Counter[str] = Counter()
         self._pending_links: list[PendingLink] = []
         self._pending_properties: list[PendingProperty] = []
 
     def build(self, chains: Sequence[ChainNode]) -> Graph:
-        """The graph of all chains.
-
-        Raises:
-            DescriptionError: the first error.
-        """
+        """The graph of all chains; raises `DescriptionError`."""
         members: list[Element] = []
         for chain in chains:
             self._add_chain(chain, members)
-        self._place_all(members, None)
+        self._add_to_bin(members, None)
         self._make_links()
-        self._placement.demand_all_placed()
+        self._bins.check_all_unique()
         self._set_pending_properties()
         if self.graph.has_loop():
             what = "the links form a loop: caps are not negotiated, and the pipeline will refuse to start"
@@ -219,7 +211,7 @@ class GraphBuilder:
             hint = did_you_mean(node.factory, BIN_CLASSES)
             raise DescriptionError("no-such-element", f'no bin "{node.factory}"', node.place, hint)
         group = BIN_CLASSES[node.factory](self._auto_name(node.factory), node.factory)
-        self._place_all(inside, group)
+        self._add_to_bin(inside, group)
         self._pending_properties += set_on_bin(group, node.assignments, self.graph.warnings)
         for child in inside:
             child.parent = group.name
@@ -232,9 +224,9 @@ class GraphBuilder:
             replace(leave, pads=node.src_pads) if leave else None,
         )
 
-    def _place_all(self, members: Sequence[Element], container: Bin | None) -> None:
+    def _add_to_bin(self, members: Sequence[Element], container: Bin | None) -> None:
         for member in members:
-            self._placement.place(member, container, self._places.get(id(member), Place()))
+            self._bins.add(member, container, self._places.get(id(member), Place()))
 
     def _auto_name(self, factory: str) -> str:
         """An automatic name as in GStreamer: the type, without dashes, and a number per type."""
@@ -266,7 +258,7 @@ def _check_known(factory: str, place: Place) -> None:
     try:
         element_class(factory)
     except DescriptionError as error:
-        raise error.placed(place) from None
+        raise error.at(place) from None
     except PluginBroken as error:
         raise DescriptionError("plugin-broken", str(error), place) from error
 

@@ -2,50 +2,37 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from collections import deque
 from collections.abc import Callable
 
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.handoff.bounded_queue import BoundedQueue
 
 CAPACITY = 4096
-POLL_S = 0.2
 
 
 class Bus:
-    """A bounded queue of messages; if full, it drops the oldest that is neither error nor eos.
-
-    Attributes:
-        lost: number of dropped messages.
-    """
+    """A bounded queue of messages; if full, it drops the oldest that is neither error nor eos."""
 
     def __init__(self) -> None:
-        self._messages: deque[Message] = deque()
-        self._changed = threading.Condition()
+        self._queue = BoundedQueue[Message](CAPACITY, choose_dropped=_choose_dropped)
         self._watchers: list[Callable[[Message], None]] = []
-        self.lost = 0
+
+    @property
+    def lost(self) -> int:
+        """Number of dropped messages."""
+        return self._queue.statistics.dropped
 
     def post(self, message: Message) -> None:
         """Queues a message; watchers are called with it in the posting thread."""
         for watcher in tuple(self._watchers):
             watcher(message)
-        with self._changed:
-            if len(self._messages) >= CAPACITY:
-                self._drop_one()
-            self._messages.append(message)
-            self._changed.notify()
-
-    def _drop_one(self) -> None:
-        kept = (MessageKind.ERROR, MessageKind.EOS)
-        index = next((i for i, message in enumerate(self._messages) if message.kind not in kept), 0)
-        del self._messages[index]
-        self.lost += 1
+        self._queue.put(message)
 
     def flush(self) -> None:
         """Discards unread messages."""
-        with self._changed:
-            self._messages.clear()
+        while self._queue.get() is not None:
+            continue
 
     def watch(self, watcher: Callable[[Message], None]) -> None:
         """Calls a function with every message, in the thread that posts it."""
@@ -60,12 +47,11 @@ class Bus:
         """
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         while True:
-            with self._changed:
-                while self._messages:
-                    message = self._messages.popleft()
-                    if not kinds or message.kind in kinds:
-                        return message
-                left_s = POLL_S if deadline is None else deadline - time.monotonic()
-                if left_s <= 0:
-                    return None
-                self._changed.wait(min(left_s, POLL_S))
+            message = self._queue.get(None if deadline is None else max(0.0, deadline - time.monotonic()))
+            if message is None or not kinds or message.kind in kinds:
+                return message
+
+
+def _choose_dropped(messages: list[Message]) -> int:
+    kept = (MessageKind.ERROR, MessageKind.EOS)
+    return next((index for index, message in enumerate(messages) if message.kind not in kept), 0)

@@ -32,13 +32,13 @@ class Stage:
         newest_ns: arrival time of the newest frame, or 0.
     """
 
-    __slots__ = ("busy_ns", "call", "element", "is_terminal", "newest_ns", "settles", "sink", "swallowed")
+    __slots__ = ("busy_ns", "call", "element", "is_terminal", "newest_ns", "sets_caps", "sink", "swallowed")
 
     def __init__(self, sink: Pad) -> None:
         self.element: Element = sink.element
         self.sink = sink
         self.is_terminal = not isinstance(sink.element, Transform)
-        self.settles = isinstance(sink.element, Transform) and not sink.element.keeps_caps
+        self.sets_caps = isinstance(sink.element, Transform) and not sink.element.keeps_caps
         self.call: Callable[[Frame], Any] = (
             sink.element.transform if isinstance(sink.element, Transform) else sink.element.receiver(sink)
         )
@@ -88,7 +88,7 @@ class Chain:
         if self._left_ns:
             self.upstream_ns += before - self._left_ns
         if self._is_behind_source:
-            demand_layout(self.src.element, frame)
+            check_layout(self.src.element, frame)
         stage: Stage | None = None
         try:
             for stage in self._called:
@@ -105,7 +105,7 @@ class Chain:
                         self._push_each(stage, result)
                     return
                 if result is not frame:
-                    frame = self._settled(stage, result)
+                    frame = self._with_src_caps(stage, result)
             if stage is None or not stage.is_terminal:
                 self._end.not_linked(frame)
         except (FlowStop, ElementFailure, NotNegotiated):
@@ -137,12 +137,12 @@ class Chain:
         """Time spent in all stages, ns."""
         return sum(stage.busy_ns for stage in self.stages)
 
-    def _settled(self, stage: Stage, frame: Frame) -> Frame:
+    def _with_src_caps(self, stage: Stage, frame: Frame) -> Frame:
         """A frame from a transform, with the caps of its src pad and a checked layout."""
-        if stage.settles:
+        if stage.sets_caps:
             assert isinstance(stage.element, Transform)
-            frame = stage.element.settled(frame)
-        demand_layout(stage.element, frame)
+            frame = stage.element.with_src_caps(frame)
+        check_layout(stage.element, frame)
         return frame
 
     def _push_each(self, stage: Stage, results: Any) -> None:
@@ -161,9 +161,9 @@ class Chain:
                     f"of {type(frame).__name__}: put data into a frame with frame.replace(data=...)"
                 )
             if name in ("", "src"):
-                element.src_pad.push(self._settled(stage, frame))
+                element.src_pad.push(self._with_src_caps(stage, frame))
             else:
-                demand_layout(element, frame)
+                check_layout(element, frame)
                 element.push_aside(name, frame)
             element.enter("frame", time.perf_counter_ns(), frame)
 
@@ -186,7 +186,7 @@ def _is_bypassed(stage: Stage) -> bool:
     return isinstance(stage.element, Transform) and stage.element.is_passthrough()
 
 
-def demand_layout(element: Element, frame: Frame) -> None:
+def check_layout(element: Element, frame: Frame) -> None:
     """Raises an `ElementFailure` if the array of a frame contradicts its caps."""
     fault = layout_error(frame)
     if fault is not None:

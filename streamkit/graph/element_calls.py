@@ -180,6 +180,4 @@ def _raise_error(call: ElementCall) -> None:
 
 
 def _hang(method: str, seconds: float) -> HangDetected:
-    return HangDetected(
-        f"its {method} has not come back within {seconds:.0f} s and is given up; its thread is left behind"
-    )
+    return HangDetected(f"its {method} has not returned within {seconds:.0f} s; its thread is abandoned")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
 from streamkit.element.base import Element
@@ -48,7 +48,7 @@ class Graph:
 
     def from_sinks(self) -> list[Element]:
         """The elements in reverse topological order: sinks first, sources last; loops are cut."""
-        waits_for = {id(element): len(_downstream(element)) for element in self.elements}
+        waits_for = {id(element): len(downstream(element)) for element in self.elements}
         ready = deque(element for element in reversed(self.elements) if not waits_for[id(element)])
         left = deque(reversed(self.elements))
         ordered: list[Element] = []
@@ -74,19 +74,37 @@ class Graph:
         position = {id(element): index for index, element in enumerate(self.from_sinks())}
         return any(position[id(src.element)] < position[id(sink.element)] for src, sink in self.links())
 
-    def demand_links(self) -> None:
+    def check_links(self) -> None:
         """Raises `StateError` for a loop, and `ElementFailure` for an unlinked sink pad."""
         if self.has_loop():
-            raise StateError("the links form a loop; frames would run in it for ever")
+            raise StateError("the links form a loop; frames would never leave it")
         if self.delayed_links:
             return
         for element in self.elements:
             for pad in element.sink_pads():
                 if pad.peer is None and pad.template.presence is Presence.ALWAYS:
                     raise element.failure(
-                        StateError(f"nothing is linked to its pad {pad.name}, so no frame would ever come")
+                        StateError(f"nothing is linked to its pad {pad.name}, so no frame can arrive")
                     )
 
 
-def _downstream(element: Element) -> list[Element]:
+def downstream(element: Element) -> list[Element]:
+    """The elements linked to the src pads of an element."""
     return [pad.peer.element for pad in element.src_pads() if pad.peer is not None]
+
+
+def upstream(element: Element) -> list[Element]:
+    """The elements linked to the sink pads of an element."""
+    return [pad.peer.element for pad in element.sink_pads() if pad.peer is not None]
+
+
+def walk(start: Iterable[Element], neighbours: Callable[[Element], Iterable[Element]]) -> Iterator[Element]:
+    """The elements reachable from `start`, each once, the nearest first."""
+    waiting = deque(start)
+    seen: set[int] = set()
+    while waiting:
+        element = waiting.popleft()
+        if id(element) not in seen:
+            seen.add(id(element))
+            yield element
+            waiting.extend(neighbours(element))

@@ -10,7 +10,7 @@ from streamkit.element.pad import Pad, Presence
 from streamkit.element.registry import make_element
 from streamkit.errors import DescriptionError, Place, PluginBroken, did_you_mean
 from streamkit.flow.caps import Caps
-from streamkit.graph.bins import Placement
+from streamkit.graph.bins import BinTree
 from streamkit.graph.graph import Graph
 from streamkit.graph.link import DelayedLink, Ends, awaits_pads, choose_pads, pad_pairs
 
@@ -43,18 +43,14 @@ class Linker:
         places: place in the text of the link of a src pad, by the pad's path.
     """
 
-    def __init__(self, graph: Graph, placement: Placement, auto_name: Callable[[str], str]) -> None:
+    def __init__(self, graph: Graph, bins: BinTree, auto_name: Callable[[str], str]) -> None:
         self.places: dict[str, Place] = {}
         self._graph = graph
-        self._placement = placement
+        self._bins = bins
         self._auto_name = auto_name
 
     def make(self, link: PendingLink) -> None:
-        """Makes a link, or a delayed link if the stream may add the pad.
-
-        Raises:
-            DescriptionError: a name is unknown, or the link is impossible.
-        """
+        """Makes a link, or a delayed link if the stream may add the pad; raises `DescriptionError`."""
         source, sink = self._resolve(link.source), self._resolve(link.sink)
         both_named = bool(link.source.pads and link.sink.pads)
         for ends in pad_pairs(source, link.source.pads, sink, link.sink.pads, link.place):
@@ -92,8 +88,8 @@ class Linker:
         if caps is None:
             return [self._link(*choose_pads(ends, strict=strict), ends.place)]
         capsfilter = self._make_filter(caps, ends.place)
-        self._placement.place(capsfilter, self._placement.container_of(ends.source), ends.place)
-        self._placement.demand_placed(capsfilter)
+        self._bins.add(capsfilter, self._bins.container_of(ends.source), ends.place)
+        self._bins.check_unique(capsfilter)
         made: list[tuple[Pad, Pad]] = []
         try:
             for now in (
@@ -103,7 +99,7 @@ class Linker:
                 made.append(self._link(*choose_pads(now, strict=strict), ends.place))
         except DescriptionError:
             self._undo(made)
-            self._placement.take_out(capsfilter)
+            self._bins.remove(capsfilter)
             raise
         self._graph.elements.append(capsfilter)
         return made
@@ -120,24 +116,24 @@ class Linker:
     def _link(self, src: Pad, sink: Pad, place: Place) -> tuple[Pad, Pad]:
         src.link(sink)
         self.places[src.path] = place
-        self._placement.cross(src, sink)
+        self._bins.cross(src, sink)
         return src, sink
 
     def _undo(self, made: list[tuple[Pad, Pad]]) -> None:
         for src, _ in made:
             src.unlink()
-            self._placement.uncross(src)
+            self._bins.uncross(src)
             if src.template.presence is Presence.REQUEST:
                 src.element.release_pad(src)
 
     def _resolve(self, end: End) -> Element:
-        found = end.element or self._placement.find(end.name)
+        found = end.element or self._bins.find(end.name)
         if found is None:
             raise DescriptionError(
                 "no-such-element", f"no element named {end.name!r} in the pipeline", end.place,
                 did_you_mean(end.name, [element.name for element in self._graph.elements]),
             )  # fmt: skip
-        self._placement.demand_placed(found)
+        self._bins.check_unique(found)
         return found
 
 

@@ -27,7 +27,7 @@ def negotiate(graph: Graph, places: dict[str, Place]) -> None:
         DescriptionError: code `link`, if two pads have no common caps.
     """
     if graph.has_loop():
-        raise DescriptionError("link", "the links form a loop; frames would run in it for ever")
+        raise DescriptionError("link", "the links form a loop; frames would never leave it")
     has_changed = False
     with remembered_caps(graph):
         for src, sink in _links_from_sinks(graph):
@@ -116,12 +116,8 @@ def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, p
     converter.parent = src.element.parent
     graph.elements.insert(graph.elements.index(src.element) + 1, converter)
     graph.inserted.append(converter)
-    graph.warnings.append(
-        (
-            "converter-inserted",
-            f"{converter.name} was put between {src.path} and {sink.path}: {offered} is no {accepted}",
-        )
-    )
+    text = f"{converter.name} was inserted between {src.path} and {sink.path}: {offered} is not {accepted}"
+    graph.warnings.append(("converter-inserted", text))
     return True
 
 

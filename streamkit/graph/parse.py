@@ -1,9 +1,10 @@
-"""Parses a description to a syntax tree."""
+"""The syntax tree of a description, and its parser."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from lark import Token, Transformer
@@ -11,20 +12,8 @@ from lark.exceptions import UnexpectedToken
 from lark.parsers.lalr_interactive_parser import InteractiveParser
 from lark.visitors import v_args
 
-from streamkit.errors import DescriptionError
+from streamkit.errors import DescriptionError, Place
 from streamkit.graph.grammar import parser
-from streamkit.graph.syntax import (
-    Assignment,
-    BinNode,
-    ChainNode,
-    ElementNode,
-    FaultNode,
-    LinkNode,
-    Node,
-    ReferenceNode,
-    UrlNode,
-    with_pads,
-)
 from streamkit.graph.tokens import TOKEN_LIMIT, DescriptionLexer
 from streamkit.graph.variables import ExpandedText, expand
 from streamkit.masking import mask_secrets
@@ -37,12 +26,96 @@ NAMES = {
 }  # fmt: skip
 
 
-def parse(text: str, variables: Mapping[str, str]) -> tuple[ChainNode, ...]:
-    """The chains of a description; a `FaultNode` marks a syntax error.
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """`name=value`; `value` is as written, with quotes and escapes."""
 
-    Raises:
-        DescriptionError: the text is empty (code `empty`), or too long or nested too deeply (code `syntax`).
+    name: str
+    value: str
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class ElementNode:
+    """An element: type, properties, and the pads named before and after it."""
+
+    factory: str
+    place: Place
+    assignments: tuple[Assignment, ...] = ()
+    presets: tuple[Assignment, ...] = ()
+    sink_pads: tuple[str, ...] = ()
+    src_pads: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class BinNode:
+    """A group in brackets."""
+
+    factory: str
+    place: Place
+    assignments: tuple[Assignment, ...]
+    chains: tuple[ChainNode, ...]
+    sink_pads: tuple[str, ...] = ()
+    src_pads: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceNode:
+    """`name.` or `name.pad,pad`: an element named elsewhere."""
+
+    name: str
+    place: Place
+    pads: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class UrlNode:
+    """A URI that stands for a source or sink of its scheme."""
+
+    url: str
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class FaultNode:
+    """The place of a syntax error; an earlier node may contain an earlier error."""
+
+    error: DescriptionError
+
+
+@dataclass(frozen=True, slots=True)
+class LinkNode:
+    """`!` or `:`, with caps between two of them; `every_pad` if one of them is `:`.
+
+    `place_in_caps` maps offset and length in the caps to a place in the text.
     """
+
+    place: Place
+    caps: str = ""
+    every_pad: bool = False
+    place_in_caps: Callable[[int, int], Place] | None = None
+
+
+Node = ElementNode | BinNode | ReferenceNode | UrlNode | FaultNode
+
+
+@dataclass(frozen=True, slots=True)
+class ChainNode:
+    """Nodes and the links between neighbours."""
+
+    nodes: tuple[Node, ...]
+    links: tuple[LinkNode, ...] = field(default=())
+
+
+def with_pads(node: Node, *, sink: tuple[str, ...] = (), src: tuple[str, ...] = ()) -> Node:
+    """A copy of an element or bin node with pads named on its sink or src side."""
+    if not (sink or src) or not isinstance(node, ElementNode | BinNode):
+        return node
+    return replace(node, sink_pads=sink or node.sink_pads, src_pads=src or node.src_pads)
+
+
+def parse(text: str, variables: Mapping[str, str]) -> tuple[ChainNode, ...]:
+    """The chains of a description; a `FaultNode` marks a syntax error; raises `DescriptionError`."""
     expanded = expand(text, variables)
     machine = parser().parse_interactive("")
     fault: DescriptionError | None = None
@@ -50,7 +123,7 @@ def parse(text: str, variables: Mapping[str, str]) -> tuple[ChainNode, ...]:
     try:
         for token in DescriptionLexer(None).lex(expanded.text):
             count, depth = count + 1, depth + DEPTH_STEPS.get(token.type, 0)
-            _demand_bounds(expanded, token, count, depth)
+            _check_bounds(expanded, token, count, depth)
             machine.feed_token(token)
         token = Token("$END", "", start_pos=len(expanded.text))
         if not count:
@@ -62,7 +135,7 @@ def parse(text: str, variables: Mapping[str, str]) -> tuple[ChainNode, ...]:
     return tuple(TreeBuilder(expanded, fault).transform(tree))
 
 
-def _demand_bounds(expanded: ExpandedText, token: Token, count: int, depth: int) -> None:
+def _check_bounds(expanded: ExpandedText, token: Token, count: int, depth: int) -> None:
     if count <= TOKEN_LIMIT and depth <= DEPTH_LIMIT:
         return
     what = f"bins nest at most {DEPTH_LIMIT} deep"
@@ -106,12 +179,12 @@ def _fault(expanded: ExpandedText, machine: InteractiveParser, token: Token) -> 
     hint = ""
     if token.type == "ASSIGNMENT":
         shown = shown.partition("=")[0].strip() + "="  # a value may be a secret
-        hint = "a property stands right behind the element it belongs to"
+        hint = "a property must follow its element"
     elif token.type == "ILLEGAL" and not token.isascii():
         hint = "names are ASCII; put other characters into quoted values"
     elif token.type == "CLOSE":
         hint = "no '(' is open here; a ')' that touches a property's value belongs to the value"
-    return DescriptionError("syntax", f"unexpected {shown!r}; here may stand {expected}", place, hint)
+    return DescriptionError("syntax", f"unexpected {shown!r}; expected {expected}", place, hint)
 
 
 @v_args(inline=True)

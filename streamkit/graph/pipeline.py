@@ -19,8 +19,7 @@ from streamkit.graph.bus import Bus
 from streamkit.graph.element_calls import CallLimits, start_element, stop_elements, wake_elements
 from streamkit.graph.graph import Graph
 from streamkit.graph.playback import Playback
-from streamkit.graph.queries import Latency, duration_ns, graph_latency, position_ns
-from streamkit.graph.states import State, StateChange
+from streamkit.graph.queries import Latency, State, StateChange, duration_ns, graph_latency, position_ns
 from streamkit.graph.statistics import ElementStatistics, MessageCounts, collect_statistics
 
 STOP_LIMIT_S = 5.0
@@ -115,7 +114,7 @@ class Pipeline:
                 self.stop()
             if self.state is not State.NULL:
                 return
-            self.graph.demand_links()
+            self.graph.check_links()
             self._cancelled.clear()
             self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
             self.timing.reset()
@@ -226,8 +225,8 @@ class Pipeline:
             self.ended.set()
         if stuck:
             raise StateError(
-                f"{', '.join(dict.fromkeys(stuck))}: a call has not come back within {STOP_LIMIT_S:g} s "
-                "of the stop; its thread is left behind"
+                f"{', '.join(dict.fromkeys(stuck))}: a call has not returned within {STOP_LIMIT_S:g} s "
+                "of the stop; its thread is abandoned"
             )
 
     # Waiting and queries.
@@ -302,7 +301,7 @@ class Pipeline:
             stuck += stop_elements([e for e in self._started if e in branch.elements], self._limits())
             self._started = [element for element in self._started if element not in branch.elements]
         if stuck:
-            raise StateError(f"{', '.join(stuck)}: a call has not come back; its thread is left behind")
+            raise StateError(f"{', '.join(stuck)}: a call has not returned; its thread is abandoned")
 
     # Internal.
 

@@ -14,11 +14,10 @@ from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.graph.branch_failures import BranchFailures
-from streamkit.graph.branches import first_push
+from streamkit.graph.branches import BranchFailures, first_push
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, RetiredChainTotals, chain_on_first_frame
-from streamkit.graph.graph import Graph
+from streamkit.graph.graph import Graph, upstream, walk
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.stream_end import StreamEnd
 from streamkit.graph.streaming import Streaming, StreamingThread
@@ -179,8 +178,9 @@ class Playback:
         """Makes the sources upstream of an element renegotiate before their next frame."""
         with self._lock:
             remember_caps(self._graph)
-        for source in _upstream_sources(element):
-            source.renegotiate()
+        for source in walk([element], upstream):
+            if isinstance(source, Source):
+                source.renegotiate()
 
     def pad_added(self, pad: Pad) -> None:
         """Tries the delayed links of a new pad, and composes the chain behind it."""
@@ -213,7 +213,7 @@ class Playback:
                 self._bus.post(Message(MessageKind.WARNING, element.name, text, {"code": "delayed-link"}))
         if text and all(pad.peer is None for pad in element.src_pads()):
             cause = NotNegotiated(
-                f"nothing it brings is linked: {text}; put what takes it, such as a decoder, in between"
+                f"none of its pads is linked: {text}; insert an element that accepts them, such as a decoder"
             )
             self.fail(ElementFailure(element.name, element.factory, cause))
         for other in list(self._graph.elements):
@@ -300,18 +300,3 @@ def _pads_text(element: Element) -> str:
         for pad in element.src_pads()
     ]
     return f"it has {', '.join(pads)}" if pads else "it has none at all"
-
-
-def _upstream_sources(element: Element) -> list[Source]:
-    found: list[Source] = []
-    seen: set[int] = set()
-    front = [element]
-    while front:
-        nearer = front.pop()
-        if id(nearer) in seen:
-            continue
-        seen.add(id(nearer))
-        if isinstance(nearer, Source):
-            found.append(nearer)
-        front += [pad.peer.element for pad in nearer.sink_pads() if pad.peer is not None]
-    return found

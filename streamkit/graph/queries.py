@@ -1,12 +1,30 @@
-"""Queries on a graph: latency, position, duration."""
+"""What an application asks of a graph: state, latency, position, duration."""
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.graph.graph import Graph
+
+
+class State(enum.StrEnum):
+    """State of a pipeline."""
+
+    NULL = "null"
+    READY = "ready"
+    PAUSED = "paused"
+    PLAYING = "playing"
+
+
+class StateChange(enum.StrEnum):
+    """Result of a state change; ASYNC: sinks await their first frame; NO_PREROLL: the pipeline is live."""
+
+    SUCCESS = "success"
+    ASYNC = "async"
+    NO_PREROLL = "no-preroll"
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 
 from streamkit.element.base import Element
 from streamkit.element.source import Source
-from streamkit.errors import ElementFailure, HangDetected
+from streamkit.errors import HangDetected
 from streamkit.flow.messages import Message, MessageKind
 
 POLL_S = 1.0  # maximum interval between two checks
@@ -57,9 +57,9 @@ class Watchdog:
 
     def _run(self) -> None:
         while not self._stopping.wait(self._interval_s):
-            self.look()
+            self.check()
 
-    def look(self) -> None:
+    def check(self) -> None:
         """Checks every element once; reports calls that exceed the limit."""
         checks: dict[int, tuple[int, int]] = {}
         for element in list(self._elements()):
@@ -87,9 +87,9 @@ class Watchdog:
 
 def hang_of(call: str, seconds: float) -> HangDetected:
     """The error for a call that did not return."""
-    what = "taking a frame" if call == "frame" else f"`{call}`"
+    what = "the call with a frame" if call == "frame" else f"`{call}`"
     return HangDetected(
-        f"{what} has not come back for {seconds:g} s; it hangs in its own code or in a library it calls; "
+        f"{what} has not returned for {seconds:g} s; it hangs in its own code or in a library it calls; "
         "raise watchdog-s if it may take so long"
     )
 
@@ -105,8 +105,3 @@ def _is_stuck(element: Element) -> bool:
         return False
     behind = [pad.peer.element for pad in element.src_pads() if pad.peer is not None]
     return not any(other.activity is not None for other in behind)
-
-
-def is_hang(error: Exception | None) -> bool:
-    """Whether an error is due to a call that did not return."""
-    return isinstance(error, ElementFailure) and isinstance(error.cause, HangDetected)

@@ -44,10 +44,7 @@ class BoundedQueue(Generic[Item]):
     """
 
     def __init__(
-        self,
-        capacity: int = 0,
-        max_bytes: int = 0,
-        choose_dropped: Callable[[list[Item]], int] | None = None,
+        self, capacity: int = 0, max_bytes: int = 0, choose_dropped: Callable[[list[Item]], int] | None = None
     ) -> None:
         self._capacity = capacity
         self._max_bytes = max_bytes

@@ -19,11 +19,11 @@ from streamkit.flow.events import (
     CapsEvent,
     DiscontinuityEvent,
     Event,
+    Segment,
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.flow.segment import Segment
 from streamkit.graph.chain import Chain
 
 

@@ -11,8 +11,7 @@ from streamkit import Caps, Frame, FrameFlags, Pipeline, Sink
 from streamkit.elements.appsink import AppSink
 from streamkit.elements.appsrc import AppSrc
 from streamkit.errors import StateError
-from streamkit.flow.events import CapsEvent, GapEvent, SegmentEvent
-from streamkit.flow.segment import Segment
+from streamkit.flow.events import CapsEvent, GapEvent, Segment, SegmentEvent
 from streamkit.testing import ManualClock
 
 Register = Callable[..., None]

@@ -4,8 +4,7 @@ import pytest
 
 from streamkit import Caps, ElementFailure, Frame, NotNegotiated, Pipeline
 from streamkit.elements.capsfilter import CapsFilter
-from streamkit.flow.events import CapsEvent, GapEvent, SegmentEvent
-from streamkit.flow.segment import Segment
+from streamkit.flow.events import CapsEvent, GapEvent, Segment, SegmentEvent
 from streamkit.testing import Harness
 
 

@@ -9,9 +9,8 @@ import pytest
 from streamkit import Caps, ElementFailure, EndOfStream, Frame, Pipeline
 from streamkit.elements.fakesink import FakeSink
 from streamkit.elements.fakesrc import FakeSrc
-from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, CapsEvent, GapEvent, SegmentEvent
+from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, CapsEvent, GapEvent, Segment, SegmentEvent
 from streamkit.flow.messages import MessageKind
-from streamkit.flow.segment import Segment
 from streamkit.graph.pipeline import State, StateChange
 from streamkit.testing import ManualClock
 

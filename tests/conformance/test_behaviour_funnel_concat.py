@@ -9,8 +9,7 @@ from streamkit import Caps, EndOfStream, Event, Frame, Pipeline, Sink
 from streamkit.element.branching import Combine
 from streamkit.element.pad import Pad
 from streamkit.element.registry import make_element
-from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, CapsEvent, GapEvent, SegmentEvent
-from streamkit.flow.segment import Segment
+from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, CapsEvent, GapEvent, Segment, SegmentEvent
 
 A, B = Caps("a/b"), Caps("c/d")
 SECOND = 1_000_000_000

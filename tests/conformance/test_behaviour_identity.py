@@ -8,8 +8,7 @@ import pytest
 
 from streamkit import Caps, ElementFailure, EndOfStream, Frame, FrameFlags, Pipeline, PropertyError
 from streamkit.elements.identity import Identity
-from streamkit.flow.events import Flushing, SegmentEvent
-from streamkit.flow.segment import Segment
+from streamkit.flow.events import Flushing, Segment, SegmentEvent
 from streamkit.testing import Harness, ManualClock
 
 A = Caps("a/b")

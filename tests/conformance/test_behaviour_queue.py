@@ -20,9 +20,9 @@ from streamkit.flow.events import (
     FlowStop,
     Flushing,
     NotLinked,
+    Segment,
     SegmentEvent,
 )
-from streamkit.flow.segment import Segment
 
 Register = Callable[..., None]
 SECOND = 1_000_000_000

@@ -7,8 +7,7 @@ import pytest
 from streamkit import Caps, Event, Frame, FrameFlags, Pipeline
 from streamkit.element.pad import Pad
 from streamkit.element.sink import Sink
-from streamkit.flow.events import EOS, CapsEvent, GapEvent, SegmentEvent
-from streamkit.flow.segment import Segment
+from streamkit.flow.events import EOS, CapsEvent, GapEvent, Segment, SegmentEvent
 from streamkit.testing import Harness
 
 A = Caps("a/b")

@@ -9,8 +9,7 @@ import pytest
 from streamkit import Caps, ElementFailure, Frame, NotNegotiated, Pipeline
 from streamkit.element.pad import Pad
 from streamkit.flow.caps import ANY
-from streamkit.flow.events import CapsEvent, Flushing, SegmentEvent
-from streamkit.flow.segment import Segment
+from streamkit.flow.events import CapsEvent, Flushing, Segment, SegmentEvent
 from streamkit.testing import Harness
 
 MS = 1_000_000

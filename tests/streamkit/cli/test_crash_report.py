@@ -103,7 +103,7 @@ def test_the_first_interrupt_ends_a_call_that_hangs(launch: Launch, where: str) 
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 1
     assert time.monotonic() - began < 30
-    assert f"its {where} has not come back" in errors
+    assert f"its {where} has not returned" in errors
     assert "lens" in errors
 
 
@@ -112,5 +112,5 @@ def test_a_frame_that_hangs_ends_the_run_with_the_element_and_the_frame(launch: 
     process = launch("--watchdog-s", "1", "fakesrc num-buffers=9 ! faulty name=lens ! fakesink")
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 1
-    assert errors.startswith("error: lens (faulty): taking a frame has not come back for 1 s")
+    assert errors.startswith("error: lens (faulty): the call with a frame has not returned for 1 s")
     assert "[at frame seq=3]" in errors

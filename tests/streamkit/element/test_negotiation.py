@@ -37,13 +37,13 @@ def test_nothing_left_is_a_refusal_that_names_all() -> None:
     with pytest.raises(NotNegotiated, match=f"^{text}$"):
         src.allowed_caps(Caps("ANY"))
     with pytest.raises(NotNegotiated, match=f"^{text}$"):
-        src.demand_accepted(Caps("a/b, width=4"))
+        src.check_accepted(Caps("a/b, width=4"))
     assert sink.peer is src
 
 
 def test_caps_that_fit_are_accepted() -> None:
     """No error where data and receiver agree."""
     src, _ = pads("ANY", "a/b, width=[ 8, 16 ]")
-    src.demand_accepted(Caps("a/b, width=9, height=2"))
+    src.check_accepted(Caps("a/b, width=9, height=2"))
     alone = Pad(Element("e"), PadTemplate("src", Direction.SRC), "src")
     assert "nothing" in str(alone.refusal(Caps(), Caps()))

@@ -94,7 +94,7 @@ class Pushing(threading.Thread):
         return self.outcome
 
 
-def demand_blocked(element: Queue, item: Frame) -> Pushing:
+def check_blocked(element: Queue, item: Frame) -> Pushing:
     """A push that waits for room."""
     meets_full = threading.Event()
     element.on_overrun(lambda _: meets_full.set())
@@ -125,7 +125,7 @@ def test_a_full_queue_blocks_until_a_frame_leaves() -> None:
     """q-block: two go in, the third waits; order 0, 1, 2."""
     element = queue(max_size_buffers=2)
     fill(element, [frame(0), frame(1)])
-    pushing = demand_blocked(element, frame(2))
+    pushing = check_blocked(element, frame(2))
     outlet = Outlet(element)
     assert outlet.numbers(1) == [0]
     assert pushing.ended() == "taken"
@@ -166,7 +166,7 @@ def test_full_is_tested_before_adding() -> None:
     element = queue(max_size_bytes=35, max_size_buffers=0, max_size_time=0)
     fill(element, [frame(n, b"x" * 10) for n in range(4)])
     assert element.current_level_bytes == 40
-    pushing = demand_blocked(element, frame(4, b"x" * 10))
+    pushing = check_blocked(element, frame(4, b"x" * 10))
     unblock(element)
     assert isinstance(pushing.ended(), Flushing)
 
@@ -176,7 +176,7 @@ def test_time_is_a_limit() -> None:
     element = queue(max_size_time=3 * SECOND, max_size_buffers=0, max_size_bytes=0)
     fill(element, [frame(n, pts=n * SECOND, duration=SECOND) for n in range(3)])
     assert element.current_level_time == 3 * SECOND
-    pushing = demand_blocked(element, frame(3, pts=3 * SECOND, duration=SECOND))
+    pushing = check_blocked(element, frame(3, pts=3 * SECOND, duration=SECOND))
     unblock(element)
     assert isinstance(pushing.ended(), Flushing)
 
@@ -263,7 +263,7 @@ def test_a_blocked_push_learns_that_downstream_has_ended() -> None:
     """Who waits for room is woken with the reason."""
     element = queue(max_size_buffers=1)
     fill(element, [frame(0)])
-    pushing = demand_blocked(element, frame(1))
+    pushing = check_blocked(element, frame(1))
     element._refuse(EndOfStream)
     assert isinstance(pushing.ended(), EndOfStream)
 
@@ -315,7 +315,7 @@ def test_raised_limits_wake_who_waits() -> None:
     """A push that waits for room goes on as soon as there is room."""
     element = queue(max_size_buffers=1)
     fill(element, [frame(0)])
-    pushing = demand_blocked(element, frame(1))
+    pushing = check_blocked(element, frame(1))
     element.set_property("max-size-buffers", 5)
     assert pushing.ended() == "taken"
 

@@ -1,4 +1,4 @@
-"""Branches behind a tee that may fail: told and counted, and the others go on."""
+"""Branches behind a tee that may fail: reported and counted, and the others continue."""
 
 from collections.abc import Callable
 
@@ -61,7 +61,7 @@ def test_the_other_branch_gets_every_frame(branch: str) -> None:
         warning = pipeline.bus.pop(20, (MessageKind.WARNING,))
         assert warning is not None
         assert warning.fields["code"] == "branch-dropped"
-        assert "is dropped, the others go on" in warning.text
+        assert "is dropped, the others continue" in warning.text
         end = pipeline.wait(20)
         assert end is not None
         assert end.kind is MessageKind.EOS

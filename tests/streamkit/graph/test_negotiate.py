@@ -69,7 +69,7 @@ def test_a_converter_joins_where_raw_formats_differ(register: Register) -> None:
     assert [(e.name, e.factory, e.parent) for e in graph.inserted] == [("videoconvert0", "videoconvert", "b")]
     ((code, text),) = graph.warnings
     assert code == "converter-inserted"
-    assert text.startswith("videoconvert0 was put between camera0.src and screen0.sink: ")
+    assert text.startswith("videoconvert0 was inserted between camera0.src and screen0.sink: ")
 
 
 def test_nothing_is_put_between_pads_that_agree(register: Register) -> None:
@@ -97,7 +97,7 @@ def test_a_converter_that_is_broken_is_an_error_of_this_description(register: Re
 
 
 def test_a_loop_builds_but_does_not_start() -> None:
-    """As in gst-launch there is a warning; frames would run in it for ever."""
+    """As in gst-launch there is a warning; frames would never leave it."""
     text = "identity name=a ! identity name=b  b. ! a."
     assert [code for code, _ in build(text, {}).warnings] == ["loop"]
     with Pipeline.parse(text) as pipeline, pytest.raises(StateError, match="the links form a loop"):

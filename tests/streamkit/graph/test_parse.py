@@ -7,8 +7,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit.errors import DescriptionError, Place
-from streamkit.graph.parse import parse, unquote_value
-from streamkit.graph.syntax import BinNode, ChainNode, ElementNode, FaultNode, ReferenceNode, UrlNode
+from streamkit.graph.parse import (
+    BinNode,
+    ChainNode,
+    ElementNode,
+    FaultNode,
+    ReferenceNode,
+    UrlNode,
+    parse,
+    unquote_value,
+)
 
 
 def fault(chains: tuple[ChainNode, ...]) -> DescriptionError | None:
@@ -75,20 +83,20 @@ def test_pads_references_addresses_and_bins() -> None:
         ),
         (
             "fakesrc ! ! fakesink",
-            "description:1:11: unexpected '!'; here may stand an element\n"
+            "description:1:11: unexpected '!'; expected an element\n"
             "    fakesrc ! ! fakesink\n"
             "              ^",
         ),
         (
             "fakesrc\n  ! identity\n  ; fakesink",
-            "description:3:3: unexpected ';'; here may stand '!', a property, an element, the end\n"
+            "description:3:3: unexpected ';'; expected '!', a property, an element, the end\n"
             "      ; fakesink\n"
             "      ^",
         ),
         (
             "num-buffers=3 fakesrc",
-            "description:1:1: unexpected 'num-buffers='; here may stand an element, the end; "
-            "a property stands right behind the element it belongs to\n"
+            "description:1:1: unexpected 'num-buffers='; expected an element, the end; "
+            "a property must follow its element\n"
             "    num-buffers=3 fakesrc\n"
             "    ^^^^^^^^^^^^^",
         ),
@@ -100,7 +108,7 @@ def test_pads_references_addresses_and_bins() -> None:
         ),
         (
             "fakesrc ! kü",
-            "description:1:12: unexpected 'ü'; here may stand '!', a property, an element, the end; "
+            "description:1:12: unexpected 'ü'; expected '!', a property, an element, the end; "
             "names are ASCII; put other characters into quoted values\n"
             "    fakesrc ! kü\n"
             "               ^",

@@ -303,7 +303,7 @@ def test_a_call_that_does_not_come_back_is_named(register: Register, monkeypatch
     try:
         with pytest.raises(
             StateError,
-            match=r"^q: a call has not come back within 0.1 s of the stop; its thread is left behind$",
+            match=r"^q: a call has not returned within 0.1 s of the stop; its thread is abandoned$",
         ):
             pipeline.stop()
         assert time.monotonic() - begun < 5.0
@@ -328,7 +328,7 @@ def test_a_source_without_a_sink_is_an_error() -> None:
 def test_a_sink_without_a_source_is_an_error() -> None:
     """It would wait for ever: the pad is named before anything starts."""
     with pytest.raises(
-        ElementFailure, match=r"^fakesink0: nothing is linked to its pad sink, so no frame would ever come$"
+        ElementFailure, match=r"^fakesink0: nothing is linked to its pad sink, so no frame can arrive$"
     ):
         Pipeline.parse("fakesink").run(timeout_s=10)
 

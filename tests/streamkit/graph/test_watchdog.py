@@ -69,7 +69,7 @@ def test_an_element_that_does_not_come_back_ends_the_pipeline(text: str) -> None
         Stuck.release.set()
     assert message is not None
     assert isinstance(message.error, ElementFailure)
-    assert re.match(r"s \(stuck\): taking a frame .* 0.2 s.*\[at frame seq=2\]$", message.text)
+    assert re.match(r"s \(stuck\): the call with a frame .* 0.2 s.*\[at frame seq=2\]$", message.text)
 
 
 def test_a_long_drain_is_told_of_and_goes_on() -> None:
@@ -80,7 +80,7 @@ def test_a_long_drain_is_told_of_and_goes_on() -> None:
         pipeline.play()
         warning = next_warning(pipeline)
         assert (warning.source, warning.fields["code"]) == ("s", "watchdog")
-        assert warning.text.startswith("`drain` has not come back for 0.2 s")
+        assert warning.text.startswith("`drain` has not returned for 0.2 s")
         Stuck.release.set()
         message = pipeline.wait(20)
         assert message is not None
@@ -115,7 +115,7 @@ def test_a_stop_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     pipeline.play()
     pipeline.wait(20)
     began = time.monotonic()
-    with pytest.raises(RuntimeError, match=r"^s: a call has not come back"):
+    with pytest.raises(RuntimeError, match=r"^s: a call has not returned"):
         pipeline.stop()
     assert time.monotonic() - began < 10
     assert pipeline.state is State.NULL
@@ -146,7 +146,7 @@ def test_a_start_that_ignores_its_cancelling_is_left_behind(monkeypatch: pytest.
     pipeline = Pipeline.parse("fakesrc ! stuck name=s where=start ! fakesink")
     canceller = threading.Thread(target=lambda: Stuck.inside.wait(20) and pipeline.cancel())
     canceller.start()
-    with pytest.raises(ElementFailure, match=r"^s \(stuck\): its start has not come back .* left behind$"):
+    with pytest.raises(ElementFailure, match=r"^s \(stuck\): its start has not returned .* abandoned$"):
         pipeline.play()
     canceller.join(20)
 
