@@ -258,7 +258,6 @@ def _target_record(
     moving = isfinite(vx) and isfinite(vy)
     (xx, xy), (yx, yy) = track.covariance.tolist()
     spread = isfinite(xx + xy + yx + yy)
-    place = places.get(track.id) if places else None
     cosine, sine = abs(cos(angle)), abs(sin(angle))
     half_x = (length * cosine + width * sine) / 2
     half_y = (length * sine + width * cosine) / 2
