@@ -31,7 +31,7 @@ from hostile_telemetry import klv_stream, pieces, subtitles
 
 from streamkit import Caps, ElementFailure, Frame, Pipeline, Pose, StreamkitError, raw_video_caps
 from streamkit.testing import Harness
-from streamkit_decoder.doctor.examine import examine
+from streamkit_media.doctor.examine import examine
 
 LIMIT_S = 5.0
 GROWTH_MB = 8.0

@@ -11,12 +11,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-SERVER = Path(__file__).parents[1] / "tests" / "plugins" / "streamkit_decoder" / "rtsp" / "fake_server.py"
+SERVER = Path(__file__).parents[1] / "tests" / "plugins" / "streamkit_media" / "rtsp" / "fake_server.py"
 
 
 def server_module() -> ModuleType:
     """`FakeServer`, `Behaviour`, `access_units`."""
-    name = "streamkit_decoder_fake_server"
+    name = "streamkit_media_fake_server"
     spec = importlib.util.spec_from_file_location(name, SERVER)
     assert spec is not None
     assert spec.loader is not None

@@ -23,8 +23,8 @@ TRACKING = "stitch ! framediff ! waveleteigen ! particletrack seed=0"
 @pytest.fixture(scope="module")
 def fake() -> ModuleType:
     """The decoder tests' own RTSP server."""
-    folder = Path(__file__).parents[1] / "plugins" / "streamkit_decoder" / "rtsp"
-    name = "streamkit_decoder_fake_server"
+    folder = Path(__file__).parents[1] / "plugins" / "streamkit_media" / "rtsp"
+    name = "streamkit_media_fake_server"
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, folder / "fake_server.py")
         assert spec is not None

@@ -32,22 +32,21 @@ MODULES = {"masking", "errors", "settings"}  # rooms of one module
 # Modules between elements and algorithms: they turn frames, caps and errors into plain data and back.
 # A new module does not belong here unless it cannot be written on plain arrays and bytes.
 GLUE = {
-    "streamkit_decoder.codecs",
-    "streamkit_decoder.container",
-    "streamkit_decoder.rtsp.connection",
-    "streamkit_decoder.rtsp.endpoint",
-    "streamkit_decoder.rtsp.livepackets",
-    "streamkit_decoder.rtsp.packetreader",
-    "streamkit_decoder.streams",
-    "streamkit_decoder.telemetry.telemetrydecoder",
-    "streamkit_decoder.doctor.checks",
-    "streamkit_decoder.doctor.command",
-    "streamkit_decoder.doctor.decoding",
-    "streamkit_decoder.doctor.examine",
-    "streamkit_decoder.doctor.watch",
-    "streamkit_decoder.files.playrange",
-    "streamkit_decoder.packets",
-    "streamkit_decoder.videodecoder",
+    "streamkit_media.codecs",
+    "streamkit_media.container",
+    "streamkit_media.rtsp.connection",
+    "streamkit_media.rtsp.endpoint",
+    "streamkit_media.rtsp.livepackets",
+    "streamkit_media.rtsp.packetreader",
+    "streamkit_media.streams",
+    "streamkit_media.doctor.checks",
+    "streamkit_media.doctor.command",
+    "streamkit_media.doctor.decoding",
+    "streamkit_media.doctor.examine",
+    "streamkit_media.doctor.watch",
+    "streamkit_media.files.playrange",
+    "streamkit_media.packets",
+    "streamkit_media.decoding.videodecoder",
     "streamkit_stitcher.live_mosaic",
     "streamkit_stitcher.mosaic_pad",
     "streamkit_tracker.explanation.command",
@@ -73,7 +72,7 @@ GLUE = {
 # Public names that work on plain text and know nothing of the engine.
 PLAIN_NAMES = {("streamkit", "Choice"), ("streamkit", "mask_secrets")}
 # What plugins share that needs nothing of the engine.
-LIBRARIES = {"streamkit_kernels"}
+LIBRARIES = {"streamkit_kernels", "streamkit_telemetry_formats"}
 PLUGIN_NAMES = {path.name for path in PLUGINS.iterdir() if (path / "__init__.py").exists()}
 
 

@@ -1,1 +1,0 @@
-"""Video in and out through FFmpeg (PyAV): files, pictures, live RTSP, decoding, recording."""

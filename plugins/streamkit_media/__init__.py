@@ -1,0 +1,1 @@
+"""Video in and out through FFmpeg (PyAV): files, decoding, encoding, recording, RTSP, `doctor`."""

@@ -1,0 +1,199 @@
+"""Opening media with FFmpeg: always within a time limit, always with an error that says what to do."""
+
+from __future__ import annotations
+
+import errno
+import stat
+import time
+from collections.abc import Mapping
+from itertools import islice
+
+import av
+from av.container import InputContainer
+from av.error import FFmpegError, HTTPForbiddenError, HTTPUnauthorizedError, InvalidDataError
+from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
+
+from streamkit import ResourceError, StreamError
+from streamkit_media.location import is_network, local_path, redact
+
+LOCAL_LIMIT_S = 8.0
+MAX_PIXELS = 8192 * 8192
+# Every way in which PyAV reports media it cannot use; FFmpegError is no OSError.
+MEDIA_ERRORS = (FFmpegError, ValueError, OverflowError, RuntimeError, LookupError)
+# Formats that read any text as video, or make FFmpeg open other files than the one asked for.
+UNWANTED_FORMATS = frozenset({"tty", "bin", "idf", "xbin", "adf", "concat", "lavfi"})
+
+# Only these containers can say that a picture is to be turned.
+TURNING_FORMATS = frozenset({"mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm"})
+LOOK_PACKETS = 8
+
+
+class AccessRefused(ResourceError):
+    """The other side wants other credentials: trying again does not help."""
+
+
+class UnsupportedTransport(ResourceError):
+    """The server does not send over the transport asked for."""
+
+
+class TimedOut(ResourceError):
+    """The other side did not answer, or not in full, within the limit."""
+
+
+class InvalidMedia(ResourceError):
+    """What the other side sends cannot be made out."""
+
+
+def open_container(
+    location: str,
+    options: Mapping[str, str] | None = None,
+    limits_s: tuple[float, float] | None = None,
+    form: str | None = None,
+) -> InputContainer:
+    """Opens a file or URL for reading.
+
+    Args:
+        location: path, `file://` URL or any URL FFmpeg reads.
+        options: FFmpeg options for the container.
+        limits_s: time limits for opening and for each read, s; a generous one where None.
+        form: FFmpeg's name of the format; found out where None.
+
+    Raises:
+        ResourceError: missing, not a file, not readable, or not reachable.
+        StreamError: it is no media FFmpeg reads.
+    """
+    network = is_network(location)
+    chosen = {"max_pixels": str(MAX_PIXELS), **(options or {})}
+    name = location
+    if not network:
+        check_file(location)
+        name = f"file:{local_path(location)}"
+        chosen.setdefault("protocol_whitelist", "file,crypto,data")
+    limits = limits_s or (LOCAL_LIMIT_S, LOCAL_LIMIT_S)
+    began = time.monotonic()
+    try:
+        container = av.open(name, "r", format=form, options=chosen, timeout=limits, metadata_errors="replace")
+    except MEDIA_ERRORS as error:
+        raise open_failure(location, error, time.monotonic() - began, limits[0]) from None
+    if container.format.name in UNWANTED_FORMATS:
+        found = container.format.name
+        container.close()
+        raise StreamError(f"{redact(location)}: a video must be given, this is text or a list ({found})")
+    return container
+
+
+def check_file(location: str) -> None:
+    """Checks that a location is a regular file with content.
+
+    Raises:
+        ResourceError: it is not there, or not a file that can be read.
+        StreamError: it is empty.
+    """
+    path = local_path(location)
+    try:
+        status = path.stat()
+        if stat.S_ISREG(status.st_mode):
+            with path.open("rb"):
+                pass
+    except FileNotFoundError:
+        raise ResourceError(
+            f"{location}: a file must be there, none is; check the path (relative ones start at {path.cwd()})"
+        ) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ResourceError(
+            f"{location}: the file cannot be read: {reason}; check the path and its rights"
+        ) from None
+    if stat.S_ISDIR(status.st_mode):
+        raise ResourceError(
+            f"{location}: a file is needed, this is a directory; name a file in it, or use "
+            "multifilesrc location=DIR/%06d.jpg for numbered pictures"
+        )
+    if not stat.S_ISREG(status.st_mode):
+        raise ResourceError(f"{location}: a regular file is needed, this is a pipe, socket or device")
+    if status.st_size == 0:
+        raise StreamError(f"{location}: the file is empty (0 bytes); it may not have been written yet")
+
+
+def open_failure(location: str, error: Exception, elapsed_s: float, limit_s: float) -> ResourceError:
+    """The error to raise for what PyAV raised on opening: where, what, remedy; never a password."""
+    where = redact(location)
+    if isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError):
+        return AccessRefused(
+            f"{where}: the server asks for other credentials: {reason_of(error)}; "
+            "write them in the location, rtsp://user:password@host/path, or set user-id= and user-pw="
+        )
+    if getattr(error, "errno", None) == errno.EPROTONOSUPPORT and is_network(location):
+        return UnsupportedTransport(f"{where}: the server does not send over the transport asked for")
+    if elapsed_s >= limit_s:
+        return TimedOut(
+            f"{where}: no video within {limit_s:g} s: the other side is silent or does not answer in full; "
+            "check that it plays elsewhere, or allow more time"
+        )
+    if is_network(location):
+        kind = InvalidMedia if isinstance(error, InvalidDataError) else ResourceError
+        return kind(f"{where}: cannot be opened: {reason_of(error)}; check address, port and path")
+    return StreamError(
+        f"{where}: no media that FFmpeg can read: {reason_of(error)}{first_bytes(location)}; "
+        "check that it is a whole video file"
+    )
+
+
+def reason_of(error: Exception) -> str:
+    """What FFmpeg says in its own words, without file names (which may hold passwords)."""
+    said = getattr(error, "strerror", None)
+    return said if isinstance(said, str) and said else redact(str(error)) or type(error).__name__
+
+
+def first_bytes(location: str) -> str:
+    """A few words on how a file begins, where that explains why it is no media."""
+    try:
+        with local_path(location).open("rb") as file:
+            head = file.read(256)
+    except OSError:
+        return ""
+    if not head.strip(b"\0"):
+        return " (it begins with zeros)"
+    if all(byte >= 32 or byte in b"\t\r\n\f" for byte in head):
+        return f" (it begins with text: {head[:24].decode('latin-1')!r})"
+    return ""
+
+
+def video_stream(container: InputContainer, location: str) -> VideoStream:
+    """The stream FFmpeg finds best among the container's videos.
+
+    Raises:
+        StreamError: there is none, or no decoder for it.
+    """
+    stream = container.streams.best("video")
+    if stream is None:
+        kinds = ", ".join(sorted({other.type for other in container.streams})) or "none"
+        raise StreamError(f"{redact(location)}: a video stream is needed, its streams are: {kinds}")
+    if not isinstance(stream, VideoStream) or stream.codec_context is None:
+        raise StreamError(
+            f"{redact(location)}: there is a video stream, but this FFmpeg build has no decoder for it; "
+            "convert the file to H.264"
+        )
+    return stream
+
+
+def rotation_of(location: str, container: InputContainer) -> int:
+    """Degrees counter-clockwise (0, 90, 180, 270) by which a file's video is to be turned for showing.
+
+    FFmpeg tells it with a decoded picture only, so one is decoded, with a reader of its own.
+    """
+    if not TURNING_FORMATS & set(container.format.name.split(",")):
+        return 0
+    try:
+        with open_container(location) as own:
+            stream = own.streams.best("video")
+            if stream is None:
+                return 0
+            for packet in islice(own.demux(stream), LOOK_PACKETS):
+                for picture in packet.decode():
+                    if isinstance(picture, VideoFrame):
+                        return round(picture.rotation / 90) * 90 % 360
+    except (*MEDIA_ERRORS, OSError):
+        return 0
+    return 0

@@ -1,0 +1,338 @@
+"""decode: coded packets to pictures."""
+
+from __future__ import annotations
+
+import enum
+import os
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+
+from av.codec.codec import UnknownCodecError
+from av.error import FFmpegError
+from av.packet import Packet
+from av.video.frame import VideoFrame
+
+from streamkit import Caps, Frame, FrameFlags, Property, Source, StreamError, Transform, raw_video_caps
+from streamkit_media.codecs import CODED_CAPS, caps_parameters, caps_rate
+from streamkit_media.container import reason_of
+from streamkit_media.decoding.frame_arrays import OddSize, PictureReader, turned
+from streamkit_media.decoding.framenumbers import FrameNumbers
+from streamkit_media.decoding.freshness import DelayGauge, Freshness
+from streamkit_media.decoding.hardware import accelerator
+from streamkit_media.decoding.marks import PictureMarks
+from streamkit_media.decoding.skipping import is_reference
+from streamkit_media.decoding.videodecoder import AscendingNumbers, Threading, VideoDecoder
+from streamkit_media.packets import SECOND_NS, DecodeOnly
+
+# Plain numbers: the arithmetic of flags is slow, and this is done for every picture.
+DISCONTINUITY, CORRUPT = int(FrameFlags.DISCONTINUITY), int(FrameFlags.CORRUPT)
+KEYFRAME = int(FrameFlags.KEYFRAME)
+SIDEWAYS = (90, 270)
+ONE_THREAD_PIXELS = 1920 * 1088
+SPARE_THREADS, MOST_THREADS = 2, 16
+TOO_OLD = "late: too old when decoded"
+NO_FRAME = "packet without a frame of its own"
+Decoded = list[tuple[VideoFrame, Frame]]
+
+
+class ThreadsType(enum.StrEnum):
+    """How the decoder spreads its work."""
+
+    AUTO = "auto"
+    FRAME = "frame"
+    SLICE = "slice"
+
+
+class Skip(enum.StrEnum):
+    """What a slow machine leaves out."""
+
+    NONE = "none"
+    NON_REFERENCE = "non-reference"
+    NON_KEY = "non-key"
+
+
+class Decode(Transform):
+    """Decodes video and pictures; GRAY8 is the decoder's own luma plane, without copy.
+
+    Pictures that were damaged come out marked as corrupt. What decodes, a device or software, is told by an
+    element message `decoder`.
+
+    Example:
+        filesrc location=flight.mp4 ! decode ! fakesink
+    """
+
+    sink = CODED_CAPS
+    src = "video/x-raw, format={ GRAY8, I420, NV12, BGR, RGB }"
+
+    threads: int = Property(
+        0, min=0, max=64, doc="Decoder threads; 0 is one for each processor, and two more for whole frames."
+    )
+    threads_type: ThreadsType = Property(
+        ThreadsType.AUTO,
+        doc="Frame threads are fastest but add a delay; auto takes slice when live or H.265, else frame.",
+    )
+
+    skip: Skip = Property(
+        Skip.NONE,
+        live=True,
+        doc="Leave out pictures that no other is built on, or all but key frames; they count as dropped.",
+    )
+    hwaccel: str = Property(
+        "auto", doc="Device to decode on: auto, none, or one of FFmpeg's (vaapi, cuda); else software."
+    )
+
+    def start(self) -> None:
+        """Begins without a decoder: the first packet tells which."""
+        self._decoder: VideoDecoder[Frame] | None = None
+        self._reader = PictureReader("GRAY8")
+        self._coded_caps: Caps | None = None
+        self._raw_caps: Caps | None = None
+        self._raw_size = (0, 0)
+        self._framerate: Fraction | None = None
+        self._rotation = self._epoch = 0
+        self._marks = PictureMarks()
+        self._numbers = AscendingNumbers()
+        self._gauge = DelayGauge()
+        self._frame_numbers: FrameNumbers | None = None
+        self._lacks_reference = False
+        self._next_pts = 0
+        self._packets = self._pictures = 0
+        self._told: set[str] = set()
+        self._told_device = ""
+        self._first_error = ""
+
+    # Negotiation.
+
+    def transform_caps(self, caps: Caps, direction: str) -> Caps:
+        """Downstream can have every raw format, in the size and rate that the packets' caps tell."""
+        if direction == "src" or not caps.is_fixed:
+            return super().transform_caps(caps, direction)
+        fields = {
+            name: value for name in ("width", "height", "framerate") if (value := caps.get(name)) is not None
+        }
+        is_odd = any(
+            isinstance(fields.get(name), int) and caps.integer(name) % 2 for name in ("width", "height")
+        )
+        if caps.get("rotation") in SIDEWAYS and {"width", "height"} <= fields.keys():
+            fields["width"], fields["height"] = fields["height"], fields["width"]
+        is_packed_only = is_odd or caps.get("rotation")
+        formats = "GRAY8, BGR, RGB" if is_packed_only else "GRAY8, I420, NV12, BGR, RGB"
+        return Caps(f"video/x-raw, format={{ {formats} }}").with_fields(**fields)
+
+    def fixate(self, sink_caps: Caps, allowed: Caps) -> Caps | None:
+        """Settles the format; the size too where the packets' caps tell it, else the first picture does."""
+        chosen = allowed.fixate(near=sink_caps)
+        self._reader = PictureReader(str(chosen["format"]))
+        self._raw_caps = None
+        if sink_caps.get("width") is None or sink_caps.get("height") is None:
+            return None
+        self._raw_size = chosen.integer("width"), chosen.integer("height")
+        self._raw_caps = raw_video_caps(self._reader.pixel_format, *self._raw_size, caps_rate(sink_caps))
+        return self._raw_caps
+
+    # Streaming.
+
+    def transform(self, frame: Frame) -> Frame | Iterable[Frame] | None:
+        """Decodes one packet; a new format or epoch first brings out what the old decoder holds."""
+        if frame.caps is self._coded_caps and frame.epoch == self._epoch:
+            return self._decode(frame)
+        held = list(self._finish())
+        self._begin(frame)
+        decoded = self._decode(frame)
+        return [*held, *([decoded] if isinstance(decoded, Frame) else decoded)] if held else decoded
+
+    def drain(self) -> Iterable[Frame]:
+        """The pictures the decoder still holds.
+
+        Raises:
+            StreamError: not one packet could be decoded.
+        """
+        yield from self._finish()
+        if self._packets and not self._pictures:
+            codec = self._coded_caps.name if self._coded_caps is not None else "unknown caps"
+            reason = f": {self._first_error}" if self._first_error else ""
+            raise StreamError(
+                f"none of {self._packets} packets of {codec} could be decoded{reason}; "
+                "the video is damaged, encrypted or cut short"
+            )
+
+    def stop(self) -> None:
+        """Lets go of the decoder and its memory."""
+        self._decoder = None
+
+    # Inside.
+
+    def _begin(self, frame: Frame) -> None:
+        try:
+            parameters = self._parameters = caps_parameters(frame.caps)
+            device, name = accelerator(self.hwaccel)
+            self._decoder = VideoDecoder(
+                parameters, self._threading(), self._thread_count(), device, not self._is_live()
+            )
+        except (KeyError, UnknownCodecError) as error:
+            raise StreamError(
+                f"no decoder in this FFmpeg for {frame.caps}: {error}; convert to H.264"
+            ) from None
+        if device is not None and not self._decoder.is_on_device:
+            name = f"software: {name} does not decode {parameters.codec}"
+        if name != self._told_device:
+            self._told_device = name
+            self.post_message("decoder", codec=parameters.codec, device=name)
+        self._framerate = caps_rate(frame.caps)
+        rotation = frame.caps.get("rotation", 0)
+        self._rotation = rotation if isinstance(rotation, int) else 0
+        self._coded_caps, self._epoch = frame.caps, frame.epoch
+        self._next_pts = 0
+        self._numbers = AscendingNumbers()
+        is_h264 = parameters.codec == "h264"
+        self._frame_numbers = FrameNumbers(parameters.extradata) if is_h264 else None
+        self._lacks_reference = False
+
+    def _threading(self) -> Threading:
+        if self.threads_type is ThreadsType.AUTO:
+            return Threading.SLICE if self._is_live() else Threading.FRAME
+        return Threading(self.threads_type.value)
+
+    def _thread_count(self) -> int:
+        """The number asked for, or what suits the stream.
+
+        Live H.264 of usual size gets one thread: with slice threads FFmpeg does not notice lost slices. Frame
+        threads wait for each other and for us: some more than processors keep all of these busy.
+        """
+        if self.threads:
+            return self.threads
+        if self._threading() is Threading.FRAME:
+            return min(MOST_THREADS, (os.cpu_count() or 1) + SPARE_THREADS)
+        parameters = self._parameters
+        is_small = parameters.width * parameters.height <= ONE_THREAD_PIXELS
+        is_auto = self.threads_type is ThreadsType.AUTO
+        return 1 if is_auto and is_small and parameters.codec == "h264" and self._is_live() else 0
+
+    def _is_live(self) -> bool:
+        """Whether the source that this element's packets come from is live."""
+        pad = self.pads.get("sink")
+        while pad is not None and pad.peer is not None:
+            element = pad.peer.element
+            if isinstance(element, Source):
+                return element.is_live
+            pad = element.pads.get("sink")
+        return False
+
+    def _decode(self, frame: Frame) -> Frame | list[Frame]:
+        assert self._decoder is not None
+        if not memoryview(frame.data).nbytes:
+            self._leave_out(frame, "empty packet")
+            return []
+        if self._frame_numbers is not None and self._is_behind_gap(self._frame_numbers, frame):
+            frame = frame.replace(flags=frame.flags | CORRUPT)
+        if self.skip is not Skip.NONE and self._is_skipped(frame):
+            self._leave_out(frame, f"skip={self.skip}")
+            return []
+        self._packets += 1
+        self._numbers.put(frame.seq)
+        try:
+            decoded = self._decoder.decode(frame.data, frame, bool(frame.flags & KEYFRAME))
+        except FFmpegError as error:
+            self._undecodable(frame, error)
+            return []
+        frames = self._shown(decoded)
+        return frames[0] if len(frames) == 1 else frames
+
+    def _is_behind_gap(self, numbers: FrameNumbers, frame: Frame) -> bool:
+        """Whether a picture is missing that this one, or one that it is built on, is built on."""
+        is_keyframe = bool(frame.flags & KEYFRAME)
+        has_gap = numbers.has_gap(memoryview(frame.data), is_keyframe)
+        self._lacks_reference = has_gap or (self._lacks_reference and not is_keyframe)
+        return self._lacks_reference
+
+    def _leave_out(self, frame: Frame, reason: str, *, is_damage: bool = False) -> None:
+        is_discontinuity = bool(frame.flags & DISCONTINUITY)
+        self._marks.packet_left_out(is_discontinuity=is_discontinuity, is_damage=is_damage)
+        if reason:
+            self.count_drop(reason)
+
+    def _is_skipped(self, frame: Frame) -> bool:
+        if frame.flags & KEYFRAME:
+            return False
+        if self.skip is Skip.NON_KEY:
+            return True
+        is_disposable = isinstance(frame.data, Packet) and frame.data.is_disposable
+        codec, extradata = self._parameters.codec, self._parameters.extradata
+        return is_disposable or not is_reference(codec, memoryview(frame.data), extradata)
+
+    def _finish(self) -> Iterator[Frame]:
+        if self._decoder is not None:
+            decoder, self._decoder = self._decoder, None
+            try:
+                yield from self._shown(decoder.flush())
+            except FFmpegError as error:
+                self._undecodable(None, error)
+            if decoder.unaccounted:
+                self.count_drop(NO_FRAME, decoder.unaccounted)
+
+    def _undecodable(self, frame: Frame | None, error: FFmpegError) -> None:
+        """Counts a packet that gave no picture; the bus hears of each kind of error once."""
+        reason = reason_of(error)
+        self._first_error = self._first_error or reason
+        text = f"undecodable packet: {reason}"
+        if frame is not None:
+            self._numbers.discard(frame.seq)
+            self._leave_out(frame, text, is_damage=True)
+        else:
+            self.count_drop(text)
+        if reason not in self._told:
+            self._told.add(reason)
+            where = f" at {frame.describe()}" if frame is not None else ""
+            self.post_warning(f"a packet could not be decoded{where}: {reason}; going on with the next")
+
+    def _shown(self, decoded: Decoded) -> list[Frame]:
+        self._pictures += len(decoded)
+        frames = []
+        for picture, origin in decoded:
+            number = self._numbers.take(origin.seq)
+            reason = self._reason_to_hide(origin)
+            is_corrupt = picture.is_corrupt or bool(origin.flags & CORRUPT)
+            self._marks.next_picture(is_corrupt=is_corrupt, is_key=bool(picture.key_frame))
+            if reason is None:
+                frames.append(self._frame(picture, origin, number))
+            else:
+                self._leave_out(origin, reason)
+        return frames
+
+    def _reason_to_hide(self, origin: Frame) -> str | None:
+        """Why a picture is not shown, "" where nobody asked for it; None where it is."""
+        hidden, freshness = origin.get(DecodeOnly), origin.get(Freshness)
+        age_ns = self.clock_ns() - origin.arrival_ns if freshness is not None else 0
+        if hidden is not None:
+            if freshness is not None:
+                self._gauge.note(age_ns)
+            return hidden.reason
+        if freshness is not None and self._gauge.has_waited(age_ns, freshness.slack_ns):
+            return TOO_OLD
+        return None
+
+    def _frame(self, picture: VideoFrame, origin: Frame, number: int) -> Frame:
+        try:
+            pixels = self._reader.read(picture)
+        except OddSize as error:
+            raise StreamError(str(error)) from None
+        width, height = picture.width, picture.height
+        if self._rotation:
+            pixels = turned(pixels, self._rotation)
+            width, height = (height, width) if self._rotation in SIDEWAYS else (width, height)
+        caps = self._raw_caps
+        if caps is None or self._raw_size != (width, height):
+            caps = self._raw_caps = raw_video_caps(self._reader.pixel_format, width, height, self._framerate)
+            self._raw_size = width, height
+        flags = origin.flags & ~(KEYFRAME | CORRUPT)
+        flags |= DISCONTINUITY if self._marks.take_discontinuity() else 0
+        flags |= KEYFRAME if picture.key_frame else 0
+        flags |= CORRUPT if self._marks.is_damaged else 0
+        duration = origin.duration
+        if duration is None and self._framerate is not None:
+            duration = round(SECOND_NS / self._framerate)
+        pts = self._next_pts if origin.pts is None else origin.pts
+        self._next_pts = pts + (duration or 0)
+        return origin.replace(
+            data=pixels, caps=caps, pts=pts, duration=duration, flags=flags, seq=number, epoch=self._epoch
+        )

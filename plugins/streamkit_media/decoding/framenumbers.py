@@ -1,0 +1,172 @@
+"""Notices H.264 pictures that were lost whole; FFmpeg decodes those after them without a word.
+
+Source: ITU-T H.264, 7.3.2.1.1 (sequence parameter set), 7.3.3 (slice header), 7.4.3 (frame_num).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from streamkit_media.nalunits import length_field, units
+
+LOOK_BYTES = 4096
+HEADER_BYTES = 16
+PARAMETER_BYTES = 1024
+SLICE, KEY_SLICE, SEQUENCE, PICTURE = 1, 5, 7, 8
+# Profiles whose parameters tell of chroma and scaling.
+HIGH_PROFILES = frozenset({44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244})
+
+
+@dataclass(frozen=True, slots=True)
+class Sequence:
+    """What a sequence parameter set says of frame numbers.
+
+    Attributes:
+        number: its own.
+        bits: of a frame number.
+        has_planes: whether slices say which colour they are of.
+        has_gaps: whether the encoder itself leaves numbers out.
+    """
+
+    number: int
+    bits: int
+    has_planes: bool
+    has_gaps: bool
+
+
+class FrameNumbers:
+    """Follows the frame numbers of a stream.
+
+    Args:
+        extradata: of the codec; tells whether units have lengths or start codes.
+    """
+
+    def __init__(self, extradata: bytes) -> None:
+        self._length_bytes = length_field("h264", extradata)
+        self._sequences: dict[int, Sequence] = {}
+        self._sequence_of: dict[int, int] = {}
+        self._reference: int | None = None
+        for unit in _parameter_sets(extradata) if self._length_bytes else units(extradata):
+            self._take(unit)
+
+    def has_gap(self, data: bytes | memoryview, is_keyframe: bool) -> bool:
+        """Whether a picture that others are built on is missing before this packet's.
+
+        Args:
+            data: the packet.
+            is_keyframe: whether decoding can begin with it; then what came before does not matter.
+        """
+        for unit in units(bytes(data[:LOOK_BYTES]), self._length_bytes):
+            kind = unit[0] & 31 if unit else 0
+            if kind in (SEQUENCE, PICTURE):
+                self._take(unit)
+            elif kind in (SLICE, KEY_SLICE):
+                try:
+                    return self._is_behind_gap(unit, is_keyframe or kind == KEY_SLICE)
+                except IndexError:  # the header is cut short: the decoder will say so
+                    return False
+        return False
+
+    def _is_behind_gap(self, unit: bytes, is_keyframe: bool) -> bool:
+        bits = _Bits(unit[1:HEADER_BYTES])
+        bits.unsigned()  # first macroblock
+        bits.unsigned()  # kind of slice
+        sequence = self._sequences.get(self._sequence_of.get(bits.unsigned(), -1))
+        if sequence is None:
+            return False
+        bits.skip(2 if sequence.has_planes else 0)
+        number, before = bits.read(sequence.bits), self._reference
+        if unit[0] & 0x60:
+            self._reference = number
+        if is_keyframe or sequence.has_gaps or before is None:
+            return False
+        return number != before and number != (before + 1) % (1 << sequence.bits)
+
+    def _take(self, unit: bytes) -> None:
+        """Takes a parameter set."""
+        kind = unit[0] & 31 if unit else 0
+        try:
+            if kind == SEQUENCE:
+                sequence = _sequence(unit)
+                self._sequences[sequence.number] = sequence
+            elif kind == PICTURE:
+                bits = _Bits(unit[1:HEADER_BYTES])
+                number = bits.unsigned()
+                self._sequence_of[number] = bits.unsigned()
+        except IndexError:
+            return  # cut short
+
+
+class _Bits:
+    """Reads bits and Exp-Golomb codes; IndexError where there are no more."""
+
+    def __init__(self, data: bytes) -> None:
+        plain = data.replace(b"\0\0\3", b"\0\0")
+        self._left = 8 * len(plain)
+        self._rest = int.from_bytes(plain, "big")  # the bits not read yet
+
+    def read(self, count: int) -> int:
+        self._left -= count
+        if self._left < 0:
+            raise IndexError("no more bits")
+        value = self._rest >> self._left
+        self._rest -= value << self._left
+        return value
+
+    def skip(self, count: int) -> None:
+        self.read(count)
+
+    def unsigned(self) -> int:
+        return self.read(2 * (self._left - self._rest.bit_length()) + 1) - 1
+
+    def signed(self) -> int:
+        code = self.unsigned()
+        return (code + 1) // 2 if code % 2 else -(code // 2)
+
+
+def _sequence(unit: bytes) -> Sequence:
+    bits = _Bits(unit[1:PARAMETER_BYTES])
+    profile = bits.read(8)
+    bits.skip(16)
+    number, has_planes = bits.unsigned(), False
+    if profile in HIGH_PROFILES:
+        chroma = bits.unsigned()
+        has_planes = chroma == 3 and bool(bits.read(1))
+        bits.unsigned()  # depth of luma
+        bits.unsigned()  # depth of chroma
+        bits.skip(1)
+        if bits.read(1):
+            _skip_scaling(bits, 8 if chroma != 3 else 12)
+    size = bits.unsigned() + 4
+    order = bits.unsigned()
+    if order == 0:
+        bits.unsigned()
+    elif order == 1:
+        bits.skip(1)
+        bits.signed()
+        bits.signed()
+        for _ in range(bits.unsigned()):
+            bits.signed()
+    bits.unsigned()  # reference frames
+    return Sequence(number, size, has_planes, bool(bits.read(1)))
+
+
+def _skip_scaling(bits: _Bits, lists: int) -> None:
+    for index in range(lists):
+        last = following = 8
+        for _ in range((16 if index < 6 else 64) if bits.read(1) else 0):
+            if following:
+                following = (last + bits.signed()) % 256
+            last = following or last
+
+
+def _parameter_sets(extradata: bytes) -> Iterator[bytes]:
+    """The parameter sets in an avcC box: counts and lengths (ISO/IEC 14496-15, 5.3.3.1)."""
+    at = 5
+    for mask in (31, 255):
+        count, at = (extradata[at] & mask, at + 1) if at < len(extradata) else (0, at)
+        for _ in range(count):
+            length = int.from_bytes(extradata[at : at + 2], "big")
+            yield extradata[at + 2 : at + 2 + length]
+            at += 2 + length

@@ -1,0 +1,1 @@
+"""`streamkit doctor`: checks a stream or file and suggests a pipeline."""

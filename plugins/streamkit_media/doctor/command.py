@@ -1,0 +1,43 @@
+"""The command `streamkit doctor`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Annotated
+
+import typer
+
+from streamkit_media.doctor.examine import examine
+
+CLEAR = "\r\x1b[K"
+
+
+def doctor(
+    uri: Annotated[str, typer.Argument(help="rtsp://... or a file.")],
+    seconds: Annotated[float, typer.Option(min=0.5, max=3600, help="How long to watch a live stream.")] = 5.0,
+    timeout_s: Annotated[
+        float, typer.Option("--timeout", min=0.1, max=600, help="Silence that is given up, s.")
+    ] = 5.0,
+    transport: Annotated[str, typer.Option(help="tcp or udp.")] = "tcp",
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Checks a stream or file and gives a pipeline to begin with; exit 1 where it cannot be used."""
+    if transport not in ("tcp", "udp"):
+        raise typer.BadParameter(f"transport is tcp or udp, got {transport!r}")
+    watched = sys.stderr.isatty()
+
+    def tell(line: str) -> None:
+        if watched:
+            sys.stderr.write(f"{CLEAR}{line} ...")
+            sys.stderr.flush()
+
+    try:
+        report = examine(uri, seconds, timeout_s, transport, tell)
+    finally:
+        if watched:
+            sys.stderr.write(CLEAR)
+            sys.stderr.flush()
+    typer.echo(json.dumps(report.as_json(), indent=2) if as_json else report.as_text())
+    if not report.is_usable:
+        raise typer.Exit(1)

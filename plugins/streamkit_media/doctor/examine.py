@@ -1,0 +1,175 @@
+"""Looks at a stream or file from all sides."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import asdict, replace
+from urllib.parse import urlsplit, urlunsplit
+
+from streamkit import StreamkitError
+from streamkit_media.container import check_file
+from streamkit_media.doctor.checks import stream_checks
+from streamkit_media.doctor.report import Check, Report, Verdict
+from streamkit_media.doctor.server import NoAnswer, ask_options
+from streamkit_media.doctor.watch import Seen, watch
+from streamkit_media.location import is_network, local_path, redact
+from streamkit_media.rtsp.address import DEFAULT_PORTS, port_of
+from streamkit_media.rtsp.connections import refusal
+from streamkit_telemetry_formats.files import NoTelemetry, TelemetryFile
+
+TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"
+
+
+def say_nothing(_: str) -> None:
+    """For who looks at nothing but the report."""
+
+
+def examine(
+    location: str,
+    seconds: float,
+    timeout_s: float,
+    transport: str,
+    tell: Callable[[str], None] = say_nothing,
+) -> Report:
+    """Makes all checks.
+
+    Args:
+        location: path or RTSP URL.
+        seconds: how long to watch a live stream.
+        timeout_s: limit for connecting and for silence.
+        transport: tcp or udp.
+        tell: is given a line before each step that takes seconds.
+    """
+    if location.partition("://")[0].lower() in DEFAULT_PORTS:
+        return _examine_live(location, seconds, timeout_s, transport, tell)
+    return _examine_file(location, timeout_s)
+
+
+# A live stream.
+
+
+def _examine_live(
+    location: str, seconds: float, timeout_s: float, transport: str, tell: Callable[[str], None]
+) -> Report:
+    where = redact(location)
+    tell(f"connecting to {where}, {timeout_s:g} s at most")
+    checks = _reach(location, timeout_s)
+    if checks[-1].verdict is Verdict.BAD:
+        return Report(where, tuple(checks), "")
+    tell(f"watching {where} for {seconds:g} s")
+    properties = {"location": location, "reconnect": "never", "timeout_s": timeout_s, "transport": transport}
+    seen = watch("rtspsrc", properties, 2 * timeout_s + 1, seconds)
+    if not seen.packets:
+        checks.append(Check("stream", Verdict.BAD, seen.error or f"no packet within {timeout_s:g} s"))
+        return Report(where, tuple(checks), "")
+    checks += stream_checks(seen, is_live=True, transport=transport)
+    return _reported(where, checks, _live_line(location, transport, seen))
+
+
+def _reported(where: str, checks: list[Check], line: str) -> Report:
+    """The report; what cannot be used gets no pipeline."""
+    report = Report(where, tuple(checks), line)
+    return report if report.is_usable else replace(report, pipeline="")
+
+
+def _reach(location: str, timeout_s: float) -> list[Check]:
+    try:
+        port, parts = port_of(location), urlsplit(location)
+        host = parts.hostname or ""
+    except ValueError as error:
+        return [Check("address", Verdict.BAD, f"{error}; write rtsp://host:port/path")]
+    if not host:
+        return [Check("address", Verdict.BAD, "no host in it; write rtsp://host:port/path")]
+    reason = refusal(host, port, timeout_s)
+    if reason:
+        return [Check("reach", Verdict.BAD, f"{reason}; check address, cable and firewall")]
+    bare = urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
+    if parts.scheme == "rtsps":
+        return [Check("reach", Verdict.GOOD, f"{host} port {port} answers")]
+    try:
+        server = ask_options(host, port, bare, timeout_s)
+    except (NoAnswer, OSError) as error:
+        return [Check("server", Verdict.BAD, f"{host} port {port}: {error}; is this an RTSP server?")]
+    return [
+        Check("reach", Verdict.GOOD, f"{host} port {port}, connected in {server.connect_ms:.1f} ms"),
+        Check(
+            "server",
+            Verdict.GOOD,
+            f"{server.software or 'unnamed'}, answers in {server.answer_ms:.0f} ms ({server.status})",
+            asdict(server),
+        ),
+    ]
+
+
+def _live_line(location: str, transport: str, seen: Seen) -> str:
+    parts = urlsplit(location)
+    user, mark, host = parts.netloc.rpartition("@")
+    bare = redact(urlunsplit(parts._replace(netloc=host)))
+    secrets = " user-id=${user} user-pw=${password}" if mark and user else ""
+    settings = "--set user=NAME --set password=SECRET " if secrets else ""
+    source = f"rtspsrc name=s location={bare}{secrets} transport={transport}"
+    pose, klv = _pose_parts(seen)
+    queue = "queue max-size-buffers=1 leaky=downstream"
+    line = f"{source} ! decode{pose} ! {queue} ! {TRACKING} ! zenohsink key=uav/1{klv}"
+    return f"streamkit launch {settings}'{line}'"
+
+
+# A file.
+
+
+def _examine_file(location: str, timeout_s: float) -> Report:
+    where, checks = redact(location), list[Check]()
+    if not is_network(location):
+        try:
+            check_file(location)
+        except StreamkitError as error:
+            return Report(where, (Check("file", Verdict.BAD, str(error)),), "")
+        size = local_path(location).stat().st_size
+        text = f"{size / 1e6:.1f} MB" if size >= 100_000 else f"{size / 1e3:.1f} kB"
+        checks.append(Check("file", Verdict.GOOD, text, {"bytes": size}))
+    seen = watch("filesrc", {"location": location}, max(timeout_s, 10.0), None)
+    if not seen.packets and is_network(location):
+        return Report(where, (*checks, Check("stream", Verdict.BAD, seen.error or "no packet came")), "")
+    if not seen.packets:
+        return _telemetry_file(location, checks, seen.error)
+    checks += stream_checks(seen, is_live=False, transport="")
+    pose, klv = _pose_parts(seen)
+    source = f"filesrc name=s location={redact(in_description(location))}"
+    line = f'streamkit launch "{source} ! decode{pose} ! {TRACKING} ! tracksink location=tracks.jsonl{klv}"'
+    return _reported(where, checks, line)
+
+
+def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
+    """What is no video may be the telemetry beside one."""
+    where = redact(location)
+    try:
+        with closing(TelemetryFile(local_path(location))) as file:
+            first = last = file.next()
+            while (sample := file.next()) is not None:
+                last = sample
+    except (NoTelemetry, OSError, ValueError):
+        return Report(where, (*checks, Check("stream", Verdict.BAD, error)), "")
+    assert first is not None
+    assert last is not None
+    counts = file.reader.counts()
+    length = (last.pts - first.pts) / 1e9
+    text = f"{counts['poses']} positions over {length:.1f} s, {first.source}"
+    facts = {"positions": counts["poses"], "seconds": length, "source": first.source, **counts}
+    complaint = file.reader.complaint()
+    verdict = Verdict.NOTE if complaint else Verdict.GOOD
+    check = Check("telemetry", verdict, f"{text}; {complaint}" if complaint else text, facts)
+    pose = f"posesync location={in_description(location)}"
+    line = f'streamkit launch "filesrc location=VIDEO ! decode ! {pose} ! fakesink"'
+    return Report(where, (*checks, check), line)
+
+
+def _pose_parts(seen: Seen) -> tuple[str, str]:
+    pad, counts = seen.best_telemetry
+    return (" ! posesync name=p", f"  s.{pad} ! p.telemetry") if counts["poses"] else ("", "")
+
+
+def in_description(value: str) -> str:
+    """A value as a description within double quotes of a shell needs it: bare, or with blanks escaped."""
+    return re.sub(r"([^\w./:@%+,=-])", r"\\\1", value)

@@ -1,0 +1,119 @@
+"""Plays a stream for a while and takes down what comes out of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from streamkit import ElementFailure, Frame, FrameFlags, Pipeline, StreamkitError
+from streamkit_media.doctor.measure import PacketFacts
+from streamkit_telemetry_formats.telemetryreader import TelemetryReader
+
+POLL_S = 0.1
+FILE_PACKETS = 3000
+TELEMETRY_PADS = {"filesrc": ("klv", "klv_1", "subtitle"), "rtspsrc": ("klv",)}
+KEPT_PACKETS, KEPT_BYTES = 150, 1 << 26
+
+
+class Seen:
+    """What came out of a stream.
+
+    Attributes:
+        packets: of the video.
+        kept: the first of them whole, to try whether they decode.
+        origins: of the capture times.
+        telemetry: decodes what came out of each of the pads beside the video.
+        error: the one that ended it, or "".
+    """
+
+    def __init__(self) -> None:
+        self.packets: list[PacketFacts] = []
+        self.kept: list[Frame] = []
+        self._kept_bytes = 0
+        self.origins: dict[str, int] = {}
+        self.telemetry: dict[str, TelemetryReader] = {}
+        self.error = ""
+
+    def add_video(self, frame: Frame) -> None:
+        """Takes a packet of the video."""
+        size, is_key = memoryview(frame.data).nbytes, bool(frame.flags & FrameFlags.KEYFRAME)
+        if not self.kept or (len(self.kept) < KEPT_PACKETS and self._kept_bytes + size <= KEPT_BYTES):
+            self.kept.append(frame)
+            self._kept_bytes += size
+        self.packets.append(PacketFacts(frame.pts, frame.arrival_ns, size, is_key))
+        if frame.capture is not None:
+            self.origins[frame.capture.origin] = self.origins.get(frame.capture.origin, 0) + 1
+
+    def add_telemetry(self, pad: str, frame: Frame) -> None:
+        """Takes a packet of telemetry."""
+        self.telemetry.setdefault(pad, TelemetryReader()).packet(frame.data, frame.caps.name, frame.pts)
+
+    def end_telemetry(self) -> None:
+        """The end of a file: what was held back counts too."""
+        for decoder in self.telemetry.values():
+            decoder.finish()
+
+    @property
+    def best_telemetry(self) -> tuple[str, dict[str, int]]:
+        """The pad that gave most positions, or else most packets, and its counts."""
+        found = [(pad, decoder.counts()) for pad, decoder in self.telemetry.items()]
+        nothing = ("", TelemetryReader().counts())
+        return max(found, key=lambda item: (item[1]["poses"], item[1]["good_packets"]), default=nothing)
+
+
+def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: float | None) -> Seen:
+    """Plays a source and takes down what comes out of it, until its end or for some seconds.
+
+    Args:
+        factory: filesrc or rtspsrc.
+        properties: of the source.
+        limit_s: longest wait for the first packet, and for a file altogether.
+        seconds: how long to watch a live stream from its first packet on; None plays a file to its end.
+    """
+    seen = Seen()
+    full = "max-buffers=1000 drop=true" if seconds is not None else ""
+    pads = TELEMETRY_PADS[factory]
+    beside = "  ".join(f"s.{pad} ! appsink name={pad} {full}" for pad in pads)
+    text = f"{factory} name=s  s.src ! appsink name=video {full}  {beside}"
+    deadline, until = time.monotonic() + limit_s, None
+    try:
+        with Pipeline.parse(text) as pipeline:
+            for name, value in properties.items():
+                pipeline["s"].set_property(name, value)
+            pipeline.play()
+            while time.monotonic() < (until or deadline) and len(seen.packets) < FILE_PACKETS:
+                frame = _pull(pipeline["video"])
+                if frame is None and (pipeline.ended.is_set() or pipeline.error is not None):
+                    break
+                if frame is not None:
+                    seen.add_video(frame)
+                    if until is None and seconds is not None:
+                        until = time.monotonic() + seconds
+                _take_telemetry(pipeline, pads, seen)
+            _take_telemetry(pipeline, pads, seen)
+            if seconds is None:
+                seen.end_telemetry()
+            seen.error = _bare(pipeline.error)
+    except StreamkitError as error:
+        seen.error = _bare(error)
+    return seen
+
+
+def _take_telemetry(pipeline: Pipeline, pads: Sequence[str], seen: Seen) -> None:
+    for pad in pads:
+        while (packet := _pull(pipeline[pad], 0.0)) is not None:
+            seen.add_telemetry(pad, packet)
+
+
+def _bare(error: Exception | None) -> str:
+    """What an error says, without the element that nobody has named."""
+    return str((error.__cause__ or error) if isinstance(error, ElementFailure) else error or "")
+
+
+def _pull(sink: Any, timeout_s: float = POLL_S) -> Frame | None:
+    try:
+        found: Frame | None = sink.pull(timeout_s)
+    except StreamkitError:
+        return None
+    return found

@@ -1,0 +1,1 @@
+"""Frames to coded packets and to H.264 files."""

@@ -1,0 +1,1 @@
+"""Files in and out: media, numbered images, bytes and lines."""

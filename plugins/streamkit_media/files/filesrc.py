@@ -1,0 +1,270 @@
+"""filesrc: the streams of a file, as coded packets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from av.container import InputContainer
+from av.packet import Packet
+from av.stream import Stream
+
+from streamkit import (
+    Caps,
+    Direction,
+    EosEvent,
+    Frame,
+    PadTemplate,
+    Presence,
+    Property,
+    ResourceError,
+    Source,
+    StreamError,
+)
+from streamkit_media.codecs import CODED_CAPS
+from streamkit_media.container import (
+    MEDIA_ERRORS,
+    check_file,
+    open_container,
+    reason_of,
+    rotation_of,
+    video_stream,
+)
+from streamkit_media.files.playrange import PlayRange
+from streamkit_media.location import is_network, local_path, redact
+from streamkit_media.packets import SECOND_NS, DecodeOnly, packet_frame, read_packets
+from streamkit_media.streams import (
+    AUDIO_CAPS,
+    BARE_PACKETS,
+    KLV_CAPS,
+    SUBTITLE_CAPS,
+    StreamKind,
+    kinds_of,
+    stream_caps,
+    streams_of,
+)
+from streamkit_telemetry_formats.files import holds_klv
+
+PAD_CAPS = {
+    StreamKind.VIDEO: CODED_CAPS,
+    StreamKind.KLV: KLV_CAPS,
+    StreamKind.SECOND_KLV: KLV_CAPS,
+    StreamKind.SUBTITLE: SUBTITLE_CAPS,
+    StreamKind.AUDIO: AUDIO_CAPS,
+}
+# Any other format in which keys of KLV stand is what FFmpeg takes bare packets for.
+KLV_CONTAINERS = frozenset({"mpegts", "mpeg", "mxf", "mov", "matroska", "avi"})
+
+
+class FileSrc(Source):
+    """Reads any file FFmpeg knows, film or still picture, as coded packets.
+
+    The video comes out of `src`, or of `video` beside `klv` and `klv_1` (first and second stream of MISB
+    telemetry), `subtitle` (DJI telemetry) and `audio`, where the file has them. Times are the file's own,
+    exact to the nanosecond. A file of bare KLV packets has none: they come out of `klv` without times.
+
+    Example:
+        filesrc location=flight.mp4 ! decode ! fakesink
+    """
+
+    src = CODED_CAPS
+    templates = tuple(
+        PadTemplate(kind.value, Direction.SRC, Caps(caps), Presence.SOMETIMES)
+        for kind, caps in PAD_CAPS.items()
+    )
+
+    location: str = Property("", doc="Path or URL of the file.")
+    start_s: float = Property(
+        0.0, min=0.0, unit="s", doc="First picture shown, from the beginning of the video."
+    )
+    stop_s: float | None = Property(
+        None, min=0.0, unit="s", doc="End, from the beginning of the video; none is its own."
+    )
+    loop: bool = Property(False, doc="Begin again after the end, without end; times go on.")
+
+    def start(self) -> None:
+        """Opens the file, so that a bad one is known before anything plays."""
+        self._container: InputContainer | None = None
+        if not self.location:
+            raise ResourceError("location= must name a file, it is empty; write filesrc location=flight.mp4")
+        if self.stop_s is not None and self.stop_s <= self.start_s:
+            raise ResourceError(f"stop-s= must be after start-s={self.start_s:g}, got {self.stop_s:g}")
+        self._range = PlayRange(self.start_s, self.stop_s)
+        self._caps: dict[StreamKind, Caps] = {}
+        self._offset = self._end = 0
+        self._rotation = 0
+        container = self._open()
+        try:
+            self._kinds = kinds_of(container)
+            if self._video_is_wanted():
+                video_stream(container, self.location)
+                self._rotation = rotation_of(self.location, container)
+            self._duration = container.duration
+        except BaseException:
+            container.close()
+            raise
+        self._container = container
+
+    def _open(self) -> InputContainer:
+        """The container; bare KLV packets have none, which FFmpeg has to be told."""
+        if is_network(self.location):
+            return open_container(self.location)
+        check_file(self.location)
+        if not holds_klv(local_path(self.location)):
+            return open_container(self.location)
+        try:
+            container = open_container(self.location)
+        except StreamError:
+            return open_container(self.location, form=BARE_PACKETS)
+        if KLV_CONTAINERS & set(container.format.name.split(",")):
+            return container
+        container.close()
+        return open_container(self.location, form=BARE_PACKETS)
+
+    def duration_ns(self) -> int | None:
+        """How long the part that is played is."""
+        if self.loop or self._duration is None:
+            return None
+        end_s = self._duration / 1e6 if self.stop_s is None else min(self.stop_s, self._duration / 1e6)
+        return max(0, round((end_s - self.start_s) * SECOND_NS))
+
+    def negotiate(self, allowed: Caps) -> Caps | None:
+        """What the file holds."""
+        if self._container is None or not self._video_is_wanted():
+            return None
+        return self._packet_caps(video_stream(self._container, self.location), StreamKind.VIDEO)
+
+    def frames(self) -> Iterator[Frame | tuple[str, Frame]]:
+        """The packets in the file's order.
+
+        Raises:
+            StreamError: not one packet could be read.
+        """
+        # From here on this thread alone uses the file, and closes it: FFmpeg does not bear two threads.
+        container, self._container = self._container, None
+        assert container is not None
+        self._add_pads()
+        while True:
+            with container:
+                yield from self._round(container)
+            if not self.loop or self._end <= self._offset:
+                return
+            self._offset = self._end
+            container = self._open()
+
+    def stop(self) -> None:
+        """Closes the file if its packets were never asked for."""
+        container, self._container = self._container, None
+        if container is not None:
+            container.close()
+
+    # Pads.
+
+    def _add_pads(self) -> None:
+        for kind in StreamKind:
+            if kind in self._kinds and kind.value not in self.pads:
+                self.add_pad(kind.value)
+            elif kind not in self._kinds and self._is_linked(kind.value):
+                self.post_warning(f"{redact(self.location)}: it holds no stream for the pad {kind.value}")
+                self.pads[kind.value].is_eos = True
+                self.pads[kind.value].send_event(EosEvent())
+        self.no_more_pads()
+        second = StreamKind.SECOND_KLV
+        if self._is_linked("klv") and second in self._kinds and not self._is_linked(second.value):
+            self.post_warning(
+                f"{redact(self.location)}: nothing reads its second KLV stream, the pad {second}"
+            )
+
+    def _video_is_wanted(self) -> bool:
+        """Whether the video has a pad to go to, or might get one; not where there are other streams only."""
+        return self._is_linked("src") or StreamKind.VIDEO in self._kinds or not self._kinds
+
+    def _is_linked(self, name: str) -> bool:
+        return name in self.pads and self.pads[name].peer is not None
+
+    def _packet_caps(self, stream: Stream, kind: StreamKind) -> Caps:
+        """The stream's caps; the same object while they are equal, which saves comparing them."""
+        caps = stream_caps(stream, kind)
+        if kind is StreamKind.VIDEO and self._rotation:
+            caps = caps.with_fields(rotation=self._rotation)
+        if self._caps.get(kind) != caps:
+            self._caps[kind] = caps
+        return self._caps[kind]
+
+    # One round through the file.
+
+    def _round(self, container: InputContainer) -> Iterator[Frame | tuple[str, Frame]]:
+        wanted = {kind for kind in self._kinds if self._is_linked(kind.value)}
+        is_plain = self._is_linked("src") or not wanted
+        streams = streams_of(container, wanted | ({StreamKind.VIDEO} if is_plain else set()))
+        if not streams:
+            raise StreamError(f"{redact(self.location)}: none of its streams is linked")
+        self._seek(container, streams[0][0])
+        kinds = {stream.index: kind for stream, kind in streams}
+        caps = {stream.index: self._packet_caps(stream, kind) for stream, kind in streams}
+        for stream, frame in self._checked(self._in_range(container, streams, kinds, caps)):
+            kind = kinds[stream.index]
+            if self._is_linked(kind.value):
+                yield kind.value, frame
+            if kind is StreamKind.VIDEO and is_plain:
+                yield frame
+
+    def _checked(self, items: Iterator[tuple[Stream, Frame]]) -> Iterator[tuple[Stream, Frame]]:
+        """The items; an error where none is shown, a warning where the file breaks off after some."""
+        where, count, shown = redact(self.location), 0, 0
+        try:
+            for stream, frame in items:
+                count += 1
+                shown += frame.get(DecodeOnly) is None
+                yield stream, frame
+        except StreamError as error:
+            if not count:
+                raise StreamError(f"{where}: {error}; the file is damaged or cut short") from None
+            self.post_warning(f"{where}: {error} after {count} packets; ending there")
+        if shown:
+            return
+        if self.start_s:
+            self.post_warning(f"{where}: there is no picture from start-s={self.start_s:g} on")
+            return
+        fault = (
+            "the file's own edit list shows none of its pictures" if count else "the video holds no packets"
+        )
+        raise StreamError(f"{where}: {fault}; the file is damaged or cut short")
+
+    def _in_range(
+        self,
+        container: InputContainer,
+        streams: list[tuple[Stream, StreamKind]],
+        kinds: dict[int, StreamKind],
+        caps: dict[int, Caps],
+    ) -> Iterator[tuple[Stream, Frame]]:
+        open_streams = {stream.index for stream, _ in streams}
+        latest: int | None = None
+        for packet in read_packets(container, *(stream for stream, _ in streams)):
+            stream, index = packet.stream, packet.stream_index
+            if self._range.is_over(packet, stream):
+                open_streams.discard(index)
+                if not open_streams:
+                    return
+                continue
+            frame = self._frame(packet, caps[index], latest)
+            latest = frame.pts if kinds[index] is StreamKind.VIDEO and frame.pts is not None else latest
+            wanted = self._range.within(frame, packet, stream, kinds[index])
+            if wanted is not None:
+                yield stream, wanted
+
+    def _frame(self, packet: Packet[Stream], caps: Caps, latest: int | None) -> Frame:
+        frame = packet_frame(packet, caps)
+        if frame.pts is None:  # telemetry without times of its own (asynchronous KLV) is of where it stands
+            return frame if latest is None or caps.name.startswith("video/") else frame.replace(pts=latest)
+        pts = frame.pts + self._offset
+        self._end = max(self._end, pts + (frame.duration or 0))
+        return frame.replace(pts=pts) if self._offset else frame
+
+    def _seek(self, container: InputContainer, stream: Stream) -> None:
+        try:
+            self._range.seek(container, stream)
+        except MEDIA_ERRORS as error:
+            raise StreamError(
+                f"{redact(self.location)}: start-s={self.start_s:g} cannot be reached: {reason_of(error)}; "
+                "this format may not allow seeking"
+            ) from None

@@ -1,0 +1,101 @@
+"""multifilesrc: numbered picture files, as coded packets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+
+from streamkit import Caps, Capture, Frame, FrameFlags, Pose, Property, ResourceError, Source
+from streamkit_media.codecs import CODED_CAPS, coded_caps, stream_parameters
+from streamkit_media.container import open_container, video_stream
+from streamkit_media.location import local_path
+from streamkit_media.packets import SECOND_NS
+from streamkit_telemetry_formats.photograph import sample_of_photograph
+
+NUMBER = re.compile(r"%0?\d*d")
+
+
+class MultiFileSrc(Source):
+    """Reads numbered picture files as one video, up to the first number that is missing.
+
+    A photograph that tells where it was taken (Exif, DJI's XMP) carries that as `Pose`.
+
+    Example:
+        multifilesrc location=img/%06d.jpg start-index=1 framerate=25/1 ! decode ! fakesink
+    """
+
+    src = CODED_CAPS
+
+    location: str = Property("", doc="Path with the number's place in it: img/%06d.jpg.")
+    start_index: int = Property(0, min=0, doc="First number.")
+    stop_index: int = Property(-1, min=-1, doc="Last number; -1 is the last file there is.")
+    framerate: Fraction = Property(Fraction(25), min=Fraction(1, 3600), doc="Pictures per second.")
+    loop: bool = Property(False, doc="Begin again after the last picture, without end.")
+
+    def start(self) -> None:
+        """Looks into the first file, so that a bad one is known before anything plays."""
+        if len(NUMBER.findall(self.location)) != 1 or self.location.replace("%%", "").count("%") != 1:
+            raise ResourceError(
+                f"location={self.location!r} must hold the number's place once; write location=img/%06d.jpg"
+            )
+        if -1 < self.stop_index < self.start_index:
+            raise ResourceError(
+                f"stop-index={self.stop_index} must not be below start-index={self.start_index}"
+            )
+        first = str(self._path(self.start_index))
+        with open_container(first) as container:
+            self._caps = coded_caps(stream_parameters(video_stream(container, first)), self.framerate)
+
+    def negotiate(self, allowed: Caps) -> Caps | None:
+        """What the first file holds."""
+        return self._caps
+
+    def frames(self) -> Iterator[Frame]:
+        """One packet for each file.
+
+        Raises:
+            ResourceError: a file is there but cannot be read.
+        """
+        count, index = 0, self.start_index
+        while True:
+            data = self._read(index)
+            if data is None:
+                if not self.loop or index == self.start_index:
+                    return
+                index = self.start_index
+                continue
+            pts, end = self._time_ns(count), self._time_ns(count + 1)
+            frame = Frame(data, self._caps, pts=pts, duration=end - pts, flags=FrameFlags.KEYFRAME)
+            yield with_pose(frame, data)
+            count, index = count + 1, index + 1
+
+    def _time_ns(self, count: int) -> int:
+        """When picture number `count` begins; the product is rounded, not summed, so that nothing drifts."""
+        return round(count * SECOND_NS / self.framerate)
+
+    def _read(self, index: int) -> bytes | None:
+        if -1 < self.stop_index < index:
+            return None
+        path = self._path(index)
+        try:
+            return path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise ResourceError(
+                f"{path}: cannot be read: {error.strerror}; check the file and its rights"
+            ) from None
+
+    def _path(self, index: int) -> Path:
+        return local_path(self.location % index)
+
+
+def with_pose(frame: Frame, data: bytes) -> Frame:
+    """A picture with what its file tells about its place and time."""
+    sample = sample_of_photograph(data, frame.pts or 0)
+    if sample is None:
+        return frame
+    frame = frame.attach(Pose(*sample.pose), sample)
+    return frame if sample.utc_ns is None else frame.replace(capture=Capture(sample.utc_ns, "file"))

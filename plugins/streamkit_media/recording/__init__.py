@@ -1,0 +1,1 @@
+"""Recording of packets as received, one file per frame, and replay of a recording."""

@@ -1,0 +1,193 @@
+"""Coded packets to a file that plays up to the last second, however the process ends."""
+
+from __future__ import annotations
+
+import io
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import av
+from av.container import OutputContainer
+from av.error import FFmpegError, InvalidDataError
+from av.packet import Packet
+from av.stream import Stream
+
+from streamkit_media.recording.annexb import AnnexBWriter, BadPacket
+from streamkit_media.recording.parametersets import check_parameter_sets
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
+TIME_BASE = Fraction(1, 90_000)
+SECOND_NS = 1_000_000_000
+# Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.
+ALWAYS = {"flush_packets": "1", "max_interleave_delta": "500000"}
+FORMATS: dict[str, tuple[str, dict[str, str]]] = {
+    ".ts": ("mpegts", {}),
+    ".mts": ("mpegts", {}),
+    ".m2ts": ("mpegts", {"mpegts_m2ts_mode": "1"}),
+    ".mp4": ("mp4", {"movflags": "frag_keyframe+empty_moov+default_base_moof", "frag_duration": "1000000"}),
+    ".mov": ("mov", {"movflags": "frag_keyframe+empty_moov+default_base_moof", "frag_duration": "1000000"}),
+    ".mkv": ("matroska", {"cluster_time_limit": "1000"}),
+}
+WITH_KLV = WITHOUT_HEADERS = frozenset({"mpegts"})
+
+
+class PacketWriter:
+    """One file being written.
+
+    Args:
+        path: of the file; one that is there is replaced.
+        container: FFmpeg's format name and its options.
+        codec: of the video, FFmpeg's name.
+        size: width, height, px.
+        extradata: the codec's headers kept outside the packets.
+        with_klv: whether there is a stream of KLV telemetry too.
+
+    Attributes:
+        path: of the file.
+        has_begun: whether the file's head is written; a packet may be left out from then on.
+
+    Raises:
+        OSError: it cannot be written.
+        ValueError: the container cannot hold this codec.
+        BadPacket: the extradata are damaged.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        container: tuple[str, dict[str, str]],
+        codec: str,
+        size: tuple[int, int],
+        extradata: bytes,
+        with_klv: bool,
+    ) -> None:
+        self._annexb = AnnexBWriter(codec, extradata)
+        self._codec = codec
+        self.path = path
+        self.has_begun = False
+        self._failure: Exception | None = None
+        name, options = container
+        self._reads_parameter_sets = name not in WITHOUT_HEADERS
+        # A file of ours: FFmpeg leaves its own open where the head could not be written.
+        self._file = _WholeWrites(path, "wb")
+        self._container: OutputContainer | None = None
+        try:
+            self._container = av.open(self._file, "w", format=name, container_options={**ALWAYS, **options})
+            self._video = self._container.add_mux_stream(codec, width=size[0], height=size[1])
+            self._klv: Stream | None = self._container.add_data_stream("klv") if with_klv else None
+        except BaseException:
+            self.close()
+            raise
+        self._last_dts: dict[int, int] = {}
+
+    def write_video(self, data: bytes, pts: int, dts: int, duration: int | None, is_keyframe: bool) -> int:
+        """Writes one packet; the file's bytes are with the operating system when the next is written.
+
+        Args:
+            data: the packet as its source has it.
+            pts: ns from the file's beginning.
+            dts: ns, at most `pts`; does not fall.
+            duration: ns; None if unknown.
+            is_keyframe: whether playing can begin with it.
+
+        Returns:
+            Bytes written.
+
+        Raises:
+            OSError: writing failed, this time or before.
+            FFmpegError: the container does not take this codec.
+            BadPacket: the packet is damaged; nothing can be written after it unless the file `has_begun`.
+        """
+        data = self._annexb.packet(data, is_keyframe)
+        if not self.has_begun and self._reads_parameter_sets:
+            check_parameter_sets(self._codec, data)
+        packet = Packet(data)
+        packet.is_keyframe = is_keyframe
+        return self._write(packet, self._video, _ticks(pts), _ticks(dts), _ticks(duration or 0))
+
+    def write_klv(self, data: bytes, pts: int) -> int:
+        """Writes one KLV packet."""
+        assert self._klv is not None
+        packet = Packet(data)
+        packet.is_keyframe = True
+        return self._write(packet, self._klv, _ticks(pts), _ticks(pts), 0)
+
+    def _write(self, packet: Packet[Stream], stream: Stream, pts: int, dts: int, duration: int) -> int:
+        assert self._container is not None
+        if self._failure is not None:
+            raise self._failure
+        lowest = self._last_dts.get(stream.index, dts - 1) + 1
+        dts = max(dts, lowest)
+        packet.stream = stream
+        try:
+            packet.time_base, packet.dts, packet.pts = TIME_BASE, dts, max(pts, dts)
+            packet.duration = duration
+        except OverflowError:
+            raise BadPacket(f"its time of {max(pts, dts) / TIME_BASE.denominator:.3g} s is none") from None
+        self._last_dts[stream.index] = dts
+        try:
+            self._container.mux_one(packet)
+        except Exception as error:
+            self._refuse(error)
+        if self._file.failure is not None:
+            self._refuse(self._file.failure)
+        self.has_begun = True
+        return packet.size
+
+    def _refuse(self, error: Exception) -> NoReturn:
+        """Raises what became of a packet that was not written; tells damage from a file that fails."""
+        reason = self._file.failure or error
+        if isinstance(reason, FFmpegError) and (self.has_begun or isinstance(reason, InvalidDataError)):
+            refusal = BadPacket(f"it cannot be written: {reason.strerror}")
+            # FFmpeg crashes at the next packet where the head was not written.
+            self._failure = None if self.has_begun else refusal
+            raise refusal from None
+        self._failure = reason
+        raise reason
+
+    def close(self) -> None:
+        """Completes the file, or removes it where nothing could be written. Safe to call twice.
+
+        Raises:
+            OSError: writing failed.
+        """
+        container, self._container = self._container, None
+        try:
+            if container is not None:
+                container.close()
+        finally:
+            self._file.close()
+            if not self.has_begun:
+                self.path.unlink(missing_ok=True)
+        if self._failure is None and self._file.failure is not None:
+            self._failure = self._file.failure
+            raise self._failure
+
+
+class _WholeWrites(io.FileIO):
+    """A file without buffer whose writes are whole.
+
+    Attributes:
+        failure: the first error of a write; FFmpeg does not pass on all of them.
+    """
+
+    failure: OSError | None = None
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        """Writes all of the data."""
+        rest = memoryview(data)
+        size = rest.nbytes
+        try:
+            while rest:
+                rest = rest[super().write(rest) or 0 :]
+        except OSError as error:
+            self.failure = self.failure or error
+            raise
+        return size
+
+
+def _ticks(ns: int) -> int:
+    return round(ns * TIME_BASE.denominator / SECOND_NS)

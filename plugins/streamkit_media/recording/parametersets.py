@@ -1,0 +1,81 @@
+"""Checks H.264 and H.265 parameter sets before FFmpeg's muxers read them.
+
+The muxers of MP4 and Matroska make the file's head of them without checks: a damaged count in one of H.265
+keeps them busy for minutes, with the interpreter's lock held. FFmpeg's bitstream filters check the range of
+every field; what they refuse may still be harmless, and is tried.
+
+Source: ITU-T H.264, 7.3.2; H.265, 7.3.2.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+from av.bitstream import BitStreamFilterContext
+from av.codec.context import CodecContext
+from av.error import FFmpegError, InvalidDataError
+from av.packet import Packet
+from av.video.codeccontext import VideoCodecContext
+
+from streamkit_media.nalunits import units
+from streamkit_media.recording import trial
+from streamkit_media.recording.annexb import START_CODE, BadPacket, kind_of
+
+# Sequence parameter sets, and video parameter sets of H.265. Those of pictures may belong to other layers,
+# whose sequence parameter sets the filters do not know.
+CHECKED_KINDS = {"h264": frozenset({7}), "hevc": frozenset({32, 33})}
+
+TRIAL_LIMIT_S = 4.0
+
+
+def check_parameter_sets(codec: str, data: bytes) -> None:
+    """Checks the parameter sets in a key frame's packet.
+
+    Args:
+        codec: FFmpeg's name; only h264 and hevc are checked.
+        data: the packet, in Annex B.
+
+    Raises:
+        BadPacket: a field of a set is out of its range or a set is cut short, and the packet does not decode,
+            or keeps the muxer busy.
+    """
+    kinds = CHECKED_KINDS.get(codec)
+    if kinds is None:
+        return
+    sets = [START_CODE + unit for unit in units(data) if unit and kind_of(codec, unit[0]) in kinds]
+    if not sets:
+        return
+    try:
+        BitStreamFilterContext(f"{codec}_metadata", codec).filter(Packet(b"".join(sets)))
+    except InvalidDataError:
+        # Some encoders break the rules in ways that hurt nobody.
+        if not _decodes(codec, data) or (codec == "hevc" and not _can_be_muxed(data)):
+            raise BadPacket("its parameter sets are damaged") from None
+    except FFmpegError:
+        return  # an extension that the filter does not know
+
+
+def _decodes(codec: str, data: bytes) -> bool:
+    context = CodecContext.create(codec, "r")
+    assert isinstance(context, VideoCodecContext)
+    context.thread_count = 1
+    packet = Packet(len(data))
+    packet.update(data)
+    try:
+        return bool(context.decode(packet) or context.decode(None))
+    except FFmpegError:
+        return False
+
+
+def _can_be_muxed(data: bytes) -> bool:
+    """Whether the muxer ends with a packet of H.265, tried in a process that can be given up."""
+    command = [sys.executable, "-m", trial.__name__]
+    try:
+        done = subprocess.run(
+            command, input=data, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            timeout=TRIAL_LIMIT_S, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0

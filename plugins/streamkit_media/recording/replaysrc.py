@@ -1,0 +1,85 @@
+"""replaysrc: a recording, as it came."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, cast
+
+from streamkit import Caps, Capture, Frame, Property, ResourceError, Source
+from streamkit_media.codecs import CODED_CAPS, coded_caps, stream_parameters, stream_rate
+from streamkit_media.container import check_file, open_container, video_stream
+from streamkit_media.location import local_path, redact
+from streamkit_media.packets import packet_frame, read_packets
+from streamkit_media.recording.arrivals import Arrival, BadArrivals, arrivals_path, read_arrivals
+
+ORIGINS = ("rtcp", "misb", "file", "arrival")
+
+
+class ReplaySrc(Source):
+    """Plays what `packetsink arrivals=true` recorded with its numbers, epochs, times and pauses.
+
+    Example:
+        replaysrc location=flight.ts ! decode ! fakesink
+    """
+
+    src = CODED_CAPS
+    is_live = True
+
+    location: str = Property("", doc="Path of the recording; its arrivals stand beside it.")
+    speed: float = Property(
+        1.0, min=0.0, max=1000.0, doc="1 is as it came, 2 twice as fast, 0 without waiting."
+    )
+
+    def start(self) -> None:
+        """Checks that the recording and its arrivals are there."""
+        if not self.location:
+            raise ResourceError("location= must name a recording, it is empty; write location=flight.ts")
+        check_file(self.location)
+        if not arrivals_path(local_path(self.location)).is_file():
+            raise ResourceError(
+                f"{self.location}: there are no arrivals beside it; record with packetsink arrivals=true, "
+                "or play it with filesrc"
+            )
+        with open_container(self.location) as container:
+            stream = video_stream(container, self.location)
+            self._caps = coded_caps(stream_parameters(stream), stream_rate(stream))
+
+    def negotiate(self, allowed: Caps) -> Caps | None:
+        """What the recording holds."""
+        return self._caps
+
+    def frames(self) -> Iterator[Frame]:
+        """The packets, each when its time has come.
+
+        Raises:
+            ResourceError: the arrivals are damaged.
+        """
+        arrivals = read_arrivals(local_path(self.location))
+        with open_container(self.location) as container:
+            stream = video_stream(container, self.location)
+            began, first = self.clock_ns(), None
+            try:
+                for packet, arrival in zip(read_packets(container, stream), arrivals, strict=False):
+                    first = arrival.arrival_ns if first is None else first
+                    due = self._due(began, arrival.arrival_ns - first)
+                    if not self.clock.wait_until(due, self.over):
+                        return
+                    yield self._frame(packet_frame(packet, self._caps), arrival, due)
+            except BadArrivals as error:
+                raise ResourceError(f"{redact(self.location)}: {error}") from None
+
+    def _due(self, began: int, elapsed: int) -> int:
+        return began + round(elapsed / self.speed) if self.speed else began
+
+    def _frame(self, frame: Frame, arrival: Arrival, due: int) -> Frame:
+        capture = None
+        if arrival.capture_ns is not None and arrival.capture_origin in ORIGINS:
+            capture = Capture(arrival.capture_ns, cast("Any", arrival.capture_origin))
+        return frame.replace(
+            seq=arrival.seq,
+            epoch=arrival.epoch,
+            pts=arrival.pts,
+            arrival_ns=due,
+            capture=capture,
+            flags=arrival.flags,
+        )

@@ -1,0 +1,185 @@
+"""Access units of H.264 and H.265 from the pieces that RTP packets carry.
+
+FFmpeg's own parser takes a picture for whole when the next one begins: a live picture is then as old as one
+frame lasts before it is decoded. RTP marks the last packet of a picture.
+
+Source: RFC 6184, 5.1 (marker); ITU-T H.264, 7.4.1.2.3 and H.265, 7.4.2.4.4 (where an access unit begins).
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from av.packet import Packet
+from av.stream import Stream
+
+from streamkit_media.nalunits import units
+
+START_CODES = (b"\0\0\0\1", b"\0\0\1")
+MOST_REORDERED = 16
+RECOVERY_POINT = 6
+
+
+@dataclass(frozen=True)
+class Kinds:
+    """Kinds of NAL units of a codec.
+
+    Attributes:
+        shift: of the kind in the first byte; it has so many bits as `mask` has.
+        mask: see there.
+        header_bytes: of a unit.
+        pictures: slices; what follows the header begins with a set bit in the first one of a picture.
+        keys: of those, the ones of pictures that decoding can begin with.
+        leading: what stands before the picture that it is for.
+        supplements: of those, the ones that may tell of a recovery point.
+    """
+
+    shift: int
+    mask: int
+    header_bytes: int
+    pictures: frozenset[int]
+    keys: frozenset[int]
+    leading: frozenset[int]
+    supplements: frozenset[int]
+
+
+KINDS = {
+    "h264": Kinds(
+        0, 31, 1, frozenset({1, 2, 5}), frozenset({5}), frozenset({6, 7, 8, 9, 14, 15, 18}), frozenset({6})
+    ),
+    "hevc": Kinds(
+        1,
+        63,
+        2,
+        frozenset(range(32)),
+        frozenset(range(16, 24)),
+        frozenset({32, 33, 34, 35, 39, *range(41, 45), *range(48, 56)}),
+        frozenset(),
+    ),
+}
+
+
+class DecodingTimes:
+    """When each of the pictures is decoded, as far as their times of presentation tell."""
+
+    def __init__(self) -> None:
+        self._latest: list[int] = []
+        self._reordered = 0
+
+    def of(self, pts: int) -> int:
+        """The decoding time of the next picture, in the unit of its time of presentation.
+
+        Pictures that are shown in another order than they come in are decoded as many places earlier.
+        """
+        insort(self._latest, pts)
+        behind = len(self._latest) - 1 - self._latest.index(pts)
+        self._reordered = min(max(self._reordered, behind), MOST_REORDERED)
+        del self._latest[: -self._reordered - 1]
+        return self._latest[0]
+
+
+class AccessUnits:
+    """Joins pieces to packets of one picture each.
+
+    Args:
+        codec: h264 or hevc.
+        duration: of a picture, in the pieces' time base; 0 if unknown.
+
+    Attributes:
+        trusts_marks: whether marked pieces end pictures; where others are marked, too, no longer.
+    """
+
+    def __init__(self, codec: str, duration: int = 0) -> None:
+        self.trusts_marks = True
+        self._kinds = KINDS[codec]
+        self._duration = duration
+        self._times = DecodingTimes()
+        self._marked_pts: int | None = None
+        self._pieces: list[Packet[Stream]] = []
+        self._data: list[bytes] = []
+        self._has_picture = self._is_key = False
+
+    def add(self, piece: Packet[Stream], *, is_marked: bool) -> Iterator[Packet[Stream]]:
+        """Takes the next piece.
+
+        Args:
+            piece: one or more NAL units with start codes, or more of the last one.
+            is_marked: whether it is known to be the last of its picture.
+
+        Yields:
+            The pictures that are complete with it.
+        """
+        data = bytes(piece)
+        found = list(units(data)) if data.startswith(START_CODES) else []
+        begins = bool(found) and self._may_begin(found[0])
+        is_next = self._pieces and piece.pts != self._pieces[0].pts
+        if self._pieces and (is_next or (begins and self._has_picture)):
+            yield self._joined()
+        elif not self._pieces and not begins and piece.pts == self._marked_pts:
+            self.trusts_marks = False
+        self._pieces.append(piece)
+        self._data.append(data)
+        for unit in found:
+            self._note(unit)
+        if is_marked and self.trusts_marks and self._has_picture:
+            self._marked_pts = piece.pts
+            yield self._joined()
+
+    def flush(self) -> Iterator[Packet[Stream]]:
+        """What is held when no piece follows."""
+        if self._pieces:
+            yield self._joined()
+
+    def _kind(self, unit: bytes) -> int:
+        return unit[0] >> self._kinds.shift & self._kinds.mask if unit else -1
+
+    def _may_begin(self, unit: bytes) -> bool:
+        """Whether a unit stands at the beginning of a picture, where there is one before it."""
+        kind, at = self._kind(unit), self._kinds.header_bytes
+        is_first = len(unit) > at and bool(unit[at] & 0x80)
+        return kind in self._kinds.leading or (kind in self._kinds.pictures and is_first)
+
+    def _note(self, unit: bytes) -> None:
+        kind = self._kind(unit)
+        self._has_picture |= kind in self._kinds.pictures
+        self._is_key |= kind in self._kinds.keys
+        if kind in self._kinds.supplements:
+            self._is_key |= has_recovery_point(unit[self._kinds.header_bytes :])
+
+    def _joined(self) -> Packet[Stream]:
+        """The pieces as one packet, with the times of the first."""
+        first = self._pieces[0]
+        whole: Packet[Stream] = Packet(b"".join(self._data))
+        whole.pts, whole.time_base = first.pts, first.time_base
+        whole.dts = None if first.pts is None else self._times.of(first.pts)
+        whole.duration = self._duration
+        whole.is_keyframe, whole.is_corrupt = self._is_key, any(piece.is_corrupt for piece in self._pieces)
+        for item in first.iter_sidedata():
+            item.to_packet(whole)
+        self._pieces, self._data, self._has_picture, self._is_key = [], [], False, False
+        return whole
+
+
+def has_recovery_point(messages: bytes) -> bool:
+    """Whether supplemental enhancement information holds a recovery point message.
+
+    Source: ITU-T H.264, 7.3.2.3.1.
+    """
+    at = 0
+    while at + 2 <= len(messages):
+        kind = size = 0
+        while at < len(messages) and messages[at] == 255:
+            kind, at = kind + 255, at + 1
+        if at >= len(messages):
+            return False
+        kind, at = kind + messages[at], at + 1
+        while at < len(messages) and messages[at] == 255:
+            size, at = size + 255, at + 1
+        if kind == RECOVERY_POINT:
+            return True
+        if at >= len(messages):
+            return False
+        at += messages[at] + size + 1
+    return False

@@ -1,0 +1,274 @@
+"""rtspclientsink: coded video to an RTSP server that records it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink
+from streamkit_media.codecs import CodecParameters, caps_parameters
+from streamkit_media.location import redact
+from streamkit_media.recording.annexb import AnnexBWriter, BadPacket
+from streamkit_media.recording.packetsink import BEFORE_KEYFRAME, times_of
+from streamkit_media.rtsp.endpoint import Reconnect, RtspEndpoint, Transport
+from streamkit_media.rtsp.pushprocess import PushFailure, PushProcess
+from streamkit_media.rtsp.pushprotocol import PushPacket
+
+LOOK_S = 0.05
+LEAVE_LIMIT_S = 1.0
+STOP_LIMIT_S = 5.0
+STEADY_S = 5.0  # a connection that has lasted so long was good: the tries are counted anew
+TICK_NS = 11_112  # of RTP's 90 kHz clock, rounded up
+JUMP_NS = 1_000_000_000
+TOO_SLOW = "the server is too slow"
+NOT_CONNECTED = "between two connections"
+LOST = "lost with the connection"
+
+
+class RtspClientSink(RtspEndpoint, Sink):
+    """Pushes coded video to an RTSP server that takes recordings, such as MediaMTX or gst-rtsp-server.
+
+    It begins with a key frame. Every change of the connection is an element message `connection` as that of
+    `rtspsrc`. Frames are sent as they come; `sync=true` paces those of a file.
+
+    Example:
+        filesrc location=flight.mp4 ! rtspclientsink location=rtsp://server/live sync=true
+    """
+
+    sink = "video/x-h264; video/x-h265"
+
+    transport: Transport = Property(
+        Transport.TCP, doc="What carries the video: tcp loses nothing, udp waits for nothing."
+    )
+    latency_ms: int = Property(
+        500,
+        name="latency",
+        min=0,
+        max=60_000,
+        unit="ms",
+        doc="Stay so long after the last frame: servers forget what waits in their jitter buffer when we go.",
+    )
+    max_packets: int = Property(256, min=1, max=8192, doc="Packets held for a server that is slower.")
+    drop: bool = Property(
+        False, doc="When that many are held, drop frames up to the next key frame rather than wait."
+    )
+
+    def start(self) -> None:
+        """Checks the location and starts the process that will connect when the first key frame comes."""
+        self._working = threading.Lock()
+        self._process: PushProcess | None = None
+        self._caps: Caps | None = None
+        self._sent = 0
+        self._is_connected = self._was_connected = self._needs_keyframe = False
+        self._opened_s = self._retry_s = 0.0
+        self._zero = self._last_dts = 0
+        super().start()
+        self._process = self._begin_process()
+
+    @property
+    def sent(self) -> int:
+        """Packets sent since the start; each that came is sent, counted in `drops`, or still held."""
+        return self._sent + (self._process.written if self._process is not None else 0)
+
+    def render(self, frame: Frame) -> None:
+        """Sends one packet, or holds it until the server takes it.
+
+        Raises:
+            ResourceError: the connection failed and is not, or no longer, to be tried again.
+        """
+        with self._working:
+            try:
+                self._push(frame)
+            except BadPacket as error:
+                self.count_drop("damaged packet")
+                self.post_warning(f"{self._where}: a packet is left out: {error}")
+            except PushFailure as failure:
+                self.count_drop(LOST)
+                self._lose(failure)
+
+    def drain(self) -> None:
+        """EOS: what is held is sent, then the server is told that it is over.
+
+        Raises:
+            ResourceError: the connection failed before.
+        """
+        with self._working:
+            try:
+                self._finish()
+            except PushFailure as failure:
+                self._lose(failure)
+            if self._backoff.tries and time.monotonic() < self._retry_s:
+                self.post_warning(f"{self._where}: the stream ended while there was no connection")
+
+    def stop(self) -> None:
+        """Ends the connection and its process."""
+        if not self._working.acquire(timeout=STOP_LIMIT_S):
+            raise ResourceError(f"{self._where}: a frame is still being sent after {STOP_LIMIT_S:g} s")
+        try:
+            self._leave("the pipeline was stopped", LEAVE_LIMIT_S)
+        finally:
+            self._working.release()
+
+    # One packet.
+
+    def _push(self, frame: Frame) -> None:
+        is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
+        if self._is_open():
+            self._attend(0)
+        if is_keyframe and self._is_open() and frame.caps is not self._caps:
+            self._change_format(frame.caps)
+        if not self._is_open():
+            if time.monotonic() < self._retry_s:
+                self.count_drop(NOT_CONNECTED)
+                return
+            if not is_keyframe:
+                self.count_drop(BEFORE_KEYFRAME)
+                return
+            self._open(frame)
+        self._needs_keyframe &= not is_keyframe
+        if self._needs_keyframe or not self._has_room():
+            self._needs_keyframe = True
+            self.count_drop(TOO_SLOW)
+            return
+        assert self._process is not None
+        data = self._annexb.packet(bytes(frame.data), is_keyframe)
+        pts, dts = self._times(frame)
+        self._process.offer(PushPacket(pts, dts, frame.duration or 0, is_keyframe, data))
+
+    def _has_room(self) -> bool:
+        """Whether another packet may be held; waits for it unless frames are to be dropped."""
+        assert self._process is not None
+        while self._process.pending >= self.max_packets:
+            if self.drop or self.stopping.is_set():
+                return False
+            self._attend(LOOK_S)
+        return True
+
+    def _times(self, frame: Frame) -> tuple[int, int]:
+        """When the packet is shown and decoded, ns from the connection's beginning; the second ascends."""
+        pts, dts = times_of(frame)
+        if dts - self._zero + JUMP_NS < self._last_dts:
+            self._zero = dts - self._last_dts - (frame.duration or TICK_NS)
+        dts = max(dts - self._zero, self._last_dts + TICK_NS)
+        self._last_dts = dts
+        return max(pts - self._zero, dts), dts
+
+    # One connection.
+
+    def _is_open(self) -> bool:
+        return self._process is not None and self._process.is_opened
+
+    def _open(self, frame: Frame) -> None:
+        """Has the process connect for the format of this frame."""
+        parameters = caps_parameters(frame.caps)
+        self._annexb = AnnexBWriter(parameters.codec, parameters.extradata)
+        if self._process is None:
+            self._process = self._begin_process()
+        pts, dts = times_of(frame)
+        self._zero, self._last_dts = min(pts, dts), -TICK_NS
+        self._caps, self._needs_keyframe, self._is_connected = frame.caps, False, False
+        self._opened_s = time.monotonic()
+        self._tell("connecting", attempt=self._backoff.tries)
+        self._process.open(self._order(parameters))
+
+    def _order(self, parameters: CodecParameters) -> dict[str, Any]:
+        return {
+            "url": self._url,
+            "options": {"rtsp_transport": self.transport.value, **self._tls_options},
+            "codec": parameters.codec,
+            "width": parameters.width,
+            "height": parameters.height,
+            "timeout_s": self.timeout_s,
+        }
+
+    def _begin_process(self) -> PushProcess:
+        try:
+            return PushProcess()
+        except OSError as error:
+            raise ResourceError(f"the process that pushes could not be started: {error.strerror}") from error
+
+    def _change_format(self, caps: Caps) -> None:
+        """A connection has one format: another one takes a connection of its own."""
+        assert self._caps is not None
+        if caps_parameters(caps) != caps_parameters(self._caps):
+            self._finish()
+        else:
+            self._caps = caps
+
+    def _attend(self, wait_s: float) -> None:
+        process = self._process
+        assert process is not None
+        try:
+            process.attend(wait_s)
+        finally:
+            if process.is_ready and not self._is_connected:
+                self._is_connected = self._was_connected = True
+                self._tell("connected", caps=str(self._caps))
+
+    def _finish(self) -> None:
+        """Sends what is held and takes leave of the server."""
+        process = self._process
+        if process is not None and process.is_opened:
+            while process.pending and not self.stopping.is_set():
+                self._attend(LOOK_S)
+            self.stopping.wait(self.latency_ms / 1000)
+            process.end()
+            while not process.is_done and not self.stopping.is_set():
+                self._attend(LOOK_S)
+        self._leave("the pipeline was stopped", LEAVE_LIMIT_S)
+
+    def _leave(self, reason: str, limit_s: float) -> None:
+        """Ends the process; what it still held counts as dropped."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        process.close(limit_s)
+        self._sent += process.written
+        if process.pending:
+            self.count_drop(reason, process.pending)
+
+    # Between two connections.
+
+    def _lose(self, failure: PushFailure) -> None:
+        """Sets the time of the next try.
+
+        Raises:
+            ResourceError: there is to be none.
+        """
+        self._leave(LOST, 0)
+        error = self._error(failure)
+        if failure.is_silent:
+            self._tell("stalled", reason=error)
+        if self._is_connected and time.monotonic() - self._opened_s >= STEADY_S:
+            self._backoff.reset()
+        tries = self._backoff.tries
+        is_over = self.reconnect is Reconnect.NEVER or failure.is_refused
+        if is_over or self._has_tried_enough(has_worked=self._was_connected):
+            self._tell("gave-up", attempt=tries, reason=error)
+            raise ResourceError(f"{error}; gave up after {tries} retries" if tries else error)
+        delay_s = self._backoff.next_delay_s()
+        self._retry_s = time.monotonic() + delay_s
+        self._tell("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=error)
+        self.post_warning(f"{error}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
+
+    def _error(self, failure: PushFailure) -> str:
+        reason = redact(failure.reason)
+        if failure.is_refused:
+            return (
+                f"{self._where}: the server asks for other credentials: {reason}; "
+                "write them in the location, rtsp://user:password@host/path, or set user-id= and user-pw="
+            )
+        if failure.is_silent:
+            return (
+                f"{self._where}: the server has been silent for {self.timeout_s:g} s (timeout-s); "
+                "check that it takes recordings, or allow more time"
+            )
+        if not self._is_connected and self._tls_options and (distrust := self._distrust()):
+            return f"{self._where}: {distrust}"
+        if self._is_connected:
+            return f"{self._where}: the server has ended the connection: {reason}; check that it still runs"
+        return (
+            f"{self._where}: no recording there: {reason}; "
+            "check address, port and path, and that the server takes recordings"
+        )

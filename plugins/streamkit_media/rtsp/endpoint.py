@@ -1,0 +1,128 @@
+"""What both ends of RTSP share: where the server is, how it is spoken to, and when to try again."""
+
+from __future__ import annotations
+
+import enum
+import random
+from typing import Any
+from urllib.parse import urlsplit
+
+from streamkit import Element, Property, ResourceError
+from streamkit_media.location import redact, with_credentials
+from streamkit_media.rtsp.address import DEFAULT_PORTS, port_of
+from streamkit_media.rtsp.backoff import Backoff
+from streamkit_media.rtsp.certificates import SECURE, refusal, trusted_authorities
+
+HANDSHAKE_LIMIT_S = 1.0
+
+
+class Transport(enum.StrEnum):
+    """What carries the video."""
+
+    TCP = "tcp"
+    UDP = "udp"
+
+
+class Reconnect(enum.StrEnum):
+    """When to connect again."""
+
+    NEVER = "never"
+    ON_ERROR = "on-error"
+    ALWAYS = "always"
+
+
+class RtspEndpoint(Element):
+    """Base of elements that connect to an RTSP server."""
+
+    location: str = Property(
+        "", doc="URL, rtsp:// or rtsps://user:password@host:port/path; passwords are never shown."
+    )
+    user_id: str = Property("", doc="User name, where the URL has none.")
+    user_pw: str = Property("", secret=True, doc="Password, where the URL has none; never shown.")
+    tls_verify: bool = Property(
+        True, doc="For rtsps://, refuse a server whose certificate is not trusted or of another host."
+    )
+    tls_ca_file: str = Property(
+        "", doc="For rtsps://, file (PEM) of the authorities that are trusted; the system's where empty."
+    )
+    timeout_s: float = Property(
+        5.0, min=0.1, max=600.0, unit="s", doc="Silence, also while connecting, that ends a connection."
+    )
+    reconnect: Reconnect = Property(
+        Reconnect.ON_ERROR,
+        doc="Connect again never, when a connection fails, or always: also after a regular end, and where "
+        "the first one fails.",
+    )
+    max_retries: int = Property(
+        -1,
+        min=-1,
+        doc="Tries in a row before giving up. -1 is no limit once a connection has worked, and none before "
+        "(a wrong address ends at once) unless reconnect=always.",
+    )
+    retry_delay_s: float = Property(
+        0.5, min=0.0, max=600.0, unit="s", doc="Before the first retry; doubles with each, with jitter."
+    )
+    max_retry_delay_s: float = Property(
+        10.0, min=0.0, max=3600.0, unit="s", doc="Longest wait before a retry."
+    )
+
+    def start(self) -> None:
+        """Checks what can be checked without the server.
+
+        Raises:
+            ResourceError: the location is no RTSP URL, or the authorities' file is not there.
+        """
+        longest_s = max(self.max_retry_delay_s, self.retry_delay_s)
+        self._backoff = Backoff(self.retry_delay_s, longest_s, random.Random())
+        try:
+            port_of(self.location)
+        except ValueError as error:
+            raise ResourceError(f"location={self._where}: {error}; write rtsp://host:port/path") from None
+        parts = urlsplit(self.location)
+        if parts.scheme not in DEFAULT_PORTS or not parts.hostname:
+            raise ResourceError(
+                f"location={self._where!r} must be an RTSP URL; write location=rtsp://host:port/path"
+            )
+        self._tls_options = self._secured() if parts.scheme == SECURE else {}
+
+    def properties_set(self) -> dict[str, Any]:
+        """The properties set in the text, the location without passwords."""
+        found = super().properties_set()
+        if "location" in found:
+            found["location"] = redact(str(found["location"]))
+        return found
+
+    @property
+    def _where(self) -> str:
+        """The location as it may be shown; one without its scheme may hold a password too."""
+        if "://" not in self.location and "@" in self.location:
+            return f"***@{self.location.rpartition('@')[2]}"
+        return redact(self.location)
+
+    @property
+    def _url(self) -> str:
+        """The location as FFmpeg gets it."""
+        return with_credentials(self.location, self.user_id, self.user_pw)
+
+    def _secured(self) -> dict[str, str]:
+        """FFmpeg's options for TLS; it trusts everybody unless told otherwise."""
+        if not self.tls_verify:
+            return {"tls_verify": "0"}
+        try:
+            return {"tls_verify": "1", "ca_file": trusted_authorities(self.tls_ca_file)}
+        except OSError as error:
+            raise ResourceError(f"tls-ca-file={self.tls_ca_file}: {error}") from None
+
+    def _distrust(self) -> str:
+        """Why the server's certificate is refused; "" where it is not."""
+        host, limit_s = urlsplit(self.location).hostname or "", min(self.timeout_s, HANDSHAKE_LIMIT_S)
+        return refusal(host, port_of(self.location), self._tls_options.get("ca_file"), limit_s)
+
+    def _has_tried_enough(self, *, has_worked: bool) -> bool:
+        """Whether the last try was that: `has_worked` tells whether any connection has so far."""
+        if self.max_retries >= 0:
+            return self._backoff.tries >= self.max_retries
+        return not has_worked and self.reconnect is not Reconnect.ALWAYS
+
+    def _tell(self, state: str, **fields: object) -> None:
+        self.post_message("connection", state=state, **fields)

@@ -1,0 +1,211 @@
+"""Reads a network stream in a thread of its own, which can be ended at any moment."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import TypeAlias
+from urllib.parse import urlsplit
+
+from av.container import InputContainer
+from av.packet import Packet
+from av.stream import Stream
+
+from streamkit import Caps, Frame, ResourceError, StreamError, StreamkitError
+from streamkit_media.container import AccessRefused, InvalidMedia, TimedOut, open_container, video_stream
+from streamkit_media.location import redact
+from streamkit_media.rtsp import certificates
+from streamkit_media.rtsp.address import port_of
+from streamkit_media.rtsp.connections import CLAIMS, cut_connections, is_hung_up, open_sockets, refusal
+from streamkit_media.rtsp.livepackets import PIECES, LiveStreams, can_be_joined
+from streamkit_media.rtsp.packetring import PacketRing
+from streamkit_media.streams import StreamKind, stream_caps, streams_of
+
+CUT_EVERY_S = 0.05
+DIAGNOSIS_LIMIT_S = 1.0
+PLAIN = "rtsp"
+NO_OPTIONS: Mapping[str, str] = {}
+Arrival: TypeAlias = "Callable[[Packet[Stream], Caps, StreamKind], None]"
+
+
+class PacketReader:
+    """Opens a URL and hands each packet on as it arrives, until `end` or until the stream is over.
+
+    Args:
+        location: URL of the stream.
+        options: FFmpeg options for it.
+        timeout_s: limit for opening and for each read; FFmpeg's, so the caller watches the ring as well.
+        ring: told when the stream is over.
+        arrived: called with each packet, its caps and its stream's kind, in the reader's thread.
+        kinds: streams to read; the video must be there.
+
+    Attributes:
+        found: the kinds of them that are there, known before the first packet is handed on.
+    """
+
+    def __init__(
+        self,
+        location: str,
+        options: Mapping[str, str],
+        timeout_s: float,
+        ring: PacketRing[Frame],
+        arrived: Arrival,
+        kinds: frozenset[StreamKind] = frozenset({StreamKind.VIDEO}),
+    ) -> None:
+        self._location = location
+        self._options = options
+        self._timeout_s = timeout_s
+        self._ring = ring
+        self._arrived = arrived
+        self._kinds = kinds
+        self.found: frozenset[StreamKind] = frozenset()
+        self._ending = threading.Event()
+        self._asked = 0.0
+        self._known = frozenset(open_sockets())
+        # Not a daemon: it is always joined, and bounded by FFmpeg's limits even where that should fail.
+        self._thread = threading.Thread(target=self._run, name=f"reader {redact(location)}", daemon=False)
+
+    def begin(self) -> None:
+        """Starts reading."""
+        self._thread.start()
+
+    def end(self, limit_s: float) -> bool:
+        """Ends reading, whatever call it is in.
+
+        Args:
+            limit_s: how long to wait.
+
+        Returns:
+            Whether the thread has ended; otherwise it does within FFmpeg's own limit.
+        """
+        self._ending.set()
+        deadline = time.monotonic() + limit_s
+        while self._thread.is_alive():
+            cut_connections(port_of(self._location), self._known | CLAIMS.of_others(self))
+            self._thread.join(min(CUT_EVERY_S, max(0.0, deadline - time.monotonic())))
+            if time.monotonic() >= deadline:
+                break
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        error: Exception | None = None
+        try:
+            self._read()
+        except StreamkitError as cause:
+            error = cause
+        except Exception as cause:  # the thread's last word goes to who waits on the ring
+            error = ResourceError(f"{redact(self._location)}: {redact(str(cause))}")
+        finally:
+            CLAIMS.release(self)
+            self._ring.end(None if self._ending.is_set() else error)
+
+    def _read(self) -> None:
+        # What RTP says of pictures can be seen on a plain TCP connection only.
+        is_plain = urlsplit(self._location).scheme == PLAIN and self._options.get("rtsp_transport") == "tcp"
+        if is_plain and self._read_in_pieces():
+            return
+        with self._opened() as container:
+            self._read_from(container)
+
+    def _read_in_pieces(self) -> bool:
+        """Reads what each RTP packet carries; False, with nothing read, where FFmpeg's parsers are needed."""
+        try:
+            container = self._opened(PIECES)
+        except InvalidMedia:
+            # Parameter sets that the server does not tell in advance are found by the parsers alone.
+            return False
+        with container:
+            if not self._ending.is_set():
+                if not can_be_joined(video_stream(container, self._location)):
+                    return False
+                self._read_from(container, in_pieces=True)
+        return True
+
+    def _read_from(self, container: InputContainer, *, in_pieces: bool = False) -> None:
+        if self._ending.is_set():
+            return
+        sockets = CLAIMS.claim(self, port_of(self._location), self._known)
+        video_stream(container, self._location)
+        streams = streams_of(container, self._kinds)
+        caps = {stream.index: stream_caps(stream, kind) for stream, kind in streams}
+        kinds = {stream.index: kind for stream, kind in streams}
+        self.found = frozenset(kinds.values())
+        self._asked = time.monotonic()
+        live = LiveStreams(container, streams, sockets)
+        try:
+            self._hand_on(live.joined(self._left_s) if in_pieces else live.packets(), caps, kinds)
+        except StreamError as error:
+            if self._is_silent():
+                raise silence(self._location, self._timeout_s) from None
+            where = redact(self._location)
+            raise StreamError(f"{where}: {error}; check that the server still runs") from None
+        if is_hung_up(sockets):
+            raise hung_up(self._location)
+
+    def _hand_on(
+        self,
+        packets: Iterator[tuple[int, Packet[Stream]]],
+        caps: Mapping[int, Caps],
+        kinds: Mapping[int, StreamKind],
+    ) -> None:
+        for index, packet in packets:
+            if self._ending.is_set():
+                return
+            # At its time limit FFmpeg gives out the piece of a frame it holds, then waits as long again.
+            if self._is_silent():
+                raise silence(self._location, self._timeout_s)
+            self._arrived(packet, caps[index], kinds[index])
+            self._asked = time.monotonic()
+
+    def _left_s(self) -> float:
+        return self._timeout_s - (time.monotonic() - self._asked)
+
+    def _is_silent(self) -> bool:
+        return time.monotonic() - self._asked >= self._timeout_s
+
+    def _opened(self, more: Mapping[str, str] = NO_OPTIONS) -> InputContainer:
+        began = time.monotonic()
+        try:
+            options = {**self._options, **more}
+            return open_container(self._location, options, (self._timeout_s, self._timeout_s))
+        except AccessRefused:
+            raise
+        except ResourceError as error:
+            if more and isinstance(error, InvalidMedia):
+                raise
+            left = self._timeout_s - (time.monotonic() - began)
+            if left > 0 and not self._ending.is_set() and (reason := self._diagnosis(left)):
+                raise ResourceError(f"{redact(self._location)}: {reason}") from None
+            raise
+
+    def _diagnosis(self, left_s: float) -> str:
+        """Why the server cannot be reached, where FFmpeg does not say so."""
+        parts = urlsplit(self._location)
+        host, port, limit_s = parts.hostname or "", port_of(self._location), min(left_s, DIAGNOSIS_LIMIT_S)
+        if reason := refusal(host, port, limit_s):
+            return f"{reason}; check the address"
+        if parts.scheme != certificates.SECURE:
+            return ""
+        return certificates.refusal(host, port, self._options.get("ca_file"), limit_s)
+
+
+class HungUp(StreamError):
+    """The server has closed the connection amid the stream."""
+
+
+def hung_up(location: str) -> HungUp:
+    """The error for a connection that the server closes."""
+    return HungUp(f"{redact(location)}: the server has closed the connection; check that it still runs")
+
+
+class Silence(TimedOut):
+    """The server has stopped sending."""
+
+
+def silence(location: str, timeout_s: float) -> Silence:
+    """The error for a server that sends nothing."""
+    return Silence(
+        f"{redact(location)}: the server has been silent for {timeout_s:g} s (timeout-s); "
+        "check that it plays elsewhere, or allow more time"
+    )

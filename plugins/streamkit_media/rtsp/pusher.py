@@ -1,0 +1,125 @@
+"""The push process: sends packets from its standard input to an RTSP server with FFmpeg.
+
+PyAV holds the interpreter's lock while FFmpeg speaks to the server, and a server that is silent then stops
+every thread of the process; so this is a process of its own, which can be killed at any moment.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from fractions import Fraction
+from typing import Any, BinaryIO
+
+import av
+from av.container import OutputContainer
+from av.error import FFmpegError, HTTPForbiddenError, HTTPUnauthorizedError
+from av.packet import Packet
+from av.stream import Stream
+
+from streamkit_media.rtsp.pushprotocol import HEAD, Kind, PushPacket, message, read_packet
+
+TIME_BASE = Fraction(1, 90_000)
+SECOND_NS = 1_000_000_000
+# The process that began this one watches first; the alarm is for when that has been killed itself.
+ALARM_MARGIN_S = 2.0
+FAILURES = (FFmpegError, OSError, ValueError, RuntimeError, LookupError)
+
+
+class Push:
+    """One connection to a server that records.
+
+    Args:
+        order: `url`, `options` of FFmpeg, `codec` (FFmpeg's name), `width`, `height` (px).
+
+    Raises:
+        FFmpegError: the server cannot be reached, or does not want it.
+    """
+
+    def __init__(self, order: dict[str, Any]) -> None:
+        self._container: OutputContainer = av.open(
+            order["url"], "w", format="rtsp", container_options=order["options"]
+        )
+        self._stream: Stream = self._container.add_mux_stream(
+            order["codec"], width=order["width"], height=order["height"], time_base=TIME_BASE
+        )
+        self._container.start_encoding()
+
+    def write(self, sent: PushPacket) -> None:
+        """Sends one packet.
+
+        Raises:
+            FFmpegError: the connection has ended.
+        """
+        packet = Packet(sent.data)
+        packet.stream = self._stream
+        packet.time_base = TIME_BASE
+        packet.pts, packet.dts = _ticks(sent.pts), _ticks(sent.dts)
+        if sent.duration:
+            packet.duration = _ticks(sent.duration)
+        packet.is_keyframe = sent.is_keyframe
+        self._container.mux_one(packet)
+
+    def close(self) -> None:
+        """Takes leave of the server."""
+        self._container.close()
+
+
+def run(commands: BinaryIO, answers: BinaryIO) -> None:
+    """Does what it is told until it is told to end, or until nobody is there to tell."""
+    push: Push | None = None
+    limit_s = 0.0
+
+    def answer(kind: Kind, content: bytes = b"") -> None:
+        answers.write(message(kind, content))
+        answers.flush()
+
+    answer(Kind.AWAKE)
+    while head := commands.read(HEAD.size):
+        name, length = HEAD.unpack(head)
+        content = commands.read(length)
+        kind = Kind(name)
+        if kind is Kind.OPEN:
+            order = json.loads(content)
+            limit_s = order["timeout_s"] + ALARM_MARGIN_S
+        signal.setitimer(signal.ITIMER_REAL, limit_s)
+        if kind is Kind.OPEN:
+            push = Push(order)
+            answer(Kind.READY)
+        elif kind is Kind.PACKET and push is not None:
+            push.write(read_packet(content))
+            answer(Kind.WRITTEN)
+        elif kind is Kind.END:
+            break
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.setitimer(signal.ITIMER_REAL, limit_s)
+    if push is not None:
+        push.close()
+    answer(Kind.DONE)
+
+
+def main() -> None:
+    """Runs on the standard streams; a failure is the last answer."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    try:
+        run(sys.stdin.buffer, sys.stdout.buffer)
+    except BrokenPipeError:
+        pass
+    except FAILURES as error:
+        report = {
+            "reason": getattr(error, "strerror", None) or type(error).__name__,
+            "is_refused": isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError),
+        }
+        os.write(sys.stdout.fileno(), message(Kind.FAILED, json.dumps(report).encode()))
+    # Without a farewell: closing a connection that has failed would wait for the server again.
+    os._exit(0)
+
+
+def _ticks(ns: int) -> int:
+    return round(ns * TIME_BASE.denominator / SECOND_NS)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""The other end of a push process: begins it, gives it packets, watches it and ends it."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from typing import Any
+
+from streamkit_media.rtsp.pushprotocol import Kind, PushPacket, message, packet_content, take_messages
+
+PUSHER = "streamkit_media.rtsp.pusher"
+AWAKE_LIMIT_S = 30.0  # a loaded machine may need long to start Python; the server is not spoken to before
+KILL_LIMIT_S = 5.0
+READ_BYTES = 65_536
+
+
+class PushFailure(Exception):
+    """A connection has failed.
+
+    Attributes:
+        reason: in FFmpeg's words.
+        is_refused: whether the server wants other credentials.
+        is_silent: whether the server, or the process, did not answer in time.
+    """
+
+    def __init__(self, reason: str, *, is_refused: bool = False, is_silent: bool = False) -> None:
+        super().__init__(reason)
+        self.reason, self.is_refused, self.is_silent = reason, is_refused, is_silent
+
+
+class PushProcess:
+    """One process and the one connection that it makes; not for two threads at once.
+
+    What it is to know goes through its standard input, so that no password is in the list of processes.
+
+    Attributes:
+        is_opened: whether it was told to connect.
+        is_ready: whether the server records.
+        is_done: whether it has taken leave of the server.
+        pending: packets offered that are not with the operating system yet.
+        written: packets that are.
+
+    Raises:
+        OSError: the process cannot be started.
+    """
+
+    def __init__(self) -> None:
+        # A session of its own: Ctrl-C in a terminal is for the pipeline, which then ends this in order.
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", PUSHER],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            bufsize=0,
+            start_new_session=True,
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._stdin, self._stdout = self._process.stdin, self._process.stdout
+        for pipe in (self._stdin, self._stdout):
+            os.set_blocking(pipe.fileno(), False)
+        self._outgoing = bytearray()
+        self._received = bytearray()
+        self._is_awake = self._is_ending = False
+        self._silence_limit_s = AWAKE_LIMIT_S
+        self._answered = time.monotonic()
+        self.is_opened = self.is_ready = self.is_done = False
+        self.pending = self.written = 0
+
+    def open(self, order: dict[str, Any]) -> None:
+        """Tells it to connect.
+
+        Args:
+            order: as `pusher.Push` takes it, and `timeout_s`: the longest silence, s.
+        """
+        self.is_opened = True
+        self._silence_limit_s = order["timeout_s"]
+        self._answered = time.monotonic()
+        self._tell(message(Kind.OPEN, json.dumps(order).encode()))
+
+    def offer(self, packet: PushPacket) -> None:
+        """Gives it a packet; a failure is told by the next `attend`."""
+        if not self._is_waited_for():
+            self._answered = time.monotonic()
+        self.pending += 1
+        self._tell(message(Kind.PACKET, packet_content(packet)))
+
+    def end(self) -> None:
+        """Tells it to take leave of the server once everything is written."""
+        self._answered = time.monotonic()
+        self._is_ending = True
+        self._tell(message(Kind.END))
+
+    def attend(self, wait_s: float) -> None:
+        """Sends and receives what can be, at most after a wait.
+
+        Args:
+            wait_s: longest wait for something to send or receive, s.
+
+        Raises:
+            PushFailure: the connection has failed, or there is no answer within the limit.
+        """
+        poller = select.poll()
+        poller.register(self._stdout, select.POLLIN)
+        if self._outgoing:
+            poller.register(self._stdin, select.POLLOUT)
+        for descriptor, _ in poller.poll(wait_s * 1000):
+            if descriptor == self._stdin.fileno():
+                self._send()
+            else:
+                self._receive()
+        limit_s = self._silence_limit_s if self._is_awake else AWAKE_LIMIT_S
+        if self._is_waited_for() and time.monotonic() - self._answered >= limit_s:
+            raise PushFailure(f"the push process was silent for {limit_s:g} s", is_silent=self._is_awake)
+
+    def close(self, limit_s: float) -> None:
+        """Ends the process, and leaves nothing of it behind. Safe to call twice.
+
+        Args:
+            limit_s: how long it may take leave of the server before it is killed, s; one that is not
+                connected has nobody to take leave of.
+        """
+        if self._stdin.closed:
+            return
+        self._outgoing.clear()
+        self._stdin.close()
+        try:
+            self._process.wait(limit_s if self.is_ready else 0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait(KILL_LIMIT_S)
+        try:
+            self._receive()
+        except PushFailure:
+            pass  # it has ended: that is what was wanted
+        finally:
+            self._stdout.close()
+
+    def _is_waited_for(self) -> bool:
+        is_connecting = self.is_opened and not self.is_ready
+        return bool(is_connecting or self.pending or (self._is_ending and not self.is_done))
+
+    def _tell(self, said: bytes) -> None:
+        self._outgoing += said
+        self._send()
+
+    def _send(self) -> None:
+        try:
+            while self._outgoing:
+                del self._outgoing[: os.write(self._stdin.fileno(), self._outgoing)]
+        except BlockingIOError:
+            pass
+        except BrokenPipeError:
+            self._outgoing.clear()  # why it has ended is among its answers
+
+    def _receive(self) -> None:
+        while not self.is_done:
+            try:
+                data = os.read(self._stdout.fileno(), READ_BYTES)
+            except BlockingIOError:
+                return
+            if not data:
+                raise PushFailure("its process has ended without a word")
+            self._received += data
+            for kind, content in take_messages(self._received):
+                self._hear(kind, content)
+
+    def _hear(self, kind: Kind, content: bytes) -> None:
+        self._answered = time.monotonic()
+        if kind is Kind.AWAKE:
+            self._is_awake = True
+        elif kind is Kind.READY:
+            self.is_ready = True
+        elif kind is Kind.WRITTEN:
+            self.pending -= 1
+            self.written += 1
+        elif kind is Kind.DONE:
+            self.is_done = True
+        elif kind is Kind.FAILED:
+            report = json.loads(content)
+            raise PushFailure(str(report["reason"]), is_refused=bool(report["is_refused"]))

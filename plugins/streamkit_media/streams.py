@@ -1,0 +1,91 @@
+"""The streams of a container that travel: video, KLV telemetry, subtitles and sound, and their caps."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Collection
+
+from av.audio.stream import AudioStream
+from av.container import InputContainer
+from av.stream import Stream
+from av.video.stream import VideoStream
+
+from streamkit import Caps, Structure
+from streamkit_media.codecs import coded_caps, stream_parameters, stream_rate
+
+KLV_CAPS = "meta/x-klv, parsed=(boolean)false"
+SUBTITLE_CAPS = "text/x-raw, format=utf8"
+AUDIO_CAPS = "audio/x-coded"
+BARE_PACKETS = "data"  # FFmpeg's format for a file that has no container
+UNNAMED_IN = frozenset({"rtsp", BARE_PACKETS})
+PLAIN_SUBTITLES = frozenset({"mov_text", "subrip", "text", "srt", "webvtt", "ass"})
+
+
+class StreamKind(enum.StrEnum):
+    """What a stream carries; the name of the pad it comes out of."""
+
+    VIDEO = "video"
+    KLV = "klv"
+    SECOND_KLV = "klv_1"
+    SUBTITLE = "subtitle"
+    AUDIO = "audio"
+
+
+def streams_of(container: InputContainer, kinds: Collection[StreamKind]) -> list[tuple[Stream, StreamKind]]:
+    """The stream of each kind wanted, in the order of kinds; those not there are left out."""
+    return [
+        (stream, kind)
+        for kind in StreamKind
+        if kind in kinds and (stream := _first(container, kind)) is not None
+    ]
+
+
+def kinds_of(container: InputContainer) -> frozenset[StreamKind]:
+    """The kinds of streams that a container holds."""
+    return frozenset(kind for kind in StreamKind if _first(container, kind) is not None)
+
+
+def _first(container: InputContainer, kind: StreamKind) -> Stream | None:
+    """The stream that goes out of a kind's pad: the best or first, of KLV also the second."""
+    if kind is StreamKind.VIDEO:
+        return container.streams.best("video")
+    if kind is StreamKind.AUDIO:
+        found = container.streams.best("audio")
+        return found if isinstance(found, AudioStream) else None
+    wanted = "subtitle" if kind is StreamKind.SUBTITLE else "data"
+    carrying = [stream for stream in container.streams if _carries(stream, wanted)]
+    place = 1 if kind is StreamKind.SECOND_KLV else 0
+    return carrying[place] if len(carrying) > place else None
+
+
+def _carries(stream: Stream, wanted: str) -> bool:
+    if stream.type != wanted:
+        return False
+    if wanted == "subtitle":
+        return stream.name in PLAIN_SUBTITLES
+    # Over RTSP FFmpeg does not name it (RFC 6597), nor in a file of bare packets: what is something else has
+    # no keys and is passed over.
+    return stream.name == "klv" or (stream.name is None and stream.container.format.name in UNNAMED_IN)
+
+
+def stream_caps(stream: Stream, kind: StreamKind) -> Caps:
+    """The fixed caps of a stream's packets."""
+    if kind is StreamKind.VIDEO:
+        assert isinstance(stream, VideoStream)
+        return coded_caps(stream_parameters(stream), stream_rate(stream))
+    if kind is StreamKind.AUDIO:
+        assert isinstance(stream, AudioStream)
+        return audio_caps(stream)
+    return Caps(SUBTITLE_CAPS if kind is StreamKind.SUBTITLE else KLV_CAPS)
+
+
+def audio_caps(stream: AudioStream) -> Caps:
+    """The fixed caps of a sound stream's packets."""
+    fields: dict[str, int | str] = {
+        "codec": stream.codec_context.codec.canonical_name,
+        "rate": stream.sample_rate or 0,
+        "channels": stream.channels or 0,
+    }
+    if stream.codec_context.extradata:
+        fields["codec_data"] = stream.codec_context.extradata.hex()
+    return Caps((Structure(AUDIO_CAPS, fields),))

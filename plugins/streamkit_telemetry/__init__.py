@@ -1,0 +1,1 @@
+"""Elements for telemetry: posesync, telemetryparse and vmtiencode."""

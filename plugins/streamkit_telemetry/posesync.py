@@ -1,0 +1,241 @@
+"""posesync: gives each frame the camera's pose at its time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+from streamkit import (
+    Caps,
+    Capture,
+    Combine,
+    Direction,
+    DiscontinuityEvent,
+    EosEvent,
+    Event,
+    Frame,
+    PadTemplate,
+    Pose,
+    Presence,
+    Property,
+    ResourceError,
+    Source,
+)
+from streamkit_telemetry.poseline import PoseLine
+from streamkit_telemetry_formats.files import NoTelemetry, TelemetryFile
+from streamkit_telemetry_formats.sample import Sample
+from streamkit_telemetry_formats.telemetryreader import TelemetryReader
+
+TELEMETRY_CAPS = "meta/x-klv; text/x-raw"
+SECOND_NS = 1_000_000_000
+HELD_LIMIT = 32
+LONGEST_S = 1e9
+FOREVER_NS = 1 << 62
+
+
+class PoseSync(Combine):
+    """Pairs frames with telemetry by time, and attaches `Pose` with the gap to the nearest measurement.
+
+    Telemetry comes in at the pad `telemetry` (KLV or subtitles) or from a file beside the video. Between two
+    samples it is interpolated. A frame waits until telemetry of its time or later is there, live no longer
+    than `wait-ms`. A pose whose nearest measurement is further away than `max-gap-s` is marked as stale.
+
+    Example:
+        filesrc name=s location=flight.ts  s.video ! decode ! posesync name=p ! fakesink  s.klv ! p.telemetry
+    """
+
+    sink = src = "ANY"
+    templates = (PadTemplate("telemetry", Direction.SINK, Caps(TELEMETRY_CAPS), Presence.REQUEST),)
+
+    location: str = Property("", doc="File with telemetry beside the video: DJI .SRT or raw KLV.")
+    max_gap_s: float = Property(
+        1.0,
+        min=0.0,
+        max=LONGEST_S,
+        unit="s",
+        doc="A pose whose nearest measurement is further away is stale.",
+    )
+    offset_s: float = Property(
+        0.0, min=-LONGEST_S, max=LONGEST_S, unit="s", doc="Added to the telemetry's times."
+    )
+    wait_ms: int = Property(200, min=0, unit="ms", doc="Longest time a live frame waits for telemetry.")
+
+    def start(self) -> None:
+        """Opens the file beside the video, where there is one; it is read as far as the frames have come."""
+        self._line = PoseLine(round(self.max_gap_s * SECOND_NS))
+        self._decoder = TelemetryReader()
+        self._held: deque[Frame] = deque()
+        self._epoch = 0
+        self._counts = {"frames": 0, "paired": 0, "stale": 0, "without": 0}
+        self._largest_gap_ns = 0
+        self._telemetry_has_ended = "telemetry" not in self.pads
+        self._is_live = self._finds_live_source()
+        self._file: TelemetryFile | None = None
+        self._read_pts = -FOREVER_NS
+        if self.location:
+            with self._reading():
+                self._file = TelemetryFile(self._path())
+
+    def _path(self) -> Path:
+        is_url = self.location.startswith("file://")
+        return Path(unquote(urlsplit(self.location).path) if is_url else self.location)
+
+    def stop(self) -> None:
+        """Closes the file."""
+        if self._file is not None:
+            self._file.close()
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Errors of the file in the user's words."""
+        try:
+            yield
+        except NoTelemetry as error:
+            raise ResourceError(str(error)) from None
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise ResourceError(f"{self.location}: cannot be read: {reason}; check the path") from None
+
+    def _read_up_to(self, pts: int) -> None:
+        """Takes what the file has up to a time, ns; from its beginning where that is not held any more."""
+        if self._file is None:
+            return
+        if self._line.is_before(pts):
+            self._forget()
+        with self._reading():
+            while self._read_pts < pts and (sample := self._file.next()) is not None:
+                self._read_pts = max(self._read_pts, self._add(sample))
+        self._complain(self._file.reader)
+
+    def _forget(self) -> None:
+        """Begins again with another line of time."""
+        self._line.clear()
+        self._read_pts = -FOREVER_NS
+        if self._file is not None:
+            with self._reading():
+                self._file.rewind()
+
+    # Negotiation: the video passes as it is.
+
+    def query_caps(self, pad: Any) -> Caps:
+        """Frames pass unchanged from sink to src; the telemetry pad takes what it can read."""
+        if pad.name == "telemetry":
+            return Caps(TELEMETRY_CAPS)
+        other = self.pads["sink" if pad.is_src else "src"]
+        return Caps("ANY") if other.peer is None else other.peer_caps()
+
+    def switched(self, pad: Any) -> None:
+        """What goes on is always the video, so its segment counts."""
+        super().switched(self.pads["sink"])
+
+    # Streaming.
+
+    def combine(self, pad_name: str, frame: Frame) -> Iterator[Frame]:
+        """Takes telemetry in, or a frame to pair; gives out the frames that need not wait longer."""
+        if frame.epoch != self._epoch:
+            yield from self._released(everything=True)
+            self._epoch = frame.epoch
+            self._forget()
+        if pad_name == "telemetry":
+            for sample in self._decoder.packet(frame.data, frame.caps.name, frame.pts):
+                self._add(sample)
+            self._complain(self._decoder)
+        else:
+            self._held.append(frame)
+        yield from self._released()
+
+    def receive_event(self, pad: Any, event: Event) -> None:
+        """The telemetry's events end here, but for its EOS: frames then wait for nothing any more."""
+        if pad.name != "telemetry":
+            if isinstance(event, DiscontinuityEvent):
+                self._push_all(everything=True)
+            super().receive_event(pad, event)
+        elif isinstance(event, EosEvent):
+            with self._lock:
+                for sample in self._decoder.finish():
+                    self._add(sample)
+                self._telemetry_has_ended = True
+            self._push_all(everything=False)
+            super().receive_event(pad, event)
+
+    def drain(self) -> Iterator[Frame]:
+        """The last frames, with the poses there are; the counts are posted."""
+        yield from self._released(everything=True)
+        counts, described = self._decoder.counts(), self._decoder.describe()
+        self._complain(self._decoder, at_end=True)
+        if self._file is not None:
+            self._complain(self._file.reader, at_end=True)
+            counts = {name: count + counts[name] for name, count in self._file.reader.counts().items()}
+            described = f"in the file {self._file.reader.describe()}"
+        self.post_message("telemetry", **self._counts, **counts, largest_gap_ns=self._largest_gap_ns)
+        if not self._counts["paired"]:
+            self.post_warning(
+                f"no frame of {self._counts['frames']} has got a pose: {described}; check "
+                "that the telemetry is of this flight and its times fit (offset-s=)"
+            )
+
+    def _push_all(self, *, everything: bool) -> None:
+        with self._lock:
+            for frame in self._released(everything=everything):
+                self._push(frame, self.pads["sink"])
+
+    def _released(self, *, everything: bool = False) -> Iterator[Frame]:
+        while self._held and (everything or self._need_not_wait(self._held[0])):
+            yield self._paired(self._held.popleft())
+
+    def _need_not_wait(self, frame: Frame) -> bool:
+        if self._telemetry_has_ended or len(self._held) > HELD_LIMIT or frame.pts is None:
+            return True
+        self._read_up_to(frame.pts)
+        if self._line.reaches(frame.pts):
+            return True
+        waited_ns = self.clock_ns() - frame.arrival_ns
+        return self._is_live and waited_ns > self.wait_ms * 1_000_000
+
+    def _paired(self, frame: Frame) -> Frame:
+        self._counts["frames"] += 1
+        found = None if frame.pts is None else self._pose_at(frame.pts)
+        if found is None:
+            self._counts["without"] += 1
+            return frame
+        sample, gap_ns, is_stale = found
+        self._counts["stale" if is_stale else "paired"] += 1
+        self._largest_gap_ns = max(self._largest_gap_ns, abs(gap_ns))
+        frame = frame.attach(Pose(*sample.pose, gap_ns, is_stale), sample)
+        if is_stale or sample.utc_ns is None or (frame.capture and frame.capture.origin == "rtcp"):
+            return frame
+        return frame.replace(capture=Capture(sample.utc_ns, "misb"))
+
+    def _pose_at(self, pts: int) -> tuple[Sample, int, bool] | None:
+        self._read_up_to(pts)
+        return self._line.at(pts)
+
+    def _add(self, sample: Sample) -> int:
+        """Takes a sample; its time with the offset, ns."""
+        shift = round(self.offset_s * SECOND_NS)
+        if shift:
+            sample = replace(sample, pts=sample.pts + shift)
+        self._line.add(sample)
+        return sample.pts
+
+    def _complain(self, reader: TelemetryReader, at_end: bool = False) -> None:
+        """The bus hears of damage when it is first seen, each time it has doubled, and at the end."""
+        if complaint := reader.complaint(at_end):
+            self.post_warning(complaint)
+
+    def _finds_live_source(self) -> bool:
+        pad = self.pads["sink"]
+        while pad.peer is not None:
+            element = pad.peer.element
+            if isinstance(element, Source):
+                return element.is_live
+            pads = list(element.sink_pads())
+            if not pads:
+                return False
+            pad = pads[0]
+        return False

@@ -1,0 +1,112 @@
+"""MISB ST 0601: a platform's pose as elements of a UAS local set.
+
+Source: MISB ST 0601, tags 2, 5 to 7, 13 to 20, 23, 24, 65, 75, 82 to 91.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from streamkit_telemetry.klvwriter import element, signed_map, unsigned_map
+
+VERSION = 17  # of ST 0601
+CIRCLE = 360.0
+Encoder = Callable[[float], bytes | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Platform:
+    """What is known of the camera; None is left out.
+
+    Attributes:
+        latitude: deg, WGS84, as all latitudes and longitudes.
+        longitude: deg.
+        altitude: m above sea level.
+        ellipsoid_height: m above the ellipsoid.
+        heading: rad clockwise from true north.
+        pitch: rad, nose up.
+        roll: rad, right wing down.
+        sensor_angles: azimuth, elevation, roll of the sensor relative to the platform, rad.
+        field_of_view: horizontal, vertical, rad.
+        frame_centre: latitude, longitude.
+        corners: latitude, longitude of upper left, then clockwise; four or none.
+    """
+
+    latitude: float
+    longitude: float
+    altitude: float | None = None
+    ellipsoid_height: float | None = None
+    heading: float | None = None
+    pitch: float | None = None
+    roll: float | None = None
+    sensor_angles: tuple[float, float, float] | None = None
+    field_of_view: tuple[float, float] | None = None
+    frame_centre: tuple[float, float] | None = None
+    corners: tuple[tuple[float, float], ...] = ()
+
+
+def encode_time(utc_us: int) -> bytes:
+    """The precision time stamp, which every packet begins with."""
+    return element(2, utc_us.to_bytes(8, "big"))
+
+
+def encode_version() -> bytes:
+    """The version of the standard, which every packet has."""
+    return element(65, bytes([VERSION]))
+
+
+def encode_platform(platform: Platform) -> bytes:
+    """The elements of a pose; what lies out of a tag's range is left out."""
+    return b"".join(
+        element(tag, data)
+        for tag, value, encode in _items(platform)
+        if value is not None and (data := encode(value)) is not None
+    )
+
+
+def _items(platform: Platform) -> Iterator[tuple[int, float | None, Encoder]]:
+    azimuth, elevation, roll = platform.sensor_angles or (None, None, None)
+    horizontal, vertical = platform.field_of_view or (None, None)
+    yield 5, platform.heading, _circle(2)
+    # The short forms reach to 20 and 50 deg; the full ones stand beside them.
+    yield 6, platform.pitch, _angle(20, 2)
+    yield 7, platform.roll, _angle(50, 2)
+    yield 13, platform.latitude, _degrees(90)
+    yield 14, platform.longitude, _degrees(180)
+    yield 15, platform.altitude, _height
+    yield 16, horizontal, _field
+    yield 17, vertical, _field
+    yield 18, azimuth, _circle(4)
+    yield 19, elevation, _angle(180, 4)
+    yield 20, roll, _circle(4)
+    if platform.frame_centre is not None:
+        yield 23, platform.frame_centre[0], _degrees(90)
+        yield 24, platform.frame_centre[1], _degrees(180)
+    yield 75, platform.ellipsoid_height, _height
+    for tag, (latitude, longitude) in zip(range(82, 90, 2), platform.corners, strict=False):
+        yield tag, latitude, _degrees(90)
+        yield tag + 1, longitude, _degrees(180)
+    yield 90, platform.pitch, _angle(90, 4)
+    yield 91, platform.roll, _angle(90, 4)
+
+
+def _degrees(bound: float) -> Encoder:
+    return lambda value: signed_map(value, bound, 4)
+
+
+def _angle(bound: float, size: int) -> Encoder:
+    return lambda value: signed_map(math.degrees(math.remainder(value, math.tau)), bound, size)
+
+
+def _circle(size: int) -> Encoder:
+    return lambda value: unsigned_map(math.degrees(value) % CIRCLE, 0, CIRCLE, size)
+
+
+def _field(value: float) -> bytes | None:
+    return unsigned_map(math.degrees(value), 0, 180, 2)
+
+
+def _height(value: float) -> bytes | None:
+    return unsigned_map(value, -900, 19_000, 2)

@@ -1,0 +1,129 @@
+"""MISB ST 0903: moving targets in a frame as a VMTI local set, to stand in tag 74 of a UAS local set.
+
+Pixels are numbered from 1 in the top-left corner, row by row.
+
+Source: MISB ST 0903.4, "VMTI LS", "VTarget Pack", "VTracker LS"; a set within ST 0601 has neither time stamp
+nor checksum of its own.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from streamkit_telemetry.klvwriter import ber_length, ber_oid, element, shortest
+
+VMTI_TAG = 74  # of ST 0601
+VERSION = 4  # of ST 0903
+LONGEST_NAME = 32
+# More would not fit into one packet of a transport stream; those of the highest scores are reported.
+MOST_TARGETS = 1000
+
+
+class Status(enum.IntEnum):
+    """Detection status of a VTracker set."""
+
+    INACTIVE = 0
+    MOVING = 1
+    DROPPED = 2
+    STOPPED = 3
+    COASTING = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One target of a frame.
+
+    Attributes:
+        id: number that stays the same from frame to frame.
+        status: what it is doing.
+        centre: x, y, px; (0, 0) is the centre of the top-left pixel.
+        box: x0, y0, x1, y1 around it, px, on the same axes.
+        confidence: 0 to 1.
+        first_seen_us: UTC, microseconds; None if unknown.
+        last_seen_us: UTC, microseconds; None if unknown.
+    """
+
+    id: int
+    status: Status
+    centre: tuple[float, float]
+    box: tuple[float, float, float, float]
+    confidence: float
+    first_seen_us: int | None = None
+    last_seen_us: int | None = None
+
+
+def encode_vmti(targets: Iterable[Target], detected: int, size: tuple[int, int], system: str) -> bytes:
+    """The value of a VMTI local set.
+
+    Args:
+        targets: those to report; one that lies wholly outside the frame is left out.
+        detected: how many there are in all.
+        size: width and height of the frame, px.
+        system: name of what found them.
+    """
+    packs = [pack for target in _best(list(targets)) if (pack := _vtarget(target, *size)) is not None]
+    series = b"".join(ber_length(len(pack)) + pack for pack in packs)
+    name = system.encode()[:LONGEST_NAME].decode(errors="ignore").encode()
+    return b"".join(
+        [
+            element(3, name) if name else b"",
+            element(4, bytes([VERSION])),
+            element(5, shortest(max(detected, len(packs)))),
+            element(6, shortest(len(packs))),
+            element(8, shortest(size[0])),
+            element(9, shortest(size[1])),
+            element(101, series) if packs else b"",
+        ]
+    )
+
+
+def _best(targets: Sequence[Target]) -> Sequence[Target]:
+    if len(targets) <= MOST_TARGETS:
+        return targets
+    return sorted(targets, key=lambda target: target.confidence, reverse=True)[:MOST_TARGETS]
+
+
+def _vtarget(target: Target, width: int, height: int) -> bytes | None:
+    """A VTarget pack; None where nothing of the target lies in the frame."""
+    numbers = (*target.centre, *target.box)
+    if not all(map(math.isfinite, numbers)):
+        return None
+    left, right = _pixels(target.box[0], target.box[2], width)
+    top, bottom = _pixels(target.box[1], target.box[3], height)
+    if left > right or top > bottom:
+        return None
+    items = []
+    row, column = (math.floor(number + 0.5) for number in reversed(target.centre))
+    is_inside = 0 <= row < height and 0 <= column < width
+    if is_inside:
+        items.append(element(1, shortest(_pixel_number(row, column, width))))
+    items.append(element(2, shortest(_pixel_number(top, left, width))))
+    items.append(element(3, shortest(_pixel_number(bottom, right, width))))
+    if math.isfinite(target.confidence):
+        items.append(element(5, bytes([round(100 * min(max(target.confidence, 0.0), 1.0))])))
+    if is_inside:
+        items += [element(19, shortest(row + 1)), element(20, shortest(column + 1))]
+    items.append(element(104, _vtracker(target)))
+    return ber_oid(target.id) + b"".join(items)
+
+
+def _vtracker(target: Target) -> bytes:
+    times = {3: target.first_seen_us, 4: target.last_seen_us}
+    return element(2, bytes([target.status])) + b"".join(
+        element(tag, time_us.to_bytes(8, "big")) for tag, time_us in times.items() if time_us is not None
+    )
+
+
+def _pixels(low: float, high: float, count: int) -> tuple[int, int]:
+    """First and last pixel of the frame whose centre lies within, or else the one in the middle."""
+    first, last = math.ceil(low), math.floor(high)
+    if first > last:
+        first = last = math.floor((low + high) / 2 + 0.5)
+    return max(first, 0), min(last, count - 1)
+
+
+def _pixel_number(row: int, column: int, width: int) -> int:
+    return row * width + column + 1

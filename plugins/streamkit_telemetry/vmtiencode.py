@@ -1,0 +1,113 @@
+"""vmtiencode: tracks to MISB telemetry."""
+
+from __future__ import annotations
+
+import math
+
+from streamkit import Caps, Frame, Pose, Property, Track, Tracks, TrackState, Transform
+from streamkit_telemetry.klvwriter import element, local_set_packet
+from streamkit_telemetry.st0601writer import Platform, encode_platform, encode_time, encode_version
+from streamkit_telemetry.vmti import VMTI_TAG, Status, Target, encode_vmti
+from streamkit_telemetry_formats.sample import Sample
+
+KLV_CAPS = "meta/x-klv, parsed=(boolean)false"
+STATUSES = {
+    TrackState.CONFIRMED: Status.MOVING,
+    TrackState.COASTING: Status.COASTING,
+    TrackState.LOST: Status.DROPPED,
+}
+LATEST_US = (1 << 64) - 1
+
+
+class VmtiEncode(Transform):
+    """Writes the tracks of each frame as a KLV packet: MISB ST 0601 with the moving targets of ST 0903 in it.
+
+    Confirmed, coasting and lost tracks are reported with their centre, box, confidence, status and times; the
+    pose that `posesync` upstream has attached stands beside them, unless it is stale. The time stamp is the
+    frame's UTC of capture; without one it counts from 1970, which is warned about.
+
+    Example:
+        filesrc location=flight.ts ! tee name=t  t. ! queue ! packetsink name=p location=tracked.ts
+            t. ! queue ! decode ! stitch ! framediff ! particletrack ! vmtiencode ! p.klv
+    """
+
+    sink = "video/x-raw"
+    src = KLV_CAPS
+
+    system_name: str = Property("streamkit", doc="VMTI System Name, at most 32 bytes.")
+
+    def start(self) -> None:
+        """Nothing has been warned about."""
+        self._caps = Caps(KLV_CAPS)
+        self._warned: set[str] = set()
+
+    def transform(self, frame: Frame) -> Frame | None:
+        """The packet of a frame; none where no tracker has looked at it."""
+        tracks = frame.get(Tracks)
+        if tracks is None:
+            self.count_drop("no tracks")
+            self._warn_once("no tracks come with the frames: put particletrack upstream")
+            return None
+        if frame.capture is None:
+            self._warn_once("the frames have no time of capture: the packets' time stamps count from 1970")
+            now_us, utc_us = (frame.pts or 0) // 1000, None
+        else:
+            now_us = utc_us = frame.capture.utc_ns // 1000
+        now_us = min(max(now_us, 0), LATEST_US)
+        width, height = frame.caps.get("width"), frame.caps.get("height")
+        assert isinstance(width, int)
+        assert isinstance(height, int)
+        targets = [target_of(track, utc_us) for track in tracks.tracks if track.state in STATUSES]
+        detected = sum(track.state is not TrackState.LOST for track in tracks.tracks)
+        elements = [
+            encode_time(now_us),
+            encode_platform(platform) if (platform := platform_of(frame)) is not None else b"",
+            encode_version(),
+            element(VMTI_TAG, encode_vmti(targets, detected, (width, height), self.system_name)),
+        ]
+        data = local_set_packet(b"".join(elements))
+        return frame.replace(data=data, caps=self._caps, flags=0, metadata={})
+
+    def _warn_once(self, text: str) -> None:
+        if text not in self._warned:
+            self._warned.add(text)
+            self.post_warning(text)
+
+
+def target_of(track: Track, utc_us: int | None) -> Target:
+    """A track as the standard has it; its box is upright."""
+    cosine, sine = abs(math.cos(track.angle)), abs(math.sin(track.angle))
+    across = (track.length * cosine + track.width * sine) / 2
+    down = (track.length * sine + track.width * cosine) / 2
+    is_seen = track.state is TrackState.CONFIRMED
+    return Target(
+        track.id,
+        STATUSES[track.state],
+        (track.x, track.y),
+        (track.x - across, track.y - down, track.x + across, track.y + down),
+        track.score,
+        None if utc_us is None else max(0, utc_us - track.age_ns // 1000),
+        utc_us if is_seen else None,
+    )
+
+
+def platform_of(frame: Frame) -> Platform | None:
+    """The pose of a frame as the standard has it; None without one that can be relied on."""
+    pose = frame.get(Pose)
+    if pose is None or pose.is_stale:
+        return None
+    sample = frame.get(Sample)
+    centre = None if sample is None or sample.frame_centre is None else sample.frame_centre[:2]
+    return Platform(
+        pose.latitude,
+        pose.longitude,
+        altitude=pose.altitude if pose.source.endswith("above sea level") else None,
+        ellipsoid_height=pose.altitude if pose.source == "misb" else None,
+        heading=pose.heading,
+        pitch=pose.pitch,
+        roll=pose.roll,
+        sensor_angles=pose.sensor_angles,
+        field_of_view=pose.field_of_view,
+        frame_centre=centre,
+        corners=() if sample is None else sample.corners,
+    )

@@ -1,0 +1,188 @@
+"""Samples of telemetry out of the subtitles that DJI aircraft write: every dialect from Mavic Pro on.
+
+    [latitude: 41.42] [longitude: 2.23] [altitude: 117.0]                   Air 2S, Mavic 2 and 3
+    [rel_alt: 1.300 abs_alt: 85.013] [gb_yaw: 9.7 gb_pitch: -24.2 gb_roll: 0.0]
+    GPS(149.0251,-20.2533,16) BAROMETER:1.9                                 longitude, latitude, satellites
+    GPS(36.6146,-6.1120,0.0M) BAROMETER:0.3M                                latitude, longitude, altitude
+    GPS (-58.85, -34.23, 15), H 85.80m, F.PRY (2.7, -7.0, 110.1), G.PRY (-24.4, 0.0, 110.4)
+    GPS(149.0251,-20.2533,16) Hb:1.9 Hs:0.0                                 barometer, sonar; the oldest
+
+Heights are above the place of take-off where the aircraft tells no other; the sample's source says which.
+The dialects that tell local time do not tell its zone, so there is no UTC.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from streamkit_telemetry_formats.aircraftclock import AircraftClock
+from streamkit_telemetry_formats.sample import Sample
+from streamkit_telemetry_formats.subrip import Cue, SubtitleReader
+
+# No more digits than a quantity has: a longer row of them is damage, and would be infinite as a number.
+NUMBER = r"([-+]?\d{1,9}(?:\.\d{1,20})?)(?!\d)"
+FIELD = re.compile(rf"\b([a-zA-Z_]+)\s*:\s*{NUMBER}(?=m?(?![\w.]))")
+GPS = re.compile(rf"GPS\s*\(\s*{NUMBER}\s*,\s*{NUMBER}\s*,\s*{NUMBER}\s*(M?)\s*\)")
+HEIGHT = re.compile(rf"(?:\bH\s+|BAROMETER\s*:\s*){NUMBER}\s*m?", re.IGNORECASE)
+ANGLES = re.compile(rf"([FG])\.PRY\s*\(\s*{NUMBER}°?\s*,\s*{NUMBER}°?\s*,\s*{NUMBER}°?\s*\)")
+POSITION = re.compile(r"\bGPS\s*\(|\b(?:latitude|longt?itude)\b", re.IGNORECASE)
+NO_FIX = re.compile(
+    r"n/a|\(\s*[-+]?0[.0]*\s*,\s*[-+]?0[.0]*\s*,|latitude\s*:\s*[-+]?0[.0]*[\s\]]", re.IGNORECASE
+)
+ABOVE_TAKE_OFF, ABOVE_SEA, UNKNOWN_HEIGHT = "dji above take-off", "dji above sea level", "dji"
+ABOVE_GROUND = "dji above ground"
+LATITUDES = ("latitude",)
+LONGITUDES = ("longitude", "longtitude")  # the second is how several models spell it
+Attitude = tuple[float, float, float]
+
+
+class DjiTelemetry:
+    """Subtitles to samples.
+
+    Attributes:
+        subtitles: seen.
+        without_position: of them, those that tell no position, or that there is none yet.
+    """
+
+    def __init__(self) -> None:
+        self.subtitles = 0
+        self.without_position = 0
+        self._unreadable = 0
+        self._reader = SubtitleReader()
+        self._clock = AircraftClock()
+
+    @property
+    def broken(self) -> int:
+        """Subtitles whose times or position cannot be read."""
+        return self._unreadable + self._reader.broken
+
+    def read(self, lines: Iterable[str]) -> Iterator[Sample]:
+        """The samples of a file's lines; subtitles without a position are passed over."""
+        for cue in self._reader.cues(lines):
+            begin = self._clock.place(cue.text, cue.begin if isinstance(cue, Cue) else None)
+            if begin is None:
+                self.subtitles += 1
+                self._unreadable += 1
+            elif (sample := self.sample(cue.text, begin)) is not None:
+                yield sample
+
+    def sample(self, text: str, pts: int) -> Sample | None:
+        """The sample of one subtitle; None without a valid position."""
+        self.subtitles += 1
+        sample = sample_of(text, pts)
+        if sample is None and POSITION.search(text) and not NO_FIX.search(text):
+            self._unreadable += 1
+        elif sample is None:
+            self.without_position += 1
+        return sample
+
+
+def read_samples(text: str) -> Iterator[Sample]:
+    """The samples of a whole subtitle file."""
+    return DjiTelemetry().read(text.split("\n"))
+
+
+def sample_of(text: str, pts: int) -> Sample | None:
+    """The sample that one subtitle's text tells; None without a valid position.
+
+    Args:
+        text: of any dialect.
+        pts: when it is shown first, ns.
+    """
+    fields = {name.lower(): float(value) for name, value in FIELD.findall(text)}
+    place = _place(text, fields)
+    if place is None or not _is_on_earth(*place):
+        return None
+    altitude, source = _altitude(text, fields)
+    attitude = {name: _radians(*angles) for name, *angles in ANGLES.findall(text)}
+    flight, gimbal = attitude.get("F"), attitude.get("G") or _gimbal(fields)
+    return Sample(
+        pts,
+        *place,
+        altitude=altitude,
+        heading=flight[2] % (2 * math.pi) if flight is not None else None,
+        pitch=flight[0] if flight is not None else None,
+        roll=flight[1] if flight is not None else None,
+        sensor_angles=relative_angles(flight or (0.0, 0.0, 0.0), gimbal) if gimbal is not None else None,
+        source=source,
+    )
+
+
+def relative_angles(platform: Attitude, sensor: Attitude) -> Attitude:
+    """How a sensor is turned against its platform; DJI tells both against the horizon and north.
+
+    Args:
+        platform: pitch, roll, yaw, rad.
+        sensor: pitch, roll, yaw, rad.
+
+    Returns:
+        Azimuth, elevation and roll of the sensor relative to the platform, rad.
+    """
+    turned = rotation(*platform).T @ rotation(*sensor)
+    elevation = math.asin(float(np.clip(-turned[2, 0], -1, 1)))
+    if abs(turned[2, 0]) > 1 - 1e-9:  # straight up or down: azimuth and roll are one angle, called azimuth
+        return math.atan2(-turned[0, 1], turned[1, 1]) % (2 * math.pi), elevation, 0.0
+    azimuth, roll = math.atan2(turned[1, 0], turned[0, 0]), math.atan2(turned[2, 1], turned[2, 2])
+    return azimuth % (2 * math.pi), elevation, roll % (2 * math.pi)
+
+
+def rotation(pitch: float, roll: float, yaw: float) -> NDArray[np.float64]:
+    """float64[3, 3], maps a body's axes (forward, right, down) to north, east, down; first roll, last yaw."""
+    (cp, sp), (cr, sr), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (pitch, roll, yaw))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def _place(text: str, fields: dict[str, float]) -> tuple[float, float] | None:
+    latitude = next((fields[name] for name in LATITUDES if name in fields), None)
+    longitude = next((fields[name] for name in LONGITUDES if name in fields), None)
+    if latitude is not None and longitude is not None:
+        return latitude, longitude
+    found = GPS.search(text)
+    if found is None:
+        return None
+    first, second = float(found[1]), float(found[2])
+    # The models that give an altitude in metres as third number have the latitude first.
+    return (first, second) if found[4] else (second, first)
+
+
+def _is_on_earth(latitude: float, longitude: float) -> bool:
+    """Whether there is a fix: without one the aircraft writes zeros."""
+    return abs(latitude) <= 90 and abs(longitude) <= 180 and (latitude, longitude) != (0.0, 0.0)
+
+
+def _altitude(text: str, fields: dict[str, float]) -> tuple[float | None, str]:
+    if "abs_alt" in fields:
+        return fields["abs_alt"], ABOVE_SEA
+    if "rel_alt" in fields:
+        return fields["rel_alt"], ABOVE_TAKE_OFF
+    if "altitude" in fields:
+        return fields["altitude"], UNKNOWN_HEIGHT
+    height = HEIGHT.search(text)
+    if height is not None:
+        return float(height[1]), ABOVE_TAKE_OFF
+    if "hb" in fields:
+        return fields["hb"], ABOVE_TAKE_OFF
+    return fields.get("hs"), ABOVE_GROUND if "hs" in fields else UNKNOWN_HEIGHT
+
+
+def _gimbal(fields: dict[str, float]) -> Attitude | None:
+    names = ("gb_pitch", "gb_roll", "gb_yaw")
+    if not all(name in fields for name in names):
+        return None
+    pitch, roll, yaw = (math.radians(fields[name]) for name in names)
+    return pitch, roll, yaw
+
+
+def _radians(pitch: str, roll: str, yaw: str) -> Attitude:
+    return math.radians(float(pitch)), math.radians(float(roll)), math.radians(float(yaw))

@@ -1,0 +1,119 @@
+"""Samples of telemetry out of UAS local sets and universal sets, whose tags may come at different rates."""
+
+from __future__ import annotations
+
+from streamkit_telemetry_formats.eg0104 import decode_universal_set
+from streamkit_telemetry_formats.klv import BadKlv, KlvPacket, KlvReader
+from streamkit_telemetry_formats.sample import Position, Sample
+from streamkit_telemetry_formats.st0601 import LocalSet, decode_local_set
+
+HOLD_NS = 5_000_000_000  # a tag that is not sent again stays good this long
+ABOVE_ELLIPSOID, ABOVE_SEA = "misb", "misb above sea level"
+
+
+class MisbTelemetry:
+    """Bytes of a KLV stream to samples.
+
+    Attributes:
+        reader: counts good and bad packets.
+        without_position: good packets with no position to make a sample of.
+        broken_tags: values left out because they have not the length or the range that the standard gives.
+    """
+
+    def __init__(self) -> None:
+        self.reader = KlvReader()
+        self.without_position = 0
+        self.broken_tags = 0
+        self._held: dict[int, tuple[int, int | float | str | bytes]] = {}
+        self._clock_zero: int | None = None
+
+    def feed(self, data: bytes, pts: int | None) -> list[Sample]:
+        """The samples of the packets that are complete with these bytes, which came for a time.
+
+        Args:
+            data: any piece of the stream.
+            pts: on the video's line of time, ns. None where the stream has none: then the platform's clock
+                tells the time from the first packet on, and packets without it are left out.
+        """
+        return self._samples(self.reader.feed(data), pts)
+
+    def finish(self, pts: int | None) -> list[Sample]:
+        """What is left at the end."""
+        return self._samples(self.reader.finish(), pts)
+
+    def _samples(self, packets: list[KlvPacket], pts: int | None) -> list[Sample]:
+        found = []
+        for packet in packets:
+            decode = decode_universal_set if packet.is_universal_set else decode_local_set
+            try:
+                local_set = decode(packet.value)
+            except BadKlv:
+                self.reader.bad += 1
+                self.reader.good -= 1
+                continue
+            self.broken_tags += len(local_set.broken)
+            shown = self._clock_time(local_set) if pts is None else pts
+            sample = None if shown is None else self._sample(local_set, shown)
+            if sample is None:
+                self.without_position += 1
+            else:
+                found.append(sample)
+        return found
+
+    def _clock_time(self, local_set: LocalSet) -> int | None:
+        """Time since the first packet by the platform's clock, ns."""
+        time_ns = local_set.values.get(2)
+        if not isinstance(time_ns, int):
+            return None
+        if self._clock_zero is None:
+            self._clock_zero = time_ns
+        return time_ns - self._clock_zero
+
+    def _sample(self, local_set: LocalSet, pts: int) -> Sample | None:
+        self._held.update({tag: (pts, value) for tag, value in local_set.values.items()})
+        self._held = {tag: item for tag, item in self._held.items() if 0 <= pts - item[0] <= HOLD_NS}
+        return sample_of({tag: value for tag, (_, value) in self._held.items()}, pts)
+
+
+def sample_of(values: dict[int, int | float | str | bytes], pts: int) -> Sample | None:
+    """The sample that decoded tags make; None without a position."""
+    numbers = {tag: float(value) for tag, value in values.items() if isinstance(value, int | float)}
+    if 13 not in numbers or 14 not in numbers:
+        return None
+    ellipsoid = numbers.get(104, numbers.get(75))
+    time_ns = values.get(2)
+    return Sample(
+        pts,
+        numbers[13],
+        numbers[14],
+        altitude=numbers.get(15) if ellipsoid is None else ellipsoid,
+        heading=numbers.get(5),
+        pitch=numbers.get(90, numbers.get(6)),
+        roll=numbers.get(91, numbers.get(7)),
+        sensor_angles=_all(numbers, 18, 19, 20),
+        field_of_view=(numbers[16], numbers[17]) if {16, 17} <= numbers.keys() else None,
+        frame_centre=_position(numbers, 23, 24, 78 if 78 in numbers else 25),
+        corners=_corners(numbers),
+        target=_position(numbers, 40, 41, 42),
+        utc_ns=time_ns if isinstance(time_ns, int) else None,
+        source=ABOVE_SEA if ellipsoid is None and 15 in numbers else ABOVE_ELLIPSOID,
+    )
+
+
+def _all(numbers: dict[int, float], a: int, b: int, c: int) -> tuple[float, float, float] | None:
+    return (numbers[a], numbers[b], numbers[c]) if {a, b, c} <= numbers.keys() else None
+
+
+def _position(numbers: dict[int, float], latitude: int, longitude: int, elevation: int) -> Position | None:
+    if latitude not in numbers or longitude not in numbers:
+        return None
+    return numbers[latitude], numbers[longitude], numbers.get(elevation)
+
+
+def _corners(numbers: dict[int, float]) -> tuple[tuple[float, float], ...]:
+    """From the full corner tags, or else from the offsets to the frame's centre."""
+    if set(range(82, 90)) <= numbers.keys():
+        return tuple((numbers[tag], numbers[tag + 1]) for tag in range(82, 90, 2))
+    if {23, 24, *range(26, 34)} <= numbers.keys():
+        return tuple((numbers[23] + numbers[tag], numbers[24] + numbers[tag + 1]) for tag in range(26, 34, 2))
+    return ()

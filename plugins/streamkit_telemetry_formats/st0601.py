@@ -1,0 +1,307 @@
+"""MISB ST 0601: what the tags of a UAS local set mean, in SI units.
+
+Angles are rad except latitudes and longitudes, which stay deg (WGS84); pressures Pa, temperatures deg C,
+altitudes and distances m, speeds m/s, times UTC ns.
+
+Source: MISB ST 0601 (integer mappings of tags 2 to 93), ST 1201 (IMAPB).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from streamkit_telemetry_formats.klv import BadKlv, elements
+
+Value = int | float | str | bytes | None
+Decoder = Callable[[bytes], Value]
+LONGEST_TEXT = 4096
+LATEST_TIME_NS = 2**63 - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Tag:
+    """One element of the local set.
+
+    Attributes:
+        name: in the standard's words.
+        unit: of the decoded value, or "".
+        decode: bytes to value; None is the standard's "out of range" or "error".
+    """
+
+    name: str
+    unit: str
+    decode: Decoder
+
+
+def unsigned(
+    low: float = 0.0, high: float | None = None, size: int = 0, scale: float = 1.0, most: int = 8
+) -> Decoder:
+    """An unsigned integer, as it is or mapped linearly onto low..high; `size` bytes, 0 for one to `most`."""
+
+    def decode(data: bytes) -> Value:
+        _demand_size(data, size, most)
+        number = int.from_bytes(data, "big")
+        if high is None:
+            return number if scale == 1.0 else number * scale
+        return (number * (high - low) / ((1 << 8 * len(data)) - 1) + low) * scale
+
+    return decode
+
+
+def signed(bound: float | None = None, size: int = 0, scale: float = 1.0, most: int = 8) -> Decoder:
+    """A signed integer, as it is or mapped onto -bound..bound; its lowest number then means "no value"."""
+
+    def decode(data: bytes) -> Value:
+        _demand_size(data, size, most)
+        number = int.from_bytes(data, "big", signed=True)
+        if bound is None:
+            return number if scale == 1.0 else number * scale
+        largest = (1 << 8 * len(data) - 1) - 1
+        return None if number < -largest else number * bound / largest * scale
+
+    return decode
+
+
+def time(size: int = 0) -> Decoder:
+    """Microseconds since 1970 as ns; a time after the year 2262 is no 64-bit number of them."""
+    microseconds = unsigned(size=size)
+
+    def decode(data: bytes) -> Value:
+        number = microseconds(data)
+        assert isinstance(number, int)
+        if number > LATEST_TIME_NS // 1000:
+            raise BadKlv(f"a time lies before the year 2263, got {number} us")
+        return number * 1000
+
+    return decode
+
+
+def imapb(low: float, high: float, scale: float = 1.0, most: int = 8) -> Decoder:
+    """A floating-point number mapped onto an integer of one to `most` bytes (ST 1201)."""
+
+    def decode(data: bytes) -> Value:
+        _demand_size(data, 0, most)
+        number = int.from_bytes(data, "big")
+        span_bits, data_bits = math.ceil(math.log2(high - low)), 8 * len(data) - 1
+        forward = 2.0 ** (data_bits - span_bits)
+        offset = forward * low - math.floor(forward * low) if low < 0 < high else 0.0
+        # The highest bit alone is the upper end; with more bits it stands for infinities and the like.
+        value = (number - offset) / forward + low
+        return None if number > 1 << data_bits or value > high else value * scale
+
+    return decode
+
+
+def text(data: bytes) -> Value:
+    """Text in UTF-8; bytes that are not become marks."""
+    if len(data) > LONGEST_TEXT:
+        raise BadKlv(f"a text has at most {LONGEST_TEXT} bytes, got {len(data)}")
+    return data.decode("utf-8", "replace").rstrip("\0")
+
+
+def nested(data: bytes) -> Value:
+    """A set or pack of its own, left as bytes."""
+    return data
+
+
+def _demand_size(data: bytes, size: int, most: int = 8) -> None:
+    if not data or len(data) > (size or most) or (size and len(data) != size):
+        raise BadKlv(f"a value of {size or f'1 to {most}'} bytes is needed, got {len(data)}")
+
+
+RAD = math.pi / 180
+HPA = 100.0
+
+_LATITUDE, _LONGITUDE = signed(90, 4), signed(180, 4)
+_ALTITUDE = unsigned(-900, 19_000, 2)
+_HEIGHT = imapb(-900, 40_000)
+_OFFSET = signed(0.075, 2)
+_CIRCLE = unsigned(0, 360, 2, RAD)
+_TIME = time(size=8)
+_BYTE, _WORD = unsigned(size=1), unsigned(size=2)
+
+TAGS: dict[int, Tag] = {
+    1: Tag("Checksum", "", unsigned(size=2)),
+    2: Tag("Precision Time Stamp", "ns", _TIME),
+    3: Tag("Mission ID", "", text),
+    4: Tag("Platform Tail Number", "", text),
+    5: Tag("Platform Heading Angle", "rad", _CIRCLE),
+    6: Tag("Platform Pitch Angle", "rad", signed(20, 2, RAD)),
+    7: Tag("Platform Roll Angle", "rad", signed(50, 2, RAD)),
+    8: Tag("Platform True Airspeed", "m/s", _BYTE),
+    9: Tag("Platform Indicated Airspeed", "m/s", _BYTE),
+    10: Tag("Platform Designation", "", text),
+    11: Tag("Image Source Sensor", "", text),
+    12: Tag("Image Coordinate System", "", text),
+    13: Tag("Sensor Latitude", "deg", _LATITUDE),
+    14: Tag("Sensor Longitude", "deg", _LONGITUDE),
+    15: Tag("Sensor True Altitude", "m", _ALTITUDE),
+    16: Tag("Sensor Horizontal Field of View", "rad", unsigned(0, 180, 2, RAD)),
+    17: Tag("Sensor Vertical Field of View", "rad", unsigned(0, 180, 2, RAD)),
+    18: Tag("Sensor Relative Azimuth Angle", "rad", unsigned(0, 360, 4, RAD)),
+    19: Tag("Sensor Relative Elevation Angle", "rad", signed(180, 4, RAD)),
+    20: Tag("Sensor Relative Roll Angle", "rad", unsigned(0, 360, 4, RAD)),
+    21: Tag("Slant Range", "m", unsigned(0, 5_000_000, 4)),
+    22: Tag("Target Width", "m", unsigned(0, 10_000, 2)),
+    23: Tag("Frame Center Latitude", "deg", _LATITUDE),
+    24: Tag("Frame Center Longitude", "deg", _LONGITUDE),
+    25: Tag("Frame Center Elevation", "m", _ALTITUDE),
+    26: Tag("Offset Corner Latitude Point 1", "deg", _OFFSET),
+    27: Tag("Offset Corner Longitude Point 1", "deg", _OFFSET),
+    28: Tag("Offset Corner Latitude Point 2", "deg", _OFFSET),
+    29: Tag("Offset Corner Longitude Point 2", "deg", _OFFSET),
+    30: Tag("Offset Corner Latitude Point 3", "deg", _OFFSET),
+    31: Tag("Offset Corner Longitude Point 3", "deg", _OFFSET),
+    32: Tag("Offset Corner Latitude Point 4", "deg", _OFFSET),
+    33: Tag("Offset Corner Longitude Point 4", "deg", _OFFSET),
+    34: Tag("Icing Detected", "", _BYTE),
+    35: Tag("Wind Direction", "rad", _CIRCLE),
+    36: Tag("Wind Speed", "m/s", unsigned(0, 100, 1)),
+    37: Tag("Static Pressure", "Pa", unsigned(0, 5000, 2, HPA)),
+    38: Tag("Density Altitude", "m", _ALTITUDE),
+    39: Tag("Outside Air Temperature", "deg C", signed(size=1)),
+    40: Tag("Target Location Latitude", "deg", _LATITUDE),
+    41: Tag("Target Location Longitude", "deg", _LONGITUDE),
+    42: Tag("Target Location Elevation", "m", _ALTITUDE),
+    43: Tag("Target Track Gate Width", "px", unsigned(size=1, scale=2)),
+    44: Tag("Target Track Gate Height", "px", unsigned(size=1, scale=2)),
+    45: Tag("Target Error Estimate CE90", "m", unsigned(0, 4095, 2)),
+    46: Tag("Target Error Estimate LE90", "m", unsigned(0, 4095, 2)),
+    47: Tag("Generic Flag Data", "", _BYTE),
+    48: Tag("Security Local Set", "", nested),
+    49: Tag("Differential Pressure", "Pa", unsigned(0, 5000, 2, HPA)),
+    50: Tag("Platform Angle of Attack", "rad", signed(20, 2, RAD)),
+    51: Tag("Platform Vertical Speed", "m/s", signed(180, 2)),
+    52: Tag("Platform Sideslip Angle", "rad", signed(20, 2, RAD)),
+    53: Tag("Airfield Barometric Pressure", "Pa", unsigned(0, 5000, 2, HPA)),
+    54: Tag("Airfield Elevation", "m", _ALTITUDE),
+    55: Tag("Relative Humidity", "%", unsigned(0, 100, 1)),
+    56: Tag("Platform Ground Speed", "m/s", _BYTE),
+    57: Tag("Ground Range", "m", unsigned(0, 5_000_000, 4)),
+    58: Tag("Platform Fuel Remaining", "kg", unsigned(0, 10_000, 2)),
+    59: Tag("Platform Call Sign", "", text),
+    60: Tag("Weapon Load", "", _WORD),
+    61: Tag("Weapon Fired", "", _BYTE),
+    62: Tag("Laser PRF Code", "", _WORD),
+    63: Tag("Sensor Field of View Name", "", _BYTE),
+    64: Tag("Platform Magnetic Heading", "rad", _CIRCLE),
+    65: Tag("UAS Datalink LS Version Number", "", _BYTE),
+    66: Tag("Target Location Covariance Matrix", "", nested),
+    67: Tag("Alternate Platform Latitude", "deg", _LATITUDE),
+    68: Tag("Alternate Platform Longitude", "deg", _LONGITUDE),
+    69: Tag("Alternate Platform Altitude", "m", _ALTITUDE),
+    70: Tag("Alternate Platform Name", "", text),
+    71: Tag("Alternate Platform Heading", "rad", _CIRCLE),
+    72: Tag("Event Start Time", "ns", _TIME),
+    73: Tag("RVT Local Set", "", nested),
+    74: Tag("VMTI Local Set", "", nested),
+    75: Tag("Sensor Ellipsoid Height", "m", _ALTITUDE),
+    76: Tag("Alternate Platform Ellipsoid Height", "m", _ALTITUDE),
+    77: Tag("Operational Mode", "", _BYTE),
+    78: Tag("Frame Center Height Above Ellipsoid", "m", _ALTITUDE),
+    79: Tag("Sensor North Velocity", "m/s", signed(327, 2)),
+    80: Tag("Sensor East Velocity", "m/s", signed(327, 2)),
+    81: Tag("Image Horizon Pixel Pack", "", nested),
+    82: Tag("Corner Latitude Point 1 (Full)", "deg", _LATITUDE),
+    83: Tag("Corner Longitude Point 1 (Full)", "deg", _LONGITUDE),
+    84: Tag("Corner Latitude Point 2 (Full)", "deg", _LATITUDE),
+    85: Tag("Corner Longitude Point 2 (Full)", "deg", _LONGITUDE),
+    86: Tag("Corner Latitude Point 3 (Full)", "deg", _LATITUDE),
+    87: Tag("Corner Longitude Point 3 (Full)", "deg", _LONGITUDE),
+    88: Tag("Corner Latitude Point 4 (Full)", "deg", _LATITUDE),
+    89: Tag("Corner Longitude Point 4 (Full)", "deg", _LONGITUDE),
+    90: Tag("Platform Pitch Angle (Full)", "rad", signed(90, 4, RAD)),
+    91: Tag("Platform Roll Angle (Full)", "rad", signed(90, 4, RAD)),
+    92: Tag("Platform Angle of Attack (Full)", "rad", signed(90, 4, RAD)),
+    93: Tag("Platform Sideslip Angle (Full)", "rad", signed(180, 4, RAD)),
+    94: Tag("MIIS Core Identifier", "", nested),
+    95: Tag("SAR Motion Imagery Local Set", "", nested),
+    96: Tag("Target Width Extended", "m", imapb(0, 1_500_000)),
+    97: Tag("Range Image Local Set", "", nested),
+    98: Tag("Geo-Registration Local Set", "", nested),
+    99: Tag("Composite Imaging Local Set", "", nested),
+    100: Tag("Segment Local Set", "", nested),
+    101: Tag("Amend Local Set", "", nested),
+    102: Tag("SDCC-FLP", "", nested),
+    103: Tag("Density Altitude Extended", "m", _HEIGHT),
+    104: Tag("Sensor Ellipsoid Height Extended", "m", _HEIGHT),
+    105: Tag("Alternate Platform Ellipsoid Height Extended", "m", _HEIGHT),
+    106: Tag("Stream Designator", "", text),
+    107: Tag("Operational Base", "", text),
+    108: Tag("Broadcast Source", "", text),
+    109: Tag("Range To Recovery Location", "m", imapb(0, 21_000, 1000, most=4)),
+    110: Tag("Time Airborne", "s", unsigned(most=4)),
+    111: Tag("Propulsion Unit Speed", "1/min", unsigned(most=4)),
+    112: Tag("Platform Course Angle", "rad", imapb(0, 360, RAD)),
+    113: Tag("Altitude Above Ground Level", "m", _HEIGHT),
+    114: Tag("Radar Altimeter", "m", _HEIGHT),
+    115: Tag("Control Command", "", nested),
+    116: Tag("Control Command Verification List", "", nested),
+    117: Tag("Sensor Azimuth Rate", "rad/s", imapb(-1000, 1000, RAD, most=4)),
+    118: Tag("Sensor Elevation Rate", "rad/s", imapb(-1000, 1000, RAD, most=4)),
+    119: Tag("Sensor Roll Rate", "rad/s", imapb(-1000, 1000, RAD, most=4)),
+    120: Tag("On-board MI Storage Percent Full", "%", imapb(0, 100, most=4)),
+    121: Tag("Active Wavelength List", "", nested),
+    122: Tag("Country Codes", "", nested),
+    123: Tag("Number of NAVSATs in View", "", _BYTE),
+    124: Tag("Positioning Method Source", "", _BYTE),
+    125: Tag("Platform Status", "", _BYTE),
+    126: Tag("Sensor Control Mode", "", _BYTE),
+    127: Tag("Sensor Frame Rate Pack", "", nested),
+    128: Tag("Wavelengths List", "", nested),
+    129: Tag("Target ID", "", text),
+    130: Tag("Airbase Locations", "", nested),
+    131: Tag("Take-off Time", "ns", time()),
+    132: Tag("Transmission Frequency", "Hz", imapb(1, 99_999, 1e6, most=4)),
+    133: Tag("On-board MI Storage Capacity", "GB", unsigned(most=4)),
+    134: Tag("Zoom Percentage", "%", imapb(0, 100, most=4)),
+    135: Tag("Communications Method", "", text),
+    136: Tag("Leap Seconds", "s", signed(most=4)),
+    137: Tag("Correction Offset", "ns", signed(scale=1000)),
+    138: Tag("Payload List", "", nested),
+    139: Tag("Active Payloads", "", nested),
+    140: Tag("Weapons Stores", "", nested),
+    141: Tag("Waypoint List", "", nested),
+    142: Tag("View Domain", "", nested),
+    143: Tag("Metadata Substream ID Pack", "", nested),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class LocalSet:
+    """A decoded UAS local set.
+
+    Attributes:
+        values: by tag, in the units of `TAGS`; "no value" and unknown tags are left out.
+        unknown: tags that the table does not have.
+        broken: tags whose bytes are not what the standard says; their values are left out.
+    """
+
+    values: dict[int, int | float | str | bytes]
+    unknown: tuple[int, ...] = ()
+    broken: tuple[int, ...] = ()
+
+
+def decode_local_set(value: bytes) -> LocalSet:
+    """Decodes the value of a UAS local set whose checksum was good.
+
+    Raises:
+        BadKlv: its elements do not fit into it.
+    """
+    values: dict[int, int | float | str | bytes] = {}
+    unknown, broken = [], []
+    for number, data in elements(value):
+        tag = TAGS.get(number)
+        if tag is None:
+            unknown.append(number)
+            continue
+        try:
+            decoded = tag.decode(data)
+        except BadKlv:
+            broken.append(number)
+            continue
+        if decoded is not None:
+            values[number] = decoded
+    return LocalSet(values, tuple(unknown), tuple(broken))

@@ -1,0 +1,474 @@
+import os
+import random
+import time
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from streamkit import Caps, ElementFailure, Frame, FrameFlags, MessageKind, NotNegotiated, Pipeline
+from streamkit.testing import Harness, ManualClock
+from streamkit_media.codecs import CodecParameters, coded_caps
+from streamkit_media.decoding.decode import Decode
+from streamkit_media.decoding.freshness import Freshness
+from streamkit_media.packets import DECODE_ONLY
+
+MakeVideo = Callable[..., Path]
+CONFORMANCE = Path("odd_media/corpus/h264")
+DEEP_REORDERING = {"profile": "main", "x264-params": "b-adapt=0:b-pyramid=normal:ref=8"}
+
+
+def packets_of(path: Path) -> list[Frame]:
+    """The file's packets as filesrc gives them."""
+    with Pipeline.parse(f'filesrc location="{path}" ! appsink name=out max-buffers=0') as pipeline:
+        pipeline.play()
+        return list(pipeline["out"])
+
+
+def decoded(harness: Harness, packets: list[Frame]) -> list[Frame]:
+    """Everything that comes out for these packets and EOS."""
+    return [*(frame for packet in packets for frame in harness.push(packet)), *harness.drain()]
+
+
+def test_real_video_decodes_to_its_luma_planes(streamkit_data: Path) -> None:
+    """177 frames of real drone video are the decoder's luma planes: read-only views, equal to PyAV's own."""
+    path = streamkit_data / "video" / "drone_nadir_traffic.mp4"
+    count = 0
+    with (
+        av.open(str(path)) as container,
+        Pipeline.parse(f"filesrc location={path} ! decode ! appsink name=out max-buffers=4") as pipeline,
+    ):
+        pipeline.play()
+        for frame, picture in zip(pipeline["out"], container.decode(video=0), strict=True):
+            assert frame.caps["format"] == "GRAY8"
+            assert not frame.data.flags.writeable
+            assert not frame.data.flags.owndata
+            assert frame.data.strides == (picture.planes[0].line_size, 1)
+            assert (frame.seq, frame.pts, frame.duration) == (count, count * 40_000_000, 40_000_000)
+            if count % 8 == 0:
+                luma = np.frombuffer(bytes(picture.planes[0]), np.uint8).reshape(1080, -1)[:, :1920]
+                np.testing.assert_array_equal(frame.data, luma)
+            count += 1
+    assert count == 177
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "pixel_format"),
+    [
+        ("a.mp4", "libx264", "yuv420p"),
+        ("b.mkv", "libx264", "yuv444p"),
+        ("c.mkv", "libx264", "yuv420p10le"),
+        ("d.mkv", "libx265", "yuv420p"),
+        ("e.avi", "mpeg4", "yuv420p"),
+        ("f.ts", "mpeg2video", "yuv420p"),
+        ("g.webm", "libvpx", "yuv420p"),
+        ("h.webm", "libvpx-vp9", "yuv420p"),
+        ("i.avi", "mjpeg", "yuvj420p"),
+        ("j.mkv", "ffv1", "yuv420p"),
+        ("k.avi", "rawvideo", "yuv420p"),
+        ("l.mov", "png", "rgb24"),
+        ("m.avi", "msmpeg4", "yuv420p"),
+    ],
+)
+def test_codecs_and_containers(make_video: MakeVideo, name: str, codec: str, pixel_format: str) -> None:
+    """Every frame of each codec comes out, in order, with even times, and looks as it was made."""
+    path = make_video(f"codec_{name}", codec=codec, pixel_format=pixel_format)
+    with Pipeline.parse(f'filesrc location="{path}" ! decode ! appsink name=out') as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    assert [frame.seq for frame in frames] == list(range(12))
+    assert np.diff([frame.pts for frame in frames]) == pytest.approx([40e6] * 11, abs=1e6)
+    rows, columns = np.mgrid[:48, :64]
+    has_full_range = pixel_format in ("rgb24", "yuvj420p")
+    for index, frame in enumerate(frames):
+        made = 40 + (rows + columns + 4 * index) % 160
+        wanted = (made - 16) * 255 / 219 if has_full_range else made
+        assert np.median(np.abs(frame.data.astype(float) - wanted)) < 6
+
+
+@pytest.mark.parametrize(
+    ("wanted", "shape"),
+    [("GRAY8", (48, 64)), ("I420", (72, 64)), ("NV12", (72, 64)), ("BGR", (48, 64, 3)), ("RGB", (48, 64, 3))],
+)
+def test_downstream_chooses_the_format(small_video: Path, wanted: str, shape: tuple[int, ...]) -> None:
+    """Each raw format is given where downstream asks for it, with size and rate in the caps."""
+    text = f'filesrc location="{small_video}" ! decode ! video/x-raw,format={wanted} ! appsink name=out'
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    assert {frame.data.shape for frame in frames} == {shape}
+    assert frames[0].caps["framerate"] == Fraction(25)
+    assert (frames[0].caps["width"], frames[0].caps["height"]) == (64, 48)
+
+
+def test_odd_sizes_keep_out_subsampled_formats() -> None:
+    """A demand for I420 of a video of odd size fails before anything is decoded."""
+    caps = coded_caps(CodecParameters("h264", 33, 21))
+    with (
+        Harness("decode", downstream="video/x-raw, format=I420") as harness,
+        pytest.raises(NotNegotiated, match="disagree on format"),
+    ):
+        harness.push(Frame(b"x", caps))
+
+
+def test_odd_sizes_decode(make_video: MakeVideo) -> None:
+    """A video of odd width and height gives GRAY8 and BGR in its own size."""
+    path = make_video("odd.mkv", size=(64, 48), codec="ffv1", pixel_format="yuv444p", count=2)
+    with av.open(str(path)) as container:
+        packet = next(container.demux(video=0))
+        caps = coded_caps(CodecParameters("ffv1", 63, 47, packet.stream.codec_context.extradata or b""))
+    for wanted, shape in (("GRAY8", (47, 63)), ("BGR", (47, 63, 3))):
+        with Harness("decode", downstream=f"video/x-raw, format={wanted}") as harness:
+            frames = decoded(harness, [Frame(packet, caps, flags=FrameFlags.KEYFRAME)])
+        assert [frame.data.shape for frame in frames] == [shape]
+
+
+def test_an_impossible_size_is_refused_before_decoding(small_video: Path) -> None:
+    """Where downstream demands another size than the packets' caps tell, the error names the field."""
+    text = f'filesrc location="{small_video}" ! decode ! video/x-raw,width=320 ! fakesink'
+    with pytest.raises((ElementFailure, NotNegotiated), match="width"):
+        Pipeline.parse(text).run(timeout_s=10)
+
+
+def test_size_is_taken_from_the_first_picture_where_caps_tell_none(small_video: Path) -> None:
+    """Packets whose caps lack a size still decode; the frames' caps have it."""
+    packets = packets_of(small_video)
+    caps = packets[0].caps.without_fields("width", "height", "framerate")
+    with Harness("decode") as harness:
+        frames = decoded(harness, [packet.replace(caps=caps) for packet in packets])
+    assert len(frames) == 12
+    assert (frames[0].caps["width"], frames[0].caps["height"]) == (64, 48)
+    assert frames[0].caps.get("framerate") is None
+
+
+def test_missing_times_are_made_from_the_rate(small_video: Path) -> None:
+    """Packets without times give frames at even times of the frame rate."""
+    with Harness("decode") as harness:
+        frames = decoded(harness, [p.replace(pts=None, duration=None) for p in packets_of(small_video)])
+    assert [frame.pts for frame in frames] == [n * 40_000_000 for n in range(12)]
+
+
+def test_damaged_packets_are_counted_and_told_once(small_video: Path) -> None:
+    """Rubbish among the packets is warned of once and counted each time; the others decode."""
+    packets = packets_of(small_video)
+    rubbish = packets[0].replace(data=b"\xff" * 100, flags=FrameFlags.NONE, seq=1000)
+    with Harness(Decode(threads_type="slice")) as harness:
+        frames = decoded(harness, [rubbish, *packets, rubbish, rubbish])
+        drops = dict(harness.element.drops)
+    assert len(frames) == 12
+    assert [m.text for m in harness.messages if m.kind == "warning"] == [
+        "a packet could not be decoded at frame seq=1000 pts=0.000 s: Invalid data found when "
+        "processing input; going on with the next"
+    ]
+    assert drops == {"undecodable packet: Invalid data found when processing input": 3}
+
+
+def test_frames_of_a_lost_key_frame_are_marked(small_video: Path) -> None:
+    """Pictures whose reference is missing come out marked corrupt, those after the next key frame whole."""
+    packets = packets_of(small_video)[1:]
+    with Harness(Decode(threads_type="slice")) as harness:
+        frames = decoded(harness, packets)
+    marks = [bool(frame.flags & FrameFlags.CORRUPT) for frame in frames]
+    assert not any(marks[-6:])
+    assert all(marks[:-6])
+    assert sum(bool(frame.flags & FrameFlags.KEYFRAME) for frame in frames) == 1
+
+
+def test_nothing_decodable_is_an_error(small_video: Path) -> None:
+    """Where not one packet decodes, EOS turns into an error with the count and the reason."""
+    packets = packets_of(small_video)
+    with Harness(Decode(threads_type="slice")) as harness:
+        for packet in packets:
+            assert harness.push(packet.replace(data=b"\xff" * 50)) == []
+        with pytest.raises(
+            ElementFailure, match=r"none of 12 packets of video/x-h264 could be decoded: Invalid"
+        ):
+            harness.drain()
+
+
+def test_empty_packets_are_counted(small_video: Path) -> None:
+    """An empty packet, which FFmpeg would take for the end, is counted and skipped."""
+    packets = packets_of(small_video)
+    with Harness("decode") as harness:
+        frames = decoded(harness, [packets[0], packets[0].replace(data=b""), *packets[1:]])
+        assert harness.element.drops == {"empty packet": 1}
+    assert len(frames) == 12
+
+
+def test_a_new_size_in_mid_stream(small_video: Path, make_video: MakeVideo) -> None:
+    """New caps first bring out all frames of the old size, then frames with the new one."""
+    other = packets_of(make_video("wide.mp4", size=(96, 48)))
+    with Harness("decode") as harness:
+        frames = decoded(harness, [*packets_of(small_video), *other])
+    assert [frame.data.shape[1] for frame in frames] == [64] * 12 + [96] * 12
+    assert [frame.caps["width"] for frame in frames] == [64] * 12 + [96] * 12
+
+
+def test_a_new_epoch_begins_a_new_decoder(small_video: Path) -> None:
+    """Frames held from before a discontinuity come out with their own epoch, before the new ones."""
+    packets = packets_of(small_video)
+    with Harness("decode") as harness:
+        frames = decoded(harness, [*packets, *(packet.replace(epoch=1) for packet in packets)])
+    assert [frame.epoch for frame in frames] == [0] * 12 + [1] * 12
+
+
+def test_packets_only_for_decoding_are_not_shown(small_video: Path) -> None:
+    """Pictures of packets marked for decoding alone are left out, the rest are whole."""
+    packets = packets_of(small_video)
+    marked = [packet.attach(DECODE_ONLY) if packet.pts < 120_000_000 else packet for packet in packets]
+    with Harness("decode") as harness:
+        frames = decoded(harness, marked)
+    assert [frame.pts for frame in frames] == [n * 40_000_000 for n in range(3, 12)]
+    assert not any(frame.flags & FrameFlags.CORRUPT for frame in frames)
+
+
+def test_live_pictures_that_have_waited_are_left_out(make_video: MakeVideo) -> None:
+    """One that comes out later than others by more than the slack makes way for the newest, and counts."""
+    packets = packets_of(make_video("live.mp4", bframes=0))
+    clock, shown = ManualClock(), []
+    with Harness(Decode(threads=1, threads_type="slice"), clock=clock) as harness:
+        for index, packet in enumerate(packets):
+            live = packet.replace(arrival_ns=clock.monotonic_ns()).attach(Freshness(100_000_000))
+            clock.advance(0.5 if index % 3 == 2 else 0.02)
+            shown += harness.push(live)
+        shown += harness.drain()
+        drops = dict(harness.element.drops)
+    assert [frame.seq for frame in shown] == [0, 1, 4, 7, 10]
+    assert drops == {"late: too old when decoded": 7}
+
+
+def test_a_decoder_that_is_always_late_shows_all_the_same(make_video: MakeVideo) -> None:
+    """Where every picture takes half a second, they are shown after a moment rather than never."""
+    packets = packets_of(make_video("slow.mp4", count=60, bframes=0))
+    clock, shown = ManualClock(), 0
+    with Harness(Decode(threads=1, threads_type="slice"), clock=clock) as harness:
+        for packet in packets:
+            live = packet.replace(arrival_ns=clock.monotonic_ns()).attach(Freshness(100_000_000))
+            clock.advance(0.5)
+            shown += len(harness.push(live))
+        assert shown + harness.element.drops["late: too old when decoded"] == 60
+    assert shown > 20
+
+
+def test_a_discontinuity_of_a_hidden_picture_is_the_next_ones(small_video: Path) -> None:
+    """The mark moves to the first picture after it that is shown."""
+    packets = packets_of(small_video)
+    packets[0] = packets[0].replace(flags=packets[0].flags | FrameFlags.DISCONTINUITY).attach(DECODE_ONLY)
+    with Harness(Decode(threads=1, threads_type="slice")) as harness:
+        frames = decoded(harness, packets)
+    assert len(frames) == 11
+    assert [bool(frame.flags & FrameFlags.DISCONTINUITY) for frame in frames] == [True] + [False] * 10
+
+
+def test_damage_of_a_hidden_picture_marks_those_built_on_it(make_video: MakeVideo) -> None:
+    """A damaged picture that is not shown still leaves the next ones damaged, up to a key frame."""
+    packets = packets_of(make_video("hidden.mp4", bframes=0))
+    packets[2] = packets[2].replace(flags=FrameFlags.CORRUPT).attach(DECODE_ONLY)
+    with Harness(Decode(threads=1, threads_type="slice")) as harness:
+        frames = decoded(harness, packets)
+    marks = [bool(frame.flags & FrameFlags.CORRUPT) for frame in frames]
+    assert marks == [False] * 2 + [True] * 3 + [False] * 6
+
+
+def test_pictures_after_one_that_is_missing_are_marked(make_video: MakeVideo) -> None:
+    """A picture lost whole, of which FFmpeg says nothing, leaves those up to the next key frame marked."""
+    packets = packets_of(make_video("missing.mp4", bframes=0))
+    with Harness("decode") as harness:
+        frames = decoded(harness, [packet for packet in packets if packet.seq != 7])
+    assert {frame.seq: bool(frame.flags & FrameFlags.CORRUPT) for frame in frames} == {
+        seq: seq in (8, 9, 10, 11) for seq in range(12) if seq != 7
+    }
+
+
+def test_arrival_and_capture_follow_the_picture(small_video: Path) -> None:
+    """What a packet knows of its arrival is on its own picture, whatever the order of decoding."""
+    packets = [packet.replace(arrival_ns=1000 + packet.pts) for packet in packets_of(small_video)]
+    with Harness("decode") as harness:
+        frames = decoded(harness, packets)
+    assert [frame.arrival_ns - 1000 for frame in frames] == [frame.pts for frame in frames]
+
+
+def test_a_codec_without_decoder_is_told() -> None:
+    """Caps of a codec that FFmpeg cannot decode give an error with the remedy."""
+    with (
+        Harness("decode") as harness,
+        pytest.raises(ElementFailure, match=r"no decoder in this FFmpeg for video/x-coded.*nosuch.*H\.264"),
+    ):
+        harness.push(Frame(b"x", coded_caps(CodecParameters("nosuch"))))
+
+
+def test_slice_threads_are_taken_when_live(small_video: Path) -> None:
+    """threads-type=auto looks through queues for the source: slices when that is live, else whole frames."""
+    live = Pipeline.parse("rtspsrc location=rtsp://127.0.0.1:1/x ! queue ! decode name=d ! fakesink")["d"]
+    file = Pipeline.parse(f'filesrc location="{small_video}" ! decode name=d ! fakesink')["d"]
+    assert (live._threading(), file._threading()) == ("slice", "frame")
+
+
+def test_pictures_cost_no_copy_of_pixels(make_video: MakeVideo) -> None:
+    """Holding frames holds the decoder's pictures, each at its own address."""
+    path = make_video("many.mp4", count=30)
+    with Pipeline.parse(f'filesrc location="{path}" ! decode ! appsink name=out max-buffers=0') as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    assert len({frame.data.ctypes.data for frame in frames}) == 30
+    assert len({frame.data[:8, :8].tobytes() for frame in frames}) == 30
+
+
+def test_stopping_early_is_quick(streamkit_data: Path) -> None:
+    """A pipeline stopped amid decoding ends at once."""
+    path = streamkit_data / "video" / "drone_nadir_traffic.mp4"
+    pipeline = Pipeline.parse(f"filesrc location={path} ! decode ! appsink name=out max-buffers=2")
+    pipeline.play()
+    pipeline["out"].pull(30)
+    began = time.monotonic()
+    pipeline.stop()
+    assert time.monotonic() - began < 5
+
+
+@pytest.mark.parametrize(("skip", "shown"), [("none", 12), ("non-reference", range(4, 11)), ("non-key", 2)])
+def test_skipped_pictures_are_counted(make_video: MakeVideo, skip: str, shown: int | range) -> None:
+    """Fewer pictures come out, right ones and in order, and the others count as dropped."""
+    path = make_video("small_for_skip.mp4")
+    whole = {frame.pts: frame.data for frame in _all_frames(path, "none")[0]}
+    frames, drops = _all_frames(path, skip)
+    assert len(frames) in ([shown] if isinstance(shown, int) else shown)
+    assert len(frames) + drops.get(f"skip={skip}", 0) == 12
+    assert [frame.pts for frame in frames] == sorted(frame.pts for frame in frames)
+    for frame in frames:
+        np.testing.assert_array_equal(frame.data, whole[frame.pts])
+
+
+def _all_frames(path: Path, skip: str) -> tuple[list[Frame], dict[str, int]]:
+    text = f"filesrc location={path} ! decode name=d skip={skip} ! appsink name=out max-buffers=0"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        return list(pipeline["out"]), dict(pipeline["d"].drops)
+
+
+@pytest.mark.parametrize("degrees", [90, 180, 270])
+def test_pictures_are_turned(tmp_path: Path, degrees: int) -> None:
+    """A file that says its pictures are to be turned gives them turned, with size and caps to match."""
+    path = tmp_path / "turned.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25, options={"crf": "5"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.set_display_rotation(degrees)
+        pixels = np.full((72, 64), 128, np.uint8)
+        pixels[:48] = 60
+        pixels[:16, :16] = 220
+        picture = av.VideoFrame.from_ndarray(pixels, "yuv420p")
+        container.mux(stream.encode(picture))
+        container.mux(stream.encode(None))
+    text = f"filesrc location={path} ! decode ! appsink name=out"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        (frame,) = list(pipeline["out"])
+    wanted = np.rot90(pixels[:48], degrees // 90)
+    assert frame.data.shape == wanted.shape
+    assert (frame.caps["width"], frame.caps["height"]) == wanted.shape[::-1]
+    assert np.abs(frame.data.astype(int) - wanted).mean() < 5
+
+
+def test_which_decoder_is_told(small_video: Path) -> None:
+    """An element message says whether a device or software decodes."""
+    with Pipeline.parse(f"filesrc location={small_video} ! decode hwaccel=none ! fakesink") as pipeline:
+        pipeline.play()
+        message = pipeline.bus.pop(5, (MessageKind.ELEMENT,))
+    assert message is not None
+    assert message.fields == {"name": "decoder", "codec": "h264", "device": "software"}
+
+
+def _conformance_streams() -> list[str]:
+    folder = Path(os.environ.get("STREAMKIT_DATA", "")) / "data" / CONFORMANCE
+    return sorted(path.name for path in folder.iterdir()) if folder.is_dir() else ["none"]
+
+
+@pytest.mark.parametrize("name", _conformance_streams())
+def test_every_packet_of_a_conformance_stream_gives_a_frame(streamkit_data: Path, name: str) -> None:
+    """As many frames come out of a file of H.264 as packets go in."""
+    path = streamkit_data / CONFORMANCE / name
+    frames, drops = _all_frames(path, "none")
+    assert len(packets_of(path)) == len(frames) > 0
+    assert drops == {}
+
+
+def test_h264_that_does_not_tell_its_reordering_loses_nothing(make_video: MakeVideo) -> None:
+    """A file of deeply reordered H.264 without VUI gives every frame, in order of presentation."""
+    packets, caps = _unordered(make_video("deep.mkv", count=40, bframes=8, options=DEEP_REORDERING))
+    with Harness("decode") as harness:
+        frames = decoded(harness, [packet.replace(caps=caps) for packet in packets])
+        assert harness.element.drops == {}
+    assert [frame.pts for frame in frames] == sorted(packet.pts for packet in packets)
+
+
+def test_a_live_decoder_does_not_hold_frames_for_their_order(make_video: MakeVideo) -> None:
+    """Of H.264 without VUI a live decoder gives frames as soon as it can; a file's waits for their order."""
+    packets, caps = _unordered(make_video("deep.mkv", count=40, bframes=8, options=DEEP_REORDERING))
+    shown = []
+    for source in ("rtspsrc location=rtsp://127.0.0.1:1/x", "fakesrc"):
+        element = Pipeline.parse(f"{source} ! decode name=d threads=1 threads-type=slice ! fakesink")["d"]
+        element.start()
+        found = [element.transform(packet.replace(caps=caps)) for packet in packets[:12]]
+        shown.append(sum(1 if isinstance(each, Frame) else len(each) for each in found))
+        element.stop()
+    live, file = shown
+    assert live > 0 == file
+
+
+def _unordered(path: Path) -> tuple[list[Frame], Caps]:
+    """A file's packets, and their caps with parameter sets that do not tell how far frames are reordered."""
+    packets = packets_of(path)
+    codec_data = bytes.fromhex(str(packets[0].caps["codec_data"]))
+    size = int.from_bytes(codec_data[6:8], "big")
+    parameters = _without_vui(codec_data[8 : 8 + size])
+    codec_data = codec_data[:6] + len(parameters).to_bytes(2, "big") + parameters + codec_data[8 + size :]
+    return packets, packets[0].caps.with_fields(codec_data=codec_data.hex())
+
+
+def _without_vui(unit: bytes) -> bytes:
+    """A sequence parameter set of the main profile, its usability information cut off (H.264, 7.3.2.1.1)."""
+    bits = "".join(f"{byte:08b}" for byte in unit.replace(b"\0\0\3", b"\0\0"))
+    at = 8 + 24
+
+    def unsigned() -> int:
+        nonlocal at
+        zeros = bits.index("1", at) - at
+        at += 2 * zeros + 1
+        return int(bits[at - zeros - 1 : at], 2) - 1
+
+    unsigned()  # number
+    unsigned()  # bits of frame numbers
+    assert unsigned() == 0  # kind of picture order count
+    unsigned()
+    unsigned()  # reference frames
+    at += 1
+    unsigned()  # width
+    unsigned()  # height
+    at += 2  # whole frames only, direct inference
+    at += 1
+    for _ in range(4 if bits[at - 1] == "1" else 0):
+        unsigned()  # cropping
+    assert bits[at] == "1"
+    kept = bits[:at] + "01"
+    kept += "0" * (-len(kept) % 8)
+    return int(kept, 2).to_bytes(len(kept) // 8, "big")
+
+
+def test_packets_without_a_frame_are_counted(make_video: MakeVideo) -> None:
+    """Damaged packets cost frames, but each packet is a frame or counted, whatever the threads."""
+    packets = packets_of(make_video("counted.mkv", count=40))
+    for threads_type in ("frame", "slice"):
+        for seed in range(10):
+            chance = random.Random(seed)
+            damaged = [
+                packet.replace(data=bytes(packet.data)[: chance.randrange(1, 9)])
+                if chance.random() < 0.2
+                else packet
+                for packet in packets
+            ]
+            with Harness(Decode(threads_type=threads_type)) as harness:
+                frames = decoded(harness, damaged)
+                assert len(frames) + sum(harness.element.drops.values()) == 40

@@ -1,0 +1,161 @@
+import importlib.util
+import json
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+
+import av
+import pytest
+
+from streamkit import Pipeline
+from streamkit_media.doctor.examine import examine
+from streamkit_media.doctor.report import Report, Verdict
+from streamkit_telemetry_formats.klv import UAS_LOCAL_SET, checksum
+
+BINARY = Path(sys.executable).with_name("streamkit")
+
+
+@pytest.fixture(scope="module")
+def fake() -> Iterator[ModuleType]:
+    """The tests' own RTSP server."""
+    path = Path(__file__).parents[1] / "rtsp" / "fake_server.py"
+    name = "streamkit_media_fake_server"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, path)
+        assert spec is not None
+        assert spec.loader is not None
+        sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(sys.modules[name])
+    return sys.modules[name]
+
+
+def verdicts(report: Report) -> dict[str, str]:
+    """The verdict of each check."""
+    return {check.name: str(check.verdict) for check in report.checks}
+
+
+def test_a_live_stream(fake: ModuleType) -> None:
+    """A good server gets good verdicts, figures near the truth, and a line that builds, without secrets."""
+    with fake.FakeServer(fake.access_units(), user="me:hunter2") as server:
+        location = server.url.replace("//", "//me:hunter2@")
+        told: list[str] = []
+        report = examine(location, seconds=2.0, timeout_s=3.0, transport="tcp", tell=told.append)
+    where = server.url.replace("//", "//***@")
+    assert told == [f"connecting to {where}, 3 s at most", f"watching {where} for 2 s"]
+    assert set(verdicts(report).values()) <= {"good", "note"}
+    assert {
+        "reach",
+        "server",
+        "stream",
+        "decoding",
+        "frame rate",
+        "key frames",
+        "jitter",
+        "clock",
+        "loss",
+        "telemetry",
+    } == set(verdicts(report))
+    facts = {check.name: check.facts for check in report.checks}
+    assert facts["frame rate"]["measured"] == pytest.approx(30, rel=0.05)
+    assert facts["key frames"]["interval_s"] == pytest.approx(0.5, abs=0.05)
+    assert facts["loss"]["missing"] == 0
+    assert verdicts(report)["clock"] == "good"
+    assert "hunter2" not in json.dumps(report.as_json())
+    description = shlex.split(report.pipeline)[-1]
+    assert Pipeline.parse(description, {"user": "a", "password": "b"})["s"].user_id == "a"
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "name", "words"),
+    [
+        ("accept and never answer", "server", "does not answer"),
+        ("accept, then close", "server", "closes it"),
+        ("answer with random bytes", "server", "something else than RTSP"),
+        ("answer PLAY, then send nothing", "stream", r"no video within|has been silent for"),
+    ],
+)
+def test_bad_servers(fake: ModuleType, behaviour: str, name: str, words: str) -> None:
+    """Each fault is the last check, bad, in words that name it; there is no pipeline."""
+    with fake.FakeServer(fake.access_units(count=2), fake.Behaviour(behaviour)) as server:
+        report = examine(server.url, seconds=1.0, timeout_s=0.6, transport="tcp")
+    last = report.checks[-1]
+    assert (last.name, last.verdict) == (name, Verdict.BAD)
+    assert re.search(words, last.text)
+    assert report.pipeline == ""
+
+
+def test_a_file_with_telemetry(streamkit_data: Path) -> None:
+    """Frames, rate and all 277 KLV packets are found, and the line pairs them."""
+    report = examine(str(streamkit_data / "telemetry" / "sample-stream.ts"), 1, 5, "tcp")
+    facts = {check.name: check.facts for check in report.checks}
+    assert facts["frame rate"]["measured"] == pytest.approx(30, rel=0.01)
+    assert (facts["telemetry"]["good_packets"], facts["telemetry"]["poses"]) == (277, 277)
+    assert "s.klv ! p.telemetry" in report.pipeline
+
+
+def test_what_does_not_decode_is_told(make_video: Callable[..., Path], tmp_path: Path) -> None:
+    """A file whose packets read well but hold rubbish cannot be used, and there is no pipeline."""
+    good = make_video("good.mkv")
+    with av.open(str(good)) as container, av.open(str(tmp_path / "bad.mkv"), "w") as bad:
+        stream = bad.add_stream_from_template(container.streams.video[0])
+        for packet in container.demux(video=0):
+            if packet.size:
+                packet.update(b"\x7f" * packet.size)  # type: ignore[arg-type]
+                packet.stream = stream
+                bad.mux(packet)
+    report = examine(str(tmp_path / "bad.mkv"), 1, 5, "tcp")
+    assert verdicts(report)["decoding"] == "bad"
+    assert "the video is damaged, encrypted or cut short" in report.as_text()
+    assert not report.pipeline
+    assert not report.is_usable
+
+
+def test_a_url_that_is_no_file(tmp_path: Path) -> None:
+    """Other URLs than rtsp:// are opened as such, and what is wrong is what FFmpeg says."""
+    report = examine("http://me:hunter2@127.0.0.1:1/flight.mp4", 1, 2, "tcp")
+    assert verdicts(report) == {"stream": "bad"}
+    assert "cannot be opened" in report.as_text()
+    assert "hunter2" not in report.as_text()
+
+
+def test_telemetry_alone(streamkit_data: Path) -> None:
+    """A file that is the telemetry beside a video is told as such."""
+    report = examine(str(streamkit_data / "telemetry" / "Cheyenne.bin"), 1, 5, "tcp")
+    assert report.checks[-1].facts["positions"] == 407
+    assert "posesync location=" in report.pipeline
+
+
+def test_the_command(small_video: Path, tmp_path: Path) -> None:
+    """--json prints the report; exit 0 where the stream can be used, 1 where not."""
+    done = subprocess.run(
+        [BINARY, "doctor", "--json", small_video], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, json.loads(done.stdout)["usable"]) == (0, True)
+    done = subprocess.run(
+        [BINARY, "doctor", tmp_path / "none.mp4"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 1
+    assert "a file must be there" in done.stdout
+
+
+def test_telemetry_in_the_second_stream(two_klv_streams: Path) -> None:
+    """The stream with positions is named and put into the line."""
+    report = examine(str(two_klv_streams), 1, 5, "tcp")
+    assert "MISB KLV, pad klv_1: 12 packets, 12 with a position" in report.as_text()
+    assert "s.klv_1 ! p.telemetry" in report.pipeline
+
+
+def test_damaged_telemetry_alone(tmp_path: Path, klv_packet: Callable[..., bytes]) -> None:
+    """Values that break their tag's rule are told, and the others counted."""
+    value = klv_packet(10.0, 10**15)[17:-4] + b"\x08\x81\x80" + b"\xff" * 128 + b"\x01\x02"
+    data = UAS_LOCAL_SET + b"\x82" + (len(value) + 2).to_bytes(2, "big") + value
+    path = tmp_path / "s.klv"
+    path.write_bytes(data + checksum(data).to_bytes(2, "big"))
+    report = examine(str(path), 1, 5, "tcp")
+    check = report.checks[-1]
+    assert (check.name, check.verdict, check.facts["positions"]) == ("telemetry", Verdict.NOTE, 1)
+    assert "1 telemetry values left out" in check.text

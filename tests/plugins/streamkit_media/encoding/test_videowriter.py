@@ -1,0 +1,116 @@
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from streamkit_media.encoding.videowriter import VideoWriter, grey_as_i420, pad_to_even
+
+RATE = Fraction(25)
+SHAPES = {"GRAY8": (48, 64), "I420": (72, 64), "NV12": (72, 64), "BGR": (48, 64, 3), "RGB": (48, 64, 3)}
+
+
+def pictures_of(path: Path) -> list[tuple[float, NDArray[np.uint8]]]:
+    """Time in s and BGR pixels of each picture in a file."""
+    with av.open(str(path)) as container:
+        return [(picture.time, picture.to_ndarray(format="bgr24")) for picture in container.decode(video=0)]
+
+
+def write(
+    path: Path, times: list[int | None], pixel_format: str = "GRAY8", close: bool = True
+) -> VideoWriter:
+    """Writes pictures of one grey at these times."""
+    writer = VideoWriter(path, pixel_format, 64, 48, RATE, 18, "ultrafast")
+    for index, pts in enumerate(times):
+        pixels = np.full(SHAPES[pixel_format], 128, np.uint8)
+        pixels[:48] = 60 + 5 * index
+        writer.write(pixels, pts)
+    if close:
+        writer.close()
+    return writer
+
+
+@pytest.mark.parametrize("pixel_format", sorted(SHAPES))
+def test_every_format_keeps_its_pixels(tmp_path: Path, pixel_format: str) -> None:
+    """Each format is written so that it looks the same when read: H.264, yuv420p, every picture."""
+    write(tmp_path / "a.mp4", [n * 40_000_000 for n in range(5)], pixel_format)
+    with av.open(str(tmp_path / "a.mp4")) as container:
+        stream = container.streams.video[0]
+        assert (stream.codec_context.name, stream.pix_fmt, stream.average_rate) == ("h264", "yuv420p", RATE)
+    found = pictures_of(tmp_path / "a.mp4")
+    assert len(found) == 5
+    for index, (_, pixels) in enumerate(found):
+        grey = 60 + 5 * index
+        wanted = grey if pixel_format in ("BGR", "RGB") else (grey - 16) * 255 / 219
+        assert np.abs(pixels.astype(float) - wanted).mean() < 3
+
+
+@pytest.mark.parametrize(
+    ("times", "seconds"),
+    [
+        ([0, 40, 80], [0, 0.04, 0.08]),
+        ([5000, 5033, 5100], [0, 0.033, 0.1]),
+        ([None, None, None], [0, 0.04, 0.08]),
+        ([1000, 1040, 0, 40], [0, 0.04, 0.08, 0.12]),
+        ([0, 100, None, 200], [0, 0.1, 0.14, 0.2]),
+        ([None, 700, 720], [0, 0.04, 0.06]),
+    ],
+)
+def test_times_are_kept(tmp_path: Path, times: list[int | None], seconds: list[float]) -> None:
+    """Times are the pictures' own; without one, or where time began again, the frame rate goes on."""
+    write(tmp_path / "a.mp4", [None if time is None else time * 1_000_000 for time in times])
+    assert [time for time, _ in pictures_of(tmp_path / "a.mp4")] == pytest.approx(seconds, abs=1e-4)
+
+
+def test_a_file_closed_early_plays(tmp_path: Path) -> None:
+    """Whatever was written before close is in the file; closing again does nothing."""
+    writer = write(tmp_path / "a.mp4", [0, 40_000_000], close=False)
+    assert writer.close()
+    assert writer.close()
+    assert len(pictures_of(tmp_path / "a.mp4")) == 2
+
+
+def test_closing_in_a_hurry_leaves_out_the_last(tmp_path: Path) -> None:
+    """With no time for what the encoder holds, the file says so, and plays up to there."""
+    writer = VideoWriter(tmp_path / "a.mp4", "GRAY8", 64, 48, RATE, 18, "medium")
+    for index in range(30):
+        writer.write(np.full((48, 64), 90 + index, np.uint8), index * 40_000_000)
+    assert not writer.close(limit_s=0.0)
+    assert 1 <= len(pictures_of(tmp_path / "a.mp4")) < 30
+
+
+def test_closing_without_a_picture_is_no_error(tmp_path: Path) -> None:
+    """A writer that got no picture closes and leaves nothing behind."""
+    write(tmp_path / "a.mp4", [])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_odd_sizes_grow_by_a_repeated_edge(tmp_path: Path) -> None:
+    """An odd picture gets one more column and row, and its own pixels stay where they were."""
+    pixels = np.arange(21 * 33, dtype=np.int64).reshape(21, 33).astype(np.uint8)
+    padded = pad_to_even(pixels)
+    assert padded.shape == (22, 34)
+    np.testing.assert_array_equal(padded[:21, :33], pixels)
+    np.testing.assert_array_equal(padded[21, :33], pixels[20])
+    np.testing.assert_array_equal(padded[:21, 33], pixels[:, 32])
+    writer = VideoWriter(tmp_path / "a.mp4", "GRAY8", 33, 21, RATE, 18, "ultrafast")
+    writer.write(pixels, 0)
+    writer.close()
+    assert pictures_of(tmp_path / "a.mp4")[0][1].shape == (22, 34, 3)
+
+
+def test_even_sizes_are_not_copied() -> None:
+    """Where nothing is to be added the array itself is used."""
+    pixels = np.zeros((4, 6, 3), np.uint8)
+    assert pad_to_even(pixels) is pixels
+
+
+def test_grey_keeps_its_range() -> None:
+    """Grey becomes luma as it is, over neutral chroma."""
+    luma = np.arange(24, dtype=np.uint8).reshape(4, 6)
+    pixels = grey_as_i420(luma)
+    np.testing.assert_array_equal(pixels[:4], luma)
+    assert (pixels[4:] == 128).all()
+    assert pixels.shape == (6, 6)

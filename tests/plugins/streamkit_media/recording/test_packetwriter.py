@@ -1,0 +1,40 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+WRITE = """
+import sys
+from pathlib import Path
+import av
+from av.error import FFmpegError
+from streamkit_media.recording.packetwriter import FORMATS, PacketWriter
+source, target, ending = sys.argv[1:]
+container = av.open(source)
+stream = container.streams.video[0]
+extradata = stream.codec_context.extradata
+writer = PacketWriter(Path(target), FORMATS[ending], "h264", (64, 48), extradata, False)
+for packet in container.demux(stream):
+    if packet.size:
+        try:
+            writer.write_video(bytes(packet), packet.pts, packet.dts, None, packet.is_keyframe)
+        except OSError as error:
+            print("refused:", error.strerror)
+writer.close()
+"""
+
+
+@pytest.mark.parametrize("ending", [".mp4", ".mov"])
+def test_a_file_without_room_for_its_head_refuses_every_packet(
+    small_video: Path, tmp_path: Path, ending: str
+) -> None:
+    """Where the head could not be written each packet is refused with the same reason; nothing crashes."""
+    path = tmp_path / f"out{ending}"
+    path.symlink_to("/dev/full")
+    done = subprocess.run(
+        [sys.executable, "-c", WRITE, str(small_video), str(path), ending],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ["refused: No space left on device"] * 12

@@ -1,0 +1,163 @@
+"""Pictures joined from the pieces that RTP packets carry."""
+
+from collections.abc import Iterator
+from fractions import Fraction
+from types import ModuleType
+
+import pytest
+from av.packet import Packet
+from hypothesis import given
+from hypothesis import strategies as st
+
+from streamkit_media.rtsp.accessunits import AccessUnits, DecodingTimes, has_recovery_point
+
+START = b"\0\0\0\1"
+FRAGMENTS = {"h264": (28, 1), "h265": (49, 2)}
+
+
+def piece_of(payload: bytes, codec: str, pts: int) -> Packet:
+    """What FFmpeg makes of an RTP payload: units get start codes, fragments after the first come bare."""
+    kind, header = FRAGMENTS[codec]
+    found = payload[0] & 31 if codec == "h264" else payload[0] >> 1 & 63
+    if found != kind:
+        data = START + payload
+    elif payload[header] & 0x80:
+        first = (
+            payload[0] & 0xE0 | payload[1] & 31
+            if codec == "h264"
+            else payload[0] & 0x81 | (payload[2] & 63) << 1
+        )
+        data = START + bytes([first]) + payload[1:header] + payload[header + 1 :]
+    else:
+        data = payload[header + 1 :]
+    piece = Packet(data)
+    piece.pts, piece.time_base = pts, Fraction(1, 90_000)
+    return piece
+
+
+def pieces_of(fake: ModuleType, units: list[bytes], codec: str) -> Iterator[tuple[Packet, bool]]:
+    """The pieces of pictures 3000 ticks apart, and whether each is the last of its picture."""
+    for number, unit in enumerate(units):
+        payloads = list(fake.rtp_payloads(unit, codec))
+        for index, payload in enumerate(payloads):
+            yield piece_of(payload, codec, 3000 * number), index == len(payloads) - 1
+
+
+def plain(fake: ModuleType, data: bytes) -> list[bytes]:
+    """The NAL units."""
+    return fake.nal_units(data)
+
+
+@pytest.fixture(autouse=True)
+def _small_packets(fake: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Packets so small that every key picture needs some."""
+    monkeypatch.setattr(fake, "PAYLOAD_LIMIT", 40)
+
+
+@pytest.fixture(scope="module", params=["h264", "h265"])
+def video(request: pytest.FixtureRequest, fake: ModuleType) -> tuple[str, list[bytes]]:
+    """A codec, and pictures of it of which some are more than one packet long."""
+    codec = str(request.param)
+    return codec, fake.access_units((320, 240), count=20, codec="libx265" if codec == "h265" else "libx264")
+
+
+def ffmpegs(codec: str) -> str:
+    """FFmpeg's name."""
+    return "hevc" if codec == "h265" else codec
+
+
+def test_a_picture_is_whole_with_its_marked_piece(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
+    """Each picture comes out with its own last piece: all of its units, its time, whether it is key."""
+    codec, units = video
+    joiner, found = AccessUnits(ffmpegs(codec), 3000), []
+    for piece, is_last in pieces_of(fake, units, codec):
+        out = list(joiner.add(piece, is_marked=is_last))
+        assert len(out) == is_last
+        found += out
+    assert [plain(fake, bytes(packet)) for packet in found] == [plain(fake, unit) for unit in units]
+    assert [packet.pts for packet in found] == [3000 * number for number in range(20)]
+    assert [packet.is_keyframe for packet in found] == [number % 15 == 0 for number in range(20)]
+    assert {packet.duration for packet in found} == {3000}
+    assert not list(joiner.flush())
+
+
+def test_without_marks_the_next_picture_ends_one(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
+    """Where nothing is known of marks, the same pictures come out, each with the first piece of the next."""
+    codec, units = video
+    joiner, found = AccessUnits(ffmpegs(codec)), []
+    for piece, _ in pieces_of(fake, units, codec):
+        found += joiner.add(piece, is_marked=False)
+    found += joiner.flush()
+    assert [plain(fake, bytes(packet)) for packet in found] == [plain(fake, unit) for unit in units]
+
+
+def test_pictures_of_one_time_are_told_apart(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
+    """A server whose clock stands still sends pictures all the same: their slices tell where one begins."""
+    codec, units = video
+    joiner, found = AccessUnits(ffmpegs(codec)), []
+    for piece, _ in pieces_of(fake, units, codec):
+        piece.pts = 7
+        found += joiner.add(piece, is_marked=False)
+    found += joiner.flush()
+    assert [plain(fake, bytes(packet)) for packet in found] == [plain(fake, unit) for unit in units]
+
+
+def test_a_server_that_marks_every_packet_is_not_believed(
+    fake: ModuleType, video: tuple[str, list[bytes]]
+) -> None:
+    """Marks are given up at the first picture that goes on behind one; no byte is lost."""
+    codec, units = video
+    joiner, found = AccessUnits(ffmpegs(codec)), []
+    for piece, _ in pieces_of(fake, units, codec):
+        found += joiner.add(piece, is_marked=True)
+    found += joiner.flush()
+    assert not joiner.trusts_marks
+    whole = [plain(fake, bytes(packet)) for packet in found]
+    assert whole[-10:] == [plain(fake, unit) for unit in units][-10:]
+    assert sum(packet.size for packet in found) == sum(
+        piece.size for piece, _ in pieces_of(fake, units, codec)
+    )
+
+
+def test_marked_parameter_sets_end_no_picture(fake: ModuleType, units: list[bytes]) -> None:
+    """A mark on what only stands before a picture is passed over, and marks are still believed."""
+    joiner, found = AccessUnits("h264"), []
+    for nal in fake.nal_units(units[0]):
+        found += joiner.add(piece_of(nal, "h264", 0), is_marked=True)
+    assert [plain(fake, bytes(packet)) for packet in found] == [plain(fake, units[0])]
+    assert joiner.trusts_marks
+
+
+@given(st.integers(0, 4), st.integers(2, 60))
+def test_decoding_times_ascend(reordered: int, count: int) -> None:
+    """Once the order is known, decoding times ascend and none is later than its picture."""
+    starts = range(0, count, reordered + 1)
+    groups = [(start + reordered, *range(start, start + reordered)) for start in starts]
+    shown = [number for group in groups for number in group]
+    times = DecodingTimes()
+    pairs = [(times.of(3000 * number), 3000 * number) for number in shown]
+    settled = pairs[2 * (reordered + 1) :]
+    assert all(decoded <= pts for decoded, pts in pairs)
+    assert [decoded for decoded, _ in settled] == sorted(decoded for decoded, _ in settled)
+
+
+@pytest.mark.parametrize(
+    ("messages", "has_one"),
+    [
+        (b"\x06\x01\x80\x80", True),
+        (b"\x05\x03abc\x06\x01\x80\x80", True),
+        (b"\xff\x10\x02ab\x06\x01\x80", True),
+        (b"\x05\x03abc\x80", False),
+        (b"\x01\xff\x02" + bytes(257) + b"\x06\x01\x80", True),
+        (b"", False),
+    ],
+)
+def test_a_recovery_point_is_found_among_messages(messages: bytes, *, has_one: bool) -> None:
+    """Decoding may begin at a recovery point; other messages, however long, are passed over."""
+    assert has_recovery_point(messages) is has_one
+
+
+@given(st.binary(max_size=600))
+def test_any_bytes_end_the_search(messages: bytes) -> None:
+    """Damaged messages are read to their end, without an error."""
+    has_recovery_point(messages)

@@ -1,0 +1,68 @@
+import socket
+import threading
+import time
+
+import pytest
+
+from streamkit_media.rtsp.connections import cut_connections, open_sockets, refusal
+
+
+def test_a_cut_connection_ends_a_wait() -> None:
+    """A thread that waits on a connection comes back at once when it is cut."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        known = frozenset(open_sockets())
+        with socket.create_connection(("127.0.0.1", port), 20) as connection:
+            counts: list[int] = []
+            timer = threading.Timer(0.05, lambda: counts.append(cut_connections(port, known)))
+            timer.start()
+            began = time.monotonic()
+            assert connection.recv(10) == b""
+            assert time.monotonic() - began < 5
+            timer.join()
+    assert counts == [1]
+
+
+def test_known_and_other_connections_stay() -> None:
+    """Connections made before, to other ports, and listening sockets are left alone."""
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_server(("127.0.0.1", 0)) as other:
+        port, other_port = server.getsockname()[1], other.getsockname()[1]
+        with socket.create_connection(("127.0.0.1", port), 5) as before:
+            known = frozenset(open_sockets())
+            with socket.create_connection(("127.0.0.1", other_port), 5) as beside:
+                assert cut_connections(port, known) == 0
+                accepted = [server.accept()[0], other.accept()[0]]
+                for connection, end in zip((before, beside), accepted, strict=True):
+                    end.sendall(b"alive")
+                    assert connection.recv(10) == b"alive"
+                    end.close()
+
+
+def test_refusal_names_the_reason() -> None:
+    """An unknown host and a closed port are told in plain words; an open port gives no reason."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        assert refusal("127.0.0.1", port, 1) == ""
+    assert refusal("127.0.0.1", port, 1) == f"no connection to 127.0.0.1 port {port}: Connection refused"
+    assert refusal("no-such-host.invalid", 554, 1) == "the host name 'no-such-host.invalid' is not known here"
+
+
+def test_refusal_is_bounded() -> None:
+    """A host that does not answer the connection is told within the limit."""
+    with socket.create_server(("127.0.0.1", 0), backlog=0) as server:
+        address = server.getsockname()
+        waiting = [socket.socket() for _ in range(3)]
+        for connection in waiting:
+            connection.setblocking(False)
+            connection.connect_ex(address)
+        try:
+            assert refusal(*address, 0.2) == f"no connection to 127.0.0.1 port {address[1]} within 0.2 s"
+        finally:
+            for connection in waiting:
+                connection.close()
+
+
+@pytest.mark.parametrize("port", [1, 65535])
+def test_nothing_to_cut_is_no_error(port: int) -> None:
+    """Cutting where there is no connection does nothing."""
+    assert cut_connections(port, frozenset()) == 0

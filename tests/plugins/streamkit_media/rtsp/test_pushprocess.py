@@ -1,0 +1,42 @@
+from collections.abc import Callable
+
+import pytest
+
+from streamkit_media.rtsp.pushprocess import PushFailure, PushProcess
+
+
+def order(port: int) -> dict[str, object]:
+    """To connect to a port here."""
+    url = f"rtsp://127.0.0.1:{port}/live"
+    return {"url": url, "options": {}, "codec": "h264", "width": 64, "height": 48, "timeout_s": 0.5}
+
+
+def fails(process: PushProcess) -> PushFailure:
+    """What a connection fails with."""
+    for _ in range(1000):
+        try:
+            process.attend(0.05)
+        except PushFailure as failure:
+            return failure
+    pytest.fail("the connection has neither failed nor been found silent")
+
+
+def test_silence_is_told_apart_from_refusal(serve: Callable[[int], int]) -> None:
+    """A server that does not answer is silent; a port that is closed gives FFmpeg's reason."""
+    for port, is_silent, reason in ((serve(0), True, "silent"), (1, False, "Connection refused")):
+        process = PushProcess()
+        process.open(order(port))
+        failure = fails(process)
+        process.close(0)
+        process.close(0)
+        assert failure.is_silent is is_silent
+        assert reason in failure.reason
+
+
+def test_waiting_for_an_order_is_no_silence() -> None:
+    """A process that has nothing to do is not waited for, and takes leave when it is closed."""
+    process = PushProcess()
+    for _ in range(12):
+        process.attend(0.05)
+    process.close(5)
+    assert not process.pending

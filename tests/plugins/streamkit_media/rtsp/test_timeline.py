@@ -1,0 +1,61 @@
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from streamkit_media.rtsp.timeline import Timeline
+
+SECOND = 10**9
+
+
+def test_a_connection_keeps_the_senders_distances() -> None:
+    """Within a connection times are as far apart as the sender says, however they arrive."""
+    line = Timeline()
+    line.begin_connection()
+    placed = [line.place(pts, 7 * SECOND + wobble) for pts, wobble in ((None, 0), (33, 5_000), (66, 4_000))]
+    assert placed == [0, 33, 66]
+
+
+def test_reordered_times_stay_reordered() -> None:
+    """Packets in decoding order have times that go back and forth; they are left so."""
+    line = Timeline()
+    assert [line.place(pts, pts) for pts in (0, 120, 40, 80, 240)] == [0, 120, 40, 80, 240]
+
+
+def test_a_new_connection_goes_on_by_arrival() -> None:
+    """The distance of two connections is the time between their arrivals, whatever their clocks say."""
+    line = Timeline()
+    line.begin_connection()
+    line.place(5 * SECOND, SECOND)
+    line.begin_connection()
+    assert line.place(1, 11 * SECOND) == 10 * SECOND
+    assert line.place(2, 11 * SECOND) == 10 * SECOND + 1
+
+
+def test_a_leap_of_the_senders_clock_is_bridged() -> None:
+    """Where the sender's clock leaps by an hour and arrivals do not, the line goes on."""
+    line = Timeline()
+    line.place(0, 0)
+    assert line.place(3600 * SECOND, SECOND) == SECOND
+    assert line.place(3601 * SECOND, 2 * SECOND) == 2 * SECOND
+
+
+def test_a_long_silence_is_no_leap() -> None:
+    """Where sender and arrivals both pause for a minute, the line does too."""
+    line = Timeline()
+    line.place(0, 0)
+    assert line.place(60 * SECOND, 61 * SECOND) == 60 * SECOND
+
+
+@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(st.lists(st.integers(0, 10**7), min_size=1, max_size=20), min_size=1, max_size=10))
+def test_every_connection_lies_after_those_before(steps: list[list[int]]) -> None:
+    """Times of a connection are higher than all of the ones before it."""
+    line = Timeline()
+    arrival, highest = 0, -1
+    for connection in steps:
+        line.begin_connection()
+        pts, placed = 0, []
+        for step in connection:
+            pts, arrival = pts + step, arrival + step // 2
+            placed.append(line.place(pts, arrival))
+        assert min(placed) > highest
+        highest = max(placed)

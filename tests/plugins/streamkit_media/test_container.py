@@ -1,0 +1,105 @@
+import os
+import time
+import wave
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from streamkit import ResourceError, StreamError
+from streamkit_media.container import open_container, video_stream
+
+
+def test_a_good_file_opens(small_video: Path) -> None:
+    """The best video stream of a good file is found."""
+    with open_container(str(small_video)) as container:
+        assert video_stream(container, "small").codec_context.name == "h264"
+
+
+def test_a_file_url_opens(small_video: Path) -> None:
+    """file:// URLs name files."""
+    with open_container(small_video.as_uri()) as container:
+        assert len(container.streams.video) == 1
+
+
+def test_a_name_like_a_protocol_is_a_file(small_video: Path, tmp_path: Path) -> None:
+    """A file's name is never taken for an FFmpeg protocol or pattern."""
+    odd = tmp_path / "concat:a|b%03d.mp4"
+    odd.write_bytes(small_video.read_bytes())
+    with open_container(str(odd)) as container:
+        assert len(container.streams.video) == 1
+
+
+def test_a_missing_file_is_told(tmp_path: Path) -> None:
+    """The error says that there is no file, and where relative paths start."""
+    with pytest.raises(ResourceError, match=r"none\.mp4: a file must be there, none is; check the path .*"):
+        open_container(str(tmp_path / "none.mp4"))
+
+
+def test_a_directory_is_told(tmp_path: Path) -> None:
+    """The error says that it is a directory and names the element for numbered pictures."""
+    with pytest.raises(ResourceError, match=r"a file is needed, this is a directory; .*multifilesrc"):
+        open_container(str(tmp_path))
+
+
+def test_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
+    """A named pipe, on which opening would wait for ever, is refused."""
+    os.mkfifo(tmp_path / "pipe.mp4")
+    with pytest.raises(ResourceError, match="a regular file is needed, this is a pipe, socket or device"):
+        open_container(str(tmp_path / "pipe.mp4"))
+
+
+@pytest.mark.parametrize(
+    ("content", "rule"),
+    [
+        (b"", r"the file is empty \(0 bytes\)"),
+        (
+            b"just some text\n" * 40,
+            r"no media that FFmpeg can read: .* \(it begins with text: 'just some text",
+        ),
+        (b"\0" * 4096, r"no media that FFmpeg can read: .* \(it begins with zeros\)"),
+        (bytes(range(256)) * 16, "no media that FFmpeg can read: .*; check that it is a whole video file"),
+    ],
+)
+def test_files_that_are_no_media_are_told(tmp_path: Path, content: bytes, rule: str) -> None:
+    """A file without media gives one error that says what it holds instead."""
+    path = tmp_path / "flight.mp4"
+    path.write_bytes(content)
+    with pytest.raises(StreamError, match=rule):
+        open_container(str(path))
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "list.ffconcat"])
+def test_text_is_never_video(tmp_path: Path, name: str) -> None:
+    """FFmpeg would show text as video and follow lists of files; neither is wanted."""
+    path = tmp_path / name
+    path.write_text("ffconcat version 1.0\nfile /etc/hostname\n" * 30)
+    with pytest.raises(StreamError, match=r"this is text or a list|no media that FFmpeg can read"):
+        open_container(str(path))
+
+
+def test_audio_alone_is_told(tmp_path: Path) -> None:
+    """A file without video gives an error that names the streams it has."""
+    path = tmp_path / "sound.wav"
+    with wave.open(str(path), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(8000)
+        file.writeframes(b"\1\2" * 800)
+    with (
+        open_container(str(path)) as container,
+        pytest.raises(StreamError, match=r"sound\.wav: a video stream is needed, its streams are: audio"),
+    ):
+        video_stream(container, str(path))
+
+
+def test_a_silent_server_is_told_in_time(serve: Callable[[int], int]) -> None:
+    """A server that accepts and says nothing ends in an error at the limit, without the password."""
+    location = f"rtsp://me:secret@127.0.0.1:{serve(0)}/live"
+    began = time.monotonic()
+    with pytest.raises(
+        ResourceError, match=r"rtsp://\*\*\*@127.*: no video within 0\.3 s: .*silent"
+    ) as caught:
+        open_container(location, {"rtsp_transport": "tcp"}, (0.3, 0.3))
+    assert time.monotonic() - began < 0.3 + 5
+    assert "secret" not in str(caught.value)

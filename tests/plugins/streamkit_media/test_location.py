@@ -1,0 +1,42 @@
+from pathlib import Path
+
+import pytest
+
+from streamkit_media.location import is_network, local_path, redact, with_credentials
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("rtsp://user:secret@cam/live", "rtsp://***@cam/live"),
+        ("rtsp://user:se@cret@cam:554/live", "rtsp://***@cam:554/live"),
+        ("cannot open rtsp://u:p@a and http://v:q@b", "cannot open rtsp://***@a and http://***@b"),
+        ("http://cam/video?token=abc&size=2", "http://cam/video?token=***&size=2"),
+        ("http://cam/video?size=2&Password=abc", "http://cam/video?size=2&Password=***"),
+        ("rtsp://cam/mail@home", "rtsp://cam/mail@home"),
+        ("/videos/a@b.mp4", "/videos/a@b.mp4"),
+    ],
+)
+def test_redact_masks_secrets_and_nothing_else(text: str, shown: str) -> None:
+    """User information and secret query fields become ***, all else stays."""
+    assert redact(text) == shown
+
+
+def test_credentials_are_put_into_urls_that_have_none() -> None:
+    """What has a meaning in a URL is escaped; a URL with a user of its own stays as it is."""
+    assert with_credentials("rtsp://cam/live", "me", "p@ss/word") == "rtsp://me:p%40ss%2Fword@cam/live"
+    assert with_credentials("rtsp://you@cam/live", "me", "word") == "rtsp://you@cam/live"
+    assert with_credentials("rtsp://cam/live", "", "word") == "rtsp://cam/live"
+
+
+def test_is_network_tells_urls_from_files() -> None:
+    """Any URL but file:// is reached over the network; a colon alone makes no URL."""
+    assert is_network("rtsp://cam/live")
+    assert not is_network("file:///videos/a.mp4")
+    assert not is_network("a:b.mp4")
+
+
+def test_local_path_reads_file_urls() -> None:
+    """file:// URLs are decoded, paths are taken as they are."""
+    assert local_path("file:///videos/my%20flight.mp4") == Path("/videos/my flight.mp4")
+    assert local_path("videos/a%20b.mp4") == Path("videos/a%20b.mp4")

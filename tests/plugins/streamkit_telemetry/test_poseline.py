@@ -1,0 +1,82 @@
+import math
+
+import pytest
+
+from streamkit_telemetry.poseline import CAPACITY, PoseLine
+from streamkit_telemetry_formats.sample import Sample, between
+
+SECOND = 10**9
+
+
+def line_of(*samples: Sample, longest_gap_ns: int = SECOND) -> PoseLine:
+    """A line with these samples."""
+    line = PoseLine(longest_gap_ns)
+    for sample in samples:
+        line.add(sample)
+    return line
+
+
+def test_between_two_samples_is_interpolated() -> None:
+    """Half way, every quantity is half way; the gap is to the nearest measurement."""
+    before = Sample(0, 10.0, 20.0, 100.0, 0.1, field_of_view=(0.4, 0.2), corners=((1.0, 1.0),), utc_ns=0)
+    after = Sample(
+        SECOND, 11.0, 22.0, 200.0, 0.3, field_of_view=(0.2, 0.1), corners=((3.0, 5.0),), utc_ns=SECOND
+    )
+    found = line_of(before, after).at(SECOND // 2)
+    assert found is not None
+    sample, gap, stale = found
+    assert (sample.latitude, sample.longitude, sample.altitude) == (10.5, 21.0, 150.0)
+    assert sample.heading == pytest.approx(0.2)
+    assert sample.field_of_view == pytest.approx((0.3, 0.15))
+    assert sample.corners == ((2.0, 3.0),)
+    assert sample.utc_ns == SECOND // 2
+    assert (abs(gap), stale) == (SECOND // 2, False)
+
+
+def test_angles_take_the_shorter_way() -> None:
+    """From 350 to 10 degrees leads over north; from 179 to -179 degrees of longitude over the date line."""
+    before = Sample(0, 0.0, 179.0, heading=math.radians(350), roll=math.radians(-10))
+    after = Sample(10, 0.0, -179.0, heading=math.radians(10), roll=math.radians(10))
+    middle = between(before, after, 5)
+    assert math.remainder(middle.heading or 0.0, 2 * math.pi) == pytest.approx(0, abs=1e-12)
+    assert middle.roll == pytest.approx(0)
+    assert abs(middle.longitude) == pytest.approx(180)
+    assert math.degrees(between(before, after, 2).heading or 0) == pytest.approx(354)
+
+
+def test_a_measurement_at_the_time_is_taken_as_it_is() -> None:
+    """Gap 0, nothing interpolated."""
+    exact = Sample(5, 1.0, 2.0)
+    assert line_of(Sample(0, 0.0, 0.0), exact, Sample(9, 9.0, 9.0)).at(5) == (exact, 0, False)
+
+
+def test_far_samples_are_not_interpolated_and_stale() -> None:
+    """Across a hole the nearest sample stands, marked once it is too far; the sign tells which side."""
+    line = line_of(Sample(0, 1.0, 1.0), Sample(10 * SECOND, 2.0, 2.0))
+    sample, gap, stale = line.at(4 * SECOND) or pytest.fail("no sample")
+    assert (sample.latitude, gap, stale) == (1.0, -4 * SECOND, True)
+    sample, gap, stale = line.at(9 * SECOND + 1) or pytest.fail("no sample")
+    assert (sample.latitude, gap, stale) == (2.0, SECOND - 1, False)
+
+
+def test_late_and_repeated_samples_find_their_place() -> None:
+    """Samples may come out of order; one of the same time replaces the first."""
+    line = line_of(Sample(0, 0.0, 0.0), Sample(20, 20.0, 0.0), Sample(10, 10.0, 0.0), Sample(20, 21.0, 0.0))
+    assert len(line) == 3
+    assert [line.at(pts)[0].latitude for pts in (0, 10, 20)] == [0.0, 10.0, 21.0]  # type: ignore[index]
+
+
+def test_memory_is_bounded() -> None:
+    """A flight of days keeps the newest samples only."""
+    line = line_of(*(Sample(n, 0.0, 0.0) for n in range(CAPACITY + 500)))
+    assert len(line) == CAPACITY
+    assert line.reaches(CAPACITY + 499)
+    assert not line.reaches(CAPACITY + 500)
+
+
+def test_without_samples_there_is_none() -> None:
+    """An empty line has nothing, and a cleared one has nothing again."""
+    line = line_of(Sample(0, 0.0, 0.0))
+    line.clear()
+    assert line.at(0) is None
+    assert not line.reaches(0)
