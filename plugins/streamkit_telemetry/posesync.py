@@ -24,7 +24,6 @@ from streamkit import (
     Presence,
     Property,
     ResourceError,
-    Source,
 )
 from streamkit_telemetry.poseline import PoseLine
 from streamkit_telemetry_formats.files import NoTelemetry, TelemetryFile
@@ -74,7 +73,8 @@ class PoseSync(Combine):
         self._counts = {"frames": 0, "paired": 0, "stale": 0, "without": 0}
         self._largest_gap_ns = 0
         self._telemetry_has_ended = "telemetry" not in self.pads
-        self._is_live = self._finds_live_source()
+        video = self.pads["sink"].peer
+        self._is_live = video is not None and video.element.query_live()
         self._file: TelemetryFile | None = None
         self._read_pts = -FOREVER_NS
         if self.location:
@@ -227,15 +227,3 @@ class PoseSync(Combine):
         """The bus hears of damage when it is first seen, each time it has doubled, and at the end."""
         if complaint := reader.complaint(at_end):
             self.post_warning(complaint)
-
-    def _finds_live_source(self) -> bool:
-        pad = self.pads["sink"]
-        while pad.peer is not None:
-            element = pad.peer.element
-            if isinstance(element, Source):
-                return element.is_live
-            pads = list(element.sink_pads())
-            if not pads:
-                return False
-            pad = pads[0]
-        return False

@@ -12,7 +12,7 @@ from av.error import FFmpegError
 from av.packet import Packet
 from av.video.frame import VideoFrame
 
-from streamkit import Caps, Frame, FrameFlags, Property, Source, StreamError, Transform, raw_video_caps
+from streamkit import Caps, Frame, FrameFlags, Property, StreamError, Transform, raw_video_caps
 from streamkit_media.codecs import CODED_CAPS, caps_parameters, caps_rate
 from streamkit_media.container import reason_of
 from streamkit_media.decoding.frame_arrays import OddSize, PictureReader, turned
@@ -167,7 +167,7 @@ class Decode(Transform):
             parameters = self._parameters = caps_parameters(frame.caps)
             device, name = accelerator(self.hwaccel)
             self._decoder = VideoDecoder(
-                parameters, self._threading(), self._thread_count(), device, not self._is_live()
+                parameters, self._threading(), self._thread_count(), device, not self.query_live()
             )
         except (KeyError, UnknownCodecError) as error:
             raise StreamError(
@@ -190,7 +190,7 @@ class Decode(Transform):
 
     def _threading(self) -> Threading:
         if self.threads_type is ThreadsType.AUTO:
-            return Threading.SLICE if self._is_live() else Threading.FRAME
+            return Threading.SLICE if self.query_live() else Threading.FRAME
         return Threading(self.threads_type.value)
 
     def _thread_count(self) -> int:
@@ -206,17 +206,7 @@ class Decode(Transform):
         parameters = self._parameters
         is_small = parameters.width * parameters.height <= ONE_THREAD_PIXELS
         is_auto = self.threads_type is ThreadsType.AUTO
-        return 1 if is_auto and is_small and parameters.codec == "h264" and self._is_live() else 0
-
-    def _is_live(self) -> bool:
-        """Whether the source that this element's packets come from is live."""
-        pad = self.pads.get("sink")
-        while pad is not None and pad.peer is not None:
-            element = pad.peer.element
-            if isinstance(element, Source):
-                return element.is_live
-            pad = element.pads.get("sink")
-        return False
+        return 1 if is_auto and is_small and parameters.codec == "h264" and self.query_live() else 0
 
     def _decode(self, frame: Frame) -> Frame | list[Frame]:
         assert self._decoder is not None

@@ -1,47 +1,103 @@
-"""Pictures to coded packets."""
+"""Frames to coded packets with FFmpeg's encoders."""
 
 from __future__ import annotations
 
+import enum
+from collections.abc import Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 
+import numpy as np
 from av.codec.context import CodecContext
+from av.container import OutputContainer
 from av.packet import Packet
 from av.stream import Stream
 from av.video.codeccontext import VideoCodecContext
-from av.video.frame import VideoFrame
+from av.video.reformatter import VideoReformatter
 
-from streamkit_media.encoding.videowriter import Pixels, even, picture_of
+from streamkit.settings import setting
+from streamkit_media.encoding.pixel_layout import Pixels, even, shape_of, video_frame
 
+SECOND_NS = 1_000_000_000
 TIME_BASE = Fraction(1, 1_000_000)
 COARSE_TIME_BASE = Fraction(1, 50_000)  # MPEG-4 Part 2 counts in 16 bits
-SECOND_NS = 1_000_000_000
-# The name users write, to FFmpeg's encoder and the name of what it makes.
+# Formats whose frames all have even width and height, and formats that are extended where they are odd.
+RAW_CAPS = (
+    "video/x-raw, format=I420, width=[ 2, 16384, 2 ], height=[ 2, 16384, 2 ]; "
+    "video/x-raw, format=NV12, width=[ 2, 16384, 2 ], height=[ 2, 16384, 2 ]; "
+    "video/x-raw, format={ BGR, RGB, GRAY8 }, width=[ 1, 16384 ], height=[ 1, 16384 ]"
+)
+
+
+class Codec(enum.StrEnum):
+    """What to encode to."""
+
+    H264 = "h264"
+    H265 = "h265"
+    AV1 = "av1"
+    VP8 = "vp8"
+    VP9 = "vp9"
+    MPEG4 = "mpeg4"
+    MJPEG = "mjpeg"
+    FFV1 = "ffv1"
+
+
+class Preset(enum.StrEnum):
+    """Trade of time for size of x264 and x265."""
+
+    ULTRAFAST = "ultrafast"
+    SUPERFAST = "superfast"
+    VERYFAST = "veryfast"
+    FASTER = "faster"
+    FAST = "fast"
+    MEDIUM = "medium"
+    SLOW = "slow"
+    SLOWER = "slower"
+    VERYSLOW = "veryslow"
+
+
+# FFmpeg's encoder, and its name of the codec.
 ENCODERS = {
-    "h264": ("libx264", "h264"),
-    "h265": ("libx265", "hevc"),
-    "av1": ("libsvtav1", "av1"),
-    "vp8": ("libvpx", "vp8"),
-    "vp9": ("libvpx-vp9", "vp9"),
-    "mpeg4": ("mpeg4", "mpeg4"),
-    "mjpeg": ("mjpeg", "mjpeg"),
-    "ffv1": ("ffv1", "ffv1"),
+    Codec.H264: ("libx264", "h264"),
+    Codec.H265: ("libx265", "hevc"),
+    Codec.AV1: ("libsvtav1", "av1"),
+    Codec.VP8: ("libvpx", "vp8"),
+    Codec.VP9: ("libvpx-vp9", "vp9"),
+    Codec.MPEG4: ("mpeg4", "mpeg4"),
+    Codec.MJPEG: ("mjpeg", "mjpeg"),
+    Codec.FFV1: ("ffv1", "ffv1"),
 }
-WITH_PRESET = frozenset({"h264", "h265"})
+
+
+@dataclass(frozen=True)
+class EncoderSettings:
+    """How to encode; each field is a property of `encode`."""
+
+    codec: Codec = setting(Codec.H264, doc="What to encode to.")
+    bitrate: int = setting(0, min=0, max=1_000_000, unit="kbit/s", doc="0 is constant quality instead.")
+    quality: int = setting(23, min=0, max=51, doc="Without bitrate, for h264 and h265: 0 best, 51 worst.")
+    gop: int = setting(50, min=1, max=10_000, unit="frames", doc="From key frame to key frame.")
+    preset: Preset = setting(Preset.VERYFAST, doc="Trade of time for size, for h264 and h265.")
+    live: bool = setting(False, doc="Hold no frame back; costs some quality.")
 
 
 class Encoder:
-    """Encodes pictures of one format and size; packets can be decoded with nothing but themselves.
+    """Encodes frames of one format and size.
+
+    Odd sizes are extended by one repeated row or column at the lower or right edge, so that pixel coordinates
+    stay.
 
     Args:
-        codec: a key of `ENCODERS`.
+        settings: how to encode.
         pixel_format: of the arrays: GRAY8, I420, NV12, BGR or RGB.
-        size: width, height, px; an odd one is extended by one repeated row or column.
+        size: width, height, px.
         framerate: frames per second, for the rate control.
-        bit_rate: bit/s; 0 asks for constant quality.
-        quality: constant quality, 0 best to 51 worst, for h264 and h265.
-        gop: pictures from key frame to key frame.
-        preset: of x264 and x265.
-        is_live: no picture is held back.
+        container: gets a stream for the packets; without one, packets hold the codec's headers themselves.
+        time_base: of the packets; the codec's usual one where None.
+
+    Attributes:
+        codec: FFmpeg's name of the codec.
+        stream: of the container, or None.
 
     Raises:
         UnknownCodecError: this FFmpeg lacks the encoder.
@@ -50,72 +106,84 @@ class Encoder:
 
     def __init__(
         self,
-        codec: str,
+        settings: EncoderSettings,
         pixel_format: str,
         size: tuple[int, int],
         framerate: Fraction,
-        bit_rate: int,
-        quality: int,
-        gop: int,
-        preset: str,
-        is_live: bool,
+        container: OutputContainer | None = None,
+        time_base: Fraction | None = None,
     ) -> None:
-        encoder, self.codec = ENCODERS[codec]
-        context = CodecContext.create(encoder, "w")
+        name, self.codec = ENCODERS[settings.codec]
+        self.pixel_format, self.size = pixel_format, size
+        self.stream = None if container is None else container.add_stream(name, rate=framerate)
+        context = CodecContext.create(name, "w") if self.stream is None else self.stream.codec_context
         assert isinstance(context, VideoCodecContext)
-        self._context, self.pixel_format, self.size = context, pixel_format, size
+        self._context = context
+        self._reformatter = VideoReformatter()
         context.width, context.height = even(size[0]), even(size[1])
-        context.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
-        self.time_base = COARSE_TIME_BASE if codec == "mpeg4" else TIME_BASE
+        context.pix_fmt = "yuvj420p" if settings.codec is Codec.MJPEG else "yuv420p"
+        usual = COARSE_TIME_BASE if settings.codec is Codec.MPEG4 else TIME_BASE
+        self.time_base = time_base or usual
         context.time_base, context.framerate = self.time_base, framerate
-        context.gop_size = gop
-        if bit_rate:
-            context.bit_rate = bit_rate
-        context.options = _options(codec, bit_rate, quality, preset, is_live)
-        if is_live:
+        context.gop_size = settings.gop
+        if settings.bitrate:
+            context.bit_rate = settings.bitrate * 1000
+        if settings.live:
             context.max_b_frames = 0
+        context.options = _options(settings)
         context.open()
-        self._last = -1
 
     @property
     def extradata(self) -> bytes:
-        """Headers outside the packets; b"" where these hold all."""
+        """Codec headers outside the packets; b"" where the packets hold them."""
         return self._context.extradata or b""
 
-    def encode(self, pixels: Pixels, pts: int) -> list[Packet[Stream]]:
-        """The packets that are complete with this picture, times in units of `time_base`.
+    def ticks(self, time_ns: int) -> int:
+        """A time in ns in units of `time_base`."""
+        return round(Fraction(time_ns, SECOND_NS) / self.time_base)
+
+    def encode(self, pixels: Pixels, ticks: int) -> list[Packet[Stream]]:
+        """The packets that are complete with this frame.
 
         Args:
             pixels: uint8 array in the encoder's format and size.
-            pts: ns; must ascend.
+            ticks: presentation time in units of `time_base`; must ascend.
 
         Raises:
+            ValueError: the array is of another shape or type; FFmpeg would stretch it unseen.
             FFmpegError: encoding failed.
         """
-        picture: VideoFrame = picture_of(pixels, self.pixel_format)
-        if self._context.pix_fmt != picture.format.name:
-            picture = picture.reformat(format=self._context.pix_fmt)
-        self._last = max(self._last + 1, self.ticks(pts))
-        picture.pts, picture.time_base = self._last, self.time_base
-        return list(self._context.encode(picture))
+        shape = shape_of(self.pixel_format, *self.size)
+        if pixels.shape != shape or pixels.dtype != np.uint8:
+            raise ValueError(
+                f"{self.pixel_format} of {self.size[0]} x {self.size[1]} must be uint8{list(shape)}, "
+                f"got {pixels.dtype}{list(pixels.shape)}; give the frame caps of what it holds"
+            )
+        frame = video_frame(pixels, self.pixel_format)
+        if frame.format.name != self._context.pix_fmt:
+            frame = self._reformatter.reformat(frame, format=self._context.pix_fmt)
+        frame.pts, frame.time_base = ticks, self.time_base
+        return [self._addressed(packet) for packet in self._context.encode(frame)]
 
-    def ticks(self, pts: int) -> int:
-        """A time in ns in units of `time_base`."""
-        return round(pts * self.time_base.denominator / SECOND_NS)
+    def finish(self) -> Iterator[Packet[Stream]]:
+        """The packets still held, each when it is asked for; nothing may be encoded after it."""
+        return map(self._addressed, self._context.encode_lazy(None))
 
-    def finish(self) -> list[Packet[Stream]]:
-        """The packets still held; nothing may be encoded after it."""
-        return list(self._context.encode(None))
+    def _addressed(self, packet: Packet[Stream]) -> Packet[Stream]:
+        packet.time_base = self.time_base
+        if self.stream is not None:
+            packet.stream = self.stream
+        return packet
 
 
-def _options(codec: str, bit_rate: int, quality: int, preset: str, is_live: bool) -> dict[str, str]:
+def _options(settings: EncoderSettings) -> dict[str, str]:
     options = {}
-    if codec in WITH_PRESET:
-        options["preset"] = preset
-        if not bit_rate:
-            options["crf"] = str(quality)
-        if is_live:
+    if settings.codec in (Codec.H264, Codec.H265):
+        options["preset"] = settings.preset.value
+        if not settings.bitrate:
+            options["crf"] = str(settings.quality)
+        if settings.live:
             options["tune"] = "zerolatency"
-    if codec == "h265":
+    if settings.codec is Codec.H265:
         options["x265-params"] = "log-level=error"
     return options

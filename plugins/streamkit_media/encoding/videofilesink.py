@@ -1,14 +1,14 @@
-"""videofilesink: pictures to an H.264 file."""
+"""videofilesink: frames to an H.264 file."""
 
 from __future__ import annotations
 
-import enum
 import threading
 from fractions import Fraction
 
 from streamkit import Caps, Frame, Property, ResourceError, Sink, StreamError, write_remedy
 from streamkit_media.codecs import caps_rate
 from streamkit_media.container import MEDIA_ERRORS, reason_of
+from streamkit_media.encoding.encoder import RAW_CAPS, EncoderSettings, Preset
 from streamkit_media.encoding.videowriter import VideoWriter
 from streamkit_media.location import local_path
 
@@ -16,24 +16,11 @@ ASSUMED_RATE = Fraction(25)
 NO_CONTAINER = "Could not determine output format"
 CLOSE_LIMIT_S = 2.0
 FLUSH_LIMIT_S = 1.0
-
-
-class Preset(enum.StrEnum):
-    """x264's trade of time for size."""
-
-    ULTRAFAST = "ultrafast"
-    SUPERFAST = "superfast"
-    VERYFAST = "veryfast"
-    FASTER = "faster"
-    FAST = "fast"
-    MEDIUM = "medium"
-    SLOW = "slow"
-    SLOWER = "slower"
-    VERYSLOW = "veryslow"
+KEYFRAME_INTERVAL = 250
 
 
 class VideoFileSink(Sink):
-    """Encodes pictures to an H.264 file that plays, also when the pipeline was interrupted.
+    """Encodes frames to an H.264 file that plays, also when the pipeline was interrupted.
 
     Odd sizes are extended by one repeated row or column at the lower or right edge.
 
@@ -41,13 +28,9 @@ class VideoFileSink(Sink):
         videotestsrc num-buffers=50 ! videofilesink location=test.mp4
     """
 
-    sink = (
-        "video/x-raw, format=I420, width=[ 2, 16384, 2 ], height=[ 2, 16384, 2 ]; "
-        "video/x-raw, format=NV12, width=[ 2, 16384, 2 ], height=[ 2, 16384, 2 ]; "
-        "video/x-raw, format={ BGR, RGB, GRAY8 }, width=[ 1, 16384 ], height=[ 1, 16384 ]"
-    )
+    sink = RAW_CAPS
 
-    location: str = Property("", doc="Path of the file, .mp4 or .mkv; one that is there is replaced.")
+    location: str = Property("", doc="Path of the file, .mp4 or .mkv; an existing one is replaced.")
     crf: int = Property(23, min=0, max=51, doc="Quality: 0 loses nothing, 18 looks it, 51 is worst.")
     preset: Preset = Property(Preset.VERYFAST, doc="x264's trade of time for size.")
 
@@ -69,7 +52,7 @@ class VideoFileSink(Sink):
             ) from None
 
     def render(self, frame: Frame) -> None:
-        """Encodes one picture.
+        """Encodes one frame.
 
         Raises:
             StreamError: the size or format changed, which one file cannot hold.
@@ -87,11 +70,11 @@ class VideoFileSink(Sink):
     def drain(self) -> None:
         """EOS: the file is completed."""
         if not self._has_begun:
-            self.post_warning(f"{self.location}: not one picture came, the file is empty")
+            self.post_warning(f"{self.location}: no frame came, the file is empty")
         self._close()
 
     def stop(self) -> None:
-        """Completes the file if EOS did not; pictures that the encoder takes too long for are left out."""
+        """Completes the file if EOS did not; frames that the encoder takes too long for are left out."""
         self._close(FLUSH_LIMIT_S)
 
     def _follow(self, caps: Caps) -> None:
@@ -100,7 +83,8 @@ class VideoFileSink(Sink):
         self._has_begun = True
         if writer is None:
             rate = caps_rate(caps) or ASSUMED_RATE
-            self._writer = VideoWriter(self._path, *shape, rate, self.crf, self.preset.value)
+            settings = EncoderSettings(quality=self.crf, gop=KEYFRAME_INTERVAL, preset=self.preset)
+            self._writer = VideoWriter(self._path, *shape, rate, settings)
         elif shape != (writer.pixel_format, writer.width, writer.height):
             before = f"{writer.pixel_format} {writer.width} x {writer.height}"
             raise StreamError(
@@ -121,7 +105,7 @@ class VideoFileSink(Sink):
             self._caps = None
             if writer is not None and not writer.close(limit_s):
                 self.post_warning(
-                    f"{self.location}: the last pictures are left out, encoding them takes more "
+                    f"{self.location}: the last frames are left out, encoding them takes more "
                     f"than {limit_s:g} s; a faster preset may help"
                 )
         except MEDIA_ERRORS as error:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections import deque
 from pathlib import Path
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
 from streamkit import Frame, Property, ResourceError, Sink, write_remedy
 from streamkit_media.files.filesink import as_bytes
 from streamkit_media.location import local_path
-from streamkit_media.recording.jpeg_encoding import jpeg_bytes
 from streamkit_media.recording.segments import SegmentNames
 
 
@@ -61,7 +64,7 @@ class MultiFileSink(Sink):
 
 
 class JpegSink(MultiFileSink):
-    """Writes each picture to a JPEG file of its own.
+    """Writes each frame to a JPEG file of its own.
 
     Example:
         videotestsrc num-buffers=3 ! jpegsink location=test-%03d.jpg
@@ -72,5 +75,12 @@ class JpegSink(MultiFileSink):
     quality: int = Property(90, min=1, max=100, doc="Of the JPEG.")
 
     def content(self, frame: Frame) -> bytes | memoryview:
-        """The picture as JPEG."""
-        return jpeg_bytes(frame.data, str(frame.caps["format"]), self.quality)
+        """The frame as JPEG."""
+        return jpeg_bytes(frame.data, self.quality)
+
+
+def jpeg_bytes(pixels: NDArray[np.uint8], quality: int) -> bytes:
+    """The JPEG of uint8[h, w] grey or uint8[h, w, 3] BGR pixels; quality from 1 to 100."""
+    return cv2.imencode(".jpg", np.ascontiguousarray(pixels), [cv2.IMWRITE_JPEG_QUALITY, quality])[
+        1
+    ].tobytes()

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from streamkit import Frame, FrameFlags, Pipeline, raw_video_caps
+from streamkit import ElementFailure, Frame, FrameFlags, Pipeline, raw_video_caps
 from streamkit.testing import Harness
 
 
@@ -57,6 +57,14 @@ def test_a_new_size_begins_with_a_key_frame() -> None:
         packets += [p for n in range(4, 8) for p in encoder.push(ramp(n, (96, 32)))] + encoder.drain()
     assert [p.caps["width"] for p in packets] == [64] * 4 + [96] * 4
     assert packets[4].flags & FrameFlags.KEYFRAME
+
+
+def test_pixels_of_another_shape_than_the_caps_are_refused() -> None:
+    """An array that is not what its caps say is an error that names both, and no stretched video."""
+    frame = ramp(0).replace(data=np.zeros((10, 64), np.uint8))
+    rule = r"GRAY8 of 64 x 48 must be uint8\[48, 64\], got uint8\[10, 64\]"
+    with Harness("encode") as encoder, pytest.raises(ElementFailure, match=rule):
+        encoder.push(frame)
 
 
 def test_odd_sizes_are_extended() -> None:

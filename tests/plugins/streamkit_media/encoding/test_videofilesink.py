@@ -126,4 +126,4 @@ def test_a_full_disk_is_an_error_and_no_crash(tmp_path: Path, between: str) -> N
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 1, done.stderr
     assert "the video could not be written: No space left on device; free some space" in done.stderr
-    assert "not one picture came" not in done.stderr
+    assert "no frame came" not in done.stderr

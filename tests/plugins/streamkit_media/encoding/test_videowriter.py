@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from streamkit_media.encoding.videowriter import VideoWriter, grey_as_i420, pad_to_even
+from streamkit_media.encoding.encoder import EncoderSettings, Preset
+from streamkit_media.encoding.pixel_layout import grey_as_i420, pad_to_even
+from streamkit_media.encoding.videowriter import VideoWriter
 
 RATE = Fraction(25)
+FAST = EncoderSettings(quality=18, preset=Preset.ULTRAFAST)
 SHAPES = {"GRAY8": (48, 64), "I420": (72, 64), "NV12": (72, 64), "BGR": (48, 64, 3), "RGB": (48, 64, 3)}
 
 
@@ -22,7 +25,7 @@ def write(
     path: Path, times: list[int | None], pixel_format: str = "GRAY8", close: bool = True
 ) -> VideoWriter:
     """Writes pictures of one grey at these times."""
-    writer = VideoWriter(path, pixel_format, 64, 48, RATE, 18, "ultrafast")
+    writer = VideoWriter(path, pixel_format, 64, 48, RATE, FAST)
     for index, pts in enumerate(times):
         pixels = np.full(SHAPES[pixel_format], 128, np.uint8)
         pixels[:48] = 60 + 5 * index
@@ -74,7 +77,9 @@ def test_a_file_closed_early_plays(tmp_path: Path) -> None:
 
 def test_closing_in_a_hurry_leaves_out_the_last(tmp_path: Path) -> None:
     """With no time for what the encoder holds, the file says so, and plays up to there."""
-    writer = VideoWriter(tmp_path / "a.mp4", "GRAY8", 64, 48, RATE, 18, "medium")
+    writer = VideoWriter(
+        tmp_path / "a.mp4", "GRAY8", 64, 48, RATE, EncoderSettings(quality=18, preset=Preset.MEDIUM)
+    )
     for index in range(30):
         writer.write(np.full((48, 64), 90 + index, np.uint8), index * 40_000_000)
     assert not writer.close(limit_s=0.0)
@@ -95,7 +100,7 @@ def test_odd_sizes_grow_by_a_repeated_edge(tmp_path: Path) -> None:
     np.testing.assert_array_equal(padded[:21, :33], pixels)
     np.testing.assert_array_equal(padded[21, :33], pixels[20])
     np.testing.assert_array_equal(padded[:21, 33], pixels[:, 32])
-    writer = VideoWriter(tmp_path / "a.mp4", "GRAY8", 33, 21, RATE, 18, "ultrafast")
+    writer = VideoWriter(tmp_path / "a.mp4", "GRAY8", 33, 21, RATE, FAST)
     writer.write(pixels, 0)
     writer.close()
     assert pictures_of(tmp_path / "a.mp4")[0][1].shape == (22, 34, 3)
