@@ -1,43 +1,117 @@
-"""The NAL units of packets, whether start codes or lengths divide them.
+"""NAL units of H.264 and H.265: in packets, with start codes or lengths between them, and in extradata.
 
-Source: ITU-T H.264, annex B; ISO/IEC 14496-15, 5.3.
+Source: ITU-T H.264, annex B and 7.4.1 (nal_ref_idc); H.265, table 7-1; ISO/IEC 14496-15, 5.3.3.1 (avcC) and
+8.3.3.1 (hvcC). PyAV passes extradata to FFmpeg's bitstream filters for demuxed streams only, and packets here
+also come from encoders and applications.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
-START_CODE = b"\0\0\1"
+START_CODE = b"\0\0\0\1"
+START_CODES = re.compile(b"\0\0\0?\1")
+CODECS = frozenset({"h264", "hevc"})
 LENGTH_FIELD_AT = {"h264": 4, "hevc": 21}
+BOX_HEADER_BYTES = {"h264": 5, "hevc": 23}
+REFERENCE_LOOK_BYTES = 1 << 16
+
+
+class BadPacket(ValueError):
+    """A packet or extradata with a length that exceeds it."""
 
 
 def length_field(codec: str, extradata: bytes) -> int:
-    """Bytes of the length before each unit; 0 where start codes divide them.
-
-    Args:
-        codec: h264 or hevc.
-        extradata: of the codec.
-    """
+    """Bytes of the length before each unit; 0 where start codes divide them."""
     at = LENGTH_FIELD_AT[codec]
     return (extradata[at] & 3) + 1 if len(extradata) > at and extradata[0] == 1 else 0
 
 
-def units(data: bytes, length_bytes: int = 0) -> Iterator[bytes]:
-    """The units, without what divides them; a last one may be cut short.
+def unit_type(codec: str, first: int) -> int:
+    """The type of a NAL unit, from its first byte."""
+    return first & 31 if codec == "h264" else first >> 1 & 63
+
+
+def units(data: bytes, length_bytes: int = 0, *, is_whole: bool = False) -> Iterator[bytes]:
+    """The units, without start codes or lengths.
 
     Args:
         data: a packet, or its beginning.
-        length_bytes: as `length_field` tells.
+        length_bytes: as `length_field` returns.
+        is_whole: whether a unit that is cut short is an error; only with lengths.
+
+    Raises:
+        BadPacket: a length exceeds the packet.
     """
     at = 0
     if length_bytes:
-        while at + length_bytes < len(data):
+        while at + length_bytes <= len(data):
             begin = at + length_bytes
             at = begin + int.from_bytes(data[at:begin], "big")
+            if is_whole and at > len(data):
+                break
             yield data[begin:at]
+        if is_whole and at != len(data):
+            raise BadPacket(f"the length of a NAL unit exceeds its packet of {len(data)} bytes")
         return
-    begin = data.find(START_CODE) + 3
+    begin = data.find(START_CODE[1:]) + 3
     while begin >= 3:
-        end = data.find(START_CODE, begin)
+        end = data.find(START_CODE[1:], begin)
         yield data[begin : end if end >= 0 else len(data)]
         begin = end + 3
+
+
+def parameter_sets(codec: str, extradata: bytes) -> Iterator[bytes]:
+    """The parameter sets in extradata: an avcC or hvcC box, or units with start codes.
+
+    Raises:
+        BadPacket: a count or length exceeds the box.
+    """
+    if START_CODES.match(extradata):
+        yield from units(extradata)
+        return
+    at = BOX_HEADER_BYTES[codec]
+    if len(extradata) < at + 2 * (codec == "h264"):
+        raise BadPacket(f"the codec's header has at least {at} bytes, got {len(extradata)}")
+    for index in range(2 if codec == "h264" else extradata[at - 1]):
+        if codec == "h264":
+            if at == len(extradata):  # no picture parameter sets
+                return
+            count, at = extradata[at] & (255 if index else 31), at + 1
+        else:
+            count, at = int.from_bytes(extradata[at + 1 : at + 3], "big"), at + 3
+        for _ in range(count):
+            begin = at + 2
+            at = begin + int.from_bytes(extradata[at:begin], "big")
+            if at > len(extradata) or begin > len(extradata):
+                raise BadPacket("a parameter set exceeds the codec's header")
+            yield extradata[begin:at]
+    if at > len(extradata):
+        raise BadPacket("the codec's header ends within an array of parameter sets")
+
+
+def is_reference(codec: str, data: bytes | memoryview, extradata: bytes) -> bool:
+    """Whether other frames may depend on the one in a packet; True where that is unknown.
+
+    Args:
+        codec: FFmpeg's name.
+        data: the packet.
+        extradata: of the codec; says whether units have lengths or start codes.
+    """
+    if codec not in CODECS:
+        return True
+    found = units(bytes(data[:REFERENCE_LOOK_BYTES]), length_field(codec, extradata))
+    slices = [unit[0] for unit in found if unit and _is_slice(codec, unit[0])]
+    return not slices or any(_is_referenced(codec, first) for first in slices)
+
+
+def _is_slice(codec: str, first: int) -> bool:
+    return 1 <= first & 31 <= 5 if codec == "h264" else first >> 1 & 63 < 32
+
+
+def _is_referenced(codec: str, first: int) -> bool:
+    if codec == "h264":
+        return bool(first & 0x60)
+    kind = unit_type(codec, first)
+    return kind >= 16 or bool(kind % 2)

@@ -20,8 +20,8 @@ from streamkit_media.decoding.framenumbers import FrameNumbers
 from streamkit_media.decoding.freshness import DelayGauge, Freshness
 from streamkit_media.decoding.hardware import accelerator
 from streamkit_media.decoding.marks import PictureMarks
-from streamkit_media.decoding.skipping import is_reference
 from streamkit_media.decoding.videodecoder import AscendingNumbers, Threading, VideoDecoder
+from streamkit_media.nalunits import is_reference
 from streamkit_media.packets import SECOND_NS, DecodeOnly
 
 # Plain numbers: the arithmetic of flags is slow, and this is done for every picture.

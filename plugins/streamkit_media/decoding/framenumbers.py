@@ -5,10 +5,10 @@ Source: ITU-T H.264, 7.3.2.1.1 (sequence parameter set), 7.3.3 (slice header), 7
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
-from streamkit_media.nalunits import length_field, units
+from streamkit_media.nalunits import BadPacket, length_field, parameter_sets, units
 
 LOOK_BYTES = 4096
 HEADER_BYTES = 16
@@ -47,8 +47,9 @@ class FrameNumbers:
         self._sequences: dict[int, Sequence] = {}
         self._sequence_of: dict[int, int] = {}
         self._reference: int | None = None
-        for unit in _parameter_sets(extradata) if self._length_bytes else units(extradata):
-            self._take(unit)
+        with suppress(BadPacket):
+            for unit in parameter_sets("h264", extradata):
+                self._take(unit)
 
     def has_gap(self, data: bytes | memoryview, is_keyframe: bool) -> bool:
         """Whether a picture that others are built on is missing before this packet's.
@@ -159,14 +160,3 @@ def _skip_scaling(bits: _Bits, lists: int) -> None:
             if following:
                 following = (last + bits.signed()) % 256
             last = following or last
-
-
-def _parameter_sets(extradata: bytes) -> Iterator[bytes]:
-    """The parameter sets in an avcC box: counts and lengths (ISO/IEC 14496-15, 5.3.3.1)."""
-    at = 5
-    for mask in (31, 255):
-        count, at = (extradata[at] & mask, at + 1) if at < len(extradata) else (0, at)
-        for _ in range(count):
-            length = int.from_bytes(extradata[at : at + 2], "big")
-            yield extradata[at + 2 : at + 2 + length]
-            at += 2 + length

@@ -25,8 +25,8 @@ from streamkit import (
 from streamkit_media.codecs import CODED_CAPS, CodecParameters, caps_parameters
 from streamkit_media.container import MEDIA_ERRORS, reason_of
 from streamkit_media.location import local_path
+from streamkit_media.nalunits import BadPacket
 from streamkit_media.packets import nanoseconds
-from streamkit_media.recording.annexb import BadPacket
 from streamkit_media.recording.arrivals import Arrival, ArrivalsWriter, arrivals_path
 from streamkit_media.recording.packetwriter import FORMATS, WITH_KLV, PacketWriter
 from streamkit_media.recording.segments import SegmentNames

@@ -18,9 +18,8 @@ from av.error import FFmpegError, InvalidDataError
 from av.packet import Packet
 from av.video.codeccontext import VideoCodecContext
 
-from streamkit_media.nalunits import units
+from streamkit_media.nalunits import START_CODE, BadPacket, unit_type, units
 from streamkit_media.recording import trial
-from streamkit_media.recording.annexb import START_CODE, BadPacket, kind_of
 
 # Sequence parameter sets, and video parameter sets of H.265. Those of pictures may belong to other layers,
 # whose sequence parameter sets the filters do not know.
@@ -43,7 +42,7 @@ def check_parameter_sets(codec: str, data: bytes) -> None:
     kinds = CHECKED_KINDS.get(codec)
     if kinds is None:
         return
-    sets = [START_CODE + unit for unit in units(data) if unit and kind_of(codec, unit[0]) in kinds]
+    sets = [START_CODE + unit for unit in units(data) if unit and unit_type(codec, unit[0]) in kinds]
     if not sets:
         return
     try:

@@ -1,6 +1,7 @@
 import pytest
 
-from streamkit_media.recording.annexb import AnnexBWriter, BadPacket
+from streamkit_media.nalunits import BadPacket
+from streamkit_media.recording.annexb import AnnexBWriter
 
 AVCC = bytes.fromhex("0142c00aff e1 0003 67aabb 01 0002 68cc".replace(" ", ""))
 SETS = bytes.fromhex("00000001 67aabb 00000001 68cc".replace(" ", ""))
@@ -41,5 +42,5 @@ def test_damaged_headers_are_refused(cut: int) -> None:
 
 def test_damaged_packets_are_refused() -> None:
     """A unit that leads out of its packet is an error."""
-    with pytest.raises(BadPacket, match="leads out of its packet"):
+    with pytest.raises(BadPacket, match="the length of a NAL unit exceeds its packet of 5 bytes"):
         AnnexBWriter("h264", AVCC).packet(b"\0\0\0\x09\x65", False)
