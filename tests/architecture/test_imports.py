@@ -36,7 +36,6 @@ GLUE = {
     "streamkit_media.container",
     "streamkit_media.rtsp.connection",
     "streamkit_media.rtsp.endpoint",
-    "streamkit_media.rtsp.livepackets",
     "streamkit_media.rtsp.packetreader",
     "streamkit_media.streams",
     "streamkit_media.doctor.checks",

@@ -15,8 +15,7 @@ from streamkit_media.doctor.report import Check, Report, Verdict
 from streamkit_media.doctor.server import NoAnswer, ask_options
 from streamkit_media.doctor.watch import Seen, watch
 from streamkit_media.location import is_network, local_path, redact
-from streamkit_media.rtsp.address import DEFAULT_PORTS, port_of
-from streamkit_media.rtsp.connections import refusal
+from streamkit_media.rtsp.reachability import DEFAULT_PORTS, connection_failure, port_of
 from streamkit_telemetry_formats.files import NoTelemetry, TelemetryFile
 
 TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"
@@ -82,7 +81,7 @@ def _reach(location: str, timeout_s: float) -> list[Check]:
         return [Check("address", Verdict.BAD, f"{error}; write rtsp://host:port/path")]
     if not host:
         return [Check("address", Verdict.BAD, "no host in it; write rtsp://host:port/path")]
-    reason = refusal(host, port, timeout_s)
+    reason = connection_failure(host, port, timeout_s)
     if reason:
         return [Check("reach", Verdict.BAD, f"{reason}; check address, cable and firewall")]
     bare = urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))

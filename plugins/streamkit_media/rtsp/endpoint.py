@@ -9,9 +9,14 @@ from urllib.parse import urlsplit
 
 from streamkit import Element, Property, ResourceError
 from streamkit_media.location import redact, with_credentials
-from streamkit_media.rtsp.address import DEFAULT_PORTS, port_of
 from streamkit_media.rtsp.backoff import Backoff
-from streamkit_media.rtsp.certificates import SECURE, refusal, trusted_authorities
+from streamkit_media.rtsp.reachability import (
+    DEFAULT_PORTS,
+    SECURE,
+    port_of,
+    tls_failure,
+    trusted_authorities,
+)
 
 HANDSHAKE_LIMIT_S = 1.0
 
@@ -116,7 +121,7 @@ class RtspEndpoint(Element):
     def _distrust(self) -> str:
         """Why the server's certificate is refused; "" where it is not."""
         host, limit_s = urlsplit(self.location).hostname or "", min(self.timeout_s, HANDSHAKE_LIMIT_S)
-        return refusal(host, port_of(self.location), self._tls_options.get("ca_file"), limit_s)
+        return tls_failure(host, port_of(self.location), self._tls_options.get("ca_file"), limit_s)
 
     def _has_tried_enough(self, *, has_worked: bool) -> bool:
         """Whether the last try was that: `has_worked` tells whether any connection has so far."""

@@ -11,15 +11,17 @@ from urllib.parse import urlsplit
 from av.container import InputContainer
 from av.packet import Packet
 from av.stream import Stream
+from av.video.stream import VideoStream
 
 from streamkit import Caps, Frame, ResourceError, StreamError, StreamkitError
+from streamkit_media.codecs import stream_rate
 from streamkit_media.container import AccessRefused, InvalidMedia, TimedOut, open_container, video_stream
 from streamkit_media.location import redact
-from streamkit_media.rtsp import certificates
-from streamkit_media.rtsp.address import port_of
-from streamkit_media.rtsp.connections import CLAIMS, cut_connections, is_hung_up, open_sockets, refusal
-from streamkit_media.rtsp.livepackets import PIECES, LiveStreams, can_be_joined
-from streamkit_media.rtsp.packetring import PacketRing
+from streamkit_media.packets import read_packets
+from streamkit_media.rtsp.low_latency.completeframes import UNPARSED, can_be_joined, complete_frames
+from streamkit_media.rtsp.packetqueue import PacketQueue
+from streamkit_media.rtsp.reachability import SECURE, connection_failure, port_of, tls_failure
+from streamkit_media.rtsp.sockets import CLAIMS, cut_connections, is_hung_up, open_sockets
 from streamkit_media.streams import StreamKind, stream_caps, streams_of
 
 CUT_EVERY_S = 0.05
@@ -30,18 +32,17 @@ Arrival: TypeAlias = "Callable[[Packet[Stream], Caps, StreamKind], None]"
 
 
 class PacketReader:
-    """Opens a URL and hands each packet on as it arrives, until `end` or until the stream is over.
+    """Opens a URL and passes on each packet as it arrives, until `end` or the end of the stream.
 
     Args:
         location: URL of the stream.
         options: FFmpeg options for it.
-        timeout_s: limit for opening and for each read; FFmpeg's, so the caller watches the ring as well.
-        ring: told when the stream is over.
-        arrived: called with each packet, its caps and its stream's kind, in the reader's thread.
+        timeout_s: limit for opening and for each read; FFmpeg's, so the caller watches the queue as well.
         kinds: streams to read; the video must be there.
+        low_latency: read the ends of frames from RTP where possible, see `rtsp.low_latency`.
 
     Attributes:
-        found: the kinds of them that are there, known before the first packet is handed on.
+        found: the kinds that are there, known before the first packet is passed on.
     """
 
     def __init__(
@@ -49,25 +50,30 @@ class PacketReader:
         location: str,
         options: Mapping[str, str],
         timeout_s: float,
-        ring: PacketRing[Frame],
-        arrived: Arrival,
         kinds: frozenset[StreamKind] = frozenset({StreamKind.VIDEO}),
+        *,
+        low_latency: bool = True,
     ) -> None:
-        self._location = location
-        self._options = options
-        self._timeout_s = timeout_s
-        self._ring = ring
-        self._arrived = arrived
-        self._kinds = kinds
+        self.location = location
+        self.timeout_s = timeout_s
         self.found: frozenset[StreamKind] = frozenset()
+        self._options = options
+        self._kinds = kinds
+        self._low_latency = low_latency
         self._ending = threading.Event()
         self._asked = 0.0
         self._known = frozenset(open_sockets())
-        # Not a daemon: it is always joined, and bounded by FFmpeg's limits even where that should fail.
+        # Not a daemon: it is always joined, and FFmpeg's limits bound it.
         self._thread = threading.Thread(target=self._run, name=f"reader {redact(location)}", daemon=False)
 
-    def begin(self) -> None:
-        """Starts reading."""
+    def begin(self, queue: PacketQueue[Frame], arrived: Arrival) -> None:
+        """Starts reading.
+
+        Args:
+            queue: ended when the stream is over.
+            arrived: called with each packet, its caps and its stream's kind, in the reader's thread.
+        """
+        self._queue, self._arrived = queue, arrived
         self._thread.start()
 
     def end(self, limit_s: float) -> bool:
@@ -82,7 +88,7 @@ class PacketReader:
         self._ending.set()
         deadline = time.monotonic() + limit_s
         while self._thread.is_alive():
-            cut_connections(port_of(self._location), self._known | CLAIMS.of_others(self))
+            cut_connections(port_of(self.location), self._known | CLAIMS.of_others(self))
             self._thread.join(min(CUT_EVERY_S, max(0.0, deadline - time.monotonic())))
             if time.monotonic() >= deadline:
                 break
@@ -95,29 +101,29 @@ class PacketReader:
         except StreamkitError as cause:
             error = cause
         except Exception as cause:  # the thread's last word goes to who waits on the ring
-            error = ResourceError(f"{redact(self._location)}: {redact(str(cause))}")
+            error = ResourceError(f"{redact(self.location)}: {redact(str(cause))}")
         finally:
             CLAIMS.release(self)
-            self._ring.end(None if self._ending.is_set() else error)
+            self._queue.end(None if self._ending.is_set() else error)
 
     def _read(self) -> None:
-        # What RTP says of pictures can be seen on a plain TCP connection only.
-        is_plain = urlsplit(self._location).scheme == PLAIN and self._options.get("rtsp_transport") == "tcp"
-        if is_plain and self._read_in_pieces():
+        # RTP packets can be peeked at on a TCP connection without TLS only.
+        is_plain = urlsplit(self.location).scheme == PLAIN and self._options.get("rtsp_transport") == "tcp"
+        if self._low_latency and is_plain and self._read_in_pieces():
             return
         with self._opened() as container:
             self._read_from(container)
 
     def _read_in_pieces(self) -> bool:
-        """Reads what each RTP packet carries; False, with nothing read, where FFmpeg's parsers are needed."""
+        """Reads unparsed packets; False, with nothing read, where FFmpeg's parsers are needed."""
         try:
-            container = self._opened(PIECES)
+            container = self._opened(UNPARSED)
         except InvalidMedia:
-            # Parameter sets that the server does not tell in advance are found by the parsers alone.
+            # Only the parsers find parameter sets that the server does not send in advance.
             return False
         with container:
             if not self._ending.is_set():
-                if not can_be_joined(video_stream(container, self._location)):
+                if not can_be_joined(video_stream(container, self.location)):
                     return False
                 self._read_from(container, in_pieces=True)
         return True
@@ -125,25 +131,29 @@ class PacketReader:
     def _read_from(self, container: InputContainer, *, in_pieces: bool = False) -> None:
         if self._ending.is_set():
             return
-        sockets = CLAIMS.claim(self, port_of(self._location), self._known)
-        video_stream(container, self._location)
+        sockets = CLAIMS.claim(self, port_of(self.location), self._known)
+        video = video_stream(container, self.location)
         streams = streams_of(container, self._kinds)
         caps = {stream.index: stream_caps(stream, kind) for stream, kind in streams}
         kinds = {stream.index: kind for stream, kind in streams}
         self.found = frozenset(kinds.values())
         self._asked = time.monotonic()
-        live = LiveStreams(container, streams, sockets)
+        packets = read_packets(container, *(stream for stream, _ in streams))
         try:
-            self._hand_on(live.joined(self._left_s) if in_pieces else live.packets(), caps, kinds)
+            if in_pieces:
+                frames = complete_frames(packets, video, frame_duration(video), sockets, self._left_s)
+            else:
+                frames = ((packet.stream_index, packet) for packet in packets)
+            self._pass_on(frames, caps, kinds)
         except StreamError as error:
             if self._is_silent():
-                raise silence(self._location, self._timeout_s) from None
-            where = redact(self._location)
+                raise silence(self.location, self.timeout_s) from None
+            where = redact(self.location)
             raise StreamError(f"{where}: {error}; check that the server still runs") from None
         if is_hung_up(sockets):
-            raise hung_up(self._location)
+            raise hung_up(self.location)
 
-    def _hand_on(
+    def _pass_on(
         self,
         packets: Iterator[tuple[int, Packet[Stream]]],
         caps: Mapping[int, Caps],
@@ -154,40 +164,46 @@ class PacketReader:
                 return
             # At its time limit FFmpeg gives out the piece of a frame it holds, then waits as long again.
             if self._is_silent():
-                raise silence(self._location, self._timeout_s)
+                raise silence(self.location, self.timeout_s)
             self._arrived(packet, caps[index], kinds[index])
             self._asked = time.monotonic()
 
     def _left_s(self) -> float:
-        return self._timeout_s - (time.monotonic() - self._asked)
+        return self.timeout_s - (time.monotonic() - self._asked)
 
     def _is_silent(self) -> bool:
-        return time.monotonic() - self._asked >= self._timeout_s
+        return time.monotonic() - self._asked >= self.timeout_s
 
     def _opened(self, more: Mapping[str, str] = NO_OPTIONS) -> InputContainer:
         began = time.monotonic()
         try:
             options = {**self._options, **more}
-            return open_container(self._location, options, (self._timeout_s, self._timeout_s))
+            return open_container(self.location, options, (self.timeout_s, self.timeout_s))
         except AccessRefused:
             raise
         except ResourceError as error:
             if more and isinstance(error, InvalidMedia):
                 raise
-            left = self._timeout_s - (time.monotonic() - began)
+            left = self.timeout_s - (time.monotonic() - began)
             if left > 0 and not self._ending.is_set() and (reason := self._diagnosis(left)):
-                raise ResourceError(f"{redact(self._location)}: {reason}") from None
+                raise ResourceError(f"{redact(self.location)}: {reason}") from None
             raise
 
     def _diagnosis(self, left_s: float) -> str:
         """Why the server cannot be reached, where FFmpeg does not say so."""
-        parts = urlsplit(self._location)
-        host, port, limit_s = parts.hostname or "", port_of(self._location), min(left_s, DIAGNOSIS_LIMIT_S)
-        if reason := refusal(host, port, limit_s):
+        parts = urlsplit(self.location)
+        host, port, limit_s = parts.hostname or "", port_of(self.location), min(left_s, DIAGNOSIS_LIMIT_S)
+        if reason := connection_failure(host, port, limit_s):
             return f"{reason}; check the address"
-        if parts.scheme != certificates.SECURE:
+        if parts.scheme != SECURE:
             return ""
-        return certificates.refusal(host, port, self._options.get("ca_file"), limit_s)
+        return tls_failure(host, port, self._options.get("ca_file"), limit_s)
+
+
+def frame_duration(video: VideoStream) -> int:
+    """Duration of a frame in the stream's time base; 0 if unknown."""
+    rate, base = stream_rate(video), video.time_base
+    return round(1 / (rate * base)) if rate and base else 0
 
 
 class HungUp(StreamError):

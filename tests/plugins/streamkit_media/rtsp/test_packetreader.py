@@ -4,17 +4,19 @@ from collections.abc import Callable
 import pytest
 
 from streamkit import Frame, ResourceError
+from streamkit_media.rtsp.packetqueue import PacketQueue
 from streamkit_media.rtsp.packetreader import PacketReader, silence
-from streamkit_media.rtsp.packetring import PacketRing
 
 MARGIN_S = 5.0  # for a machine under load; benchmarks/rtsp_faults.py measures how soon faults are noticed
 
 
-def reader_of(location: str, timeout_s: float) -> tuple[PacketReader, PacketRing[Frame]]:
-    """A reader over TCP and its ring."""
-    ring: PacketRing[Frame] = PacketRing(8)
-    options = {"rtsp_transport": "tcp"}
-    return PacketReader(location, options, timeout_s, ring, lambda packet, caps, kind: None), ring
+def reader_of(location: str, timeout_s: float) -> tuple[PacketReader, PacketQueue[Frame]]:
+    """A reader over TCP and its queue."""
+    return PacketReader(location, {"rtsp_transport": "tcp"}, timeout_s), PacketQueue(8)
+
+
+def ignore(*_: object) -> None:
+    """Takes a packet."""
 
 
 @pytest.mark.parametrize("answers", [0, 1])
@@ -22,7 +24,7 @@ def reader_of(location: str, timeout_s: float) -> tuple[PacketReader, PacketRing
 def test_reading_ends_at_any_moment(serve: Callable[[int], int], answers: int, after_s: float) -> None:
     """A reader that waits on a silent server for a minute ends at once when told to."""
     reader, ring = reader_of(f"rtsp://127.0.0.1:{serve(answers)}/live", 60)
-    reader.begin()
+    reader.begin(ring, ignore)
     assert ring.take(after_s) is None
     began = time.monotonic()
     assert reader.end(limit_s=5)
@@ -35,7 +37,7 @@ def test_silence_is_noticed_in_time(serve: Callable[[int], int], answers: int) -
     """A server that says nothing, or nothing more, gives one error soon after the limit."""
     reader, ring = reader_of(f"rtsp://me:secret@127.0.0.1:{serve(answers)}/live", 0.5)
     began = time.monotonic()
-    reader.begin()
+    reader.begin(ring, ignore)
     with pytest.raises(
         ResourceError, match=r"^rtsp://\*\*\*@127\.0\.0\.1:\d+/live: no video within 0\.5 s: "
     ):
@@ -47,7 +49,7 @@ def test_silence_is_noticed_in_time(serve: Callable[[int], int], answers: int) -
 def test_a_closed_port_is_told() -> None:
     """A refused connection gives the reason at once."""
     reader, ring = reader_of("rtsp://127.0.0.1:1/live", 5)
-    reader.begin()
+    reader.begin(ring, ignore)
     with pytest.raises(ResourceError, match=r"no connection to 127\.0\.0\.1 port 1: Connection refused"):
         ring.take(5)
     assert reader.end(1)

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from streamkit import ElementFailure, Pipeline
-from streamkit_media.rtsp.certificates import refusal, trusted_authorities
+from streamkit_media.rtsp.reachability import tls_failure, trusted_authorities
 
 SCRIPT = Path(__file__).parents[4] / "docs" / "examples" / "zenoh" / "make-test-certificates.sh"
 LIMIT_S = 10.0
@@ -163,5 +163,5 @@ def test_the_system_has_authorities() -> None:
 
 def test_who_speaks_tls_and_is_trusted_is_not_refused(camera: int, certificates: tuple[Path, Path]) -> None:
     """The reason is empty where all is well, and where nobody is there it is told elsewhere."""
-    assert refusal("127.0.0.1", camera, str(certificates[0] / "ca.pem"), LIMIT_S) == ""
-    assert refusal("127.0.0.1", 1, None, LIMIT_S) == ""
+    assert tls_failure("127.0.0.1", camera, str(certificates[0] / "ca.pem"), LIMIT_S) == ""
+    assert tls_failure("127.0.0.1", 1, None, LIMIT_S) == ""

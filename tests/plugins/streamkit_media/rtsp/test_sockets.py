@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from streamkit_media.rtsp.connections import cut_connections, open_sockets, refusal
+from streamkit_media.rtsp.sockets import cut_connections, open_sockets
 
 
 def test_a_cut_connection_ends_a_wait() -> None:
@@ -36,30 +36,6 @@ def test_known_and_other_connections_stay() -> None:
                     end.sendall(b"alive")
                     assert connection.recv(10) == b"alive"
                     end.close()
-
-
-def test_refusal_names_the_reason() -> None:
-    """An unknown host and a closed port are told in plain words; an open port gives no reason."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-        assert refusal("127.0.0.1", port, 1) == ""
-    assert refusal("127.0.0.1", port, 1) == f"no connection to 127.0.0.1 port {port}: Connection refused"
-    assert refusal("no-such-host.invalid", 554, 1) == "the host name 'no-such-host.invalid' is not known here"
-
-
-def test_refusal_is_bounded() -> None:
-    """A host that does not answer the connection is told within the limit."""
-    with socket.create_server(("127.0.0.1", 0), backlog=0) as server:
-        address = server.getsockname()
-        waiting = [socket.socket() for _ in range(3)]
-        for connection in waiting:
-            connection.setblocking(False)
-            connection.connect_ex(address)
-        try:
-            assert refusal(*address, 0.2) == f"no connection to 127.0.0.1 port {address[1]} within 0.2 s"
-        finally:
-            for connection in waiting:
-                connection.close()
 
 
 @pytest.mark.parametrize("port", [1, 65535])

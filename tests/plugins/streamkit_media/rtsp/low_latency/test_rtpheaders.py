@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit_media.rtsp.rtpheads import HeadReader, head_of, is_marked, payload_bytes
+from streamkit_media.rtsp.low_latency.rtpheaders import RtpHeaders, first_header, is_marked, payload_bytes
 
 
 def packet(number: int = 1, *, marked: bool = False, body: bytes = b"body", extension: int = -1) -> bytes:
@@ -27,13 +27,13 @@ def report() -> bytes:
 
 
 @pytest.fixture
-def ends() -> Iterator[tuple[socket.socket, HeadReader]]:
+def ends() -> Iterator[tuple[socket.socket, RtpHeaders]]:
     """The server's end of a connection, and what looks at the other."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         client = socket.create_connection(listener.getsockname(), 5)
         server, _ = listener.accept()
         server.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        with server, closing(HeadReader(client)) as reader:
+        with server, closing(RtpHeaders(client)) as reader:
             yield server, reader
 
 
@@ -41,42 +41,42 @@ def ends() -> Iterator[tuple[socket.socket, HeadReader]]:
 @pytest.mark.parametrize("extension", [-1, 0, 3])
 def test_a_packet_tells_mark_and_payload(*, marked: bool, extension: int) -> None:
     """The mark, and how many bytes are carried without header and extension."""
-    head = head_of(packet(marked=marked, body=bytes(100), extension=extension))
+    head = first_header(packet(marked=marked, body=bytes(100), extension=extension))
     assert is_marked(head) is marked
     assert payload_bytes(head) == 100
 
 
 def test_reports_are_passed_over() -> None:
     """A report before a packet does not hide it; a report alone is no packet."""
-    assert head_of(report() + report() + packet(5, marked=True)) == head_of(packet(5, marked=True))
-    assert head_of(report()) == b""
+    assert first_header(report() + report() + packet(5, marked=True)) == first_header(packet(5, marked=True))
+    assert first_header(report()) == b""
 
 
 @pytest.mark.parametrize("data", [b"", b"$", b"RTSP/1.0 200 OK\r\n\r\n", packet()[:15]])
 def test_what_is_no_packet_has_no_head(data: bytes) -> None:
     """Answers of the server, and packets whose header has not come, tell nothing."""
-    assert head_of(data) == b""
+    assert first_header(data) == b""
 
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_borne(data: bytes) -> None:
     """Whatever a server sends is looked at without an error."""
-    head = head_of(b"$" + data)
+    head = first_header(b"$" + data)
     assert not is_marked(head) or isinstance(payload_bytes(head), int)
 
 
-def test_looking_takes_nothing(ends: tuple[socket.socket, HeadReader]) -> None:
+def test_looking_takes_nothing(ends: tuple[socket.socket, RtpHeaders]) -> None:
     """What was looked at is still there, and is the same until it is read."""
     server, reader = ends
-    assert reader.look() == b""
+    assert reader.peek() == b""
     server.sendall(packet(3))
     first = reader.wait(5)
-    assert first == head_of(packet(3))
+    assert first == first_header(packet(3))
     server.sendall(packet(4))
-    assert reader.look() == first
+    assert reader.peek() == first
 
 
-def test_waiting_is_bounded_and_ends_with_the_connection(ends: tuple[socket.socket, HeadReader]) -> None:
+def test_waiting_is_bounded_and_ends_with_the_connection(ends: tuple[socket.socket, RtpHeaders]) -> None:
     """Nothing comes: the wait is over at its limit; the server closes: at once."""
     server, reader = ends
     assert reader.wait(0.01) == b""
@@ -84,7 +84,7 @@ def test_waiting_is_bounded_and_ends_with_the_connection(ends: tuple[socket.sock
     assert reader.wait(60) == b""
 
 
-def test_a_packet_behind_a_report_is_waited_for(ends: tuple[socket.socket, HeadReader]) -> None:
+def test_a_packet_behind_a_report_is_waited_for(ends: tuple[socket.socket, RtpHeaders]) -> None:
     """A report and the packet behind it tell the packet."""
     server, reader = ends
     server.sendall(report() + packet(9, marked=True))

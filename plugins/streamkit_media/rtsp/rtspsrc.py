@@ -21,7 +21,7 @@ from streamkit import (
 )
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import AccessRefused, TimedOut, UnsupportedTransport
-from streamkit_media.rtsp.connection import Connection, ConnectionSettings
+from streamkit_media.rtsp.connection import Connection
 from streamkit_media.rtsp.endpoint import Reconnect, RtspEndpoint
 from streamkit_media.rtsp.packetreader import HungUp, PacketReader, Silence
 from streamkit_media.rtsp.timeline import Timeline
@@ -76,7 +76,11 @@ class RtspSrc(RtspEndpoint, Source):
         doc="Longest wait for packets out of order (udp), and for slow consumers before newer ones go first.",
     )
     max_packets: int = Property(
-        256, min=2, doc="Packets held for a slow consumer before the oldest are dropped."
+        256, min=2, doc="Packets queued for a slow consumer before the oldest are dropped."
+    )
+    low_latency: bool = Property(
+        True,
+        doc="Over TCP, take a frame's end from RTP; off, FFmpeg's parser adds one frame of delay.",
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
@@ -97,7 +101,7 @@ class RtspSrc(RtspEndpoint, Source):
     def received(self) -> int:
         """Packets received since the start; each is delivered, or counted in `drops` here or behind."""
         connection = self._connection
-        return self._received + (connection.ring.received if connection is not None else 0)
+        return self._received + (connection.queue.received if connection is not None else 0)
 
     def negotiate(self, allowed: Caps) -> Caps | None:
         """Only the server can tell."""
@@ -132,7 +136,7 @@ class RtspSrc(RtspEndpoint, Source):
         """Wakes the source's thread."""
         connection = self._connection
         if connection is not None:
-            connection.ring.wake()
+            connection.queue.wake()
 
     def stop(self) -> None:
         """Ends the connection and the thread that reads it."""
@@ -151,7 +155,7 @@ class RtspSrc(RtspEndpoint, Source):
         """Its packets; the first makes it a new epoch."""
         self._timeline.begin_connection()
         connection = self._connection = Connection(
-            self._settings(), self._next_seq, self._timeline, self.clock
+            self._new_reader(), self.max_packets, self.latency_ms, self._next_seq, self._timeline, self.clock
         )
         is_first = True
         for kind, frame in connection.frames(self.over.is_set, self.count_drop):
@@ -180,7 +184,7 @@ class RtspSrc(RtspEndpoint, Source):
                 self.post_warning(f"{self._where}: it sends no stream for the pad klv")
             self.no_more_pads()
 
-    def _settings(self) -> ConnectionSettings:
+    def _new_reader(self) -> PacketReader:
         may_turn = self.transport is SourceTransport.AUTO and self._carrier is SourceTransport.UDP
         limit_s = self.timeout_s * UDP_SHARE if may_turn else self.timeout_s
         options = {
@@ -191,7 +195,7 @@ class RtspSrc(RtspEndpoint, Source):
             "max_delay": str(min(self.latency_ms * 1000, round(limit_s * WAIT_SHARE * 1e6))),
             "allowed_media_types": "video+data",
         }
-        return ConnectionSettings(self._url, options, limit_s, self.latency_ms, self.max_packets, KINDS)
+        return PacketReader(self._url, options, limit_s, KINDS, low_latency=self.low_latency)
 
     def _leave(self, limit_s: float) -> None:
         """Ends the connection; a reader that FFmpeg holds is left behind, to end at its own limit."""
@@ -199,8 +203,8 @@ class RtspSrc(RtspEndpoint, Source):
         if connection is None:
             return
         ended = connection.reader.end(limit_s)
-        self._received += connection.ring.received
-        if left := len(connection.ring):
+        self._received += connection.queue.received
+        if left := len(connection.queue):
             self.count_drop("the connection was left", left)
         self._next_seq = connection.next_seq
         self._abandoned = [reader for reader in self._abandoned if not reader.end(0)]

@@ -1,4 +1,4 @@
-"""The process's own network connections, found through Linux's /proc, so that one can be cut from outside.
+"""The process's own sockets, found through Linux's /proc, so that a connection can be shut down from outside.
 
 FFmpeg looks at its time limit only, PyAV offers no other way to end a call under way, and neither hands out
 the socket. Shutting it down from another thread ends any wait on it at once.
@@ -15,22 +15,6 @@ from pathlib import Path
 DESCRIPTORS = Path("/proc/self/fd")
 TCP_INFO_BYTES = 8
 TCP_ESTABLISHED = 1
-
-
-def refusal(host: str, port: int, limit_s: float) -> str:
-    """Why no TCP connection can be made, in plain words; "" where one can.
-
-    FFmpeg calls an unknown host an input/output error and an unreachable one invalid data.
-    """
-    try:
-        with socket.create_connection((host, port), limit_s):
-            return ""
-    except socket.gaierror:
-        return f"the host name {host!r} is not known here"
-    except TimeoutError:
-        return f"no connection to {host} port {port} within {limit_s:g} s"
-    except OSError as error:
-        return f"no connection to {host} port {port}: {error.strerror or error}"
 
 
 def open_sockets() -> dict[str, int]:

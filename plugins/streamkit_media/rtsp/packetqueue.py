@@ -1,4 +1,8 @@
-"""A bounded line of packets between the thread that reads and the one that uses them: the newest wins."""
+"""Bounded queue of packets between the thread that reads and the one that uses them; keeps the newest.
+
+It is no `BoundedQueue`, which drops one item when full: this one also drops by age, always up to a key frame,
+and may refuse packets until the next key frame.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +11,16 @@ from collections import deque
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
-# Streams that refresh a picture bit by bit have no key frames at all: after so many packets it goes on.
+# Streams with intra refresh have no key frames: after so many refused packets the next one is accepted.
 KEYFRAME_PATIENCE = 300
 
 
-class PacketRing(Generic[Item]):
-    """Holds packets; when full it drops the oldest, always up to a key frame, so that pictures stay whole.
+class PacketQueue(Generic[Item]):
+    """Queues packets; when full it drops the oldest up to a key frame, so that frames stay decodable.
 
     Args:
-        capacity: packets held at most.
-        longest_wait_s: once the oldest packet has waited longer, the next key frame takes over.
+        capacity: most packets queued.
+        longest_wait_s: once the oldest packet has waited longer, the next key frame replaces all before it.
 
     Attributes:
         received: packets put in so far.
@@ -24,16 +28,13 @@ class PacketRing(Generic[Item]):
     """
 
     def __init__(self, capacity: int, longest_wait_s: float = float("inf")) -> None:
-        self.capacity = capacity
-        self.received = 0
-        self.dropped = 0
+        self.received = self.dropped = 0
+        self._capacity = capacity
         self._longest_wait_s = longest_wait_s
         self._items: deque[tuple[Item, bool, float]] = deque()
         self._changed = threading.Condition()
-        self._told = 0
-        self._refused = 0
-        self._awaits_keyframe = False
-        self._ended = False
+        self._reported = self._refused = 0
+        self._awaits_keyframe = self._has_ended = False
         self._error: Exception | None = None
 
     def __len__(self) -> int:
@@ -54,47 +55,37 @@ class PacketRing(Generic[Item]):
                 self._refused += 1
                 return
             self._awaits_keyframe, self._refused = False, 0
-            if len(self._items) >= self.capacity:
-                self._make_room(is_keyframe)
-                if self._awaits_keyframe:
-                    self.dropped += 1
+            if len(self._items) >= self._capacity:
+                if not self._jump(is_keyframe):
+                    self.dropped += len(self._items) + 1
+                    self._items.clear()
+                    self._awaits_keyframe = True
                     return
             elif self._items and now_s - self._items[0][2] > self._longest_wait_s:
                 self._jump(is_keyframe)
             self._items.append((item, is_keyframe, now_s))
             self._changed.notify_all()
 
-    def _newest_keyframe(self) -> int:
-        """Its position among the packets held; 0 where there is none behind the first."""
-        return max((at for at, (_, is_keyframe, _) in enumerate(self._items) if is_keyframe), default=0)
-
-    def _jump(self, next_is_keyframe: bool) -> None:
-        """Drops up to the newest key frame; nothing where there is none."""
-        count = len(self._items) if next_is_keyframe else self._newest_keyframe()
+    def _jump(self, next_is_keyframe: bool) -> int:
+        """Drops the packets before the newest key frame and returns their number; 0 where there is none."""
+        keyframes = (at for at in range(len(self._items) - 1, 0, -1) if self._items[at][1])
+        count = len(self._items) if next_is_keyframe else next(keyframes, 0)
         for _ in range(count):
             self._items.popleft()
         self.dropped += count
-
-    def _make_room(self, next_is_keyframe: bool) -> None:
-        """Drops up to the newest key frame; everything where there is none."""
-        before = len(self._items)
-        self._jump(next_is_keyframe)
-        if len(self._items) == before:
-            self.dropped += before
-            self._items.clear()
-            self._awaits_keyframe = True
+        return count
 
     def take(self, timeout_s: float) -> Item | None:
-        """The oldest packet held, waiting for one if need be.
+        """Takes the oldest packet, and waits for one.
 
         Returns:
-            None when the time is over, when woken, or at the end.
+            None after the time limit, after `wake`, or at the end.
 
         Raises:
-            Exception: the one that the reading side ended with, after its last packet.
+            Exception: the one given to `end`, after the last packet.
         """
         with self._changed:
-            if not self._items and not self._ended:
+            if not self._items and not self._has_ended:
                 self._changed.wait(timeout_s)
             if self._items:
                 return self._items.popleft()[0]
@@ -105,22 +96,22 @@ class PacketRing(Generic[Item]):
     def end(self, error: Exception | None = None) -> None:
         """No packet follows, because the stream is over or because of an error."""
         with self._changed:
-            self._ended, self._error = True, error
+            self._has_ended, self._error = True, error
             self._changed.notify_all()
 
     def wake(self) -> None:
-        """Makes a waiting `take` come back."""
+        """Makes a waiting `take` return."""
         with self._changed:
             self._changed.notify_all()
 
     @property
     def is_over(self) -> bool:
-        """Whether the reading side has ended and every packet has been taken."""
+        """Whether the reader has ended and every packet has been taken."""
         with self._changed:
-            return self._ended and not self._items
+            return self._has_ended and not self._items
 
     def take_dropped(self) -> int:
         """Packets dropped since the last call."""
         with self._changed:
-            new, self._told = self.dropped - self._told, self.dropped
+            new, self._reported = self.dropped - self._reported, self.dropped
             return new

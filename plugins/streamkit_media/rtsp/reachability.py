@@ -1,12 +1,14 @@
-"""The certificates of rtsps:// servers: what they are checked against, and why one is refused."""
+"""Where an RTSP server is, and why it cannot be reached or trusted, in plain words."""
 
 from __future__ import annotations
 
 import socket
 import ssl
 from pathlib import Path
+from urllib.parse import urlsplit
 
 SECURE = "rtsps"
+DEFAULT_PORTS = {"rtsp": 554, SECURE: 322}
 MISMATCHES = (62, 63, 64)  # OpenSSL's X509_V_ERR_HOSTNAME_MISMATCH and those of other kinds of names
 # Where Python's own TLS was built without a place, as in wheels: Debian, Red Hat, Alpine and macOS.
 USUAL_FILES = (
@@ -14,6 +16,37 @@ USUAL_FILES = (
     "/etc/pki/tls/certs/ca-bundle.crt",
     "/etc/ssl/cert.pem",
 )
+
+
+def port_of(location: str) -> int:
+    """The TCP port a URL leads to.
+
+    Raises:
+        ValueError: the URL's port is no number from 0 to 65535; what stands there may be a password.
+    """
+    try:
+        parts = urlsplit(location)
+        return parts.port or DEFAULT_PORTS.get(parts.scheme, 554)
+    except ValueError:
+        raise ValueError(
+            "the port must be a number from 0 to 65535, and / ? # @ in a password %2F %3F %23 %40"
+        ) from None
+
+
+def connection_failure(host: str, port: int, limit_s: float) -> str:
+    """Why no TCP connection can be made; "" where one can.
+
+    FFmpeg calls an unknown host an input/output error and an unreachable one invalid data.
+    """
+    try:
+        with socket.create_connection((host, port), limit_s):
+            return ""
+    except socket.gaierror:
+        return f"the host name {host!r} is not known here"
+    except TimeoutError:
+        return f"no connection to {host} port {port} within {limit_s:g} s"
+    except OSError as error:
+        return f"no connection to {host} port {port}: {error.strerror or error}"
 
 
 def trusted_authorities(path: str = "") -> str:
@@ -38,8 +71,8 @@ def trusted_authorities(path: str = "") -> str:
     raise OSError("this system has no file of trusted authorities; name one, or set tls-verify=false")
 
 
-def refusal(host: str, port: int, ca_file: str | None, limit_s: float) -> str:
-    """Why no trusted connection can be made, in plain words; "" where one can.
+def tls_failure(host: str, port: int, ca_file: str | None, limit_s: float) -> str:
+    """Why no trusted TLS connection can be made; "" where one can.
 
     FFmpeg calls every such failure an input/output error.
 
