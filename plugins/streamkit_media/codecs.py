@@ -56,7 +56,7 @@ class CodecParameters:
         extradata: codec headers kept outside the packets.
         tag: the container's four-character code, as an integer; 0 if none.
         bits: bits per coded sample; 0 if unknown.
-        pixel_format: FFmpeg's name, needed by raw video; "" if the codec tells.
+        pixel_format: FFmpeg's name, needed by raw video; "" where the codec defines it.
     """
 
     codec: str
@@ -87,7 +87,7 @@ def stream_parameters(stream: VideoStream) -> CodecParameters:
 
 
 def stream_rate(stream: VideoStream) -> Fraction | None:
-    """Frames per second of a stream: measured, else what the codec tells, else guessed; None if unknown."""
+    """Frames per second of a stream: measured, else declared by the codec, else guessed; None if unknown."""
     for rate in (stream.average_rate, stream.codec_context.framerate, stream.guessed_rate):
         if rate is not None and 0 < rate < 100_000:
             return Fraction(rate)
@@ -117,7 +117,7 @@ def coded_caps(parameters: CodecParameters, framerate: Fraction | None = None) -
 
 
 def caps_parameters(caps: Caps) -> CodecParameters:
-    """The parameters that fixed caps of packets tell.
+    """The parameters in fixed caps of packets.
 
     Raises:
         KeyError: no codec has these caps.
@@ -135,7 +135,7 @@ def caps_parameters(caps: Caps) -> CodecParameters:
 
 
 def caps_rate(caps: Caps) -> Fraction | None:
-    """Frames per second that caps tell; None if they do not."""
+    """Frames per second of caps; None where they have none."""
     rate = caps.get("framerate")
     return Fraction(rate) if isinstance(rate, int | Fraction) and rate > 0 else None
 

@@ -24,13 +24,13 @@ MEDIA_ERRORS = (FFmpegError, ValueError, OverflowError, RuntimeError, LookupErro
 # Formats that read any text as video, or make FFmpeg open other files than the one asked for.
 UNWANTED_FORMATS = frozenset({"tty", "bin", "idf", "xbin", "adf", "concat", "lavfi"})
 
-# Only these containers can say that a picture is to be turned.
-TURNING_FORMATS = frozenset({"mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm"})
+# Only these containers have a rotation.
+ROTATING_FORMATS = frozenset({"mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm"})
 LOOK_PACKETS = 8
 
 
 class AccessRefused(ResourceError):
-    """The other side wants other credentials: trying again does not help."""
+    """The server wants other credentials; a retry does not help."""
 
 
 class UnsupportedTransport(ResourceError):
@@ -38,18 +38,18 @@ class UnsupportedTransport(ResourceError):
 
 
 class TimedOut(ResourceError):
-    """The other side did not answer, or not in full, within the limit."""
+    """The server did not answer, or not completely, within the limit."""
 
 
 class InvalidMedia(ResourceError):
-    """What the other side sends cannot be made out."""
+    """The server sends something that FFmpeg cannot identify."""
 
 
 def open_container(
     location: str,
     options: Mapping[str, str] | None = None,
     limits_s: tuple[float, float] | None = None,
-    form: str | None = None,
+    format_name: str | None = None,
 ) -> InputContainer:
     """Opens a file or URL for reading.
 
@@ -57,7 +57,7 @@ def open_container(
         location: path, `file://` URL or any URL FFmpeg reads.
         options: FFmpeg options for the container.
         limits_s: time limits for opening and for each read, s; a generous one where None.
-        form: FFmpeg's name of the format; found out where None.
+        format_name: FFmpeg's name of the format; detected where None.
 
     Raises:
         ResourceError: missing, not a file, not readable, or not reachable.
@@ -73,7 +73,9 @@ def open_container(
     limits = limits_s or (LOCAL_LIMIT_S, LOCAL_LIMIT_S)
     began = time.monotonic()
     try:
-        container = av.open(name, "r", format=form, options=chosen, timeout=limits, metadata_errors="replace")
+        container = av.open(
+            name, "r", format=format_name, options=chosen, timeout=limits, metadata_errors="replace"
+        )
     except MEDIA_ERRORS as error:
         raise open_failure(location, error, time.monotonic() - began, limits[0]) from None
     if container.format.name in UNWANTED_FORMATS:
@@ -108,7 +110,7 @@ def check_file(location: str) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise ResourceError(
             f"{location}: a file is needed, this is a directory; name a file in it, or use "
-            "multifilesrc location=DIR/%06d.jpg for numbered pictures"
+            "multifilesrc location=DIR/%06d.jpg for numbered images"
         )
     if not stat.S_ISREG(status.st_mode):
         raise ResourceError(f"{location}: a regular file is needed, this is a pipe, socket or device")
@@ -141,13 +143,13 @@ def open_failure(location: str, error: Exception, elapsed_s: float, limit_s: flo
 
 
 def reason_of(error: Exception) -> str:
-    """What FFmpeg says in its own words, without file names (which may hold passwords)."""
-    said = getattr(error, "strerror", None)
-    return said if isinstance(said, str) and said else redact(str(error)) or type(error).__name__
+    """FFmpeg's error text without file names, which may hold passwords."""
+    text = getattr(error, "strerror", None)
+    return text if isinstance(text, str) and text else redact(str(error)) or type(error).__name__
 
 
 def first_bytes(location: str) -> str:
-    """A few words on how a file begins, where that explains why it is no media."""
+    """How a file begins, where that explains why it is no media."""
     try:
         with local_path(location).open("rb") as file:
             head = file.read(256)
@@ -179,11 +181,11 @@ def video_stream(container: InputContainer, location: str) -> VideoStream:
 
 
 def rotation_of(location: str, container: InputContainer) -> int:
-    """Degrees counter-clockwise (0, 90, 180, 270) by which a file's video is to be turned for showing.
+    """Counter-clockwise rotation for display of a file's video: 0, 90, 180 or 270 degrees.
 
-    FFmpeg tells it with a decoded picture only, so one is decoded, with a reader of its own.
+    FFmpeg returns it with a decoded frame only, so one is decoded from a container of its own.
     """
-    if not TURNING_FORMATS & set(container.format.name.split(",")):
+    if not ROTATING_FORMATS & set(container.format.name.split(",")):
         return 0
     try:
         with open_container(location) as own:
@@ -191,9 +193,9 @@ def rotation_of(location: str, container: InputContainer) -> int:
             if stream is None:
                 return 0
             for packet in islice(own.demux(stream), LOOK_PACKETS):
-                for picture in packet.decode():
-                    if isinstance(picture, VideoFrame):
-                        return round(picture.rotation / 90) * 90 % 360
+                for frame in packet.decode():
+                    if isinstance(frame, VideoFrame):
+                        return round(frame.rotation / 90) * 90 % 360
     except (*MEDIA_ERRORS, OSError):
         return 0
     return 0

@@ -1,4 +1,4 @@
-"""Locations: what the user wrote after `location=`, told apart and shown without passwords."""
+"""Values of `location=`: paths and URLs, shown without passwords."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def local_path(location: str) -> Path:
 
 
 def redact(text: str) -> str:
-    """The text with everything secret in it masked."""
+    """The text with secrets masked."""
     return mask_secrets(text)
 
 

@@ -19,10 +19,10 @@ KEYFRAME, CORRUPT = int(FrameFlags.KEYFRAME), int(FrameFlags.CORRUPT)
 
 @dataclass(frozen=True)
 class DecodeOnly:
-    """Metadata of a packet that others need for decoding but whose own picture is not to be shown.
+    """Metadata of a packet whose frame is decoded for others and not shown.
 
     Attributes:
-        reason: under which its picture counts as dropped; "" where nobody asked for it.
+        reason: for which its frame counts as dropped; "" where it is not counted.
     """
 
     reason: str = ""

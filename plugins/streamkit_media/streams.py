@@ -1,4 +1,4 @@
-"""The streams of a container that travel: video, KLV telemetry, subtitles and sound, and their caps."""
+"""The streams of a container (video, KLV telemetry, subtitles, audio) and their caps."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def _first(container: InputContainer, kind: StreamKind) -> Stream | None:
         return found if isinstance(found, AudioStream) else None
     wanted = "subtitle" if kind is StreamKind.SUBTITLE else "data"
     carrying = [stream for stream in container.streams if _carries(stream, wanted)]
-    place = 1 if kind is StreamKind.SECOND_KLV else 0
-    return carrying[place] if len(carrying) > place else None
+    index = 1 if kind is StreamKind.SECOND_KLV else 0
+    return carrying[index] if len(carrying) > index else None
 
 
 def _carries(stream: Stream, wanted: str) -> bool:
@@ -63,8 +63,7 @@ def _carries(stream: Stream, wanted: str) -> bool:
         return False
     if wanted == "subtitle":
         return stream.name in PLAIN_SUBTITLES
-    # Over RTSP FFmpeg does not name it (RFC 6597), nor in a file of bare packets: what is something else has
-    # no keys and is passed over.
+    # FFmpeg names it neither over RTSP (RFC 6597) nor in a file of bare packets; other data has no KLV keys.
     return stream.name == "klv" or (stream.name is None and stream.container.format.name in UNNAMED_IN)
 
 
@@ -80,7 +79,7 @@ def stream_caps(stream: Stream, kind: StreamKind) -> Caps:
 
 
 def audio_caps(stream: AudioStream) -> Caps:
-    """The fixed caps of a sound stream's packets."""
+    """The fixed caps of an audio stream's packets."""
     fields: dict[str, int | str] = {
         "codec": stream.codec_context.codec.canonical_name,
         "rate": stream.sample_rate or 0,

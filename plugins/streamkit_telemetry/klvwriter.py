@@ -30,7 +30,7 @@ def element(tag: int, value: bytes) -> bytes:
 
 
 def local_set_packet(elements: bytes) -> bytes:
-    """A UAS local set of these elements with the checksum behind them; the time stamp has to be the first."""
+    """A UAS local set of these elements followed by their checksum; the time stamp must be the first."""
     data = UAS_LOCAL_SET + ber_length(len(elements) + 4) + elements + CHECKSUM_HEAD
     return data + checksum(data).to_bytes(2, "big")
 

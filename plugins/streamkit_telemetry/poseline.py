@@ -1,4 +1,4 @@
-"""Samples in the order of time, and the one that belongs to a frame."""
+"""Samples in time order, and the one for a frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class PoseLine:
     """Holds the newest samples; finds or interpolates the one for a time.
 
     Attributes:
-        has_forgotten: whether samples had to make room for newer ones.
+        has_forgotten: whether old samples were removed.
 
     Args:
         longest_gap_ns: a sample further from its frame is stale; two more than twice as far apart are not
@@ -44,7 +44,7 @@ class PoseLine:
             samples.insert(at, sample)
 
     def clear(self) -> None:
-        """Forgets everything: another line of time begins."""
+        """Removes all samples: the timestamps restart."""
         self._samples.clear()
         self.has_forgotten = False
 
@@ -53,7 +53,7 @@ class PoseLine:
         return bool(self._samples) and self._samples[-1].pts >= pts
 
     def is_before(self, pts: int) -> bool:
-        """Whether a time lies before all samples that are still held, others having been forgotten."""
+        """Whether a time is before all samples held, and older ones were removed."""
         return self.has_forgotten and pts < self._samples[0].pts
 
     def at(self, pts: int) -> tuple[Sample, int, bool] | None:

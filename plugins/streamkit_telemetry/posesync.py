@@ -40,7 +40,7 @@ FOREVER_NS = 1 << 62
 class PoseSync(Combine):
     """Pairs frames with telemetry by time, and attaches `Pose` with the gap to the nearest measurement.
 
-    Telemetry comes in at the pad `telemetry` (KLV or subtitles) or from a file beside the video. Between two
+    Telemetry comes in at the pad `telemetry` (KLV or subtitles) or from a separate file. Between two
     samples it is interpolated. A frame waits until telemetry of its time or later is there, live no longer
     than `wait-ms`. A pose whose nearest measurement is further away than `max-gap-s` is marked as stale.
 
@@ -51,7 +51,7 @@ class PoseSync(Combine):
     sink = src = "ANY"
     templates = (PadTemplate("telemetry", Direction.SINK, Caps(TELEMETRY_CAPS), Presence.REQUEST),)
 
-    location: str = Property("", doc="File with telemetry beside the video: DJI .SRT or raw KLV.")
+    location: str = Property("", doc="File with the video's telemetry: DJI .SRT or raw KLV.")
     max_gap_s: float = Property(
         1.0,
         min=0.0,
@@ -65,7 +65,7 @@ class PoseSync(Combine):
     wait_ms: int = Property(200, min=0, unit="ms", doc="Longest time a live frame waits for telemetry.")
 
     def start(self) -> None:
-        """Opens the file beside the video, where there is one; it is read as far as the frames have come."""
+        """Opens the telemetry file, if any; it is read as far as the frames have come."""
         self._line = PoseLine(round(self.max_gap_s * SECOND_NS))
         self._decoder = TelemetryReader()
         self._held: deque[Frame] = deque()
@@ -92,7 +92,7 @@ class PoseSync(Combine):
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
-        """Errors of the file in the user's words."""
+        """Converts errors of the file."""
         try:
             yield
         except NoTelemetry as error:
@@ -102,7 +102,7 @@ class PoseSync(Combine):
             raise ResourceError(f"{self.location}: cannot be read: {reason}; check the path") from None
 
     def _read_up_to(self, pts: int) -> None:
-        """Takes what the file has up to a time, ns; from its beginning where that is not held any more."""
+        """Reads the file up to a time, ns; from its beginning where those samples were removed."""
         if self._file is None:
             return
         if self._line.is_before(pts):
@@ -110,10 +110,10 @@ class PoseSync(Combine):
         with self._reading():
             while self._read_pts < pts and (sample := self._file.next()) is not None:
                 self._read_pts = max(self._read_pts, self._add(sample))
-        self._complain(self._file.reader)
+        self._warn_of_damage(self._file.reader)
 
     def _forget(self) -> None:
-        """Begins again with another line of time."""
+        """Restarts with other timestamps."""
         self._line.clear()
         self._read_pts = -FOREVER_NS
         if self._file is not None:
@@ -130,46 +130,46 @@ class PoseSync(Combine):
         return Caps("ANY") if other.peer is None else other.peer_caps()
 
     def switched(self, pad: Any) -> None:
-        """What goes on is always the video, so its segment counts."""
+        """The segment downstream is always the video's."""
         super().switched(self.pads["sink"])
 
     # Streaming.
 
     def combine(self, pad_name: str, frame: Frame) -> Iterator[Frame]:
-        """Takes telemetry in, or a frame to pair; gives out the frames that need not wait longer."""
+        """Adds telemetry or queues a frame; yields the frames that need not wait."""
         if frame.epoch != self._epoch:
-            yield from self._released(everything=True)
+            yield from self._released(is_end=True)
             self._epoch = frame.epoch
             self._forget()
         if pad_name == "telemetry":
             for sample in self._decoder.packet(frame.data, frame.caps.name, frame.pts):
                 self._add(sample)
-            self._complain(self._decoder)
+            self._warn_of_damage(self._decoder)
         else:
             self._held.append(frame)
         yield from self._released()
 
     def receive_event(self, pad: Any, event: Event) -> None:
-        """The telemetry's events end here, but for its EOS: frames then wait for nothing any more."""
+        """Events of the telemetry pad end here; after its EOS frames do not wait."""
         if pad.name != "telemetry":
             if isinstance(event, DiscontinuityEvent):
-                self._push_all(everything=True)
+                self._push_all(is_end=True)
             super().receive_event(pad, event)
         elif isinstance(event, EosEvent):
             with self._lock:
                 for sample in self._decoder.finish():
                     self._add(sample)
                 self._telemetry_has_ended = True
-            self._push_all(everything=False)
+            self._push_all(is_end=False)
             super().receive_event(pad, event)
 
     def drain(self) -> Iterator[Frame]:
         """The last frames, with the poses there are; the counts are posted."""
-        yield from self._released(everything=True)
+        yield from self._released(is_end=True)
         counts, described = self._decoder.counts(), self._decoder.describe()
-        self._complain(self._decoder, at_end=True)
+        self._warn_of_damage(self._decoder, at_end=True)
         if self._file is not None:
-            self._complain(self._file.reader, at_end=True)
+            self._warn_of_damage(self._file.reader, at_end=True)
             counts = {name: count + counts[name] for name, count in self._file.reader.counts().items()}
             described = f"in the file {self._file.reader.describe()}"
         self.post_message("telemetry", **self._counts, **counts, largest_gap_ns=self._largest_gap_ns)
@@ -179,16 +179,16 @@ class PoseSync(Combine):
                 "that the telemetry is of this flight and its times fit (offset-s=)"
             )
 
-    def _push_all(self, *, everything: bool) -> None:
+    def _push_all(self, *, is_end: bool) -> None:
         with self._lock:
-            for frame in self._released(everything=everything):
+            for frame in self._released(is_end=is_end):
                 self._push(frame, self.pads["sink"])
 
-    def _released(self, *, everything: bool = False) -> Iterator[Frame]:
-        while self._held and (everything or self._need_not_wait(self._held[0])):
+    def _released(self, *, is_end: bool = False) -> Iterator[Frame]:
+        while self._held and (is_end or self._is_due(self._held[0])):
             yield self._paired(self._held.popleft())
 
-    def _need_not_wait(self, frame: Frame) -> bool:
+    def _is_due(self, frame: Frame) -> bool:
         if self._telemetry_has_ended or len(self._held) > HELD_LIMIT or frame.pts is None:
             return True
         self._read_up_to(frame.pts)
@@ -223,7 +223,7 @@ class PoseSync(Combine):
         self._line.add(sample)
         return sample.pts
 
-    def _complain(self, reader: TelemetryReader, at_end: bool = False) -> None:
-        """The bus hears of damage when it is first seen, each time it has doubled, and at the end."""
+    def _warn_of_damage(self, reader: TelemetryReader, at_end: bool = False) -> None:
+        """Posts a warning at the first damage, each time its count has doubled, and at the end."""
         if complaint := reader.complaint(at_end):
             self.post_warning(complaint)

@@ -58,7 +58,7 @@ def encode_version() -> bytes:
 
 
 def encode_platform(platform: Platform) -> bytes:
-    """The elements of a pose; what lies out of a tag's range is left out."""
+    """The elements of a pose, without values out of their tag's range."""
     return b"".join(
         element(tag, data)
         for tag, value, encode in _items(platform)
@@ -70,7 +70,7 @@ def _items(platform: Platform) -> Iterator[tuple[int, float | None, Encoder]]:
     azimuth, elevation, roll = platform.sensor_angles or (None, None, None)
     horizontal, vertical = platform.field_of_view or (None, None)
     yield 5, platform.heading, _circle(2)
-    # The short forms reach to 20 and 50 deg; the full ones stand beside them.
+    # The short forms reach 20 and 50 deg; tags 90 and 91 have the full range.
     yield 6, platform.pitch, _angle(20, 2)
     yield 7, platform.roll, _angle(50, 2)
     yield 13, platform.latitude, _degrees(90)

@@ -25,7 +25,7 @@ class TelemetryParse(Transform):
     src = "application/json"
 
     def start(self) -> None:
-        """Begins with nothing."""
+        """Creates the reader."""
         self._decoder = TelemetryReader()
         self._caps = Caps("application/json")
         self._last: Frame | None = None
@@ -37,7 +37,7 @@ class TelemetryParse(Transform):
         return [self._line(frame, sample) for sample in samples]
 
     def drain(self) -> Iterable[Frame]:
-        """What is left; damage is told."""
+        """The last samples; posts counts and damage."""
         if self._last is not None:
             yield from [self._line(self._last, sample) for sample in self._decoder.finish()]
         counts = self._decoder.counts()

@@ -1,4 +1,4 @@
-"""MISB ST 0903: moving targets in a frame as a VMTI local set, to stand in tag 74 of a UAS local set.
+"""MISB ST 0903: moving targets of a frame as a VMTI local set, tag 74 of a UAS local set.
 
 Pixels are numbered from 1 in the top-left corner, row by row.
 
@@ -59,7 +59,7 @@ def encode_vmti(targets: Iterable[Target], detected: int, size: tuple[int, int],
     """The value of a VMTI local set.
 
     Args:
-        targets: those to report; one that lies wholly outside the frame is left out.
+        targets: those to report; one wholly outside the frame is skipped.
         detected: how many there are in all.
         size: width and height of the frame, px.
         system: name of what found them.
@@ -87,7 +87,7 @@ def _best(targets: Sequence[Target]) -> Sequence[Target]:
 
 
 def _vtarget(target: Target, width: int, height: int) -> bytes | None:
-    """A VTarget pack; None where nothing of the target lies in the frame."""
+    """A VTarget pack; None where the target is outside the frame."""
     numbers = (*target.centre, *target.box)
     if not all(map(math.isfinite, numbers)):
         return None
@@ -118,7 +118,7 @@ def _vtracker(target: Target) -> bytes:
 
 
 def _pixels(low: float, high: float, count: int) -> tuple[int, int]:
-    """First and last pixel of the frame whose centre lies within, or else the one in the middle."""
+    """First and last pixel whose centre is between low and high, else the nearest to the middle."""
     first, last = math.ceil(low), math.floor(high)
     if first > last:
         first = last = math.floor((low + high) / 2 + 0.5)

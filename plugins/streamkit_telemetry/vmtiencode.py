@@ -23,7 +23,7 @@ class VmtiEncode(Transform):
     """Writes the tracks of each frame as a KLV packet: MISB ST 0601 with the moving targets of ST 0903 in it.
 
     Confirmed, coasting and lost tracks are reported with their centre, box, confidence, status and times; the
-    pose that `posesync` upstream has attached stands beside them, unless it is stale. The time stamp is the
+    pose that `posesync` upstream has attached is added unless it is stale. The time stamp is the
     frame's UTC of capture; without one it counts from 1970, which is warned about.
 
     Example:
@@ -75,7 +75,7 @@ class VmtiEncode(Transform):
 
 
 def target_of(track: Track, utc_us: int | None) -> Target:
-    """A track as the standard has it; its box is upright."""
+    """A track as a VMTI target; its box is upright."""
     cosine, sine = abs(math.cos(track.angle)), abs(math.sin(track.angle))
     across = (track.length * cosine + track.width * sine) / 2
     down = (track.length * sine + track.width * cosine) / 2
@@ -92,7 +92,7 @@ def target_of(track: Track, utc_us: int | None) -> Target:
 
 
 def platform_of(frame: Frame) -> Platform | None:
-    """The pose of a frame as the standard has it; None without one that can be relied on."""
+    """The pose of a frame as elements of ST 0601; None without one, or where it is stale."""
     pose = frame.get(Pose)
     if pose is None or pose.is_stale:
         return None

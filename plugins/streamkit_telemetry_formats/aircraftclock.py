@@ -1,6 +1,6 @@
 """When a subtitle without times of its own is shown: by the aircraft's clock or the time since the last one.
 
-2018-09-02 10:22:05,325,621        local time, here to the microsecond; older models tell whole seconds
+2018-09-02 10:22:05,325,621        local time, here to the microsecond; older models have whole seconds
 FrameCnt : 7, DiffTime : 33ms      time that this subtitle is shown
 """
 
@@ -31,7 +31,7 @@ class AircraftClock:
             begin: by its own times; None where it has none.
 
         Returns:
-            `begin`, or what the clock tells; None where it tells nothing.
+            `begin`, or the time by the clock; None where the text has neither.
         """
         step, (stamp, is_fine) = STEP.search(text), read_stamp(text)
         if begin is None and step is not None and not is_fine:
@@ -47,7 +47,7 @@ class AircraftClock:
 
 
 def read_stamp(text: str) -> tuple[datetime | None, bool]:
-    """The local time that a text tells, and whether to parts of a second; None where there is none."""
+    """The local time in a text, and whether it has parts of a second; None where there is none."""
     found = STAMP.search(text)
     if found is None:
         return None, False

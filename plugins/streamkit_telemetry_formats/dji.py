@@ -7,8 +7,8 @@
     GPS (-58.85, -34.23, 15), H 85.80m, F.PRY (2.7, -7.0, 110.1), G.PRY (-24.4, 0.0, 110.4)
     GPS(149.0251,-20.2533,16) Hb:1.9 Hs:0.0                                 barometer, sonar; the oldest
 
-Heights are above the place of take-off where the aircraft tells no other; the sample's source says which.
-The dialects that tell local time do not tell its zone, so there is no UTC.
+Heights are above the take-off point where the text has no other; the sample's source says which.
+The dialects with local time have no time zone, so there is no UTC.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class DjiTelemetry:
 
     Attributes:
         subtitles: seen.
-        without_position: of them, those that tell no position, or that there is none yet.
+        without_position: of them, those without a position.
     """
 
     def __init__(self) -> None:
@@ -88,7 +88,7 @@ def read_samples(text: str) -> Iterator[Sample]:
 
 
 def sample_of(text: str, pts: int) -> Sample | None:
-    """The sample that one subtitle's text tells; None without a valid position.
+    """The sample of one subtitle's text; None without a valid position.
 
     Args:
         text: of any dialect.
@@ -114,7 +114,7 @@ def sample_of(text: str, pts: int) -> Sample | None:
 
 
 def relative_angles(platform: Attitude, sensor: Attitude) -> Attitude:
-    """How a sensor is turned against its platform; DJI tells both against the horizon and north.
+    """Angles of a sensor relative to its platform; DJI gives both relative to horizon and north.
 
     Args:
         platform: pitch, roll, yaw, rad.

@@ -28,7 +28,7 @@ _TIME, _DATE, _DIRECTION_NORTH, _DIRECTION = 7, 29, 16, 17
 
 @dataclass(frozen=True, slots=True)
 class ExifData:
-    """What the Exif data of a photograph tells.
+    """Exif data of a photograph.
 
     Attributes:
         position: latitude and longitude, deg, WGS84.
@@ -86,7 +86,7 @@ def _directory(tiff: bytes, order: str, offset: int) -> dict[int, Value]:
 
 
 def _value(tiff: bytes, order: str, kind: int, count: int, place: int) -> Value | None:
-    """An entry's value, which stands in the entry itself where it fits; None for what nobody asks for."""
+    """An entry's value, stored in the entry itself where it fits; None for unused types."""
     layout = "s" if kind == _ASCII else _LAYOUTS.get(kind)
     if layout is None or not 0 < count <= _MOST_VALUES:
         return None
@@ -113,7 +113,7 @@ def _number(value: Value | None) -> float | None:
 
 
 def _degrees(gps: dict[int, Value], tag: int, negative: str, most: float) -> float | None:
-    """Degrees, minutes and seconds as one number; the tag before tells the hemisphere."""
+    """Degrees, minutes and seconds as one number; the tag before has the hemisphere."""
     parts = gps.get(tag)
     if not isinstance(parts, tuple):
         return None

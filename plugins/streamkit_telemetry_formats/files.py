@@ -1,4 +1,4 @@
-"""Telemetry in a file of its own, beside the video: DJI subtitles or raw KLV."""
+"""Telemetry in a separate file: DJI subtitles or raw KLV."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ CHUNK_BYTES = 1 << 16
 
 
 class NoTelemetry(ValueError):
-    """A file holds nothing that tells a position."""
+    """A file holds no position."""
 
 
 def holds_klv(path: Path) -> bool:
-    """Whether a key of a telemetry set stands in the first 64 KB of a file.
+    """Whether the first 64 KB of a file hold a key of a telemetry set.
 
     Raises:
         OSError: it cannot be read.

@@ -1,4 +1,4 @@
-"""What stands before the picture in a JPEG file."""
+"""The header of a JPEG file: Exif, XMP and size."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ _EXIF: Final = b"Exif\0\0"
 _XMP: Final = b"http://ns.adobe.com/xap/1.0/\0"
 _APPLICATION_1: Final = 0xE1
 _SCAN: Final = 0xDA
-# C0 to CF begin a frame and tell its size, but for three that hold tables.
+# C0 to CF begin a frame with its size, except three that hold tables.
 _FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _FRAME_BYTES: Final = 5
 
 
 @dataclass(frozen=True, slots=True)
 class JpegHeader:
-    """The parts of a JPEG file that tell about the picture.
+    """Metadata of a JPEG file.
 
     Attributes:
         exif: the TIFF structure of its Exif data, empty without any.
         xmp: its XMP packet, empty without any.
-        size: width and height, px; None where the file ends before it tells.
+        size: width and height, px; None where the file ends before it.
     """
 
     exif: bytes = b""

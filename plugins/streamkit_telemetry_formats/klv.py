@@ -172,7 +172,7 @@ class KlvReader:
         return self._packets(is_end=False)
 
     def finish(self) -> list[KlvPacket]:
-        """No bytes follow: what hides behind a packet that was cut short comes out."""
+        """The packets after one that was cut short; no bytes follow."""
         return self._packets(is_end=True)
 
     def _packets(self, is_end: bool) -> list[KlvPacket]:
@@ -192,7 +192,7 @@ class KlvReader:
                 found.append(packet)
                 at += len(packet.data)
             else:
-                # Not the length but the next key tells where to go on: the length may be what is damaged.
+                # Go on at the next key, not after the length, which may be damaged.
                 self.bad += 1
                 self.skipped += 1
                 at += 1
@@ -209,7 +209,7 @@ class _Candidates:
     """The places of some bytes where a packet may begin; each is looked at without going through the bytes.
 
     Attributes:
-        last_key: where the last key of a set stands; -1 if there is none.
+        last_key: position of the last key of a set; -1 if there is none.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -218,7 +218,7 @@ class _Candidates:
         self.last_key = max(data.rfind(UAS_LOCAL_SET[:7]), data.rfind(UNIVERSAL_SET[:7]))
 
     def next_key(self, at: int) -> int | None:
-        """Where the next key of a set stands."""
+        """Position of the next key of a set."""
         found = SET_KEY.search(self._data, at)
         return None if found is None else found.start()
 

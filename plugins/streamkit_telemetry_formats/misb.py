@@ -32,8 +32,8 @@ class MisbTelemetry:
 
         Args:
             data: any piece of the stream.
-            pts: on the video's line of time, ns. None where the stream has none: then the platform's clock
-                tells the time from the first packet on, and packets without it are left out.
+            pts: on the video's line of time, ns. None where the stream has none: then times count from
+                the first packet by the platform's clock, and packets without it are skipped.
         """
         return self._samples(self.reader.feed(data), pts)
 

@@ -16,8 +16,8 @@ EXIF: Final = "exif"
 _DIAGONAL_35MM: Final = math.hypot(36.0, 24.0)
 _LONGITUDES: Final = ("GpsLongitude", "GpsLongtitude")  # the second is how several models spell it
 _WIDEST: Final = math.radians(170)
-# An attribute or an element, as the writer pleased; the packet is searched and not parsed, since it is input
-# that nobody vouches for and nothing but a few numbers is wanted.
+# An attribute or an element, as the writer pleased; the packet is searched, not parsed: it is untrusted and
+# only a few numbers are needed.
 _NUMBER: Final = rb"\s*[\"']?\s*([-+]?\d{1,12}(?:\.\d{1,20})?)\s*[\"'<]"
 _FIELD: Final = re.compile(rb"drone-dji:(\w{1,40})\s*[=>]" + _NUMBER)
 
@@ -30,10 +30,10 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
 
     Args:
         data: the JPEG file.
-        pts: of the picture, ns.
+        pts: of the image, ns.
 
     Returns:
-        The sample, or None where the file tells no position.
+        The sample, or None where the file has no position.
 
     Source: CIPA DC-008 (Exif 2.32); DJI's XMP name space `drone-dji`.
     """

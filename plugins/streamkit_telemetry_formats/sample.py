@@ -28,7 +28,7 @@ class Sample:
         sensor_angles: azimuth, elevation, roll of the sensor relative to the platform, rad.
         field_of_view: horizontal, vertical, rad.
         frame_centre: latitude, longitude (deg) and elevation (m) of what the centre shows.
-        corners: latitude, longitude (deg) of the picture's corners: upper left, then clockwise; or empty.
+        corners: latitude, longitude (deg) of the image's corners: upper left, then clockwise; or empty.
         target: latitude, longitude (deg) and elevation (m) of the target.
         utc_ns: when, by the platform's clock.
         source: what it was sent as.

@@ -41,7 +41,7 @@ class UntimedCue:
 
 
 def read_cues(text: str) -> Iterator[Cue]:
-    """The subtitles of a text, in its order; what is none is passed over."""
+    """The subtitles of a text, in its order; other lines are skipped."""
     return (cue for cue in SubtitleReader().cues(text.split("\n")) if isinstance(cue, Cue))
 
 
@@ -49,7 +49,7 @@ class SubtitleReader:
     """Reads subtitles line by line, in bounded memory.
 
     Attributes:
-        broken: subtitles whose times cannot be read, and one that is cut short behind its times.
+        broken: subtitles whose times cannot be read, and one that ends after its times.
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class SubtitleReader:
             yield cue
 
     def _begins_next(self, line: str) -> bool:
-        """Whether a line is the next number behind a subtitle without times: not all leave a line free."""
+        """Whether a line is the number of the next subtitle without times; some files have no blank line."""
         if self._times is not None or len(self._lines) < 2:
             return False
         number, following = self._lines[0].strip(), line.strip()

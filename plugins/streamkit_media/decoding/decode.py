@@ -1,4 +1,4 @@
-"""decode: coded packets to pictures."""
+"""decode: coded packets to frames."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from av.video.frame import VideoFrame
 from streamkit import Caps, Frame, FrameFlags, Property, StreamError, Transform, raw_video_caps
 from streamkit_media.codecs import CODED_CAPS, caps_parameters, caps_rate
 from streamkit_media.container import reason_of
-from streamkit_media.decoding.frame_arrays import OddSize, PictureReader, turned
+from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, rotated
 from streamkit_media.decoding.framenumbers import FrameNumbers
-from streamkit_media.decoding.freshness import DelayGauge, Freshness
+from streamkit_media.decoding.freshness import Freshness, InherentDelay
 from streamkit_media.decoding.hardware import accelerator
-from streamkit_media.decoding.marks import PictureMarks
+from streamkit_media.decoding.marks import FrameMarks
 from streamkit_media.decoding.videodecoder import AscendingNumbers, Threading, VideoDecoder
 from streamkit_media.nalunits import is_reference
 from streamkit_media.packets import SECOND_NS, DecodeOnly
 
-# Plain numbers: the arithmetic of flags is slow, and this is done for every picture.
+# Plain numbers: the arithmetic of flags is slow, and this runs for every frame.
 DISCONTINUITY, CORRUPT = int(FrameFlags.DISCONTINUITY), int(FrameFlags.CORRUPT)
 KEYFRAME = int(FrameFlags.KEYFRAME)
 SIDEWAYS = (90, 270)
@@ -44,7 +44,7 @@ class ThreadsType(enum.StrEnum):
 
 
 class Skip(enum.StrEnum):
-    """What a slow machine leaves out."""
+    """What a slow machine skips."""
 
     NONE = "none"
     NON_REFERENCE = "non-reference"
@@ -52,10 +52,9 @@ class Skip(enum.StrEnum):
 
 
 class Decode(Transform):
-    """Decodes video and pictures; GRAY8 is the decoder's own luma plane, without copy.
+    """Decodes video and images; GRAY8 is the decoder's own luma plane, without copy.
 
-    Pictures that were damaged come out marked as corrupt. What decodes, a device or software, is told by an
-    element message `decoder`.
+    Damaged frames are marked as corrupt. An element message `decoder` names the device, or software.
 
     Example:
         filesrc location=flight.mp4 ! decode ! fakesink
@@ -75,36 +74,36 @@ class Decode(Transform):
     skip: Skip = Property(
         Skip.NONE,
         live=True,
-        doc="Leave out pictures that no other is built on, or all but key frames; they count as dropped.",
+        doc="Skip frames that no other depends on, or all but key frames; they count as dropped.",
     )
     hwaccel: str = Property(
         "auto", doc="Device to decode on: auto, none, or one of FFmpeg's (vaapi, cuda); else software."
     )
 
     def start(self) -> None:
-        """Begins without a decoder: the first packet tells which."""
+        """Begins without a decoder; the first packet determines it."""
         self._decoder: VideoDecoder[Frame] | None = None
-        self._reader = PictureReader("GRAY8")
+        self._reader = FrameReader("GRAY8")
         self._coded_caps: Caps | None = None
         self._raw_caps: Caps | None = None
         self._raw_size = (0, 0)
         self._framerate: Fraction | None = None
         self._rotation = self._epoch = 0
-        self._marks = PictureMarks()
+        self._marks = FrameMarks()
         self._numbers = AscendingNumbers()
-        self._gauge = DelayGauge()
+        self._inherent_delay = InherentDelay()
         self._frame_numbers: FrameNumbers | None = None
         self._lacks_reference = False
         self._next_pts = 0
-        self._packets = self._pictures = 0
-        self._told: set[str] = set()
-        self._told_device = ""
+        self._packets = self._frames_decoded = 0
+        self._reported: set[str] = set()
+        self._reported_device = ""
         self._first_error = ""
 
     # Negotiation.
 
     def transform_caps(self, caps: Caps, direction: str) -> Caps:
-        """Downstream can have every raw format, in the size and rate that the packets' caps tell."""
+        """Every raw format, in the size and rate of the packets' caps."""
         if direction == "src" or not caps.is_fixed:
             return super().transform_caps(caps, direction)
         fields = {
@@ -120,9 +119,9 @@ class Decode(Transform):
         return Caps(f"video/x-raw, format={{ {formats} }}").with_fields(**fields)
 
     def fixate(self, sink_caps: Caps, allowed: Caps) -> Caps | None:
-        """Settles the format; the size too where the packets' caps tell it, else the first picture does."""
+        """Fixes the format, and the size where the packets' caps have one; else the first frame does."""
         chosen = allowed.fixate(near=sink_caps)
-        self._reader = PictureReader(str(chosen["format"]))
+        self._reader = FrameReader(str(chosen["format"]))
         self._raw_caps = None
         if sink_caps.get("width") is None or sink_caps.get("height") is None:
             return None
@@ -133,7 +132,7 @@ class Decode(Transform):
     # Streaming.
 
     def transform(self, frame: Frame) -> Frame | Iterable[Frame] | None:
-        """Decodes one packet; a new format or epoch first brings out what the old decoder holds."""
+        """Decodes one packet; a new format or epoch first drains the old decoder."""
         if frame.caps is self._coded_caps and frame.epoch == self._epoch:
             return self._decode(frame)
         held = list(self._finish())
@@ -142,13 +141,13 @@ class Decode(Transform):
         return [*held, *([decoded] if isinstance(decoded, Frame) else decoded)] if held else decoded
 
     def drain(self) -> Iterable[Frame]:
-        """The pictures the decoder still holds.
+        """The frames the decoder still holds.
 
         Raises:
             StreamError: not one packet could be decoded.
         """
         yield from self._finish()
-        if self._packets and not self._pictures:
+        if self._packets and not self._frames_decoded:
             codec = self._coded_caps.name if self._coded_caps is not None else "unknown caps"
             reason = f": {self._first_error}" if self._first_error else ""
             raise StreamError(
@@ -157,7 +156,7 @@ class Decode(Transform):
             )
 
     def stop(self) -> None:
-        """Lets go of the decoder and its memory."""
+        """Frees the decoder."""
         self._decoder = None
 
     # Inside.
@@ -175,8 +174,8 @@ class Decode(Transform):
             ) from None
         if device is not None and not self._decoder.is_on_device:
             name = f"software: {name} does not decode {parameters.codec}"
-        if name != self._told_device:
-            self._told_device = name
+        if name != self._reported_device:
+            self._reported_device = name
             self.post_message("decoder", codec=parameters.codec, device=name)
         self._framerate = caps_rate(frame.caps)
         rotation = frame.caps.get("rotation", 0)
@@ -194,7 +193,7 @@ class Decode(Transform):
         return Threading(self.threads_type.value)
 
     def _thread_count(self) -> int:
-        """The number asked for, or what suits the stream.
+        """The number set, or what suits the stream.
 
         Live H.264 of usual size gets one thread: with slice threads FFmpeg does not notice lost slices. Frame
         threads wait for each other and for us: some more than processors keep all of these busy.
@@ -211,12 +210,12 @@ class Decode(Transform):
     def _decode(self, frame: Frame) -> Frame | list[Frame]:
         assert self._decoder is not None
         if not memoryview(frame.data).nbytes:
-            self._leave_out(frame, "empty packet")
+            self._drop_packet(frame, "empty packet")
             return []
         if self._frame_numbers is not None and self._is_behind_gap(self._frame_numbers, frame):
             frame = frame.replace(flags=frame.flags | CORRUPT)
         if self.skip is not Skip.NONE and self._is_skipped(frame):
-            self._leave_out(frame, f"skip={self.skip}")
+            self._drop_packet(frame, f"skip={self.skip}")
             return []
         self._packets += 1
         self._numbers.put(frame.seq)
@@ -229,15 +228,15 @@ class Decode(Transform):
         return frames[0] if len(frames) == 1 else frames
 
     def _is_behind_gap(self, numbers: FrameNumbers, frame: Frame) -> bool:
-        """Whether a picture is missing that this one, or one that it is built on, is built on."""
+        """Whether a frame is missing that this one depends on, directly or not."""
         is_keyframe = bool(frame.flags & KEYFRAME)
         has_gap = numbers.has_gap(memoryview(frame.data), is_keyframe)
         self._lacks_reference = has_gap or (self._lacks_reference and not is_keyframe)
         return self._lacks_reference
 
-    def _leave_out(self, frame: Frame, reason: str, *, is_damage: bool = False) -> None:
+    def _drop_packet(self, frame: Frame, reason: str, *, is_damage: bool = False) -> None:
         is_discontinuity = bool(frame.flags & DISCONTINUITY)
-        self._marks.packet_left_out(is_discontinuity=is_discontinuity, is_damage=is_damage)
+        self._marks.packet_dropped(is_discontinuity=is_discontinuity, is_damage=is_damage)
         if reason:
             self.count_drop(reason)
 
@@ -261,54 +260,54 @@ class Decode(Transform):
                 self.count_drop(NO_FRAME, decoder.unaccounted)
 
     def _undecodable(self, frame: Frame | None, error: FFmpegError) -> None:
-        """Counts a packet that gave no picture; the bus hears of each kind of error once."""
+        """Counts a packet that gave no frame; each kind of error is posted once."""
         reason = reason_of(error)
         self._first_error = self._first_error or reason
         text = f"undecodable packet: {reason}"
         if frame is not None:
             self._numbers.discard(frame.seq)
-            self._leave_out(frame, text, is_damage=True)
+            self._drop_packet(frame, text, is_damage=True)
         else:
             self.count_drop(text)
-        if reason not in self._told:
-            self._told.add(reason)
+        if reason not in self._reported:
+            self._reported.add(reason)
             where = f" at {frame.describe()}" if frame is not None else ""
             self.post_warning(f"a packet could not be decoded{where}: {reason}; going on with the next")
 
     def _shown(self, decoded: Decoded) -> list[Frame]:
-        self._pictures += len(decoded)
+        self._frames_decoded += len(decoded)
         frames = []
-        for picture, origin in decoded:
+        for video_frame, origin in decoded:
             number = self._numbers.take(origin.seq)
             reason = self._reason_to_hide(origin)
-            is_corrupt = picture.is_corrupt or bool(origin.flags & CORRUPT)
-            self._marks.next_picture(is_corrupt=is_corrupt, is_key=bool(picture.key_frame))
+            is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
+            self._marks.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
             if reason is None:
-                frames.append(self._frame(picture, origin, number))
+                frames.append(self._frame(video_frame, origin, number))
             else:
-                self._leave_out(origin, reason)
+                self._drop_packet(origin, reason)
         return frames
 
     def _reason_to_hide(self, origin: Frame) -> str | None:
-        """Why a picture is not shown, "" where nobody asked for it; None where it is."""
+        """Why a frame is not shown, "" where that is not counted; None where it is shown."""
         hidden, freshness = origin.get(DecodeOnly), origin.get(Freshness)
         age_ns = self.clock_ns() - origin.arrival_ns if freshness is not None else 0
         if hidden is not None:
             if freshness is not None:
-                self._gauge.note(age_ns)
+                self._inherent_delay.add(age_ns)
             return hidden.reason
-        if freshness is not None and self._gauge.has_waited(age_ns, freshness.slack_ns):
+        if freshness is not None and self._inherent_delay.has_waited(age_ns, freshness.slack_ns):
             return TOO_OLD
         return None
 
-    def _frame(self, picture: VideoFrame, origin: Frame, number: int) -> Frame:
+    def _frame(self, video_frame: VideoFrame, origin: Frame, number: int) -> Frame:
         try:
-            pixels = self._reader.read(picture)
+            pixels = self._reader.read(video_frame)
         except OddSize as error:
             raise StreamError(str(error)) from None
-        width, height = picture.width, picture.height
+        width, height = video_frame.width, video_frame.height
         if self._rotation:
-            pixels = turned(pixels, self._rotation)
+            pixels = rotated(pixels, self._rotation)
             width, height = (height, width) if self._rotation in SIDEWAYS else (width, height)
         caps = self._raw_caps
         if caps is None or self._raw_size != (width, height):
@@ -316,7 +315,7 @@ class Decode(Transform):
             self._raw_size = width, height
         flags = origin.flags & ~(KEYFRAME | CORRUPT)
         flags |= DISCONTINUITY if self._marks.take_discontinuity() else 0
-        flags |= KEYFRAME if picture.key_frame else 0
+        flags |= KEYFRAME if video_frame.key_frame else 0
         flags |= CORRUPT if self._marks.is_damaged else 0
         duration = origin.duration
         if duration is None and self._framerate is not None:

@@ -1,4 +1,4 @@
-"""Decoded pictures of FFmpeg as arrays, sharing memory wherever the layout allows."""
+"""FFmpeg's decoded frames as arrays, sharing memory where the layout allows."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ FORMATS = ("GRAY8", "I420", "NV12", "BGR", "RGB")
 
 
 class OddSize(ValueError):
-    """A picture of odd width or height was asked for in a format that halves both."""
+    """The format needs even width and height."""
 
 
-class PictureReader:
-    """Turns decoded pictures into arrays of one format; keeps the converter between pictures.
+class FrameReader:
+    """Converts decoded frames to arrays of one format.
 
     Args:
         pixel_format: GRAY8, I420, NV12, BGR or RGB.
@@ -35,73 +35,73 @@ class PictureReader:
 
     def __init__(self, pixel_format: str) -> None:
         if pixel_format not in FORMATS:
-            raise ValueError(f"a picture's format must be one of {', '.join(FORMATS)}, got {pixel_format!r}")
+            raise ValueError(f"a frame's format must be one of {', '.join(FORMATS)}, got {pixel_format!r}")
         self.pixel_format = pixel_format
         self._reformatter = VideoReformatter()
 
-    def read(self, picture: VideoFrame) -> Pixels:
-        """The picture as a read-only array, which keeps the memory of FFmpeg alive as long as it lives.
+    def read(self, frame: VideoFrame) -> Pixels:
+        """The frame as a read-only array, which keeps FFmpeg's memory alive.
 
         GRAY8 is the decoder's own luma plane, in the range of the video (16 to 235 in most), uint8[h, w];
         only where there is none (more than 8 bits, RGB, palettes) it is converted. I420 and NV12 are
         uint8[h * 3 // 2, w], one copy. BGR and RGB are uint8[h, w, 3].
 
         Raises:
-            OddSize: I420 or NV12 is asked for a picture of odd width or height.
+            OddSize: I420 or NV12 is asked for a frame of odd width or height.
         """
         if self.pixel_format == "GRAY8":
-            pixels = self._luma(picture)
+            pixels = self._luma(frame)
         elif self.pixel_format in PACKED:
-            packed = self._converted(picture, PACKED[self.pixel_format])
+            packed = self._converted(frame, PACKED[self.pixel_format])
             rows = plane_rows(packed, 0)[:, : 3 * packed.width]
             pixels = rows.reshape(packed.height, packed.width, 3) if packed.width else rows[..., None]
         else:
-            pixels = self._subsampled(picture)
+            pixels = self._subsampled(frame)
         pixels.flags.writeable = False
         return pixels
 
-    def _luma(self, picture: VideoFrame) -> Pixels:
-        name = picture.format.name
+    def _luma(self, frame: VideoFrame) -> Pixels:
+        name = frame.format.name
         if name not in LUMA_FIRST:
             # To yuv420p and not to gray where it is YUV: swscale would stretch the range on the way to gray.
-            picture = self._converted(picture, "yuv420p" if name.startswith(("yuv", "p0")) else "gray")
-        return plane_rows(picture, 0)[:, : picture.width]
+            frame = self._converted(frame, "yuv420p" if name.startswith(("yuv", "p0")) else "gray")
+        return plane_rows(frame, 0)[:, : frame.width]
 
-    def _subsampled(self, picture: VideoFrame) -> Pixels:
-        width, height = picture.width, picture.height
+    def _subsampled(self, frame: VideoFrame) -> Pixels:
+        width, height = frame.width, frame.height
         if width % 2 or height % 2:
             raise OddSize(
-                f"{self.pixel_format} needs even width and height, the picture is {width} x {height}; "
+                f"{self.pixel_format} needs even width and height, the frame is {width} x {height}; "
                 "ask for GRAY8, BGR or RGB instead"
             )
         if self.pixel_format == "NV12":
-            picture = self._converted(picture, "nv12")
-        elif picture.format.name not in SAME_AS_I420:
-            picture = self._converted(picture, "yuv420p")
+            frame = self._converted(frame, "nv12")
+        elif frame.format.name not in SAME_AS_I420:
+            frame = self._converted(frame, "yuv420p")
         pixels = np.empty((height * 3 // 2, width), np.uint8)
-        pixels[:height] = plane_rows(picture, 0)[:, :width]
+        pixels[:height] = plane_rows(frame, 0)[:, :width]
         if self.pixel_format == "NV12":
-            pixels[height:] = plane_rows(picture, 1)[:, :width]
+            pixels[height:] = plane_rows(frame, 1)[:, :width]
         else:
             chroma = pixels[height:].reshape(2, height // 2, width // 2)
-            chroma[0] = plane_rows(picture, 1)[:, : width // 2]
-            chroma[1] = plane_rows(picture, 2)[:, : width // 2]
+            chroma[0] = plane_rows(frame, 1)[:, : width // 2]
+            chroma[1] = plane_rows(frame, 2)[:, : width // 2]
         return pixels
 
-    def _converted(self, picture: VideoFrame, name: str) -> VideoFrame:
-        return self._reformatter.reformat(picture, format=name)
+    def _converted(self, frame: VideoFrame, name: str) -> VideoFrame:
+        return self._reformatter.reformat(frame, format=name)
 
 
-def plane_rows(picture: VideoFrame, index: int) -> Pixels:
-    """One plane as uint8[height of the plane, bytes per line], a view that keeps the picture alive."""
-    plane = picture.planes[index]
+def plane_rows(frame: VideoFrame, index: int) -> Pixels:
+    """One plane as uint8[height of the plane, bytes per line], a view that keeps the frame alive."""
+    plane = frame.planes[index]
     line = plane.line_size
     rows: Pixels = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, abs(line))[: plane.height]
     return rows[::-1] if line < 0 else rows
 
 
-def turned(pixels: Pixels, degrees: int) -> Pixels:
-    """A picture turned counter-clockwise by a multiple of 90 degrees.
+def rotated(pixels: Pixels, degrees: int) -> Pixels:
+    """Pixels rotated counter-clockwise by a multiple of 90 degrees.
 
     Args:
         pixels: uint8[h, w] or uint8[h, w, 3].

@@ -1,4 +1,4 @@
-"""Notices H.264 pictures that were lost whole; FFmpeg decodes those after them without a word.
+"""Finds H.264 frames that are missing; FFmpeg decodes the next ones without an error.
 
 Source: ITU-T H.264, 7.3.2.1.1 (sequence parameter set), 7.3.3 (slice header), 7.4.3 (frame_num).
 """
@@ -13,19 +13,19 @@ from streamkit_media.nalunits import BadPacket, length_field, parameter_sets, un
 LOOK_BYTES = 4096
 HEADER_BYTES = 16
 PARAMETER_BYTES = 1024
-SLICE, KEY_SLICE, SEQUENCE, PICTURE = 1, 5, 7, 8
-# Profiles whose parameters tell of chroma and scaling.
+SLICE, KEY_SLICE, SEQUENCE_SET, PICTURE_SET = 1, 5, 7, 8
+# Profiles whose parameter sets hold chroma format and scaling lists.
 HIGH_PROFILES = frozenset({44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244})
 
 
 @dataclass(frozen=True, slots=True)
 class Sequence:
-    """What a sequence parameter set says of frame numbers.
+    """Frame numbering of a sequence parameter set.
 
     Attributes:
         number: its own.
         bits: of a frame number.
-        has_planes: whether slices say which colour they are of.
+        has_planes: whether slices have a colour plane.
         has_gaps: whether the encoder itself leaves numbers out.
     """
 
@@ -39,7 +39,7 @@ class FrameNumbers:
     """Follows the frame numbers of a stream.
 
     Args:
-        extradata: of the codec; tells whether units have lengths or start codes.
+        extradata: of the codec; says whether units have lengths or start codes.
     """
 
     def __init__(self, extradata: bytes) -> None:
@@ -52,15 +52,15 @@ class FrameNumbers:
                 self._take(unit)
 
     def has_gap(self, data: bytes | memoryview, is_keyframe: bool) -> bool:
-        """Whether a picture that others are built on is missing before this packet's.
+        """Whether a reference frame is missing before this packet's frame.
 
         Args:
             data: the packet.
-            is_keyframe: whether decoding can begin with it; then what came before does not matter.
+            is_keyframe: whether decoding can begin with it; then earlier frames do not matter.
         """
         for unit in units(bytes(data[:LOOK_BYTES]), self._length_bytes):
             kind = unit[0] & 31 if unit else 0
-            if kind in (SEQUENCE, PICTURE):
+            if kind in (SEQUENCE_SET, PICTURE_SET):
                 self._take(unit)
             elif kind in (SLICE, KEY_SLICE):
                 try:
@@ -88,10 +88,10 @@ class FrameNumbers:
         """Takes a parameter set."""
         kind = unit[0] & 31 if unit else 0
         try:
-            if kind == SEQUENCE:
+            if kind == SEQUENCE_SET:
                 sequence = _sequence(unit)
                 self._sequences[sequence.number] = sequence
-            elif kind == PICTURE:
+            elif kind == PICTURE_SET:
                 bits = _Bits(unit[1:HEADER_BYTES])
                 number = bits.unsigned()
                 self._sequence_of[number] = bits.unsigned()

@@ -1,4 +1,4 @@
-"""How old a live picture may be when it leaves the decoder."""
+"""Drops live frames that have become too old on their way through the decoder."""
 
 from __future__ import annotations
 
@@ -12,43 +12,41 @@ LEAST_GAIN_NS = 5_000_000
 
 @dataclass(frozen=True, slots=True)
 class Freshness:
-    """Metadata of a live packet: its picture is to be shown soon or not at all.
+    """Metadata of a live packet: its frame is shown soon or not at all.
 
     Attributes:
-        slack_ns: by how much its age may pass the delay that cannot be helped.
+        slack_ns: by how much the frame's age may exceed the inherent delay.
     """
 
     slack_ns: int
 
 
-class DelayGauge:
-    """Tells pictures that have waited from those that are as young as they can be.
+class InherentDelay:
+    """Estimates the delay that every frame has, and finds frames that have waited in addition.
 
-    The delay that cannot be helped is the least age among the last pictures: a codec that reorders pictures,
-    or a machine on which decoding takes long, has it for all of them. What is older has waited; newer ones
-    stand behind it, and those that are left out make way for the newest, as long as each is younger than the
-    one before. Where none is, leaving out makes none younger.
+    The minimum age of the last 32 frames is the inherent delay: reordering of the codec, and the time that
+    decoding takes. Older frames have waited; they are dropped only while that makes the next one younger.
     """
 
     def __init__(self) -> None:
         self._ages = deque([FIRST_DELAY_NS] * WINDOW, WINDOW)
-        self._left_out_ns: int | None = None
+        self._dropped_age_ns: int | None = None
 
-    def note(self, age_ns: int) -> None:
-        """Takes the age of a picture of which it is known already that it is not shown."""
+    def add(self, age_ns: int) -> None:
+        """Adds the age of a frame that is not shown for another reason."""
         self._ages.append(age_ns)
 
     def has_waited(self, age_ns: int, slack_ns: int) -> bool:
-        """Takes the age of the next picture and says whether it is to be left out.
+        """Adds the age of the next frame and returns whether to drop it.
 
         Args:
-            age_ns: since its packet came.
-            slack_ns: how much more than the delay that cannot be helped is still young.
+            age_ns: since its packet arrived.
+            slack_ns: accepted age above the inherent delay.
         """
         self._ages.append(age_ns)
-        if self._left_out_ns is None:
+        if self._dropped_age_ns is None:
             has_waited = age_ns - min(self._ages) > slack_ns
         else:
-            has_waited = self._left_out_ns - age_ns > LEAST_GAIN_NS
-        self._left_out_ns = age_ns if has_waited else None
+            has_waited = self._dropped_age_ns - age_ns > LEAST_GAIN_NS
+        self._dropped_age_ns = age_ns if has_waited else None
         return has_waited

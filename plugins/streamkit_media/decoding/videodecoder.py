@@ -1,4 +1,4 @@
-"""A decoder that knows which packet each picture came from."""
+"""Decoder that returns each frame with the packet it came from."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from streamkit_media.codecs import CodecParameters, decoder_for
 
 Origin = TypeVar("Origin")
 Data: TypeAlias = "Packet[VideoStream] | bytes | bytearray | memoryview"
-# No codec holds more pictures back; entries of packets that never became a picture are let go beyond it.
+# No codec holds more frames back; beyond it, entries of packets that gave no frame are forgotten.
 PENDING_LIMIT = 256
 MAX_PIXELS = 8192 * 8192
 # Frame threads of these can wait for each other without end where damaged frames come out too; where these do
@@ -36,15 +36,15 @@ class Threading(enum.StrEnum):
 
 
 class VideoDecoder(Generic[Origin]):
-    """Decodes packets of one codec; each picture comes with the origin given with its packet.
+    """Decodes packets of one codec; each frame comes with the origin given with its packet.
 
     Args:
         parameters: of the codec.
         threading: frame or slice threads; H.265 gets slice threads always.
         threads: how many; 0 is one for each processor.
         device: to decode on; where it cannot, software does.
-        holds_for_order: hold back as many H.264 frames as its level allows where the stream does not tell how
-            far it reorders them. FFmpeg guesses otherwise, and leaves out the frames that prove it wrong.
+        holds_for_order: hold back as many H.264 frames as the level allows where the stream does not declare
+            its reordering. FFmpeg guesses otherwise, and drops the frames that prove it wrong.
 
     Attributes:
         threading: what it has.
@@ -77,7 +77,7 @@ class VideoDecoder(Generic[Origin]):
 
     @property
     def unaccounted(self) -> int:
-        """Packets that gave neither a picture nor an error yet; after `flush` they never will."""
+        """Packets that gave neither a frame nor an error yet; after `flush` they never will."""
         return self._count - self._accounted
 
     def decode(
@@ -89,7 +89,7 @@ class VideoDecoder(Generic[Origin]):
         """Gives one packet to the decoder.
 
         Returns:
-            The pictures that are complete now, in order of presentation, each with its packet's origin.
+            The frames that are complete now, in order of presentation, each with its packet's origin.
 
         Raises:
             FFmpegError: the packet, or one before it, could not be decoded; the next may.
@@ -97,7 +97,7 @@ class VideoDecoder(Generic[Origin]):
         packet = _own_packet(data)
         packet.is_keyframe = is_keyframe
         self._count += 1
-        # FFmpeg carries a packet's pts to its picture untouched: a number there finds the origin again.
+        # FFmpeg carries a packet's pts to its frame untouched: a number there finds the origin again.
         packet.pts = self._count
         self._pending[self._count] = origin
         if len(self._pending) > PENDING_LIMIT:
@@ -105,16 +105,16 @@ class VideoDecoder(Generic[Origin]):
         return self._found(self._decoded(packet), origin)
 
     def flush(self) -> list[tuple[VideoFrame, Origin]]:
-        """The pictures still held; nothing may be decoded after it.
+        """The frames still held; nothing may be decoded after it.
 
         Raises:
-            FFmpegError: a packet could not be decoded; pictures of packets behind it are lost.
+            FFmpegError: a packet could not be decoded; frames of later packets are lost.
         """
         if not self._count:
             return []
         last = next(reversed(self._pending.values()), None)
-        pictures = self._decoded(None)
-        return [] if last is None else self._found(pictures, last)
+        frames = self._decoded(None)
+        return [] if last is None else self._found(frames, last)
 
     def _decoded(self, packet: Packet[Stream] | None) -> list[VideoFrame]:
         try:
@@ -123,12 +123,12 @@ class VideoDecoder(Generic[Origin]):
             self._accounted += 1
             raise
 
-    def _found(self, pictures: list[VideoFrame], fallback: Origin) -> list[tuple[VideoFrame, Origin]]:
+    def _found(self, frames: list[VideoFrame], fallback: Origin) -> list[tuple[VideoFrame, Origin]]:
         found = []
-        for picture in pictures:
-            is_known = picture.pts in self._pending
-            self._accounted += is_known
-            found.append((picture, self._pending.pop(picture.pts or 0) if is_known else fallback))
+        for frame in frames:
+            is_pending = frame.pts in self._pending
+            self._accounted += is_pending
+            found.append((frame, self._pending.pop(frame.pts or 0) if is_pending else fallback))
         return found
 
 
@@ -145,7 +145,7 @@ class AscendingNumbers:
             heapq.heappop(self._heap)
 
     def discard(self, number: int) -> None:
-        """The packet with this number becomes no picture."""
+        """The packet with this number becomes no frame."""
         if number in self._heap:
             self._heap.remove(number)
             heapq.heapify(self._heap)
@@ -170,7 +170,7 @@ def _configured(
     context.thread_type = ThreadType.FRAME if threading is Threading.FRAME else ThreadType.SLICE
     context.thread_count = threads
     context.options = {"max_pixels": str(MAX_PIXELS)}
-    # Damaged pictures come out, marked, instead of disappearing.
+    # Damaged frames come out, marked, instead of disappearing.
     context.flags |= Flags.output_corrupt
     return context
 

@@ -19,7 +19,7 @@ REFUSALS = {
     "broken_tags": "values not of the length or range of their tag",
     "broken_subtitles": "of which times or position cannot be read",
 }
-ENOUGH_PICTURES = 10  # to speak of a rate
+ENOUGH_FRAMES = 10  # to speak of a rate
 
 
 def stream_checks(seen: Seen, *, is_live: bool, transport: str) -> list[Check]:
@@ -40,7 +40,7 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str) -> list[Check]:
 def _format_check(seen: Seen, transport: str) -> Check:
     caps = seen.kept[0].caps
     width, height = caps.get("width"), caps.get("height")
-    size = f"{width!s} x {height!s}" if width else "size not told before the first key frame"
+    size = f"{width!s} x {height!s}" if width else "size unknown before the first key frame"
     over = f" over {transport.upper()}" if transport else ""
     facts = {"codec": caps.name, "width": width, "height": height, "transport": transport}
     return Check("stream", Verdict.GOOD, f"{caps.name}, {size}{over}", facts)
@@ -52,12 +52,12 @@ def _decoding_check(decoded: Decoded, live_rate: float | None) -> Check:
         why = f": {decoded.error}" if decoded.error else ""
         text = f"none of {decoded.packets} packets decodes{why}; the video is damaged, encrypted or cut short"
         return Check("decoding", Verdict.BAD, text, facts)
-    text = f"{decoded.pictures} pictures of {decoded.packets} packets"
+    text = f"{decoded.pictures} frames of {decoded.packets} packets"
     if decoded.error:
         return Check("decoding", Verdict.NOTE, f"{text}, the others do not decode: {decoded.error}", facts)
     if decoded.damaged:
         return Check("decoding", Verdict.NOTE, f"{text}, {decoded.damaged} of them damaged", facts)
-    if decoded.rate is None or decoded.pictures < ENOUGH_PICTURES:
+    if decoded.rate is None or decoded.pictures < ENOUGH_FRAMES:
         return Check("decoding", Verdict.GOOD, text, facts)
     text += f", {decoded.rate:.0f}/s on this machine"
     if live_rate is not None and decoded.rate < live_rate * HEADROOM:
@@ -68,16 +68,16 @@ def _decoding_check(decoded: Decoded, live_rate: float | None) -> Check:
 
 def _rate_check(seen: Seen, found: Measured) -> Check:
     declared = seen.kept[0].caps.get("framerate")
-    told = float(declared) if isinstance(declared, int | Fraction) else None
-    facts = {"declared": told, "measured": found.rate, "bit_rate": found.bit_rate}
+    declared_rate = float(declared) if isinstance(declared, int | Fraction) else None
+    facts = {"declared": declared_rate, "measured": found.rate, "bit_rate": found.bit_rate}
     if found.rate is None:
         return Check("frame rate", Verdict.NOTE, "too few frames to measure it", facts)
     text = f"{found.rate:.2f}/s measured"
-    text += f", {told:.2f}/s declared" if told else ", none declared"
+    text += f", {declared_rate:.2f}/s declared" if declared_rate else ", none declared"
     text += f", {found.bit_rate / 1e6:.2f} Mbit/s" if found.bit_rate else ""
     if found.is_variable:
         return Check("frame rate", Verdict.NOTE, f"{text}; it varies", facts)
-    is_off = told is not None and abs(found.rate - told) > RATE_TOLERANCE * told
+    is_off = declared_rate is not None and abs(found.rate - declared_rate) > RATE_TOLERANCE * declared_rate
     return Check("frame rate", Verdict.NOTE if is_off else Verdict.GOOD, text, facts)
 
 
@@ -90,7 +90,7 @@ def _keyframe_check(found: Measured, is_live: bool) -> Check:
         )
         return Check("key frames", Verdict.NOTE if is_live else Verdict.GOOD, text, facts)
     if interval > LONG_KEYFRAME_INTERVAL_S and is_live:
-        text = f"every {interval:.1f} s; after a loss the picture is whole only then: 1 or 2 s are better"
+        text = f"every {interval:.1f} s; after a loss the video recovers only then: 1 or 2 s are better"
         return Check("key frames", Verdict.NOTE, text, facts)
     return Check("key frames", Verdict.GOOD, f"every {interval:.1f} s at most", facts)
 
@@ -132,5 +132,5 @@ def _telemetry_check(seen: Seen) -> Check:
     if counts["skipped_bytes"]:
         text = f"{counts['skipped_bytes']} bytes of KLV, but no packet of ST 0601 or EG 0104"
         return Check("telemetry", Verdict.NOTE, text, counts)
-    text = "none inside; posesync location=FILE.SRT reads it from beside"
+    text = "none inside; posesync location=FILE.SRT reads it from a file"
     return Check("telemetry", Verdict.NOTE, text, counts)

@@ -27,13 +27,13 @@ def doctor(
         raise typer.BadParameter(f"transport is tcp or udp, got {transport!r}")
     watched = sys.stderr.isatty()
 
-    def tell(line: str) -> None:
+    def report_step(line: str) -> None:
         if watched:
             sys.stderr.write(f"{CLEAR}{line} ...")
             sys.stderr.flush()
 
     try:
-        report = examine(uri, seconds, timeout_s, transport, tell)
+        report = examine(uri, seconds, timeout_s, transport, report_step)
     finally:
         if watched:
             sys.stderr.write(CLEAR)

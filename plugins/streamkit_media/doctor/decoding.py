@@ -23,11 +23,11 @@ class Decoded:
 
     Attributes:
         packets: given to the decoder.
-        pictures: that came out.
+        pictures: frames that came out.
         damaged: of them, those that are not whole.
-        rate: pictures a second on this machine as busy as it is; None where that took no time.
+        rate: frames a second on this machine as busy as it is; None where that took no time.
         error: of the first packet that did not decode, or "".
-        size: width and height of the first picture, px; None where there was none.
+        size: width and height of the first frame, px; None where there was none.
     """
 
     packets: int
@@ -57,7 +57,7 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
         try:
             packets += frame is not None
             found = decoder.flush() if frame is None else decoder.decode(frame.data, frame)
-            pictures += [(picture.is_corrupt, (picture.width, picture.height)) for picture, _ in found]
+            pictures += [(decoded.is_corrupt, (decoded.width, decoded.height)) for decoded, _ in found]
         except FFmpegError as cause:
             error = error or reason_of(cause)
     elapsed_s = time.monotonic() - began

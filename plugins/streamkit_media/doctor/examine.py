@@ -21,8 +21,8 @@ from streamkit_telemetry_formats.files import NoTelemetry, TelemetryFile
 TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"
 
 
-def say_nothing(_: str) -> None:
-    """For who looks at nothing but the report."""
+def no_progress(_: str) -> None:
+    """Reports no progress."""
 
 
 def examine(
@@ -30,7 +30,7 @@ def examine(
     seconds: float,
     timeout_s: float,
     transport: str,
-    tell: Callable[[str], None] = say_nothing,
+    report_step: Callable[[str], None] = no_progress,
 ) -> Report:
     """Makes all checks.
 
@@ -39,10 +39,10 @@ def examine(
         seconds: how long to watch a live stream.
         timeout_s: limit for connecting and for silence.
         transport: tcp or udp.
-        tell: is given a line before each step that takes seconds.
+        report_step: called with a line before each step that takes seconds.
     """
     if location.partition("://")[0].lower() in DEFAULT_PORTS:
-        return _examine_live(location, seconds, timeout_s, transport, tell)
+        return _examine_live(location, seconds, timeout_s, transport, report_step)
     return _examine_file(location, timeout_s)
 
 
@@ -50,14 +50,14 @@ def examine(
 
 
 def _examine_live(
-    location: str, seconds: float, timeout_s: float, transport: str, tell: Callable[[str], None]
+    location: str, seconds: float, timeout_s: float, transport: str, report_step: Callable[[str], None]
 ) -> Report:
     where = redact(location)
-    tell(f"connecting to {where}, {timeout_s:g} s at most")
+    report_step(f"connecting to {where}, {timeout_s:g} s at most")
     checks = _reach(location, timeout_s)
     if checks[-1].verdict is Verdict.BAD:
         return Report(where, tuple(checks), "")
-    tell(f"watching {where} for {seconds:g} s")
+    report_step(f"watching {where} for {seconds:g} s")
     properties = {"location": location, "reconnect": "never", "timeout_s": timeout_s, "transport": transport}
     seen = watch("rtspsrc", properties, 2 * timeout_s + 1, seconds)
     if not seen.packets:
@@ -141,7 +141,7 @@ def _examine_file(location: str, timeout_s: float) -> Report:
 
 
 def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
-    """What is no video may be the telemetry beside one."""
+    """A file without video may hold telemetry."""
     where = redact(location)
     try:
         with closing(TelemetryFile(local_path(location))) as file:

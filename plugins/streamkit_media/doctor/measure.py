@@ -1,4 +1,4 @@
-"""What the packets of a stream tell about it."""
+"""Rates, intervals, jitter and losses of a stream, from its packets."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class PacketFacts:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What a run of packets shows; None where it was too short to tell.
+    """Measurements of a run of packets; None where it was too short.
 
     Attributes:
         packets: seen.

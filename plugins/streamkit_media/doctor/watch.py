@@ -1,4 +1,4 @@
-"""Plays a stream for a while and takes down what comes out of it."""
+"""Plays a stream for a while and records what comes out of it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Seen:
         packets: of the video.
         kept: the first of them whole, to try whether they decode.
         origins: of the capture times.
-        telemetry: decodes what came out of each of the pads beside the video.
+        telemetry: a reader for each telemetry pad.
         error: the one that ended it, or "".
     """
 
@@ -63,7 +63,7 @@ class Seen:
 
 
 def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: float | None) -> Seen:
-    """Plays a source and takes down what comes out of it, until its end or for some seconds.
+    """Plays a source and records what comes out of it, until its end or for some seconds.
 
     Args:
         factory: filesrc or rtspsrc.
@@ -74,8 +74,8 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
     seen = Seen()
     full = "max-buffers=1000 drop=true" if seconds is not None else ""
     pads = TELEMETRY_PADS[factory]
-    beside = "  ".join(f"s.{pad} ! appsink name={pad} {full}" for pad in pads)
-    text = f"{factory} name=s  s.src ! appsink name=video {full}  {beside}"
+    telemetry = "  ".join(f"s.{pad} ! appsink name={pad} {full}" for pad in pads)
+    text = f"{factory} name=s  s.src ! appsink name=video {full}  {telemetry}"
     deadline, until = time.monotonic() + limit_s, None
     try:
         with Pipeline.parse(text) as pipeline:
@@ -107,7 +107,7 @@ def _take_telemetry(pipeline: Pipeline, pads: Sequence[str], seen: Seen) -> None
 
 
 def _bare(error: Exception | None) -> str:
-    """What an error says, without the element that nobody has named."""
+    """An error's text without the name of the element."""
     return str((error.__cause__ or error) if isinstance(error, ElementFailure) else error or "")
 
 

@@ -28,7 +28,7 @@ class VideoWriter:
 
     Raises:
         FFmpegError: the file cannot be written.
-        ValueError: the name tells no container.
+        ValueError: the name has no container's suffix.
     """
 
     def __init__(

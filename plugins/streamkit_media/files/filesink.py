@@ -20,7 +20,7 @@ class FileSink(Sink):
 
     sink = "ANY"
 
-    location: str = Property("", doc="Path of the file; one that is there is replaced.")
+    location: str = Property("", doc="Path of the file; an existing one is replaced.")
 
     def start(self) -> None:
         """Opens the file."""
@@ -57,7 +57,7 @@ class FileSink(Sink):
             raise self._write_failure(error) from None
 
     def drain(self) -> None:
-        """EOS: everything is handed to the operating system."""
+        """Flushes at EOS."""
         try:
             if self._file is not None:
                 self._file.flush()
@@ -73,7 +73,7 @@ class FileSink(Sink):
     def _write_failure(self, error: OSError) -> ResourceError:
         file, self._file = self._file, None
         if file is not None:
-            with suppress(OSError):  # told already
+            with suppress(OSError):  # the first error is reported
                 file.close()
         return ResourceError(
             f"{self.location}: writing failed: {error.strerror or error}{write_remedy(error)}"

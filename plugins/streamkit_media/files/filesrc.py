@@ -51,14 +51,14 @@ PAD_CAPS = {
     StreamKind.SUBTITLE: SUBTITLE_CAPS,
     StreamKind.AUDIO: AUDIO_CAPS,
 }
-# Any other format in which keys of KLV stand is what FFmpeg takes bare packets for.
+# FFmpeg takes bare KLV packets for any other format.
 KLV_CONTAINERS = frozenset({"mpegts", "mpeg", "mxf", "mov", "matroska", "avi"})
 
 
 class FileSrc(Source):
-    """Reads any file FFmpeg knows, film or still picture, as coded packets.
+    """Reads any file FFmpeg knows, video or image, as coded packets.
 
-    The video comes out of `src`, or of `video` beside `klv` and `klv_1` (first and second stream of MISB
+    The video comes out of `src`, or of `video` with `klv` and `klv_1` (first and second stream of MISB
     telemetry), `subtitle` (DJI telemetry) and `audio`, where the file has them. Times are the file's own,
     exact to the nanosecond. A file of bare KLV packets has none: they come out of `klv` without times.
 
@@ -74,15 +74,15 @@ class FileSrc(Source):
 
     location: str = Property("", doc="Path or URL of the file.")
     start_s: float = Property(
-        0.0, min=0.0, unit="s", doc="First picture shown, from the beginning of the video."
+        0.0, min=0.0, unit="s", doc="First frame shown, from the beginning of the video."
     )
     stop_s: float | None = Property(
         None, min=0.0, unit="s", doc="End, from the beginning of the video; none is its own."
     )
-    loop: bool = Property(False, doc="Begin again after the end, without end; times go on.")
+    loop: bool = Property(False, doc="Repeat forever; times continue.")
 
     def start(self) -> None:
-        """Opens the file, so that a bad one is known before anything plays."""
+        """Opens the file, so that a bad one fails before playing."""
         self._container: InputContainer | None = None
         if not self.location:
             raise ResourceError("location= must name a file, it is empty; write filesrc location=flight.mp4")
@@ -105,7 +105,7 @@ class FileSrc(Source):
         self._container = container
 
     def _open(self) -> InputContainer:
-        """The container; bare KLV packets have none, which FFmpeg has to be told."""
+        """The container; for bare KLV packets FFmpeg needs the format's name."""
         if is_network(self.location):
             return open_container(self.location)
         check_file(self.location)
@@ -114,21 +114,21 @@ class FileSrc(Source):
         try:
             container = open_container(self.location)
         except StreamError:
-            return open_container(self.location, form=BARE_PACKETS)
+            return open_container(self.location, format_name=BARE_PACKETS)
         if KLV_CONTAINERS & set(container.format.name.split(",")):
             return container
         container.close()
-        return open_container(self.location, form=BARE_PACKETS)
+        return open_container(self.location, format_name=BARE_PACKETS)
 
     def duration_ns(self) -> int | None:
-        """How long the part that is played is."""
+        """Duration of the part that is played."""
         if self.loop or self._duration is None:
             return None
         end_s = self._duration / 1e6 if self.stop_s is None else min(self.stop_s, self._duration / 1e6)
         return max(0, round((end_s - self.start_s) * SECOND_NS))
 
     def negotiate(self, allowed: Caps) -> Caps | None:
-        """What the file holds."""
+        """The caps of the file's video."""
         if self._container is None or not self._video_is_wanted():
             return None
         return self._packet_caps(video_stream(self._container, self.location), StreamKind.VIDEO)
@@ -139,7 +139,7 @@ class FileSrc(Source):
         Raises:
             StreamError: not one packet could be read.
         """
-        # From here on this thread alone uses the file, and closes it: FFmpeg does not bear two threads.
+        # From here on only this thread uses and closes the file: FFmpeg does not allow two.
         container, self._container = self._container, None
         assert container is not None
         self._add_pads()
@@ -152,7 +152,7 @@ class FileSrc(Source):
             container = self._open()
 
     def stop(self) -> None:
-        """Closes the file if its packets were never asked for."""
+        """Closes the file if `frames` never ran."""
         container, self._container = self._container, None
         if container is not None:
             container.close()
@@ -175,7 +175,7 @@ class FileSrc(Source):
             )
 
     def _video_is_wanted(self) -> bool:
-        """Whether the video has a pad to go to, or might get one; not where there are other streams only."""
+        """Whether the video has a pad, or might get one; not where there are other streams only."""
         return self._is_linked("src") or StreamKind.VIDEO in self._kinds or not self._kinds
 
     def _is_linked(self, name: str) -> bool:
@@ -209,7 +209,7 @@ class FileSrc(Source):
                 yield frame
 
     def _checked(self, items: Iterator[tuple[Stream, Frame]]) -> Iterator[tuple[Stream, Frame]]:
-        """The items; an error where none is shown, a warning where the file breaks off after some."""
+        """The items; an error where none is shown, a warning where the file ends in an error after some."""
         where, count, shown = redact(self.location), 0, 0
         try:
             for stream, frame in items:
@@ -223,11 +223,9 @@ class FileSrc(Source):
         if shown:
             return
         if self.start_s:
-            self.post_warning(f"{where}: there is no picture from start-s={self.start_s:g} on")
+            self.post_warning(f"{where}: there is no frame from start-s={self.start_s:g} on")
             return
-        fault = (
-            "the file's own edit list shows none of its pictures" if count else "the video holds no packets"
-        )
+        fault = "the file's own edit list shows none of its frames" if count else "the video holds no packets"
         raise StreamError(f"{where}: {fault}; the file is damaged or cut short")
 
     def _in_range(
@@ -254,7 +252,7 @@ class FileSrc(Source):
 
     def _frame(self, packet: Packet[Stream], caps: Caps, latest: int | None) -> Frame:
         frame = packet_frame(packet, caps)
-        if frame.pts is None:  # telemetry without times of its own (asynchronous KLV) is of where it stands
+        if frame.pts is None:  # asynchronous KLV gets the time of the video around it
             return frame if latest is None or caps.name.startswith("video/") else frame.replace(pts=latest)
         pts = frame.pts + self._offset
         self._end = max(self._end, pts + (frame.duration or 0))

@@ -1,4 +1,4 @@
-"""multifilesrc: numbered picture files, as coded packets."""
+"""multifilesrc: numbered image files, as coded packets."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ NUMBER = re.compile(r"%0?\d*d")
 
 
 class MultiFileSrc(Source):
-    """Reads numbered picture files as one video, up to the first number that is missing.
+    """Reads numbered image files as one video, up to the first number that is missing.
 
-    A photograph that tells where it was taken (Exif, DJI's XMP) carries that as `Pose`.
+    A photograph with a position (Exif, DJI's XMP) gets a `Pose`.
 
     Example:
         multifilesrc location=img/%06d.jpg start-index=1 framerate=25/1 ! decode ! fakesink
@@ -28,17 +28,17 @@ class MultiFileSrc(Source):
 
     src = CODED_CAPS
 
-    location: str = Property("", doc="Path with the number's place in it: img/%06d.jpg.")
+    location: str = Property("", doc="Path with a number: img/%06d.jpg.")
     start_index: int = Property(0, min=0, doc="First number.")
     stop_index: int = Property(-1, min=-1, doc="Last number; -1 is the last file there is.")
-    framerate: Fraction = Property(Fraction(25), min=Fraction(1, 3600), doc="Pictures per second.")
-    loop: bool = Property(False, doc="Begin again after the last picture, without end.")
+    framerate: Fraction = Property(Fraction(25), min=Fraction(1, 3600), doc="Frames per second.")
+    loop: bool = Property(False, doc="Repeat forever.")
 
     def start(self) -> None:
-        """Looks into the first file, so that a bad one is known before anything plays."""
+        """Opens the first file, so that a bad one fails before playing."""
         if len(NUMBER.findall(self.location)) != 1 or self.location.replace("%%", "").count("%") != 1:
             raise ResourceError(
-                f"location={self.location!r} must hold the number's place once; write location=img/%06d.jpg"
+                f"location={self.location!r} must hold one number; write location=img/%06d.jpg"
             )
         if -1 < self.stop_index < self.start_index:
             raise ResourceError(
@@ -49,7 +49,7 @@ class MultiFileSrc(Source):
             self._caps = coded_caps(stream_parameters(video_stream(container, first)), self.framerate)
 
     def negotiate(self, allowed: Caps) -> Caps | None:
-        """What the first file holds."""
+        """The caps of the first file."""
         return self._caps
 
     def frames(self) -> Iterator[Frame]:
@@ -72,7 +72,7 @@ class MultiFileSrc(Source):
             count, index = count + 1, index + 1
 
     def _time_ns(self, count: int) -> int:
-        """When picture number `count` begins; the product is rounded, not summed, so that nothing drifts."""
+        """When image number `count` begins; the product is rounded, not summed, so that nothing drifts."""
         return round(count * SECOND_NS / self.framerate)
 
     def _read(self, index: int) -> bytes | None:
@@ -93,7 +93,7 @@ class MultiFileSrc(Source):
 
 
 def with_pose(frame: Frame, data: bytes) -> Frame:
-    """A picture with what its file tells about its place and time."""
+    """A frame with the pose and time that its file holds."""
     sample = sample_of_photograph(data, frame.pts or 0)
     if sample is None:
         return frame

@@ -1,4 +1,4 @@
-"""The part of a file that is wanted, exact to the frame."""
+"""The part of a file that is played, exact to the frame."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class PlayRange:
         return decoded is not None and decoded >= _first_tick(stream) + _ticks(self.stop_s, stream)
 
     def within(self, frame: Frame, packet: Packet[Stream], stream: Stream, kind: StreamKind) -> Frame | None:
-        """The frame of a packet, marked where only other pictures need it; None where nobody does."""
+        """The frame of a packet, marked decode-only where it lies outside; None where it is not needed."""
         if self.is_whole:
             return frame
         shown = packet.pts if packet.pts is not None else packet.dts

@@ -1,4 +1,4 @@
-"""When each packet of a recording arrived, in a file of lines beside it."""
+"""Arrival times of a recording's packets, in a JSON-lines file next to it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SUFFIX = ".arrivals.jsonl"
 
 
 class BadArrivals(ValueError):
-    """A line of the file is not what it should be."""
+    """A line of the file is invalid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class Arrival:
         arrival_ns: monotonic clock of the recording machine.
         capture_ns: UTC; None if unknown.
         capture_origin: rtcp, misb, file or arrival; "" if unknown.
-        flags: the frame's marks.
+        flags: of the frame.
     """
 
     seq: int
@@ -39,12 +39,12 @@ class Arrival:
 
 
 def arrivals_path(recording: Path) -> Path:
-    """Where the arrivals of a recording stand."""
+    """The path of a recording's arrival times."""
     return recording.with_name(recording.name + SUFFIX)
 
 
 class ArrivalsWriter:
-    """Writes the file line by line; each is with the operating system at once."""
+    """Writes the file line by line, without delay."""
 
     def __init__(self, recording: Path) -> None:
         self._file: TextIO = arrivals_path(recording).open("w", encoding="ascii", buffering=1)

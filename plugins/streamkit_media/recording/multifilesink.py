@@ -24,7 +24,7 @@ class MultiFileSink(Sink):
 
     sink = "ANY"
 
-    location: str = Property("", doc="Path with the number's place in it: out/%06d.jpg.")
+    location: str = Property("", doc="Path with a number: out/%06d.jpg.")
     max_files: int = Property(0, min=0, doc="Files kept; the oldest is deleted beyond it. 0 keeps all.")
 
     def start(self) -> None:
@@ -33,7 +33,7 @@ class MultiFileSink(Sink):
         self._written: deque[Path] = deque()
         if not self._names.has_number:
             raise ResourceError(
-                f"location={self.location!r} must hold the number's place once; write location=out/%06d.jpg"
+                f"location={self.location!r} must hold one number; write location=out/%06d.jpg"
             )
         folder = local_path(self.location).parent
         if not folder.is_dir():

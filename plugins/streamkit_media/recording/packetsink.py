@@ -1,4 +1,4 @@
-"""packetsink: packets to a file, as they came."""
+"""packetsink: coded packets to a file, without encoding."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from streamkit import (
     StreamError,
     write_remedy,
 )
-from streamkit_media.codecs import CODED_CAPS, CodecParameters, caps_parameters
+from streamkit_media.codecs import CODED_CAPS, caps_parameters
 from streamkit_media.container import MEDIA_ERRORS, reason_of
 from streamkit_media.location import local_path
 from streamkit_media.nalunits import BadPacket
@@ -40,11 +40,11 @@ EARLY_LIMIT = 256
 
 
 class PacketSink(Sink):
-    """Records coded video, and KLV telemetry beside it, without encoding anew.
+    """Records coded video and KLV telemetry without encoding.
 
-    What has come is in the file within a second or two, so that a recording plays also when the process was
-    killed. A new segment begins with a key frame once the one before is long or large enough, or when the
-    format changes. Telemetry needs .ts. A damaged packet is left out and counted.
+    Packets are in the file within two seconds, so that a recording plays also when the process was killed. A
+    new segment begins with a key frame once the one before is long or large enough, or when the format
+    changes. Telemetry needs .ts. A damaged packet is left out and counted.
 
     Example:
         filesrc location=flight.mp4 ! packetsink location=copy.ts
@@ -56,9 +56,7 @@ class PacketSink(Sink):
     location: str = Property("", doc="Path, .ts .mp4 .mov or .mkv; segments need a number: flight-%05d.ts.")
     max_size_time: int = Property(0, min=0, unit="ns", doc="Length of a segment; 0 is no limit.")
     max_size_bytes: int = Property(0, min=0, unit="bytes", doc="Size of a segment; 0 is no limit.")
-    arrivals: bool = Property(
-        False, doc="Write the arrival times beside each file, for replaysrc to play it as it came."
-    )
+    arrivals: bool = Property(False, doc="Write the arrival times to a second file, for replaysrc.")
 
     def start(self) -> None:
         """Checks the name; the file is made when the first key frame comes."""
@@ -69,7 +67,7 @@ class PacketSink(Sink):
         self._early: deque[Frame] = deque(maxlen=EARLY_LIMIT)
         self._zero = self._begin = 0
         self._bytes = 0
-        self._is_damage_told = False
+        self._is_damage_reported = False
         if not self.location:
             raise ResourceError("location= must name the file to write, it is empty; write location=out.ts")
         suffix = Path(self.location).suffix.lower()
@@ -101,7 +99,7 @@ class PacketSink(Sink):
                 else:
                     self._write_video(frame)
         except BadPacket as error:
-            self._leave_out(error)
+            self._drop_damaged(error)
         except (*MEDIA_ERRORS, OSError) as error:
             raise self._failure(error) from error
 
@@ -119,7 +117,7 @@ class PacketSink(Sink):
                 f"{self.location}: nothing is written: {damaged} packets are damaged, and no whole key frame "
                 "came; the video is damaged or encrypted"
             )
-        self.post_warning(f"{self.location}: not one key frame came, nothing is written")
+        self.post_warning(f"{self.location}: no key frame came, nothing is written")
 
     def stop(self) -> None:
         """Completes the file where EOS did not."""
@@ -152,7 +150,7 @@ class PacketSink(Sink):
 
     def _write_klv(self, frame: Frame) -> None:
         if self._writer is None:
-            # Telemetry of the first picture often comes before it.
+            # Telemetry of the first frame often comes before it.
             if len(self._early) == self._early.maxlen:
                 self.count_drop(BEFORE_KEYFRAME)
             self._early.append(frame)
@@ -175,7 +173,7 @@ class PacketSink(Sink):
         if caps is self._caps:
             return True
         assert self._caps is not None
-        return _format_of(caps) == _format_of(self._caps)
+        return caps_parameters(caps) == caps_parameters(self._caps)
 
     def _change(self, frame: Frame) -> None:
         """Completes the file under way and begins the next."""
@@ -204,14 +202,14 @@ class PacketSink(Sink):
         pts, dts = times_of(frame)
         self._zero, self._begin, self._bytes, self._caps = min(dts, pts), pts, 0, frame.caps
 
-    def _leave_out(self, error: BadPacket) -> None:
-        """Counts a damaged packet; where it was a file's first, the next key frame begins the file anew."""
+    def _drop_damaged(self, error: BadPacket) -> None:
+        """Counts a damaged packet; where it was a file's first, the next key frame restarts the file."""
         self.count_drop(DAMAGED)
         with self._writing:
             if self._writer is not None and not self._writer.has_begun:
                 self._finish()
-        if not self._is_damage_told:
-            self._is_damage_told = True
+        if not self._is_damage_reported:
+            self._is_damage_reported = True
             self.post_warning(f"{self.location}: a packet is left out: {error}; others like it are counted")
 
     def _finish(self) -> None:
@@ -245,14 +243,10 @@ class PacketSink(Sink):
 
 
 def times_of(frame: Frame) -> tuple[int, int]:
-    """When a packet is shown and when it is decoded, ns: the packet tells how far apart, the frame when."""
+    """Presentation and decoding time, ns: the frame has the first, the packet their distance."""
     packet: Any = frame.data
     pts = frame.pts
     apart = 0
     if isinstance(packet, Packet) and packet.pts is not None and packet.dts is not None:
         apart = nanoseconds(packet.pts - packet.dts, packet.time_base)
     return (pts or 0), (pts or 0) - apart
-
-
-def _format_of(caps: Caps) -> CodecParameters:
-    return caps_parameters(caps)

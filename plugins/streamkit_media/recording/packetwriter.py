@@ -139,7 +139,7 @@ class PacketWriter:
         return packet.size
 
     def _refuse(self, error: Exception) -> NoReturn:
-        """Raises what became of a packet that was not written; tells damage from a file that fails."""
+        """Raises BadPacket for a damaged packet, and the error itself where the file fails."""
         reason = self._file.failure or error
         if isinstance(reason, FFmpegError) and (self.has_begun or isinstance(reason, InvalidDataError)):
             refusal = BadPacket(f"it cannot be written: {reason.strerror}")

@@ -21,9 +21,9 @@ from av.video.codeccontext import VideoCodecContext
 from streamkit_media.nalunits import START_CODE, BadPacket, unit_type, units
 from streamkit_media.recording import trial
 
-# Sequence parameter sets, and video parameter sets of H.265. Those of pictures may belong to other layers,
-# whose sequence parameter sets the filters do not know.
-CHECKED_KINDS = {"h264": frozenset({7}), "hevc": frozenset({32, 33})}
+# Sequence parameter sets, and video parameter sets of H.265. Picture parameter sets may belong to other
+# layers, whose sequence parameter sets the filters do not know.
+CHECKED_TYPES = {"h264": frozenset({7}), "hevc": frozenset({32, 33})}
 
 TRIAL_LIMIT_S = 4.0
 
@@ -39,7 +39,7 @@ def check_parameter_sets(codec: str, data: bytes) -> None:
         BadPacket: a field of a set is out of its range or a set is cut short, and the packet does not decode,
             or keeps the muxer busy.
     """
-    kinds = CHECKED_KINDS.get(codec)
+    kinds = CHECKED_TYPES.get(codec)
     if kinds is None:
         return
     sets = [START_CODE + unit for unit in units(data) if unit and unit_type(codec, unit[0]) in kinds]
@@ -48,7 +48,7 @@ def check_parameter_sets(codec: str, data: bytes) -> None:
     try:
         BitStreamFilterContext(f"{codec}_metadata", codec).filter(Packet(b"".join(sets)))
     except InvalidDataError:
-        # Some encoders break the rules in ways that hurt nobody.
+        # Some encoders break the rules in harmless ways.
         if not _decodes(codec, data) or (codec == "hevc" and not _can_be_muxed(data)):
             raise BadPacket("its parameter sets are damaged") from None
     except FFmpegError:

@@ -1,4 +1,4 @@
-"""replaysrc: a recording, as it came."""
+"""replaysrc: plays a recording with its arrival times."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class ReplaySrc(Source):
     src = CODED_CAPS
     is_live = True
 
-    location: str = Property("", doc="Path of the recording; its arrivals stand beside it.")
+    location: str = Property("", doc="Path of the recording; the file of arrivals is next to it.")
     speed: float = Property(
-        1.0, min=0.0, max=1000.0, doc="1 is as it came, 2 twice as fast, 0 without waiting."
+        1.0, min=0.0, max=1000.0, doc="1 is the original speed, 2 twice as fast, 0 without waiting."
     )
 
     def start(self) -> None:
@@ -37,7 +37,7 @@ class ReplaySrc(Source):
         check_file(self.location)
         if not arrivals_path(local_path(self.location)).is_file():
             raise ResourceError(
-                f"{self.location}: there are no arrivals beside it; record with packetsink arrivals=true, "
+                f"{self.location}: it has no file of arrivals; record with packetsink arrivals=true, "
                 "or play it with filesrc"
             )
         with open_container(self.location) as container:
@@ -45,7 +45,7 @@ class ReplaySrc(Source):
             self._caps = coded_caps(stream_parameters(stream), stream_rate(stream))
 
     def negotiate(self, allowed: Caps) -> Caps | None:
-        """What the recording holds."""
+        """The caps of the recording."""
         return self._caps
 
     def frames(self) -> Iterator[Frame]:

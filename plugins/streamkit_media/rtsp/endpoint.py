@@ -1,4 +1,4 @@
-"""What both ends of RTSP share: where the server is, how it is spoken to, and when to try again."""
+"""Base of rtspsrc and rtspclientsink: address, credentials, TLS and retries."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class RtspEndpoint(Element):
         return with_credentials(self.location, self.user_id, self.user_pw)
 
     def _secured(self) -> dict[str, str]:
-        """FFmpeg's options for TLS; it trusts everybody unless told otherwise."""
+        """FFmpeg's options for TLS; its default is to trust every server."""
         if not self.tls_verify:
             return {"tls_verify": "0"}
         try:
@@ -118,16 +118,16 @@ class RtspEndpoint(Element):
         except OSError as error:
             raise ResourceError(f"tls-ca-file={self.tls_ca_file}: {error}") from None
 
-    def _distrust(self) -> str:
-        """Why the server's certificate is refused; "" where it is not."""
+    def _certificate_failure(self) -> str:
+        """Why the server's certificate is refused; "" where it is accepted."""
         host, limit_s = urlsplit(self.location).hostname or "", min(self.timeout_s, HANDSHAKE_LIMIT_S)
         return tls_failure(host, port_of(self.location), self._tls_options.get("ca_file"), limit_s)
 
     def _has_tried_enough(self, *, has_worked: bool) -> bool:
-        """Whether the last try was that: `has_worked` tells whether any connection has so far."""
+        """Whether to give up; `has_worked` means that a connection has worked before."""
         if self.max_retries >= 0:
             return self._backoff.tries >= self.max_retries
         return not has_worked and self.reconnect is not Reconnect.ALWAYS
 
-    def _tell(self, state: str, **fields: object) -> None:
+    def _post_state(self, state: str, **fields: object) -> None:
         self.post_message("connection", state=state, **fields)

@@ -21,7 +21,7 @@ from streamkit_media.packets import read_packets
 from streamkit_media.rtsp.low_latency.completeframes import UNPARSED, can_be_joined, complete_frames
 from streamkit_media.rtsp.packetqueue import PacketQueue
 from streamkit_media.rtsp.reachability import SECURE, connection_failure, port_of, tls_failure
-from streamkit_media.rtsp.sockets import CLAIMS, cut_connections, is_hung_up, open_sockets
+from streamkit_media.rtsp.sockets import CLAIMS, cut_connections, is_closed_by_peer, open_sockets
 from streamkit_media.streams import StreamKind, stream_caps, streams_of
 
 CUT_EVERY_S = 0.05
@@ -100,7 +100,7 @@ class PacketReader:
             self._read()
         except StreamkitError as cause:
             error = cause
-        except Exception as cause:  # the thread's last word goes to who waits on the ring
+        except Exception as cause:  # raised by the queue in the consumer's thread
             error = ResourceError(f"{redact(self.location)}: {redact(str(cause))}")
         finally:
             CLAIMS.release(self)
@@ -150,8 +150,10 @@ class PacketReader:
                 raise silence(self.location, self.timeout_s) from None
             where = redact(self.location)
             raise StreamError(f"{where}: {error}; check that the server still runs") from None
-        if is_hung_up(sockets):
-            raise hung_up(self.location)
+        if is_closed_by_peer(sockets):
+            raise ClosedByServer(
+                f"{redact(self.location)}: the server has closed the connection; check that it still runs"
+            )
 
     def _pass_on(
         self,
@@ -206,13 +208,8 @@ def frame_duration(video: VideoStream) -> int:
     return round(1 / (rate * base)) if rate and base else 0
 
 
-class HungUp(StreamError):
+class ClosedByServer(StreamError):
     """The server has closed the connection amid the stream."""
-
-
-def hung_up(location: str) -> HungUp:
-    """The error for a connection that the server closes."""
-    return HungUp(f"{redact(location)}: the server has closed the connection; check that it still runs")
 
 
 class Silence(TimedOut):

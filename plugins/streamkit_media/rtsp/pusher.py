@@ -63,12 +63,12 @@ class Push:
         self._container.mux_one(packet)
 
     def close(self) -> None:
-        """Takes leave of the server."""
+        """Ends the recording."""
         self._container.close()
 
 
 def run(commands: BinaryIO, answers: BinaryIO) -> None:
-    """Does what it is told until it is told to end, or until nobody is there to tell."""
+    """Executes commands until END or the end of the input."""
     push: Push | None = None
     limit_s = 0.0
 
@@ -113,7 +113,7 @@ def main() -> None:
             "is_refused": isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError),
         }
         os.write(sys.stdout.fileno(), message(Kind.FAILED, json.dumps(report).encode()))
-    # Without a farewell: closing a connection that has failed would wait for the server again.
+    # Closing a connection that has failed would wait for the server again.
     os._exit(0)
 
 

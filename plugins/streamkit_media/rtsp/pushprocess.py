@@ -1,4 +1,4 @@
-"""The other end of a push process: begins it, gives it packets, watches it and ends it."""
+"""Starts a push process, sends it packets, watches and ends it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from streamkit_media.rtsp.pushprotocol import Kind, PushPacket, message, packet_content, take_messages
 
 PUSHER = "streamkit_media.rtsp.pusher"
-AWAKE_LIMIT_S = 30.0  # a loaded machine may need long to start Python; the server is not spoken to before
+START_LIMIT_S = 30.0  # a loaded machine may need long to start Python; the server is not spoken to before
 KILL_LIMIT_S = 5.0
 READ_BYTES = 65_536
 
@@ -35,12 +35,12 @@ class PushFailure(Exception):
 class PushProcess:
     """One process and the one connection that it makes; not for two threads at once.
 
-    What it is to know goes through its standard input, so that no password is in the list of processes.
+    Its orders go through standard input, so that no password is in the list of processes.
 
     Attributes:
-        is_opened: whether it was told to connect.
+        is_opened: whether `open` was called.
         is_ready: whether the server records.
-        is_done: whether it has taken leave of the server.
+        is_done: whether the recording has ended.
         pending: packets offered that are not with the operating system yet.
         written: packets that are.
 
@@ -65,14 +65,14 @@ class PushProcess:
             os.set_blocking(pipe.fileno(), False)
         self._outgoing = bytearray()
         self._received = bytearray()
-        self._is_awake = self._is_ending = False
-        self._silence_limit_s = AWAKE_LIMIT_S
+        self._is_running = self._is_ending = False
+        self._silence_limit_s = START_LIMIT_S
         self._answered = time.monotonic()
         self.is_opened = self.is_ready = self.is_done = False
         self.pending = self.written = 0
 
     def open(self, order: dict[str, Any]) -> None:
-        """Tells it to connect.
+        """Makes it connect.
 
         Args:
             order: as `pusher.Push` takes it, and `timeout_s`: the longest silence, s.
@@ -80,22 +80,22 @@ class PushProcess:
         self.is_opened = True
         self._silence_limit_s = order["timeout_s"]
         self._answered = time.monotonic()
-        self._tell(message(Kind.OPEN, json.dumps(order).encode()))
+        self._send_message(message(Kind.OPEN, json.dumps(order).encode()))
 
     def offer(self, packet: PushPacket) -> None:
-        """Gives it a packet; a failure is told by the next `attend`."""
-        if not self._is_waited_for():
+        """Queues a packet; the next `exchange` raises a failure."""
+        if not self._owes_answer():
             self._answered = time.monotonic()
         self.pending += 1
-        self._tell(message(Kind.PACKET, packet_content(packet)))
+        self._send_message(message(Kind.PACKET, packet_content(packet)))
 
     def end(self) -> None:
-        """Tells it to take leave of the server once everything is written."""
+        """Ends the recording once everything is written."""
         self._answered = time.monotonic()
         self._is_ending = True
-        self._tell(message(Kind.END))
+        self._send_message(message(Kind.END))
 
-    def attend(self, wait_s: float) -> None:
+    def exchange(self, wait_s: float) -> None:
         """Sends and receives what can be, at most after a wait.
 
         Args:
@@ -113,16 +113,15 @@ class PushProcess:
                 self._send()
             else:
                 self._receive()
-        limit_s = self._silence_limit_s if self._is_awake else AWAKE_LIMIT_S
-        if self._is_waited_for() and time.monotonic() - self._answered >= limit_s:
-            raise PushFailure(f"the push process was silent for {limit_s:g} s", is_silent=self._is_awake)
+        limit_s = self._silence_limit_s if self._is_running else START_LIMIT_S
+        if self._owes_answer() and time.monotonic() - self._answered >= limit_s:
+            raise PushFailure(f"the push process was silent for {limit_s:g} s", is_silent=self._is_running)
 
     def close(self, limit_s: float) -> None:
-        """Ends the process, and leaves nothing of it behind. Safe to call twice.
+        """Ends the process. Safe to call twice.
 
         Args:
-            limit_s: how long it may take leave of the server before it is killed, s; one that is not
-                connected has nobody to take leave of.
+            limit_s: time to end the recording before the process is killed, s; 0 where not connected.
         """
         if self._stdin.closed:
             return
@@ -140,12 +139,12 @@ class PushProcess:
         finally:
             self._stdout.close()
 
-    def _is_waited_for(self) -> bool:
+    def _owes_answer(self) -> bool:
         is_connecting = self.is_opened and not self.is_ready
         return bool(is_connecting or self.pending or (self._is_ending and not self.is_done))
 
-    def _tell(self, said: bytes) -> None:
-        self._outgoing += said
+    def _send_message(self, data: bytes) -> None:
+        self._outgoing += data
         self._send()
 
     def _send(self) -> None:
@@ -164,15 +163,15 @@ class PushProcess:
             except BlockingIOError:
                 return
             if not data:
-                raise PushFailure("its process has ended without a word")
+                raise PushFailure("its process has ended without an answer")
             self._received += data
             for kind, content in take_messages(self._received):
-                self._hear(kind, content)
+                self._handle(kind, content)
 
-    def _hear(self, kind: Kind, content: bytes) -> None:
+    def _handle(self, kind: Kind, content: bytes) -> None:
         self._answered = time.monotonic()
         if kind is Kind.AWAKE:
-            self._is_awake = True
+            self._is_running = True
         elif kind is Kind.READY:
             self.is_ready = True
         elif kind is Kind.WRITTEN:

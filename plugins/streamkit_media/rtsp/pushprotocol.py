@@ -1,4 +1,4 @@
-"""What a push process and the process that began it say to each other, over the two pipes between them.
+"""Messages between a push process and the process that started it, over two pipes.
 
 A message is its kind (one byte), the length of its content (four bytes, big-endian) and the content.
 """

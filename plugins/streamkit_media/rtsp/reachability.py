@@ -22,7 +22,7 @@ def port_of(location: str) -> int:
     """The TCP port a URL leads to.
 
     Raises:
-        ValueError: the URL's port is no number from 0 to 65535; what stands there may be a password.
+        ValueError: the URL's port is no number from 0 to 65535; the text may be a password.
     """
     try:
         parts = urlsplit(location)
@@ -105,4 +105,4 @@ def tls_failure(host: str, port: int, ca_file: str | None, limit_s: float) -> st
         reason = getattr(error, "reason", None) or "the connection was closed"
         return f"no TLS on port {port}: {reason}; write rtsp:// if it is not encrypted"
     except OSError:
-        return ""  # what is wrong with the connection itself is told elsewhere
+        return ""  # connection_failure reports this

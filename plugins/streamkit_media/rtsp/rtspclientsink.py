@@ -19,7 +19,7 @@ from streamkit_media.rtsp.pushprotocol import PushPacket
 LOOK_S = 0.05
 LEAVE_LIMIT_S = 1.0
 STOP_LIMIT_S = 5.0
-STEADY_S = 5.0  # a connection that has lasted so long was good: the tries are counted anew
+STEADY_S = 5.0  # a connection that has lasted so long was good: retries count from zero
 TICK_NS = 11_112  # of RTP's 90 kHz clock, rounded up
 JUMP_NS = 1_000_000_000
 TOO_SLOW = "the server is too slow"
@@ -86,10 +86,10 @@ class RtspClientSink(RtspEndpoint, Sink):
                 self.post_warning(f"{self._where}: a packet is left out: {error}")
             except PushFailure as failure:
                 self.count_drop(LOST)
-                self._lose(failure)
+                self._schedule_retry(failure)
 
     def drain(self) -> None:
-        """EOS: what is held is sent, then the server is told that it is over.
+        """Sends what is queued and ends the recording.
 
         Raises:
             ResourceError: the connection failed before.
@@ -98,7 +98,7 @@ class RtspClientSink(RtspEndpoint, Sink):
             try:
                 self._finish()
             except PushFailure as failure:
-                self._lose(failure)
+                self._schedule_retry(failure)
             if self._backoff.tries and time.monotonic() < self._retry_s:
                 self.post_warning(f"{self._where}: the stream ended while there was no connection")
 
@@ -116,7 +116,7 @@ class RtspClientSink(RtspEndpoint, Sink):
     def _push(self, frame: Frame) -> None:
         is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
         if self._is_open():
-            self._attend(0)
+            self._exchange(0)
         if is_keyframe and self._is_open() and frame.caps is not self._caps:
             self._change_format(frame.caps)
         if not self._is_open():
@@ -143,7 +143,7 @@ class RtspClientSink(RtspEndpoint, Sink):
         while self._process.pending >= self.max_packets:
             if self.drop or self.stopping.is_set():
                 return False
-            self._attend(LOOK_S)
+            self._exchange(LOOK_S)
         return True
 
     def _times(self, frame: Frame) -> tuple[int, int]:
@@ -170,7 +170,7 @@ class RtspClientSink(RtspEndpoint, Sink):
         self._zero, self._last_dts = min(pts, dts), -TICK_NS
         self._caps, self._needs_keyframe, self._is_connected = frame.caps, False, False
         self._opened_s = time.monotonic()
-        self._tell("connecting", attempt=self._backoff.tries)
+        self._post_state("connecting", attempt=self._backoff.tries)
         self._process.open(self._order(parameters))
 
     def _order(self, parameters: CodecParameters) -> dict[str, Any]:
@@ -197,26 +197,26 @@ class RtspClientSink(RtspEndpoint, Sink):
         else:
             self._caps = caps
 
-    def _attend(self, wait_s: float) -> None:
+    def _exchange(self, wait_s: float) -> None:
         process = self._process
         assert process is not None
         try:
-            process.attend(wait_s)
+            process.exchange(wait_s)
         finally:
             if process.is_ready and not self._is_connected:
                 self._is_connected = self._was_connected = True
-                self._tell("connected", caps=str(self._caps))
+                self._post_state("connected", caps=str(self._caps))
 
     def _finish(self) -> None:
-        """Sends what is held and takes leave of the server."""
+        """Sends what is queued and ends the recording."""
         process = self._process
         if process is not None and process.is_opened:
             while process.pending and not self.stopping.is_set():
-                self._attend(LOOK_S)
+                self._exchange(LOOK_S)
             self.stopping.wait(self.latency_ms / 1000)
             process.end()
             while not process.is_done and not self.stopping.is_set():
-                self._attend(LOOK_S)
+                self._exchange(LOOK_S)
         self._leave("the pipeline was stopped", LEAVE_LIMIT_S)
 
     def _leave(self, reason: str, limit_s: float) -> None:
@@ -231,7 +231,7 @@ class RtspClientSink(RtspEndpoint, Sink):
 
     # Between two connections.
 
-    def _lose(self, failure: PushFailure) -> None:
+    def _schedule_retry(self, failure: PushFailure) -> None:
         """Sets the time of the next try.
 
         Raises:
@@ -240,17 +240,17 @@ class RtspClientSink(RtspEndpoint, Sink):
         self._leave(LOST, 0)
         error = self._error(failure)
         if failure.is_silent:
-            self._tell("stalled", reason=error)
+            self._post_state("stalled", reason=error)
         if self._is_connected and time.monotonic() - self._opened_s >= STEADY_S:
             self._backoff.reset()
         tries = self._backoff.tries
         is_over = self.reconnect is Reconnect.NEVER or failure.is_refused
         if is_over or self._has_tried_enough(has_worked=self._was_connected):
-            self._tell("gave-up", attempt=tries, reason=error)
+            self._post_state("gave-up", attempt=tries, reason=error)
             raise ResourceError(f"{error}; gave up after {tries} retries" if tries else error)
         delay_s = self._backoff.next_delay_s()
         self._retry_s = time.monotonic() + delay_s
-        self._tell("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=error)
+        self._post_state("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=error)
         self.post_warning(f"{error}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
 
     def _error(self, failure: PushFailure) -> str:
@@ -265,8 +265,8 @@ class RtspClientSink(RtspEndpoint, Sink):
                 f"{self._where}: the server has been silent for {self.timeout_s:g} s (timeout-s); "
                 "check that it takes recordings, or allow more time"
             )
-        if not self._is_connected and self._tls_options and (distrust := self._distrust()):
-            return f"{self._where}: {distrust}"
+        if not self._is_connected and self._tls_options and (failure_text := self._certificate_failure()):
+            return f"{self._where}: {failure_text}"
         if self._is_connected:
             return f"{self._where}: the server has ended the connection: {reason}; check that it still runs"
         return (

@@ -23,16 +23,16 @@ from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import AccessRefused, TimedOut, UnsupportedTransport
 from streamkit_media.rtsp.connection import Connection
 from streamkit_media.rtsp.endpoint import Reconnect, RtspEndpoint
-from streamkit_media.rtsp.packetreader import HungUp, PacketReader, Silence
+from streamkit_media.rtsp.packetreader import ClosedByServer, PacketReader, Silence
 from streamkit_media.rtsp.timeline import Timeline
 from streamkit_media.streams import KLV_CAPS, StreamKind
 
 STOP_LIMIT_S = 1.8
 LEAVE_LIMIT_S = 0.5
 KINDS = frozenset({StreamKind.VIDEO, StreamKind.KLV})
-# Readers that FFmpeg has not let go of yet; each ends at its own time limit, so few are ever there.
+# Most readers that are still in a call of FFmpeg; each ends at its own time limit.
 ABANDONED_LIMIT = 8
-# A live picture is wanted now: FFmpeg would otherwise collect up to five seconds to guess the frame rate.
+# FFmpeg would otherwise read up to five seconds to guess the frame rate.
 UDP_SHARE = 0.5  # of the time limit, where tcp can follow
 WAIT_SHARE = 0.5  # of the time limit: a wait for a packet out of order is not to be taken for silence
 LIVE_OPTIONS = {"analyzeduration": "1500000", "fpsprobesize": "0"}
@@ -99,12 +99,12 @@ class RtspSrc(RtspEndpoint, Source):
 
     @property
     def received(self) -> int:
-        """Packets received since the start; each is delivered, or counted in `drops` here or behind."""
+        """Packets received since the start; each is delivered, or counted in `drops` here or downstream."""
         connection = self._connection
         return self._received + (connection.queue.received if connection is not None else 0)
 
     def negotiate(self, allowed: Caps) -> Caps | None:
-        """Only the server can tell."""
+        """None: the server chooses."""
         return None
 
     def frames(self) -> Iterator[Frame | tuple[str, Frame]]:
@@ -115,18 +115,18 @@ class RtspSrc(RtspEndpoint, Source):
         """
         while not self.over.is_set():
             before = self._received
-            self._tell("connecting", attempt=self._backoff.tries, transport=self._carrier.value)
+            self._post_state("connecting", attempt=self._backoff.tries, transport=self._carrier.value)
             try:
                 yield from self._one_connection()
                 failure = None
             except ResourceError as error:
                 failure = error
             finally:
-                self._leave(LEAVE_LIMIT_S)
+                self._disconnect(LEAVE_LIMIT_S)
             if self.over.is_set():
                 return
             if failure is not None and self._received == before:
-                if self._turns_to_tcp(failure):
+                if self._falls_back_to_tcp(failure):
                     continue
                 failure = self._with_remedy(failure)
             if not self._tries_again(failure):
@@ -141,11 +141,11 @@ class RtspSrc(RtspEndpoint, Source):
     def stop(self) -> None:
         """Ends the connection and the thread that reads it."""
         deadline = time.monotonic() + STOP_LIMIT_S
-        self._leave(STOP_LIMIT_S)
+        self._disconnect(STOP_LIMIT_S)
         ended = [reader.end(max(0.0, deadline - time.monotonic())) for reader in self._abandoned]
         if not all(ended):
             self.post_warning(
-                f"FFmpeg has not let go of {self._where} within {STOP_LIMIT_S:g} s; "
+                f"FFmpeg has not closed {self._where} within {STOP_LIMIT_S:g} s; "
                 f"it will within {self.timeout_s:g} s"
             )
 
@@ -163,7 +163,7 @@ class RtspSrc(RtspEndpoint, Source):
                 self._epoch += 1
                 self._backoff.reset()
                 self._add_pads(connection.reader.found)
-                self._tell("connected", epoch=self._epoch, caps=str(frame.caps))
+                self._post_state("connected", epoch=self._epoch, caps=str(frame.caps))
             flags = frame.flags | (FrameFlags.DISCONTINUITY if is_first and self._epoch else 0)
             is_first = False
             own = frame.replace(epoch=self._epoch, flags=flags)
@@ -175,7 +175,7 @@ class RtspSrc(RtspEndpoint, Source):
             raise StreamError(f"{self._where}: the server ended before the first packet")
 
     def _add_pads(self, found: frozenset[StreamKind]) -> None:
-        """Pads for what the server sends beside the video."""
+        """Adds pads for the streams other than the video."""
         for kind in sorted(found - {StreamKind.VIDEO}):
             if kind.value not in self.pads:
                 self.add_pad(kind.value)
@@ -185,8 +185,8 @@ class RtspSrc(RtspEndpoint, Source):
             self.no_more_pads()
 
     def _new_reader(self) -> PacketReader:
-        may_turn = self.transport is SourceTransport.AUTO and self._carrier is SourceTransport.UDP
-        limit_s = self.timeout_s * UDP_SHARE if may_turn else self.timeout_s
+        may_fall_back = self.transport is SourceTransport.AUTO and self._carrier is SourceTransport.UDP
+        limit_s = self.timeout_s * UDP_SHARE if may_fall_back else self.timeout_s
         options = {
             **LIVE_OPTIONS,
             **self._tls_options,
@@ -197,8 +197,8 @@ class RtspSrc(RtspEndpoint, Source):
         }
         return PacketReader(self._url, options, limit_s, KINDS, low_latency=self.low_latency)
 
-    def _leave(self, limit_s: float) -> None:
-        """Ends the connection; a reader that FFmpeg holds is left behind, to end at its own limit."""
+    def _disconnect(self, limit_s: float) -> None:
+        """Ends the connection; a reader in a call of FFmpeg ends at its own limit."""
         connection, self._connection = self._connection, None
         if connection is None:
             return
@@ -212,13 +212,13 @@ class RtspSrc(RtspEndpoint, Source):
             self._abandoned.append(connection.reader)
         if len(self._abandoned) > ABANDONED_LIMIT:
             raise ResourceError(
-                f"{self._where}: FFmpeg does not let go of {ABANDONED_LIMIT} connections that have "
+                f"{self._where}: FFmpeg does not close {ABANDONED_LIMIT} connections that have "
                 "ended; check the name server and the network"
             )
 
     # Between two connections.
 
-    def _turns_to_tcp(self, failure: ResourceError) -> bool:
+    def _falls_back_to_tcp(self, failure: ResourceError) -> bool:
         """Whether `auto`, having received nothing over UDP, goes on over TCP at once."""
         if self.transport is not SourceTransport.AUTO:
             return False
@@ -245,9 +245,9 @@ class RtspSrc(RtspEndpoint, Source):
             ResourceError: it is not to be tried again.
         """
         if isinstance(failure, Silence):
-            self._tell("stalled", reason=str(failure))
+            self._post_state("stalled", reason=str(failure))
         ends = self.reconnect is Reconnect.NEVER
-        if failure is None or (ends and isinstance(failure, HungUp)):
+        if failure is None or (ends and isinstance(failure, ClosedByServer)):
             if ends or self.reconnect is Reconnect.ON_ERROR:
                 self.post_warning(f"{self._where}: the server has ended the stream")
                 return False
@@ -255,13 +255,13 @@ class RtspSrc(RtspEndpoint, Source):
             ends or isinstance(failure, AccessRefused) or self._has_tried_enough(has_worked=self._epoch >= 0)
         ):
             tries = self._backoff.tries
-            self._tell("gave-up", attempt=tries, reason=str(failure))
+            self._post_state("gave-up", attempt=tries, reason=str(failure))
             if tries:
                 raise ResourceError(f"{failure}; gave up after {tries} retries")
             raise failure
         reason = str(failure) if failure is not None else f"{self._where}: the stream has ended"
         delay_s = self._backoff.next_delay_s()
-        self._tell("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=reason)
+        self._post_state("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=reason)
         self.post_warning(f"{reason}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
         self.over.wait(delay_s)
         return True

@@ -31,14 +31,14 @@ def open_sockets() -> dict[str, int]:
 
 
 class Claims:
-    """Which sockets belong to which connection, so that two to the same server leave each other alone."""
+    """Which sockets belong to which connection, so that two to the same server do not cut each other."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._of: dict[object, frozenset[str]] = {}
 
     def claim(self, owner: object, port: int, known: frozenset[str]) -> frozenset[str]:
-        """Gives an owner the sockets to a port that were opened after `known` and are nobody's yet."""
+        """Assigns an owner the sockets to a port that were opened after `known` and have no owner."""
         with self._lock:
             taken = known.union(*self._of.values())
             found = {name for name, number in open_sockets().items() if name not in taken}
@@ -52,7 +52,7 @@ class Claims:
             return frozenset().union(*(names for other, names in self._of.items() if other is not owner))
 
     def release(self, owner: object) -> None:
-        """The owner has none any more."""
+        """Removes the owner's sockets."""
         with self._lock:
             self._of.pop(owner, None)
 
@@ -72,7 +72,7 @@ def leads_to(name: str, port: int) -> bool:
             return False
 
 
-def is_hung_up(names: frozenset[str]) -> bool:
+def is_closed_by_peer(names: frozenset[str]) -> bool:
     """Whether the other side has closed one of these TCP connections."""
     for name in names:
         connection = duplicate(name)

@@ -1,13 +1,13 @@
-"""One ascending line of time for the packets of successive connections, each with a clock of its own."""
+"""Ascending timestamps over successive connections, each with a clock of its own."""
 
 from __future__ import annotations
 
-LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter began anew
+LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter restarted
 STEP_NS = 1_000_000
 
 
 class Timeline:
-    """Places packets: within a connection as far apart as the server says, between two as they arrived."""
+    """Keeps the server's time steps within a connection, and the arrival times between two."""
 
     def __init__(self) -> None:
         self._zero: int | None = None
@@ -16,11 +16,11 @@ class Timeline:
         self._before = (0, 0)
 
     def begin_connection(self) -> None:
-        """The server's times start anew."""
+        """The server's times restart."""
         self._offset = None
 
     def place(self, pts: int | None, arrival_ns: int) -> int:
-        """The time of a packet on the line.
+        """The timestamp of a packet.
 
         Args:
             pts: the server's time, ns; None for FFmpeg's first packet, whose time is 0.

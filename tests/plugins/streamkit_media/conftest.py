@@ -28,7 +28,7 @@ MakeVideo = Callable[..., Path]
 
 
 def grey_ramp(width: int, height: int, index: int) -> NDArray[np.uint8]:
-    """uint8[h * 3 // 2, w] in I420: a diagonal ramp that moves with the picture's number."""
+    """uint8[h * 3 // 2, w] in I420: a diagonal ramp that moves with the frame's number."""
     rows, columns = np.mgrid[:height, :width]
     pixels = np.full((height * 3 // 2, width), 128, np.uint8)
     pixels[:height] = 40 + (rows + columns + 4 * index) % 160
@@ -71,7 +71,7 @@ def make_video(tmp_path_factory: pytest.TempPathFactory) -> MakeVideo:
 
 @pytest.fixture(scope="session")
 def small_video(make_video: MakeVideo) -> Path:
-    """12 pictures of 64 x 48 at 25/s, H.264 with B-frames and a key frame every 6."""
+    """12 frames of 64 x 48 at 25/s, H.264 with B-frames and a key frame every 6."""
     return make_video("small.mp4")
 
 
@@ -173,7 +173,7 @@ def klv_packet() -> Callable[..., bytes]:
 
 @pytest.fixture(scope="session")
 def two_klv_streams(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """12 pictures at 25/s in a transport stream; times in the first KLV stream, positions in the second."""
+    """12 frames at 25/s in a transport stream; times in the first KLV stream, positions in the second."""
     path = tmp_path_factory.mktemp("media") / "two.ts"
     with av.open(str(path), "w", format="mpegts") as container:
         video = container.add_stream("libx264", rate=Fraction(25), options={"bf": "0"})

@@ -37,7 +37,7 @@ def test_a_missing_file_is_told(tmp_path: Path) -> None:
 
 
 def test_a_directory_is_told(tmp_path: Path) -> None:
-    """The error says that it is a directory and names the element for numbered pictures."""
+    """The error says that it is a directory and names the element for numbered frames."""
     with pytest.raises(ResourceError, match=r"a file is needed, this is a directory; .*multifilesrc"):
         open_container(str(tmp_path))
 

@@ -15,7 +15,7 @@ def segment(marker: int, content: bytes) -> bytes:
     return bytes([0xFF, marker]) + (len(content) + 2).to_bytes(2, "big") + content
 
 
-def test_size_is_that_of_the_picture() -> None:
+def test_size_is_that_of_the_frame() -> None:
     """Width and height come from the frame's header; a plain file has neither Exif nor XMP."""
     assert read_header(PLAIN) == JpegHeader(b"", b"", (64, 48))
 

@@ -24,7 +24,7 @@ def beach(streamkit_data: Path) -> Path:
 
 
 def with_xmp(picture: bytes) -> bytes:
-    """A picture with the XMP above."""
+    """A frame with the XMP above."""
     return picture[:2] + b"\xff\xe1" + (len(XMP) + 2).to_bytes(2, "big") + XMP + picture[2:]
 
 
@@ -39,7 +39,7 @@ def test_xmp_tells_place_and_attitude() -> None:
     assert sample.source == "dji above sea level"
 
 
-def test_a_picture_without_a_place_has_no_sample() -> None:
+def test_a_frame_without_a_place_has_no_sample() -> None:
     """Nor has a file that is no JPEG."""
     assert sample_of_photograph(PICTURE, 0) is None
     assert sample_of_photograph(b"\x89PNG\r\n", 0) is None
@@ -64,8 +64,8 @@ def test_a_survey_flies_three_strips(beach: Path) -> None:
         assert sample.field_of_view == pytest.approx((math.radians(86.6), math.radians(55.9)), abs=0.01)
 
 
-def test_pose_travels_with_the_decoded_picture(tmp_path: Path) -> None:
-    """`multifilesrc` attaches it, `decode` keeps it; a picture that tells no place has none."""
+def test_pose_travels_with_the_decoded_frame(tmp_path: Path) -> None:
+    """`multifilesrc` attaches it, `decode` keeps it; a frame that tells no place has none."""
     (tmp_path / "p0.jpg").write_bytes(with_xmp(PICTURE))
     (tmp_path / "p1.jpg").write_bytes(PICTURE)
     with Pipeline.parse(f"multifilesrc location={tmp_path}/p%d.jpg ! decode ! appsink name=out") as pipeline:

@@ -1,7 +1,7 @@
 """Access units of H.264 and H.265 from the pieces that RTP packets carry.
 
-FFmpeg's own parser takes a picture for whole when the next one begins: a live picture is then as old as one
-frame lasts before it is decoded. RTP marks the last packet of a picture.
+FFmpeg's parser ends a frame when the next one begins, which delays it by one frame. RTP marks the last packet
+of a frame.
 
 Source: RFC 6184, 5.1 (marker); ITU-T H.264, 7.4.1.2.3 and H.265, 7.4.2.4.4 (where an access unit begins).
 """
@@ -30,16 +30,16 @@ class Kinds:
         shift: of the kind in the first byte; it has so many bits as `mask` has.
         mask: see there.
         header_bytes: of a unit.
-        pictures: slices; what follows the header begins with a set bit in the first one of a picture.
-        keys: of those, the ones of pictures that decoding can begin with.
-        leading: what stands before the picture that it is for.
-        supplements: of those, the ones that may tell of a recovery point.
+        slices: slices; what follows the header begins with a set bit in the first one of a frame.
+        keys: of those, the ones of frames that decoding can begin with.
+        leading: types that precede the slices of their frame.
+        supplements: of those, the ones that may hold a recovery point.
     """
 
     shift: int
     mask: int
     header_bytes: int
-    pictures: frozenset[int]
+    slices: frozenset[int]
     keys: frozenset[int]
     leading: frozenset[int]
     supplements: frozenset[int]
@@ -62,16 +62,16 @@ KINDS = {
 
 
 class DecodingTimes:
-    """When each of the pictures is decoded, as far as their times of presentation tell."""
+    """Decoding times of frames, estimated from their presentation times."""
 
     def __init__(self) -> None:
         self._latest: list[int] = []
         self._reordered = 0
 
     def of(self, pts: int) -> int:
-        """The decoding time of the next picture, in the unit of its time of presentation.
+        """The decoding time of the next frame, in the unit of its time of presentation.
 
-        Pictures that are shown in another order than they come in are decoded as many places earlier.
+        Frames that are shown in another order than they come in are decoded as many places earlier.
         """
         insort(self._latest, pts)
         behind = len(self._latest) - 1 - self._latest.index(pts)
@@ -81,14 +81,14 @@ class DecodingTimes:
 
 
 class AccessUnits:
-    """Joins pieces to packets of one picture each.
+    """Joins pieces to packets of one frame each.
 
     Args:
         codec: h264 or hevc.
-        duration: of a picture, in the pieces' time base; 0 if unknown.
+        duration: of a frame in the pieces' time base; 0 if unknown.
 
     Attributes:
-        trusts_marks: whether marked pieces end pictures; where others are marked, too, no longer.
+        trusts_marks: whether marked pieces end frames; false after a mark within a frame.
     """
 
     def __init__(self, codec: str, duration: int = 0) -> None:
@@ -99,23 +99,23 @@ class AccessUnits:
         self._marked_pts: int | None = None
         self._pieces: list[Packet[Stream]] = []
         self._data: list[bytes] = []
-        self._has_picture = self._is_key = False
+        self._has_slice = self._is_key = False
 
     def add(self, piece: Packet[Stream], *, is_marked: bool) -> Iterator[Packet[Stream]]:
         """Takes the next piece.
 
         Args:
             piece: one or more NAL units with start codes, or more of the last one.
-            is_marked: whether it is known to be the last of its picture.
+            is_marked: whether it is known to be the last of its frame.
 
         Yields:
-            The pictures that are complete with it.
+            The frames that are complete with it.
         """
         data = bytes(piece)
         found = list(units(data)) if data.startswith(START_CODES) else []
         begins = bool(found) and self._may_begin(found[0])
         is_next = self._pieces and piece.pts != self._pieces[0].pts
-        if self._pieces and (is_next or (begins and self._has_picture)):
+        if self._pieces and (is_next or (begins and self._has_slice)):
             yield self._joined()
         elif not self._pieces and not begins and piece.pts == self._marked_pts:
             self.trusts_marks = False
@@ -123,7 +123,7 @@ class AccessUnits:
         self._data.append(data)
         for unit in found:
             self._note(unit)
-        if is_marked and self.trusts_marks and self._has_picture:
+        if is_marked and self.trusts_marks and self._has_slice:
             self._marked_pts = piece.pts
             yield self._joined()
 
@@ -136,14 +136,14 @@ class AccessUnits:
         return unit[0] >> self._kinds.shift & self._kinds.mask if unit else -1
 
     def _may_begin(self, unit: bytes) -> bool:
-        """Whether a unit stands at the beginning of a picture, where there is one before it."""
+        """Whether a unit begins a frame where another one precedes it."""
         kind, at = self._kind(unit), self._kinds.header_bytes
         is_first = len(unit) > at and bool(unit[at] & 0x80)
-        return kind in self._kinds.leading or (kind in self._kinds.pictures and is_first)
+        return kind in self._kinds.leading or (kind in self._kinds.slices and is_first)
 
     def _note(self, unit: bytes) -> None:
         kind = self._kind(unit)
-        self._has_picture |= kind in self._kinds.pictures
+        self._has_slice |= kind in self._kinds.slices
         self._is_key |= kind in self._kinds.keys
         if kind in self._kinds.supplements:
             self._is_key |= has_recovery_point(unit[self._kinds.header_bytes :])
@@ -158,7 +158,7 @@ class AccessUnits:
         whole.is_keyframe, whole.is_corrupt = self._is_key, any(piece.is_corrupt for piece in self._pieces)
         for item in first.iter_sidedata():
             item.to_packet(whole)
-        self._pieces, self._data, self._has_picture, self._is_key = [], [], False, False
+        self._pieces, self._data, self._has_slice, self._is_key = [], [], False, False
         return whole
 
 

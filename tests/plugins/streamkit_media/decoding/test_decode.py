@@ -133,7 +133,7 @@ def test_an_impossible_size_is_refused_before_decoding(small_video: Path) -> Non
         Pipeline.parse(text).run(timeout_s=10)
 
 
-def test_size_is_taken_from_the_first_picture_where_caps_tell_none(small_video: Path) -> None:
+def test_size_is_taken_from_the_first_frame_where_caps_tell_none(small_video: Path) -> None:
     """Packets whose caps lack a size still decode; the frames' caps have it."""
     packets = packets_of(small_video)
     caps = packets[0].caps.without_fields("width", "height", "framerate")
@@ -167,7 +167,7 @@ def test_damaged_packets_are_counted_and_told_once(small_video: Path) -> None:
 
 
 def test_frames_of_a_lost_key_frame_are_marked(small_video: Path) -> None:
-    """Pictures whose reference is missing come out marked corrupt, those after the next key frame whole."""
+    """Frames whose reference is missing come out marked corrupt, those after the next key frame whole."""
     packets = packets_of(small_video)[1:]
     with Harness(Decode(threads_type="slice")) as harness:
         frames = decoded(harness, packets)
@@ -216,7 +216,7 @@ def test_a_new_epoch_begins_a_new_decoder(small_video: Path) -> None:
 
 
 def test_packets_only_for_decoding_are_not_shown(small_video: Path) -> None:
-    """Pictures of packets marked for decoding alone are left out, the rest are whole."""
+    """Frames of packets marked for decoding alone are left out, the rest are whole."""
     packets = packets_of(small_video)
     marked = [packet.attach(DECODE_ONLY) if packet.pts < 120_000_000 else packet for packet in packets]
     with Harness("decode") as harness:
@@ -225,7 +225,7 @@ def test_packets_only_for_decoding_are_not_shown(small_video: Path) -> None:
     assert not any(frame.flags & FrameFlags.CORRUPT for frame in frames)
 
 
-def test_live_pictures_that_have_waited_are_left_out(make_video: MakeVideo) -> None:
+def test_live_frames_that_have_waited_are_left_out(make_video: MakeVideo) -> None:
     """One that comes out later than others by more than the slack makes way for the newest, and counts."""
     packets = packets_of(make_video("live.mp4", bframes=0))
     clock, shown = ManualClock(), []
@@ -241,7 +241,7 @@ def test_live_pictures_that_have_waited_are_left_out(make_video: MakeVideo) -> N
 
 
 def test_a_decoder_that_is_always_late_shows_all_the_same(make_video: MakeVideo) -> None:
-    """Where every picture takes half a second, they are shown after a moment rather than never."""
+    """Where every frame takes half a second, they are shown after a moment rather than never."""
     packets = packets_of(make_video("slow.mp4", count=60, bframes=0))
     clock, shown = ManualClock(), 0
     with Harness(Decode(threads=1, threads_type="slice"), clock=clock) as harness:
@@ -253,8 +253,8 @@ def test_a_decoder_that_is_always_late_shows_all_the_same(make_video: MakeVideo)
     assert shown > 20
 
 
-def test_a_discontinuity_of_a_hidden_picture_is_the_next_ones(small_video: Path) -> None:
-    """The mark moves to the first picture after it that is shown."""
+def test_a_discontinuity_of_a_hidden_frame_is_the_next_ones(small_video: Path) -> None:
+    """The mark moves to the first frame after it that is shown."""
     packets = packets_of(small_video)
     packets[0] = packets[0].replace(flags=packets[0].flags | FrameFlags.DISCONTINUITY).attach(DECODE_ONLY)
     with Harness(Decode(threads=1, threads_type="slice")) as harness:
@@ -263,8 +263,8 @@ def test_a_discontinuity_of_a_hidden_picture_is_the_next_ones(small_video: Path)
     assert [bool(frame.flags & FrameFlags.DISCONTINUITY) for frame in frames] == [True] + [False] * 10
 
 
-def test_damage_of_a_hidden_picture_marks_those_built_on_it(make_video: MakeVideo) -> None:
-    """A damaged picture that is not shown still leaves the next ones damaged, up to a key frame."""
+def test_damage_of_a_hidden_frame_marks_those_built_on_it(make_video: MakeVideo) -> None:
+    """A damaged frame that is not shown still leaves the next ones damaged, up to a key frame."""
     packets = packets_of(make_video("hidden.mp4", bframes=0))
     packets[2] = packets[2].replace(flags=FrameFlags.CORRUPT).attach(DECODE_ONLY)
     with Harness(Decode(threads=1, threads_type="slice")) as harness:
@@ -273,8 +273,8 @@ def test_damage_of_a_hidden_picture_marks_those_built_on_it(make_video: MakeVide
     assert marks == [False] * 2 + [True] * 3 + [False] * 6
 
 
-def test_pictures_after_one_that_is_missing_are_marked(make_video: MakeVideo) -> None:
-    """A picture lost whole, of which FFmpeg says nothing, leaves those up to the next key frame marked."""
+def test_frames_after_one_that_is_missing_are_marked(make_video: MakeVideo) -> None:
+    """A frame lost whole, of which FFmpeg says nothing, leaves those up to the next key frame marked."""
     packets = packets_of(make_video("missing.mp4", bframes=0))
     with Harness("decode") as harness:
         frames = decoded(harness, [packet for packet in packets if packet.seq != 7])
@@ -283,8 +283,8 @@ def test_pictures_after_one_that_is_missing_are_marked(make_video: MakeVideo) ->
     }
 
 
-def test_arrival_and_capture_follow_the_picture(small_video: Path) -> None:
-    """What a packet knows of its arrival is on its own picture, whatever the order of decoding."""
+def test_arrival_and_capture_follow_the_frame(small_video: Path) -> None:
+    """What a packet knows of its arrival is on its own frame, whatever the order of decoding."""
     packets = [packet.replace(arrival_ns=1000 + packet.pts) for packet in packets_of(small_video)]
     with Harness("decode") as harness:
         frames = decoded(harness, packets)
@@ -307,8 +307,8 @@ def test_slice_threads_are_taken_when_live(small_video: Path) -> None:
     assert (live._threading(), file._threading()) == ("slice", "frame")
 
 
-def test_pictures_cost_no_copy_of_pixels(make_video: MakeVideo) -> None:
-    """Holding frames holds the decoder's pictures, each at its own address."""
+def test_frames_cost_no_copy_of_pixels(make_video: MakeVideo) -> None:
+    """Holding frames holds the decoder's frames, each at its own address."""
     path = make_video("many.mp4", count=30)
     with Pipeline.parse(f'filesrc location="{path}" ! decode ! appsink name=out max-buffers=0') as pipeline:
         pipeline.play()
@@ -329,8 +329,8 @@ def test_stopping_early_is_quick(streamkit_data: Path) -> None:
 
 
 @pytest.mark.parametrize(("skip", "shown"), [("none", 12), ("non-reference", range(4, 11)), ("non-key", 2)])
-def test_skipped_pictures_are_counted(make_video: MakeVideo, skip: str, shown: int | range) -> None:
-    """Fewer pictures come out, right ones and in order, and the others count as dropped."""
+def test_skipped_frames_are_counted(make_video: MakeVideo, skip: str, shown: int | range) -> None:
+    """Fewer frames come out, right ones and in order, and the others count as dropped."""
     path = make_video("small_for_skip.mp4")
     whole = {frame.pts: frame.data for frame in _all_frames(path, "none")[0]}
     frames, drops = _all_frames(path, skip)
@@ -349,8 +349,8 @@ def _all_frames(path: Path, skip: str) -> tuple[list[Frame], dict[str, int]]:
 
 
 @pytest.mark.parametrize("degrees", [90, 180, 270])
-def test_pictures_are_turned(tmp_path: Path, degrees: int) -> None:
-    """A file that says its pictures are to be turned gives them turned, with size and caps to match."""
+def test_frames_are_rotated(tmp_path: Path, degrees: int) -> None:
+    """A file that says its frames are to be turned gives them turned, with size and caps to match."""
     path = tmp_path / "turned.mp4"
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=25, options={"crf": "5"})

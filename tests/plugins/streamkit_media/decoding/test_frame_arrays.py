@@ -7,11 +7,11 @@ import pytest
 from av.filter import Graph
 from numpy.typing import NDArray
 
-from streamkit_media.decoding.frame_arrays import LUMA_FIRST, OddSize, PictureReader
+from streamkit_media.decoding.frame_arrays import LUMA_FIRST, FrameReader, OddSize
 
 
 def noise(width: int, height: int, pixel_format: str = "yuv420p") -> av.VideoFrame:
-    """A picture of random samples in a planar 8-bit format, its lines padded as FFmpeg pads them."""
+    """A frame of random samples in a planar 8-bit format, its lines padded as FFmpeg pads them."""
     picture = av.VideoFrame(width, height, pixel_format)
     generator = np.random.default_rng(width * height)
     for plane in picture.planes:
@@ -30,7 +30,7 @@ def plane(picture: av.VideoFrame, index: int) -> NDArray[np.uint8]:
 def test_grey_is_the_luma_plane_without_copy(pixel_format: str) -> None:
     """GRAY8 of every format with a luma plane is that plane, at the decoder's own address."""
     picture = noise(70, 36, pixel_format)
-    pixels = PictureReader("GRAY8").read(picture)
+    pixels = FrameReader("GRAY8").read(picture)
     assert pixels.shape == (36, 70)
     assert pixels.ctypes.data == picture.planes[0].buffer_ptr
     assert pixels.strides[0] == picture.planes[0].line_size
@@ -38,11 +38,11 @@ def test_grey_is_the_luma_plane_without_copy(pixel_format: str) -> None:
     np.testing.assert_array_equal(pixels, plane(picture, 0))
 
 
-def test_grey_outlives_its_picture() -> None:
-    """The array keeps FFmpeg's memory alive after the picture is gone."""
+def test_grey_outlives_its_frame() -> None:
+    """The array keeps FFmpeg's memory alive after the frame is gone."""
     picture = noise(64, 48)
     wanted = plane(picture, 0)
-    pixels = PictureReader("GRAY8").read(picture)
+    pixels = FrameReader("GRAY8").read(picture)
     del picture
     gc.collect()
     others = [noise(64, 48) for _ in range(8)]
@@ -53,7 +53,7 @@ def test_grey_outlives_its_picture() -> None:
 def test_grey_of_odd_sizes() -> None:
     """GRAY8 works for odd sizes."""
     picture = noise(33, 21)
-    np.testing.assert_array_equal(PictureReader("GRAY8").read(picture), plane(picture, 0))
+    np.testing.assert_array_equal(FrameReader("GRAY8").read(picture), plane(picture, 0))
 
 
 def test_grey_of_upside_down_lines() -> None:
@@ -70,7 +70,7 @@ def test_grey_of_upside_down_lines() -> None:
     flipped = sink.pull()
     assert isinstance(flipped, av.VideoFrame)
     assert flipped.planes[0].line_size < 0
-    np.testing.assert_array_equal(PictureReader("GRAY8").read(flipped), plane(picture, 0)[::-1])
+    np.testing.assert_array_equal(FrameReader("GRAY8").read(flipped), plane(picture, 0)[::-1])
 
 
 def test_grey_of_ten_bits_is_the_upper_eight() -> None:
@@ -79,14 +79,14 @@ def test_grey_of_ten_bits_is_the_upper_eight() -> None:
     ten = np.frombuffer(bytes(picture.planes[0]), "<u2").reshape(-1, picture.planes[0].line_size // 2)[
         :48, :64
     ]
-    pixels = PictureReader("GRAY8").read(picture)
+    pixels = FrameReader("GRAY8").read(picture)
     assert np.abs(pixels - ten / 4).max() <= 1
 
 
 def test_grey_of_rgb_is_its_brightness() -> None:
-    """A grey RGB picture keeps its values."""
+    """A grey RGB frame keeps its values."""
     ramp = np.repeat(np.arange(64, dtype=np.uint8)[None, :, None] * 4, 3, axis=2).repeat(48, axis=0)
-    pixels = PictureReader("GRAY8").read(av.VideoFrame.from_ndarray(ramp, "rgb24"))
+    pixels = FrameReader("GRAY8").read(av.VideoFrame.from_ndarray(ramp, "rgb24"))
     assert np.abs(pixels.astype(int) - ramp[..., 0]).max() <= 1
 
 
@@ -94,7 +94,7 @@ def test_grey_of_rgb_is_its_brightness() -> None:
 def test_subsampled_formats_equal_ffmpegs(name: str, ffmpeg_name: str) -> None:
     """I420 and NV12 lie as OpenCV and FFmpeg lay them out."""
     picture = noise(64, 48)
-    pixels = PictureReader(name).read(picture)
+    pixels = FrameReader(name).read(picture)
     assert pixels.shape == (72, 64)
     np.testing.assert_array_equal(pixels, picture.to_ndarray(format=ffmpeg_name))
 
@@ -104,19 +104,19 @@ def test_subsampled_formats_equal_ffmpegs(name: str, ffmpeg_name: str) -> None:
 def test_packed_formats_equal_ffmpegs(name: str, ffmpeg_name: str, size: tuple[int, int]) -> None:
     """BGR and RGB are what FFmpeg converts to, for even and odd sizes."""
     picture = noise(*size)
-    np.testing.assert_array_equal(PictureReader(name).read(picture), picture.to_ndarray(format=ffmpeg_name))
+    np.testing.assert_array_equal(FrameReader(name).read(picture), picture.to_ndarray(format=ffmpeg_name))
 
 
 @pytest.mark.parametrize("name", ["I420", "NV12"])
 def test_odd_sizes_have_no_subsampled_form(name: str) -> None:
     """I420 and NV12 of an odd size are refused with the size and a remedy."""
     with pytest.raises(
-        OddSize, match=f"{name} needs even width and height, the picture is 33 x 48; ask for GRAY8"
+        OddSize, match=f"{name} needs even width and height, the frame is 33 x 48; ask for GRAY8"
     ):
-        PictureReader(name).read(noise(33, 48))
+        FrameReader(name).read(noise(33, 48))
 
 
 def test_other_formats_are_refused() -> None:
     """An unknown format is an error that lists the known ones."""
     with pytest.raises(ValueError, match="one of GRAY8, I420, NV12, BGR, RGB, got 'RGBA'"):
-        PictureReader("RGBA")
+        FrameReader("RGBA")

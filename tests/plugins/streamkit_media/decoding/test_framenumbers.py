@@ -47,7 +47,7 @@ STREAMS = {
 
 
 @pytest.mark.parametrize("name", STREAMS)
-def test_each_picture_that_is_missing_is_noticed(name: str) -> None:
+def test_each_frame_that_is_missing_is_noticed(name: str) -> None:
     """Of a whole stream no packet is behind a gap; without one that others need, the next one is."""
     packets, extradata = encoded(*STREAMS[name])
     numbers = FrameNumbers(extradata)

@@ -1,50 +1,50 @@
-from streamkit_media.decoding.marks import DAMAGE_LASTS, PictureMarks
+from streamkit_media.decoding.marks import DAMAGE_LASTS, FrameMarks
 
 
 def test_damage_lasts_until_a_key_frame() -> None:
-    """Pictures after a damaged one are damaged too, up to the next key frame."""
-    marks = PictureMarks()
+    """Frames after a damaged one are damaged too, up to the next key frame."""
+    marks = FrameMarks()
     seen = []
     for is_corrupt, is_key in ((False, True), (True, False), (False, False), (False, True), (False, False)):
-        marks.next_picture(is_corrupt=is_corrupt, is_key=is_key)
+        marks.next_frame(is_corrupt=is_corrupt, is_key=is_key)
         seen.append(marks.is_damaged)
     assert seen == [False, True, True, False, False]
 
 
 def test_a_damaged_key_frame_heals_nothing() -> None:
     """A key frame that is itself not whole leaves what is built on it damaged."""
-    marks = PictureMarks()
-    marks.next_picture(is_corrupt=True, is_key=True)
-    marks.next_picture(is_corrupt=False, is_key=False)
+    marks = FrameMarks()
+    marks.next_frame(is_corrupt=True, is_key=True)
+    marks.next_frame(is_corrupt=False, is_key=False)
     assert marks.is_damaged
 
 
 def test_a_packet_that_could_not_be_decoded_is_damage() -> None:
     """What follows it is built on something else than was meant; what nobody builds on does no harm."""
-    marks = PictureMarks()
-    marks.packet_left_out(is_discontinuity=False, is_damage=False)
-    marks.next_picture(is_corrupt=False, is_key=False)
+    marks = FrameMarks()
+    marks.packet_dropped(is_discontinuity=False, is_damage=False)
+    marks.next_frame(is_corrupt=False, is_key=False)
     assert not marks.is_damaged
-    marks.packet_left_out(is_discontinuity=False, is_damage=True)
-    marks.next_picture(is_corrupt=False, is_key=False)
+    marks.packet_dropped(is_discontinuity=False, is_damage=True)
+    marks.next_frame(is_corrupt=False, is_key=False)
     assert marks.is_damaged
 
 
 def test_streams_without_key_frames_heal_in_time() -> None:
     """Damage ends after a while where no key frame ever comes."""
-    marks = PictureMarks()
-    marks.next_picture(is_corrupt=True, is_key=False)
+    marks = FrameMarks()
+    marks.next_frame(is_corrupt=True, is_key=False)
     for _ in range(DAMAGE_LASTS):
         assert marks.is_damaged
-        marks.next_picture(is_corrupt=False, is_key=False)
+        marks.next_frame(is_corrupt=False, is_key=False)
     assert not marks.is_damaged
 
 
-def test_a_discontinuity_is_told_once_with_the_next_picture_shown() -> None:
+def test_a_discontinuity_is_told_once_with_the_next_frame_shown() -> None:
     """One that lay on packets which are not shown is not lost."""
-    marks = PictureMarks()
+    marks = FrameMarks()
     assert not marks.take_discontinuity()
-    marks.packet_left_out(is_discontinuity=True, is_damage=False)
-    marks.packet_left_out(is_discontinuity=False, is_damage=False)
+    marks.packet_dropped(is_discontinuity=True, is_damage=False)
+    marks.packet_dropped(is_discontinuity=False, is_damage=False)
     assert marks.take_discontinuity()
     assert not marks.take_discontinuity()

@@ -19,8 +19,8 @@ MakeVideo = Callable[..., Path]
 
 @pytest.mark.parametrize("threading", list(Threading))
 @pytest.mark.parametrize("as_bytes", [False, True])
-def test_each_picture_knows_its_packet(small_video: Path, threading: Threading, as_bytes: bool) -> None:
-    """With B-frames and threads every picture comes out once, in order, with its own packet's origin."""
+def test_each_frame_knows_its_packet(small_video: Path, threading: Threading, as_bytes: bool) -> None:
+    """With B-frames and threads every frame comes out once, in order, with its own packet's origin."""
     with open_container(str(small_video)) as container:
         stream = video_stream(container, "small")
         decoder: VideoDecoder[int | None] = VideoDecoder(stream_parameters(stream), threading, threads=2)

@@ -42,10 +42,10 @@ def test_a_live_stream(fake: ModuleType) -> None:
     """A good server gets good verdicts, figures near the truth, and a line that builds, without secrets."""
     with fake.FakeServer(fake.access_units(), user="me:hunter2") as server:
         location = server.url.replace("//", "//me:hunter2@")
-        told: list[str] = []
-        report = examine(location, seconds=2.0, timeout_s=3.0, transport="tcp", tell=told.append)
+        steps: list[str] = []
+        report = examine(location, seconds=2.0, timeout_s=3.0, transport="tcp", report_step=steps.append)
     where = server.url.replace("//", "//***@")
-    assert told == [f"connecting to {where}, 3 s at most", f"watching {where} for 2 s"]
+    assert steps == [f"connecting to {where}, 3 s at most", f"watching {where} for 2 s"]
     assert set(verdicts(report).values()) <= {"good", "note"}
     assert {
         "reach",
@@ -123,7 +123,7 @@ def test_a_url_that_is_no_file(tmp_path: Path) -> None:
 
 
 def test_telemetry_alone(streamkit_data: Path) -> None:
-    """A file that is the telemetry beside a video is told as such."""
+    """A file of telemetry without video is reported as such."""
     report = examine(str(streamkit_data / "telemetry" / "Cheyenne.bin"), 1, 5, "tcp")
     assert report.checks[-1].facts["positions"] == 407
     assert "posesync location=" in report.pipeline
@@ -150,7 +150,7 @@ def test_telemetry_in_the_second_stream(two_klv_streams: Path) -> None:
 
 
 def test_damaged_telemetry_alone(tmp_path: Path, klv_packet: Callable[..., bytes]) -> None:
-    """Values that break their tag's rule are told, and the others counted."""
+    """Values that break their tag's rule are reported, and the others counted."""
     value = klv_packet(10.0, 10**15)[17:-4] + b"\x08\x81\x80" + b"\xff" * 128 + b"\x01\x02"
     data = UAS_LOCAL_SET + b"\x82" + (len(value) + 2).to_bytes(2, "big") + value
     path = tmp_path / "s.klv"

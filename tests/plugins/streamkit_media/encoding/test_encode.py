@@ -18,7 +18,7 @@ def ramp(number: int, size: tuple[int, int] = (64, 48)) -> Frame:
 
 @pytest.mark.parametrize("codec", ["h264", "h265", "vp8", "vp9", "mpeg4", "mjpeg", "ffv1"])
 def test_each_codec_comes_back(codec: str) -> None:
-    """What is encoded decodes to the pictures that went in, at their times, with their numbers."""
+    """What is encoded decodes to the frames that went in, at their times, with their numbers."""
     with Harness("encode", codec=codec, quality=10, gop=8) as encoder, Harness("decode") as decoder:
         packets = [p for n in range(20) for p in encoder.push(ramp(n))] + encoder.drain()
         frames = [f for p in packets for f in decoder.push(p)] + decoder.drain()
@@ -32,7 +32,7 @@ def test_each_codec_comes_back(codec: str) -> None:
 
 
 def test_live_holds_nothing_back() -> None:
-    """Each picture's packet comes at once."""
+    """Each frame's packet comes at once."""
     with Harness("encode", live=True) as encoder:
         assert [len(encoder.push(ramp(n))) for n in range(5)] == [1] * 5
 
@@ -51,7 +51,7 @@ def test_bit_rate_is_kept() -> None:
 
 
 def test_a_new_size_begins_with_a_key_frame() -> None:
-    """Pictures of another size are encoded in it, the ones before are not lost."""
+    """Frames of another size are encoded in it, the ones before are not lost."""
     with Harness("encode") as encoder:
         packets = [p for n in range(4) for p in encoder.push(ramp(n))]
         packets += [p for n in range(4, 8) for p in encoder.push(ramp(n, (96, 32)))] + encoder.drain()
@@ -68,13 +68,13 @@ def test_pixels_of_another_shape_than_the_caps_are_refused() -> None:
 
 
 def test_odd_sizes_are_extended() -> None:
-    """A picture of 33 x 21 becomes one of 34 x 22."""
+    """A frame of 33 x 21 becomes one of 34 x 22."""
     with Harness("encode", live=True) as encoder:
         (packet,) = encoder.push(ramp(0, (33, 21)))
     assert (packet.caps["width"], packet.caps["height"]) == (34, 22)
 
 
-def test_pictures_and_files(tmp_path: Path) -> None:
+def test_frames_and_files(tmp_path: Path) -> None:
     """Jpegsink and multifilesink write numbered files; max-files keeps the newest."""
     text = f"videotestsrc num-buffers=5 ! jpegsink location={tmp_path}/a-%03d.jpg max-files=2"
     Pipeline.parse(text).run(timeout_s=20)

@@ -13,20 +13,20 @@ from streamkit.testing import Harness
 
 
 def grey_frame(width: int = 64, height: int = 48, index: int = 0) -> Frame:
-    """A grey picture at 25/s."""
+    """A grey frame at 25/s."""
     return Frame(
         np.full((height, width), 90, np.uint8), raw_video_caps("GRAY8", width, height), pts=index * 40_000_000
     )
 
 
 def count_of(path: Path) -> int:
-    """Pictures in a file."""
+    """Frames in a file."""
     with av.open(str(path)) as container:
         return sum(1 for _ in container.decode(video=0))
 
 
 def test_a_video_survives_the_round(tmp_path: Path, small_video: Path) -> None:
-    """Filesrc ! decode ! videofilesink gives the same pictures at the same times."""
+    """Filesrc ! decode ! videofilesink gives the same frames at the same times."""
     path = tmp_path / "out.mp4"
     Pipeline.parse(f'filesrc location="{small_video}" ! decode ! videofilesink crf=10 location="{path}"').run(
         20
@@ -59,7 +59,7 @@ def test_a_new_size_is_refused_and_the_file_plays(tmp_path: Path) -> None:
 
 
 def test_odd_sizes_are_written(tmp_path: Path) -> None:
-    """A picture of odd size is recorded."""
+    """A frame of odd size is recorded."""
     path = tmp_path / "out.mp4"
     with Harness("videofilesink", location=str(path)) as harness:
         harness.push(grey_frame(33, 21))

@@ -16,7 +16,7 @@ SHAPES = {"GRAY8": (48, 64), "I420": (72, 64), "NV12": (72, 64), "BGR": (48, 64,
 
 
 def pictures_of(path: Path) -> list[tuple[float, NDArray[np.uint8]]]:
-    """Time in s and BGR pixels of each picture in a file."""
+    """Time in s and BGR pixels of each frame in a file."""
     with av.open(str(path)) as container:
         return [(picture.time, picture.to_ndarray(format="bgr24")) for picture in container.decode(video=0)]
 
@@ -24,7 +24,7 @@ def pictures_of(path: Path) -> list[tuple[float, NDArray[np.uint8]]]:
 def write(
     path: Path, times: list[int | None], pixel_format: str = "GRAY8", close: bool = True
 ) -> VideoWriter:
-    """Writes pictures of one grey at these times."""
+    """Writes frames of one grey at these times."""
     writer = VideoWriter(path, pixel_format, 64, 48, RATE, FAST)
     for index, pts in enumerate(times):
         pixels = np.full(SHAPES[pixel_format], 128, np.uint8)
@@ -37,7 +37,7 @@ def write(
 
 @pytest.mark.parametrize("pixel_format", sorted(SHAPES))
 def test_every_format_keeps_its_pixels(tmp_path: Path, pixel_format: str) -> None:
-    """Each format is written so that it looks the same when read: H.264, yuv420p, every picture."""
+    """Each format is written so that it looks the same when read: H.264, yuv420p, every frame."""
     write(tmp_path / "a.mp4", [n * 40_000_000 for n in range(5)], pixel_format)
     with av.open(str(tmp_path / "a.mp4")) as container:
         stream = container.streams.video[0]
@@ -62,7 +62,7 @@ def test_every_format_keeps_its_pixels(tmp_path: Path, pixel_format: str) -> Non
     ],
 )
 def test_times_are_kept(tmp_path: Path, times: list[int | None], seconds: list[float]) -> None:
-    """Times are the pictures' own; without one, or where time began again, the frame rate goes on."""
+    """Times are the frames' own; without one, or where time began again, the frame rate goes on."""
     write(tmp_path / "a.mp4", [None if time is None else time * 1_000_000 for time in times])
     assert [time for time, _ in pictures_of(tmp_path / "a.mp4")] == pytest.approx(seconds, abs=1e-4)
 
@@ -86,14 +86,14 @@ def test_closing_in_a_hurry_leaves_out_the_last(tmp_path: Path) -> None:
     assert 1 <= len(pictures_of(tmp_path / "a.mp4")) < 30
 
 
-def test_closing_without_a_picture_is_no_error(tmp_path: Path) -> None:
-    """A writer that got no picture closes and leaves nothing behind."""
+def test_closing_without_a_frame_is_no_error(tmp_path: Path) -> None:
+    """A writer that got no frame closes and leaves nothing behind."""
     write(tmp_path / "a.mp4", [])
     assert list(tmp_path.iterdir()) == []
 
 
 def test_odd_sizes_grow_by_a_repeated_edge(tmp_path: Path) -> None:
-    """An odd picture gets one more column and row, and its own pixels stay where they were."""
+    """An odd frame gets one more column and row, and its own pixels stay where they were."""
     pixels = np.arange(21 * 33, dtype=np.int64).reshape(21, 33).astype(np.uint8)
     padded = pad_to_even(pixels)
     assert padded.shape == (22, 34)

@@ -29,7 +29,7 @@ def test_other_bytes_are_written_as_they_are(tmp_path: Path) -> None:
     assert written(tmp_path / "raw", *frames) == b"\0\0\1abc"
 
 
-def test_pictures_are_written_without_line_padding(tmp_path: Path) -> None:
+def test_frames_are_written_without_line_padding(tmp_path: Path) -> None:
     """An array with padded lines is written row by row, its pixels alone."""
     padded = np.arange(48 * 80, dtype=np.uint32).astype(np.uint8).reshape(48, 80)[:, :64]
     data = written(tmp_path / "pixels", Frame(padded, raw_video_caps("GRAY8", 64, 48)))
@@ -37,7 +37,7 @@ def test_pictures_are_written_without_line_padding(tmp_path: Path) -> None:
 
 
 def test_frames_of_a_pipeline_are_in_the_file(tmp_path: Path, small_video: Path) -> None:
-    """A whole video's pictures end up in the file."""
+    """A whole video's frames end up in the file."""
     path = tmp_path / "frames.raw"
     Pipeline.parse(f'filesrc location="{small_video}" ! decode ! filesink location="{path}"').run(
         timeout_s=10

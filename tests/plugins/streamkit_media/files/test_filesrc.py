@@ -71,14 +71,14 @@ def test_a_start_beyond_the_end_gives_nothing(small_video: Path) -> None:
         assert list(pipeline["out"]) == []
         warning = pipeline.bus.pop(5, (MessageKind.WARNING,))
     assert warning is not None
-    assert warning.text == f"{small_video}: there is no picture from start-s=60 on"
+    assert warning.text == f"{small_video}: there is no frame from start-s=60 on"
 
 
 @pytest.mark.parametrize(
     ("name", "codec"), [("still.png", "png"), ("still.jpg", "mjpeg"), ("still.bmp", "bmp")]
 )
-def test_a_still_picture_is_a_stream_of_one_frame(tmp_path: Path, name: str, codec: str) -> None:
-    """A picture file gives one frame."""
+def test_a_still_frame_is_a_stream_of_one_frame(tmp_path: Path, name: str, codec: str) -> None:
+    """A frame file gives one frame."""
     picture = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 90, np.uint8), "rgb24")
     encoder = av.CodecContext.create(codec, "w")
     encoder.width, encoder.height, encoder.time_base = 64, 48, Fraction(1, 25)

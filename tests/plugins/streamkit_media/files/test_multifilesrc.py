@@ -47,14 +47,14 @@ def test_start_and_stop_index(numbered: Path) -> None:
 
 
 def test_loop_begins_again(numbered: Path) -> None:
-    """With loop the first picture follows the last, and time goes on."""
+    """With loop the first frame follows the last, and time goes on."""
     frames = decoded(f"location={numbered}/im%03d.png start-index=4 loop=true framerate=10/1", limit=5)
     assert greys(frames) == [4, 5, 4, 5, 4]
     assert [frame.pts for frame in frames] == [n * 100_000_000 for n in range(5)]
 
 
-def test_pictures_of_another_size_change_caps(numbered: Path) -> None:
-    """A picture of another size in the row comes out in its own size."""
+def test_frames_of_another_size_change_caps(numbered: Path) -> None:
+    """A frame of another size in the row comes out in its own size."""
     cv2.imwrite(str(numbered / "im006.png"), np.full((24, 32), 120, np.uint8))
     frames = decoded(f"location={numbered}/im%03d.png start-index=5")
     assert [frame.data.shape for frame in frames] == [(48, 64), (24, 32)]
@@ -67,10 +67,10 @@ def test_pictures_of_another_size_change_caps(numbered: Path) -> None:
         ("location=im%03d.png", r"im000\.png: a file must be there, none is"),
         (
             "location=im.png",
-            r"location='im\.png' must hold the number's place once; write location=img/%06d\.jpg",
+            r"location='im\.png' must hold one number; write location=img/%06d\.jpg",
         ),
-        ("location=im%d_%d.png", "must hold the number's place once"),
-        ("location=im%s.png", "must hold the number's place once"),
+        ("location=im%d_%d.png", "must hold one number"),
+        ("location=im%s.png", "must hold one number"),
         ("location=im%03d.png start-index=3 stop-index=2", "stop-index=2 must not be below start-index=3"),
     ],
 )
@@ -82,7 +82,7 @@ def test_bad_locations_fail_before_playing(text: str, rule: str) -> None:
     pipeline.stop()
 
 
-def test_real_pictures(streamkit_data: Path) -> None:
+def test_real_frames(streamkit_data: Path) -> None:
     """A tracking sequence of JPEG files plays."""
     frames = decoded(f"location={streamkit_data}/sot/car4/img/%06d.jpg start-index=1 stop-index=10")
     assert [frame.seq for frame in frames] == list(range(10))

@@ -37,8 +37,8 @@ def pictures(path: Path) -> list[bytes]:
 
 @pytest.mark.parametrize("name", ["copy.ts", "copy.mp4", "copy.mkv", "copy.mov"])
 @pytest.mark.parametrize("codec", ["libx264", "libx265"])
-def test_a_copy_holds_the_same_pictures(make_video: MakeVideo, tmp_path: Path, name: str, codec: str) -> None:
-    """Packets of an MP4 with B-frames, written to each container, decode to the same pictures and times."""
+def test_a_copy_holds_the_same_frames(make_video: MakeVideo, tmp_path: Path, name: str, codec: str) -> None:
+    """Packets of an MP4 with B-frames, written to each container, decode to the same frames and times."""
     source, copy = make_video(f"source_{codec}.mp4", codec=codec, count=40), tmp_path / name
     Pipeline.parse(f"filesrc location={source} ! packetsink location={copy}").run(timeout_s=20)
     assert pictures(copy) == pictures(source)
@@ -47,7 +47,7 @@ def test_a_copy_holds_the_same_pictures(make_video: MakeVideo, tmp_path: Path, n
 
 
 def test_telemetry_is_recorded_with_its_times(streamkit_data: Path, tmp_path: Path) -> None:
-    """277 pictures and 277 KLV packets of a real stream are the same in the copy, and pair as before."""
+    """277 frames and 277 KLV packets of a real stream are the same in the copy, and pair as before."""
     location, copy = streamkit_data / "telemetry" / "sample-stream.ts", tmp_path / "copy.ts"
     text = f"filesrc name=s location={location}  s.video ! packetsink name=p location={copy}  s.klv ! p.klv"
     Pipeline.parse(text).run(timeout_s=20)
@@ -105,7 +105,7 @@ def test_killing_the_process_loses_two_seconds_at_most(tmp_path: Path, name: str
 
 
 def test_segments_by_time(make_video: MakeVideo, tmp_path: Path) -> None:
-    """Each segment begins with a key frame, is as long as asked, and together they hold every picture."""
+    """Each segment begins with a key frame, is as long as asked, and together they hold every frame."""
     source = make_video("long_for_segments.mp4", count=60)
     text = f"filesrc location={source} ! packetsink location={tmp_path}/part-%03d.ts max-size-time=700000000"
     with Pipeline.parse(text) as pipeline:
@@ -239,9 +239,7 @@ def test_a_replay_may_be_ended_in_a_pause(small_video: Path, tmp_path: Path) -> 
 
 def test_replay_needs_arrivals(small_video: Path) -> None:
     """A file without arrivals is refused with a remedy."""
-    with pytest.raises(
-        ElementFailure, match="there are no arrivals beside it; record with packetsink arrivals"
-    ):
+    with pytest.raises(ElementFailure, match="it has no file of arrivals; record with packetsink arrivals"):
         Pipeline.parse(f"replaysrc location={small_video} ! fakesink").run(timeout_s=5)
 
 
@@ -254,7 +252,7 @@ def test_replay_needs_a_file(location: str, rule: str) -> None:
 
 
 def test_times_do_not_drift(tmp_path: Path) -> None:
-    """After ten hours the time of a picture is that of its number over the rate, to the tick of the file."""
+    """After ten hours the time of a frame is that of its number over the rate, to the tick of the file."""
     caps = Caps("video/x-raw, format=GRAY8, width=16, height=16, framerate=30000/1001")
     rate, count = Fraction(30000, 1001), 10 * 3600 * 30
     with (

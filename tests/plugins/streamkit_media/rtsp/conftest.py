@@ -37,7 +37,7 @@ def proxy() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def units(fake: ModuleType) -> list[bytes]:
-    """60 pictures of 64 x 48; picture i is of brightness 40 + 2 * i, every 15th a key frame."""
+    """60 frames of 64 x 48; frame i is of brightness 40 + 2 * i, every 15th a key frame."""
     return fake.access_units()
 
 

@@ -53,7 +53,7 @@ class Behaviour(enum.StrEnum):
 def access_units(
     size: tuple[int, int] = (64, 48), count: int = 60, gop: int = 15, codec: str = "libx264"
 ) -> list[bytes]:
-    """H.264 access units; picture i is of brightness 40 + 2 * i, so that it can be told from the others."""
+    """H.264 access units; frame i is of brightness 40 + 2 * i, so that it can be told from the others."""
     encoder = av.CodecContext.create(codec, "w")
     encoder.width, encoder.height, encoder.pix_fmt = *size, "yuv420p"
     encoder.time_base, encoder.framerate = Fraction(1, 30), Fraction(30)

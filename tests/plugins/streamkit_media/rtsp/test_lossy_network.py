@@ -47,7 +47,7 @@ def film() -> list[bytes]:
 
 @pytest.fixture(scope="module")
 def truth(film: list[bytes]) -> list[NDArray[np.uint8]]:
-    """The film's pictures as they decode where nothing is lost: uint8[240, 320]."""
+    """The film's frames as they decode where nothing is lost: uint8[240, 320]."""
     context = av.CodecContext.create("h264", "r")
     pictures = [picture for unit in film for picture in context.decode(av.Packet(unit))]
     pictures += context.decode(None)
@@ -76,7 +76,7 @@ def is_marked(frame: Frame) -> bool:
 
 
 def damage_unmarked(frames: list[Frame], truth: list[NDArray[np.uint8]]) -> list[int]:
-    """The numbers of pictures that are not as they were sent and do not say so."""
+    """The numbers of frames that are not as they were sent and do not say so."""
     found = []
     for frame in frames:
         number = round((frame.pts - frames[0].pts) * RATE / 1e9)
@@ -110,7 +110,7 @@ def next_state(pipeline: Pipeline, wanted: str, limit_s: float = 20) -> Message:
 def test_losses_are_marked_and_heal(
     network: Any, truth: list[NDArray[np.uint8]], transport: str, one_in: int
 ) -> None:
-    """Each picture is as it was sent or marked as corrupt, and all is well again once the network is."""
+    """Each frame is as it was sent or marked as corrupt, and all is well again once the network is."""
     with playing(network, f"latency=300 transport={transport}") as pipeline:
         pipeline.play()
         frames = iter(pipeline["out"])
@@ -140,7 +140,7 @@ def test_changed_bytes_are_survived(network: Any) -> None:
 
 
 def test_packets_out_of_order_do_no_harm(network: Any, truth: list[NDArray[np.uint8]]) -> None:
-    """Over UDP a packet that comes after the next one is put in its place: no picture is damaged."""
+    """Over UDP a packet that comes after the next one is put in its place: no frame is damaged."""
     network.swaps_every = 5
     with playing(network, "latency=300 transport=udp") as pipeline:
         pipeline.play()
@@ -150,7 +150,7 @@ def test_packets_out_of_order_do_no_harm(network: Any, truth: list[NDArray[np.ui
 
 
 def test_a_delay_drops_nothing(network: Any, truth: list[NDArray[np.uint8]]) -> None:
-    """A network that is half a second slow gives every picture, whole."""
+    """A network that is half a second slow gives every frame, whole."""
     network.delay_s = 0.5
     with playing(network) as pipeline:
         pipeline.play()
@@ -162,7 +162,7 @@ def test_a_delay_drops_nothing(network: Any, truth: list[NDArray[np.uint8]]) -> 
 
 
 def test_a_short_stall_is_waited_out(network: Any, truth: list[NDArray[np.uint8]]) -> None:
-    """A network that stands still for less than timeout-s costs no connection and, over TCP, no picture."""
+    """A network that stands still for less than timeout-s costs no connection and, over TCP, no frame."""
     with playing(network, f"{ALL} timeout-s=5") as pipeline:
         pipeline.play()
         frames = iter(pipeline["out"])

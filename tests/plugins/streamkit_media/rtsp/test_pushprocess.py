@@ -15,7 +15,7 @@ def fails(process: PushProcess) -> PushFailure:
     """What a connection fails with."""
     for _ in range(1000):
         try:
-            process.attend(0.05)
+            process.exchange(0.05)
         except PushFailure as failure:
             return failure
     pytest.fail("the connection has neither failed nor been found silent")
@@ -37,6 +37,6 @@ def test_waiting_for_an_order_is_no_silence() -> None:
     """A process that has nothing to do is not waited for, and takes leave when it is closed."""
     process = PushProcess()
     for _ in range(12):
-        process.attend(0.05)
+        process.exchange(0.05)
     process.close(5)
     assert not process.pending

@@ -53,7 +53,7 @@ def no_reader_is_left() -> bool:
 
 
 def brightness(frame: Frame) -> int:
-    """The number of the picture, from its brightness."""
+    """The number of the frame, from its brightness."""
     return round((float(frame.data.mean()) - 40) / 2)
 
 
@@ -259,7 +259,7 @@ def test_codec_and_rate_may_change_on_reconnect(start_server: StartServer, fake:
 
 @pytest.mark.parametrize("transport", ["tcp", "udp"])
 def test_capture_time_is_the_senders(start_server: StartServer, transport: str) -> None:
-    """With sender reports each frame has the server's wall clock of its own picture, to the millisecond."""
+    """With sender reports each frame has the server's wall clock of its own frame, to the millisecond."""
     server = start_server(wall_clock_offset_s=-3600.0)
     text = f"rtspsrc location={server.url} transport={transport} ! decode ! appsink name=out max-buffers=0"
     with Pipeline.parse(text) as pipeline:
@@ -338,7 +338,7 @@ def test_telemetry_comes_beside_the_video(start_server: StartServer, streamkit_d
 
 @pytest.mark.parametrize("transport", ["tcp", "udp"])
 def test_lost_packets_are_survived(start_server: StartServer, fake: ModuleType, transport: str) -> None:
-    """One RTP packet in 20 lost: pictures come on, times ascend, damage is marked up to a key frame."""
+    """One RTP packet in 20 lost: frames come on, times ascend, damage is marked up to a key frame."""
     server = start_server(units=fake.access_units((320, 240), count=60), loses_every=20)
     text = f"rtspsrc location={server.url} transport={transport} ! decode ! appsink name=out max-buffers=0"
     with Pipeline.parse(text) as pipeline:

@@ -115,7 +115,7 @@ def fails(text: str) -> tuple[str, float]:
 
 
 def coded(codec: str, count: int) -> list[Frame]:
-    """Packets of pictures that move, as `encode` gives them, a key frame every ten."""
+    """Packets of frames that move, as `encode` gives them, a key frame every ten."""
     text = (
         f"videotestsrc num-buffers={count} pattern=ball ! video/x-raw, width=320, height=240, framerate=25/1"
     )
@@ -140,7 +140,7 @@ def pictures(source: Path | list[Frame], codec: str) -> list[bytes]:
 def test_a_real_server_records_the_same_pictures(
     recording: tuple[int, Path], codec: str, transport: str
 ) -> None:
-    """Every packet of a stream arrives, and decodes to the pictures it was."""
+    """Every packet of a stream arrives, and decodes to the frames it was."""
     port, folder = recording
     frames = coded(codec, 30)
     properties = {"location": f"rtsp://127.0.0.1:{port}/{codec}", "transport": transport}

@@ -1,4 +1,4 @@
-"""Pictures joined from the pieces that RTP packets carry."""
+"""Frames joined from the pieces that RTP packets carry."""
 
 from collections.abc import Iterator
 from fractions import Fraction
@@ -36,7 +36,7 @@ def piece_of(payload: bytes, codec: str, pts: int) -> Packet:
 
 
 def pieces_of(fake: ModuleType, units: list[bytes], codec: str) -> Iterator[tuple[Packet, bool]]:
-    """The pieces of pictures 3000 ticks apart, and whether each is the last of its picture."""
+    """The pieces of frames 3000 ticks apart, and whether each is the last of its frame."""
     for number, unit in enumerate(units):
         payloads = list(fake.rtp_payloads(unit, codec))
         for index, payload in enumerate(payloads):
@@ -50,13 +50,13 @@ def plain(fake: ModuleType, data: bytes) -> list[bytes]:
 
 @pytest.fixture(autouse=True)
 def _small_packets(fake: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Packets so small that every key picture needs some."""
+    """Packets so small that every key frame needs some."""
     monkeypatch.setattr(fake, "PAYLOAD_LIMIT", 40)
 
 
 @pytest.fixture(scope="module", params=["h264", "h265"])
 def video(request: pytest.FixtureRequest, fake: ModuleType) -> tuple[str, list[bytes]]:
-    """A codec, and pictures of it of which some are more than one packet long."""
+    """A codec, and frames of it of which some are more than one packet long."""
     codec = str(request.param)
     return codec, fake.access_units((320, 240), count=20, codec="libx265" if codec == "h265" else "libx264")
 
@@ -66,8 +66,8 @@ def ffmpegs(codec: str) -> str:
     return "hevc" if codec == "h265" else codec
 
 
-def test_a_picture_is_whole_with_its_marked_piece(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
-    """Each picture comes out with its own last piece: all of its units, its time, whether it is key."""
+def test_a_frame_is_whole_with_its_marked_piece(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
+    """Each frame comes out with its own last piece: all of its units, its time, whether it is key."""
     codec, units = video
     joiner, found = AccessUnits(ffmpegs(codec), 3000), []
     for piece, is_last in pieces_of(fake, units, codec):
@@ -81,8 +81,8 @@ def test_a_picture_is_whole_with_its_marked_piece(fake: ModuleType, video: tuple
     assert not list(joiner.flush())
 
 
-def test_without_marks_the_next_picture_ends_one(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
-    """Where nothing is known of marks, the same pictures come out, each with the first piece of the next."""
+def test_without_marks_the_next_frame_ends_one(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
+    """Where nothing is known of marks, the same frames come out, each with the first piece of the next."""
     codec, units = video
     joiner, found = AccessUnits(ffmpegs(codec)), []
     for piece, _ in pieces_of(fake, units, codec):
@@ -91,8 +91,8 @@ def test_without_marks_the_next_picture_ends_one(fake: ModuleType, video: tuple[
     assert [plain(fake, bytes(packet)) for packet in found] == [plain(fake, unit) for unit in units]
 
 
-def test_pictures_of_one_time_are_told_apart(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
-    """A server whose clock stands still sends pictures all the same: their slices tell where one begins."""
+def test_frames_of_one_time_are_told_apart(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
+    """A server whose clock stands still sends frames all the same: their slices tell where one begins."""
     codec, units = video
     joiner, found = AccessUnits(ffmpegs(codec)), []
     for piece, _ in pieces_of(fake, units, codec):
@@ -105,7 +105,7 @@ def test_pictures_of_one_time_are_told_apart(fake: ModuleType, video: tuple[str,
 def test_a_server_that_marks_every_packet_is_not_believed(
     fake: ModuleType, video: tuple[str, list[bytes]]
 ) -> None:
-    """Marks are given up at the first picture that goes on behind one; no byte is lost."""
+    """Marks are given up at the first frame that goes on behind one; no byte is lost."""
     codec, units = video
     joiner, found = AccessUnits(ffmpegs(codec)), []
     for piece, _ in pieces_of(fake, units, codec):
@@ -119,8 +119,8 @@ def test_a_server_that_marks_every_packet_is_not_believed(
     )
 
 
-def test_marked_parameter_sets_end_no_picture(fake: ModuleType, units: list[bytes]) -> None:
-    """A mark on what only stands before a picture is passed over, and marks are still believed."""
+def test_marked_parameter_sets_end_no_frame(fake: ModuleType, units: list[bytes]) -> None:
+    """A mark on what only stands before a frame is passed over, and marks are still believed."""
     joiner, found = AccessUnits("h264"), []
     for nal in fake.nal_units(units[0]):
         found += joiner.add(piece_of(nal, "h264", 0), is_marked=True)
@@ -130,7 +130,7 @@ def test_marked_parameter_sets_end_no_picture(fake: ModuleType, units: list[byte
 
 @given(st.integers(0, 4), st.integers(2, 60))
 def test_decoding_times_ascend(reordered: int, count: int) -> None:
-    """Once the order is known, decoding times ascend and none is later than its picture."""
+    """Once the order is known, decoding times ascend and none is later than its frame."""
     starts = range(0, count, reordered + 1)
     groups = [(start + reordered, *range(start, start + reordered)) for start in starts]
     shown = [number for group in groups for number in group]
