@@ -7,7 +7,7 @@ import random
 import struct
 from collections.abc import Callable
 
-from streamkit_telemetry.klvwriter import ber_length, element, local_set_packet
+from streamkit_telemetry.st0601writer import ber_length, element, local_set_packet
 from streamkit_telemetry_formats.eg0104 import ELEMENTS
 from streamkit_telemetry_formats.klv import KEY_PREFIX, UAS_LOCAL_SET, UNIVERSAL_SET
 

@@ -95,12 +95,7 @@ def stream_rate(stream: VideoStream) -> Fraction | None:
 
 
 def coded_caps(parameters: CodecParameters, framerate: Fraction | None = None) -> Caps:
-    """Fixed caps of packets.
-
-    Args:
-        parameters: of the codec.
-        framerate: frames per second; None leaves the field out.
-    """
+    """Fixed caps of packets; without a framerate where that is None."""
     name, fixed = MEDIA_TYPES.get(parameters.codec, (OTHER, {}))
     fields: dict[str, int | str | Fraction] = dict(fixed)
     if name == OTHER:

@@ -16,6 +16,8 @@ CODECS = frozenset({"h264", "hevc"})
 LENGTH_FIELD_AT = {"h264": 4, "hevc": 21}
 BOX_HEADER_BYTES = {"h264": 5, "hevc": 23}
 REFERENCE_LOOK_BYTES = 1 << 16
+PARAMETER_SET_TYPES = {"h264": {7, 8}, "hevc": {32, 33, 34}}
+LOOK_BYTES = 4096
 
 
 class BadPacket(ValueError):
@@ -92,13 +94,7 @@ def parameter_sets(codec: str, extradata: bytes) -> Iterator[bytes]:
 
 
 def is_reference(codec: str, data: bytes | memoryview, extradata: bytes) -> bool:
-    """Whether other frames may depend on the one in a packet; True where that is unknown.
-
-    Args:
-        codec: FFmpeg's name.
-        data: the packet.
-        extradata: of the codec; says whether units have lengths or start codes.
-    """
+    """Whether other frames may depend on the one in a packet; True where that is unknown."""
     if codec not in CODECS:
         return True
     found = units(bytes(data[:REFERENCE_LOOK_BYTES]), length_field(codec, extradata))
@@ -115,3 +111,43 @@ def _is_referenced(codec: str, first: int) -> bool:
         return bool(first & 0x60)
     kind = unit_type(codec, first)
     return kind >= 16 or bool(kind % 2)
+
+
+class AnnexBWriter:
+    """Converts packets with lengths to Annex B; other packets, and those of other codecs, pass unchanged.
+
+    Args:
+        codec: FFmpeg's name.
+        extradata: avcC, hvcC or Annex B parameter sets; b"" where they are in the packets.
+
+    Raises:
+        BadPacket: the extradata are damaged.
+    """
+
+    def __init__(self, codec: str, extradata: bytes) -> None:
+        self._codec = codec
+        self._length_bytes = 0
+        self._parameter_sets = b""
+        if codec not in CODECS or not extradata:
+            return
+        found = b"".join(START_CODE + unit for unit in parameter_sets(codec, extradata))
+        self._parameter_sets = extradata if START_CODES.match(extradata) else found
+        self._length_bytes = length_field(codec, extradata)
+
+    def packet(self, data: bytes, is_keyframe: bool) -> bytes:
+        """The packet; a key frame begins with the parameter sets, so that playing can begin there.
+
+        Raises:
+            BadPacket: a length exceeds the packet.
+        """
+        if self._codec not in CODECS:
+            return data
+        if self._length_bytes:
+            data = b"".join(START_CODE + unit for unit in units(data, self._length_bytes, is_whole=True))
+        if not is_keyframe or not self._parameter_sets or self._holds_parameter_sets(data):
+            return data
+        return self._parameter_sets + data
+
+    def _holds_parameter_sets(self, data: bytes) -> bool:
+        types = PARAMETER_SET_TYPES[self._codec]
+        return any(unit and unit_type(self._codec, unit[0]) in types for unit in units(data[:LOOK_BYTES]))

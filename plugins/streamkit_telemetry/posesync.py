@@ -26,9 +26,8 @@ from streamkit import (
     ResourceError,
 )
 from streamkit_telemetry.poseline import PoseLine
-from streamkit_telemetry_formats.files import NoTelemetry, TelemetryFile
 from streamkit_telemetry_formats.sample import Sample
-from streamkit_telemetry_formats.telemetryreader import TelemetryReader
+from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFile, TelemetryReader
 
 TELEMETRY_CAPS = "meta/x-klv; text/x-raw"
 SECOND_NS = 1_000_000_000

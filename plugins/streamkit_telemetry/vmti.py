@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from streamkit_telemetry.klvwriter import ber_length, ber_oid, element, shortest
+from streamkit_telemetry.st0601writer import ber_length, ber_oid, element, shortest
 
 VMTI_TAG = 74  # of ST 0601
 VERSION = 4  # of ST 0903

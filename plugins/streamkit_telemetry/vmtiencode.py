@@ -5,8 +5,14 @@ from __future__ import annotations
 import math
 
 from streamkit import Caps, Frame, Pose, Property, Track, Tracks, TrackState, Transform
-from streamkit_telemetry.klvwriter import element, local_set_packet
-from streamkit_telemetry.st0601writer import Platform, encode_platform, encode_time, encode_version
+from streamkit_telemetry.st0601writer import (
+    Platform,
+    element,
+    encode_platform,
+    encode_time,
+    encode_version,
+    local_set_packet,
+)
 from streamkit_telemetry.vmti import VMTI_TAG, Status, Target, encode_vmti
 from streamkit_telemetry_formats.sample import Sample
 

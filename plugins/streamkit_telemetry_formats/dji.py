@@ -82,18 +82,8 @@ class DjiTelemetry:
         return sample
 
 
-def read_samples(text: str) -> Iterator[Sample]:
-    """The samples of a whole subtitle file."""
-    return DjiTelemetry().read(text.split("\n"))
-
-
 def sample_of(text: str, pts: int) -> Sample | None:
-    """The sample of one subtitle's text; None without a valid position.
-
-    Args:
-        text: of any dialect.
-        pts: when it is shown first, ns.
-    """
+    """The sample of one subtitle's text, shown first at `pts` ns; None without a valid position."""
     fields = {name.lower(): float(value) for name, value in FIELD.findall(text)}
     place = _place(text, fields)
     if place is None or not _is_on_earth(*place):
@@ -114,14 +104,11 @@ def sample_of(text: str, pts: int) -> Sample | None:
 
 
 def relative_angles(platform: Attitude, sensor: Attitude) -> Attitude:
-    """Angles of a sensor relative to its platform; DJI gives both relative to horizon and north.
+    """Azimuth, elevation and roll of a sensor relative to its platform, rad.
 
     Args:
-        platform: pitch, roll, yaw, rad.
-        sensor: pitch, roll, yaw, rad.
-
-    Returns:
-        Azimuth, elevation and roll of the sensor relative to the platform, rad.
+        platform: pitch, roll, yaw, rad relative to horizon and north, as DJI writes them.
+        sensor: the same.
     """
     turned = rotation(*platform).T @ rotation(*sensor)
     elevation = math.asin(float(np.clip(-turned[2, 0], -1, 1)))

@@ -1,14 +1,15 @@
-"""Position and attitude of a photograph, from Exif and the XMP packet of DJI aircraft."""
+"""Position and attitude of a photograph, from the Exif and XMP data in its JPEG header."""
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Final
 
 from streamkit_telemetry_formats.dji import ABOVE_SEA, Attitude, relative_angles
 from streamkit_telemetry_formats.exif import ExifData, read_exif
-from streamkit_telemetry_formats.jpeg import read_header
 from streamkit_telemetry_formats.sample import Sample
 
 EXIF_ABOVE_SEA: Final = "exif above sea level"
@@ -20,6 +21,13 @@ _WIDEST: Final = math.radians(170)
 # only a few numbers are needed.
 _NUMBER: Final = rb"\s*[\"']?\s*([-+]?\d{1,12}(?:\.\d{1,20})?)\s*[\"'<]"
 _FIELD: Final = re.compile(rb"drone-dji:(\w{1,40})\s*[=>]" + _NUMBER)
+_EXIF: Final = b"Exif\0\0"
+_XMP: Final = b"http://ns.adobe.com/xap/1.0/\0"
+_APPLICATION_1: Final = 0xE1
+_SCAN: Final = 0xDA
+# C0 to CF begin a frame with its size, except three that hold tables.
+_FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_FRAME_BYTES: Final = 5
 
 
 def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
@@ -60,11 +68,7 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
 
 
 def read_fields(packet: bytes) -> dict[str, float]:
-    """The numbers of the name space `drone-dji` by their names, such as `GimbalPitchDegree`.
-
-    Args:
-        packet: the XMP packet, UTF-8.
-    """
+    """The numbers of an XMP packet's name space `drone-dji` by name, such as `GimbalPitchDegree`."""
     return {name.decode("ascii", "replace"): float(number) for name, number in _FIELD.findall(packet)}
 
 
@@ -98,3 +102,51 @@ def _field_of_view(focal_35mm: float | None, size: tuple[int, int] | None) -> tu
     per_px = _DIAGONAL_35MM / math.hypot(*size)
     across, down = (2 * math.atan(side * per_px / (2 * focal_35mm)) for side in size)
     return (across, down) if across < _WIDEST else None
+
+
+@dataclass(frozen=True, slots=True)
+class JpegHeader:
+    """Metadata of a JPEG file.
+
+    Attributes:
+        exif: the TIFF structure of its Exif data, empty without any.
+        xmp: its XMP packet, empty without any.
+        size: width and height, px; None where the file ends before it.
+    """
+
+    exif: bytes = b""
+    xmp: bytes = b""
+    size: tuple[int, int] | None = None
+
+
+def read_header(data: bytes) -> JpegHeader:
+    """Reads a JPEG file, or its beginning, up to its first scan; what is not JPEG gives an empty header.
+
+    Source: ITU-T T.81, annex B.
+    """
+    exif = xmp = b""
+    size: tuple[int, int] | None = None
+    for marker, content in _segments(data):
+        if marker == _APPLICATION_1 and content.startswith(_EXIF):
+            exif = exif or content[len(_EXIF) :]
+        elif marker == _APPLICATION_1 and content.startswith(_XMP):
+            xmp = xmp or content[len(_XMP) :]
+        elif marker in _FRAMES and len(content) >= _FRAME_BYTES:
+            size = int.from_bytes(content[3:5], "big"), int.from_bytes(content[1:3], "big")
+    return JpegHeader(exif, xmp, size)
+
+
+def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Marker and content of each segment before the first scan."""
+    if data[:2] != b"\xff\xd8":
+        return
+    place = 2
+    while place + 4 <= len(data) and data[place] == 0xFF:
+        marker, length = data[place + 1], int.from_bytes(data[place + 2 : place + 4], "big")
+        if marker == 0xFF:  # a fill byte
+            place += 1
+            continue
+        if marker == _SCAN or length < 2:
+            return
+        yield marker, data[place + 4 : place + 2 + length]
+        place += 2 + length

@@ -59,13 +59,7 @@ class Sample:
 
 
 def between(before: Sample, after: Sample, pts: int) -> Sample:
-    """The sample at a time between two, each quantity on the straight way; angles take the shorter one.
-
-    Args:
-        before: at or before `pts`.
-        after: at or after `pts`, later than `before`.
-        pts: ns.
-    """
+    """The sample at `pts` ns between two, interpolated linearly; angles take the shorter way."""
     share = (pts - before.pts) / (after.pts - before.pts)
     utc_ns = None
     if before.utc_ns is not None and after.utc_ns is not None:

@@ -120,9 +120,15 @@ _HEIGHT = imapb(-900, 40_000)
 _OFFSET = signed(0.075, 2)
 _CIRCLE = unsigned(0, 360, 2, RAD)
 _TIME = time(size=8)
+_AXES = "Latitude", "Longitude"
 _BYTE, _WORD = unsigned(size=1), unsigned(size=2)
 
 TAGS: dict[int, Tag] = {
+    **{26 + i: Tag(f"Offset Corner {_AXES[i % 2]} Point {i // 2 + 1}", "deg", _OFFSET) for i in range(8)},
+    **{
+        82 + i: Tag(f"Corner {_AXES[i % 2]} Point {i // 2 + 1} (Full)", "deg", (_LATITUDE, _LONGITUDE)[i % 2])
+        for i in range(8)
+    },
     1: Tag("Checksum", "", unsigned(size=2)),
     2: Tag("Precision Time Stamp", "ns", _TIME),
     3: Tag("Mission ID", "", text),
@@ -148,14 +154,6 @@ TAGS: dict[int, Tag] = {
     23: Tag("Frame Center Latitude", "deg", _LATITUDE),
     24: Tag("Frame Center Longitude", "deg", _LONGITUDE),
     25: Tag("Frame Center Elevation", "m", _ALTITUDE),
-    26: Tag("Offset Corner Latitude Point 1", "deg", _OFFSET),
-    27: Tag("Offset Corner Longitude Point 1", "deg", _OFFSET),
-    28: Tag("Offset Corner Latitude Point 2", "deg", _OFFSET),
-    29: Tag("Offset Corner Longitude Point 2", "deg", _OFFSET),
-    30: Tag("Offset Corner Latitude Point 3", "deg", _OFFSET),
-    31: Tag("Offset Corner Longitude Point 3", "deg", _OFFSET),
-    32: Tag("Offset Corner Latitude Point 4", "deg", _OFFSET),
-    33: Tag("Offset Corner Longitude Point 4", "deg", _OFFSET),
     34: Tag("Icing Detected", "", _BYTE),
     35: Tag("Wind Direction", "rad", _CIRCLE),
     36: Tag("Wind Speed", "m/s", unsigned(0, 100, 1)),
@@ -204,14 +202,6 @@ TAGS: dict[int, Tag] = {
     79: Tag("Sensor North Velocity", "m/s", signed(327, 2)),
     80: Tag("Sensor East Velocity", "m/s", signed(327, 2)),
     81: Tag("Image Horizon Pixel Pack", "", nested),
-    82: Tag("Corner Latitude Point 1 (Full)", "deg", _LATITUDE),
-    83: Tag("Corner Longitude Point 1 (Full)", "deg", _LONGITUDE),
-    84: Tag("Corner Latitude Point 2 (Full)", "deg", _LATITUDE),
-    85: Tag("Corner Longitude Point 2 (Full)", "deg", _LONGITUDE),
-    86: Tag("Corner Latitude Point 3 (Full)", "deg", _LATITUDE),
-    87: Tag("Corner Longitude Point 3 (Full)", "deg", _LONGITUDE),
-    88: Tag("Corner Latitude Point 4 (Full)", "deg", _LATITUDE),
-    89: Tag("Corner Longitude Point 4 (Full)", "deg", _LONGITUDE),
     90: Tag("Platform Pitch Angle (Full)", "rad", signed(90, 4, RAD)),
     91: Tag("Platform Roll Angle (Full)", "rad", signed(90, 4, RAD)),
     92: Tag("Platform Angle of Attack (Full)", "rad", signed(90, 4, RAD)),

@@ -40,11 +40,6 @@ class UntimedCue:
     text: str
 
 
-def read_cues(text: str) -> Iterator[Cue]:
-    """The subtitles of a text, in its order; other lines are skipped."""
-    return (cue for cue in SubtitleReader().cues(text.split("\n")) if isinstance(cue, Cue))
-
-
 class SubtitleReader:
     """Reads subtitles line by line, in bounded memory.
 

@@ -101,10 +101,5 @@ def plane_rows(frame: VideoFrame, index: int) -> Pixels:
 
 
 def rotated(pixels: Pixels, degrees: int) -> Pixels:
-    """Pixels rotated counter-clockwise by a multiple of 90 degrees.
-
-    Args:
-        pixels: uint8[h, w] or uint8[h, w, 3].
-        degrees: 0, 90, 180 or 270.
-    """
+    """uint8[h, w] or uint8[h, w, 3] rotated counter-clockwise by 0, 90, 180 or 270 degrees."""
     return np.ascontiguousarray(np.rot90(pixels, degrees // 90)) if degrees else pixels

@@ -37,12 +37,7 @@ class InherentDelay:
         self._ages.append(age_ns)
 
     def has_waited(self, age_ns: int, slack_ns: int) -> bool:
-        """Adds the age of the next frame and returns whether to drop it.
-
-        Args:
-            age_ns: since its packet arrived.
-            slack_ns: accepted age above the inherent delay.
-        """
+        """Adds the next frame's age since arrival; whether to drop it, older than the delay and the slack."""
         self._ages.append(age_ns)
         if self._dropped_age_ns is None:
             has_waited = age_ns - min(self._ages) > slack_ns

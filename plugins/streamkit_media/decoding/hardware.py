@@ -17,11 +17,7 @@ DEVICES = {
 
 
 def accelerator(wanted: str) -> tuple[HWAccel | None, str]:
-    """The accelerator to decode with, and its name; None and why not, where it is to be software.
-
-    Args:
-        wanted: auto, none, or FFmpeg's name of a device type.
-    """
+    """The accelerator for auto, none or a device of FFmpeg, and its name; None and why for software."""
     if wanted == NONE:
         return None, "software"
     present = [name for name, (folder, pattern) in DEVICES.items() if any(Path(folder).glob(pattern))]

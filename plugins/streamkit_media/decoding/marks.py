@@ -19,12 +19,7 @@ class FrameMarks:
         return self._damaged_frames_left > 0
 
     def packet_dropped(self, *, is_discontinuity: bool, is_damage: bool) -> None:
-        """A packet gives no frame.
-
-        Args:
-            is_discontinuity: whether it was the first after a gap.
-            is_damage: whether later frames depend on it.
-        """
+        """A packet gives no frame; `is_damage` means that later frames depend on it."""
         self._has_discontinuity |= is_discontinuity
         if is_damage:
             self._damaged_frames_left = DAMAGE_LASTS

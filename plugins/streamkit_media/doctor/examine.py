@@ -16,7 +16,7 @@ from streamkit_media.doctor.server import NoAnswer, ask_options
 from streamkit_media.doctor.watch import Seen, watch
 from streamkit_media.location import is_network, local_path, redact
 from streamkit_media.rtsp.reachability import DEFAULT_PORTS, connection_failure, port_of
-from streamkit_telemetry_formats.files import NoTelemetry, TelemetryFile
+from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFile
 
 TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"
 

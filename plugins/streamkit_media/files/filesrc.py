@@ -42,7 +42,7 @@ from streamkit_media.streams import (
     stream_caps,
     streams_of,
 )
-from streamkit_telemetry_formats.files import holds_klv
+from streamkit_telemetry_formats.telemetryreader import holds_klv
 
 PAD_CAPS = {
     StreamKind.VIDEO: CODED_CAPS,

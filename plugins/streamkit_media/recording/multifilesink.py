@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from streamkit import Frame, Property, ResourceError, Sink, write_remedy
 from streamkit_media.files.filesink import as_bytes
-from streamkit_media.location import local_path
-from streamkit_media.recording.segments import SegmentNames
+from streamkit_media.location import SegmentNames, local_path
 
 
 class MultiFileSink(Sink):

@@ -24,12 +24,11 @@ from streamkit import (
 )
 from streamkit_media.codecs import CODED_CAPS, caps_parameters
 from streamkit_media.container import MEDIA_ERRORS, reason_of
-from streamkit_media.location import local_path
+from streamkit_media.location import SegmentNames, local_path
 from streamkit_media.nalunits import BadPacket
 from streamkit_media.packets import nanoseconds
 from streamkit_media.recording.arrivals import Arrival, ArrivalsWriter, arrivals_path
 from streamkit_media.recording.packetwriter import FORMATS, WITH_KLV, PacketWriter
-from streamkit_media.recording.segments import SegmentNames
 from streamkit_media.streams import KLV_CAPS
 
 KLV_NAME = Caps(KLV_CAPS).name

@@ -13,8 +13,7 @@ from av.error import FFmpegError, InvalidDataError
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit_media.nalunits import BadPacket
-from streamkit_media.recording.annexb import AnnexBWriter
+from streamkit_media.nalunits import AnnexBWriter, BadPacket
 from streamkit_media.recording.parametersets import check_parameter_sets
 
 if TYPE_CHECKING:

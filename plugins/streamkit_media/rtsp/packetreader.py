@@ -77,14 +77,7 @@ class PacketReader:
         self._thread.start()
 
     def end(self, limit_s: float) -> bool:
-        """Ends reading, whatever call it is in.
-
-        Args:
-            limit_s: how long to wait.
-
-        Returns:
-            Whether the thread has ended; otherwise it does within FFmpeg's own limit.
-        """
+        """Ends reading and waits; whether the thread has ended, else it does within FFmpeg's own limit."""
         self._ending.set()
         deadline = time.monotonic() + limit_s
         while self._thread.is_alive():

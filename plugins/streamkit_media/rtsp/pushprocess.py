@@ -72,11 +72,7 @@ class PushProcess:
         self.pending = self.written = 0
 
     def open(self, order: dict[str, Any]) -> None:
-        """Makes it connect.
-
-        Args:
-            order: as `pusher.Push` takes it, and `timeout_s`: the longest silence, s.
-        """
+        """Makes it connect by an order of `pusher.Push`, which has the longest silence `timeout_s`, too."""
         self.is_opened = True
         self._silence_limit_s = order["timeout_s"]
         self._answered = time.monotonic()
@@ -96,10 +92,7 @@ class PushProcess:
         self._send_message(message(Kind.END))
 
     def exchange(self, wait_s: float) -> None:
-        """Sends and receives what can be, at most after a wait.
-
-        Args:
-            wait_s: longest wait for something to send or receive, s.
+        """Sends and receives what can be, after at most `wait_s`.
 
         Raises:
             PushFailure: the connection has failed, or there is no answer within the limit.
@@ -118,11 +111,7 @@ class PushProcess:
             raise PushFailure(f"the push process was silent for {limit_s:g} s", is_silent=self._is_running)
 
     def close(self, limit_s: float) -> None:
-        """Ends the process. Safe to call twice.
-
-        Args:
-            limit_s: time to end the recording before the process is killed, s; 0 where not connected.
-        """
+        """Ends the process; kills it where the recording has not ended in time. Safe to call twice."""
         if self._stdin.closed:
             return
         self._outgoing.clear()

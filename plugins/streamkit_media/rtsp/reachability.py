@@ -50,10 +50,7 @@ def connection_failure(host: str, port: int, limit_s: float) -> str:
 
 
 def trusted_authorities(path: str = "") -> str:
-    """The file of authorities to check certificates against.
-
-    Args:
-        path: the user's own; the system's where empty.
+    """The file of trusted authorities: the user's own, or the system's where `path` is empty.
 
     Raises:
         OSError: it cannot be read, is no such file, or this system has none.

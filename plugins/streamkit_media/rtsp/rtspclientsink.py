@@ -9,8 +9,7 @@ from typing import Any
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink
 from streamkit_media.codecs import CodecParameters, caps_parameters
 from streamkit_media.location import redact
-from streamkit_media.nalunits import BadPacket
-from streamkit_media.recording.annexb import AnnexBWriter
+from streamkit_media.nalunits import AnnexBWriter, BadPacket
 from streamkit_media.recording.packetsink import BEFORE_KEYFRAME, times_of
 from streamkit_media.rtsp.endpoint import Reconnect, RtspEndpoint, Transport
 from streamkit_media.rtsp.pushprocess import PushFailure, PushProcess

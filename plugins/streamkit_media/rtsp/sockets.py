@@ -89,15 +89,7 @@ def is_closed_by_peer(names: frozenset[str]) -> bool:
 
 
 def cut_connections(port: int, known: frozenset[str]) -> int:
-    """Shuts down the TCP connections to a port that were opened after `known` was taken, also half-open ones.
-
-    Args:
-        port: of the other side.
-        known: names of sockets to leave alone.
-
-    Returns:
-        How many were shut down.
-    """
+    """Shuts down the TCP connections to a port, also half-open ones, except `known`; returns their number."""
     return sum(_cut(name, port) for name in open_sockets() if name not in known)
 
 

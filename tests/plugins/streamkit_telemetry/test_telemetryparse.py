@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from streamkit import Caps, Frame, MessageKind, Pipeline
 from streamkit.testing import Harness
-from streamkit_telemetry.klvwriter import element, local_set_packet
+from streamkit_telemetry.st0601writer import element, local_set_packet
 
 KLV, TEXT = Caps("meta/x-klv, parsed=(boolean)false"), Caps("text/x-raw, format=utf8")
 POSITION = b"\x0d\x04\x10\x00\x00\x00\x0e\x04\x10\x00\x00\x00"

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from streamkit_telemetry_formats.dji import DjiTelemetry, read_samples, relative_angles, rotation, sample_of
+from streamkit_telemetry_formats.dji import DjiTelemetry, relative_angles, rotation, sample_of
+from streamkit_telemetry_formats.sample import Sample
 
 FIRST = {
     "air2s.srt": (41.424724, 2.234156, 117.0, "dji"),
@@ -20,11 +21,16 @@ FIRST = {
 }
 
 
+def samples_of(text: str) -> list[Sample]:
+    """The samples of a subtitle file's text."""
+    return list(DjiTelemetry().read(text.split("\n")))
+
+
 @pytest.mark.parametrize("name", FIRST)
 def test_every_dialect(streamkit_data: Path, name: str) -> None:
     """Every subtitle that holds a position becomes a sample, times ascending, the first one as written."""
     text = (streamkit_data / "telemetry" / "dji" / name).read_text(encoding="utf-8", errors="replace")
-    samples = list(read_samples(text))
+    samples = list(samples_of(text))
     first = samples[0]
     assert (first.latitude, first.longitude, first.altitude, first.source) == FIRST[name]
     written = len(re.findall(r"(?m)GPS ?\(|\[latitude", text))
@@ -40,7 +46,7 @@ def test_every_dialect(streamkit_data: Path, name: str) -> None:
 def test_files_without_positions(streamkit_data: Path, name: str) -> None:
     """A model that writes no position, and an empty file, give no sample and no error."""
     text = (streamkit_data / "telemetry" / "dji" / name).read_text(encoding="utf-8")
-    assert list(read_samples(text)) == []
+    assert list(samples_of(text)) == []
 
 
 def test_attitude_and_gimbal_of_the_phantom() -> None:
@@ -121,7 +127,7 @@ def test_a_subtitle_that_has_lost_its_times_is_placed_between_the_others() -> No
         "1\n00:00:00,000 --> 00:00:00,033\n2022-08-07 13:40:40,774,808\n[latitude: 1.5] [longitude: 2.5]\n\n"
         "2\n2022-08-07 13:40:40,808,164\n[latitude: 1.6] [longitude: 2.5]\n\n"
     )
-    assert [sample.pts for sample in read_samples(text)] == [0, 33_356_000]
+    assert [sample.pts for sample in samples_of(text)] == [0, 33_356_000]
 
 
 def test_the_time_between_subtitles_serves_without_a_fine_clock() -> None:
@@ -129,7 +135,7 @@ def test_the_time_between_subtitles_serves_without_a_fine_clock() -> None:
     text = "".join(
         f"{n}\nFrameCnt : {n}, DiffTime : 33ms\n[latitude: 1.5] [longitude: 2.5]\n\n" for n in (1, 2, 3)
     )
-    assert [sample.pts for sample in read_samples(text)] == [0, 33_000_000, 66_000_000]
+    assert [sample.pts for sample in samples_of(text)] == [0, 33_000_000, 66_000_000]
 
 
 @pytest.mark.parametrize(
@@ -195,6 +201,6 @@ PIECES = st.sampled_from(
 @given(st.lists(PIECES, max_size=60))
 def test_any_mixture_is_survived(pieces: list[str]) -> None:
     """Pieces of subtitles in any order give finite samples within the time that subtitles reach, or none."""
-    for sample in read_samples("".join(pieces)):
+    for sample in samples_of("".join(pieces)):
         assert 0 <= sample.pts < 4 * 10**15
         assert sample.altitude is None or math.isfinite(sample.altitude)

@@ -5,7 +5,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from streamkit_telemetry_formats.jpeg import JpegHeader, read_header
+from streamkit_telemetry_formats.photograph import JpegHeader, read_header
 
 PLAIN = cv2.imencode(".jpg", np.zeros((48, 64, 3), np.uint8))[1].tobytes()
 

@@ -1,13 +1,18 @@
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from streamkit_telemetry_formats.subrip import Cue, read_cues
+from streamkit_telemetry_formats.subrip import Cue, SubtitleReader
+
+
+def cues_of(text: str) -> list[Cue]:
+    """The subtitles with times of a text."""
+    return [cue for cue in SubtitleReader().cues(text.split("\n")) if isinstance(cue, Cue)]
 
 
 def test_cues() -> None:
     """Times to the millisecond, several lines, Windows line ends, a file cut within its last cue."""
     text = "1\r\n00:00:01,000 --> 00:00:02,500\r\none\r\ntwo\r\n\r\n2\r\n01:00:00.040 --> 01:00:60,000\r\nthr"
-    assert list(read_cues(text)) == [
+    assert list(cues_of(text)) == [
         Cue(1_000_000_000, 2_500_000_000, "one\ntwo"),
         Cue(3_600_040_000_000, 3_660_000_000_000, "thr"),
     ]
@@ -15,11 +20,11 @@ def test_cues() -> None:
 
 def test_what_is_no_cue_is_passed_over() -> None:
     """Text before the first times, times without text at the end, and nonsense give nothing."""
-    assert list(read_cues("hello\n\n00:00:01,000 -->\n\n7\n00:00:09,000 --> 00:00:10,000")) == []
+    assert list(cues_of("hello\n\n00:00:01,000 -->\n\n7\n00:00:09,000 --> 00:00:10,000")) == []
 
 
 @settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.text(max_size=300))
 def test_any_text_is_survived(text: str) -> None:
     """No text raises."""
-    assert all(cue.begin >= 0 for cue in read_cues(text))
+    assert all(cue.begin >= 0 for cue in cues_of(text))

@@ -73,11 +73,7 @@ def is_rtcp(data: bytes) -> bool:
 
 
 def first_header(data: bytes) -> bytes:
-    """The header of the first RTP packet, after any RTCP packets; unique for each packet.
-
-    Args:
-        data: from the beginning of a packet on; the end may be missing.
-    """
+    """The header of the first RTP packet, after any RTCP packets; b"" where it is incomplete."""
     while is_rtcp(data):
         data = data[FRAME_BYTES + FRAME.unpack_from(data)[2] :]
     if len(data) < FRAME_BYTES + HEADER_BYTES or data[0] != MAGIC or data[FRAME_BYTES] >> 6 != VERSION:

@@ -1,7 +1,6 @@
 import pytest
 
-from streamkit_media.nalunits import BadPacket
-from streamkit_media.recording.annexb import AnnexBWriter
+from streamkit_media.nalunits import AnnexBWriter, BadPacket
 
 AVCC = bytes.fromhex("0142c00aff e1 0003 67aabb 01 0002 68cc".replace(" ", ""))
 SETS = bytes.fromhex("00000001 67aabb 00000001 68cc".replace(" ", ""))
