@@ -139,10 +139,11 @@ class RtspClientSink(RtspEndpoint, Sink):
     def _has_room(self) -> bool:
         """Whether another packet may be held; waits for it unless frames are to be dropped."""
         assert self._process is not None
-        while self._process.pending >= self.max_packets:
-            if self.drop or self.stopping.is_set():
-                return False
-            self._exchange(LOOK_S)
+        with self.waiting():
+            while self._process.pending >= self.max_packets:
+                if self.drop or self.stopping.is_set():
+                    return False
+                self._exchange(LOOK_S)
         return True
 
     def _times(self, frame: Frame) -> tuple[int, int]:

@@ -189,6 +189,16 @@ def test_a_silent_server_is_noticed(serve: Serve, answers: int, transport: str) 
     assert not children()
 
 
+def test_waiting_for_a_slow_server_is_no_hang(serve: Serve) -> None:
+    """While max-packets are queued the sink waits up to timeout-s; the watchdog does not end it."""
+    text = f"{NOT_PACED} location=rtsp://127.0.0.1:{serve(0)}/live timeout-s=3 max-packets=1"
+    with (
+        pytest.raises(ElementFailure, match="the server has been silent for 3 s"),
+        Pipeline.parse(text, watchdog_s=1.0) as pipeline,
+    ):
+        pipeline.run(30)
+
+
 def test_a_closed_port_is_told() -> None:
     """A refused connection gives its reason at once."""
     error, elapsed = fails(f"{NOT_PACED} location=rtsp://me:secret@127.0.0.1:1/live")
