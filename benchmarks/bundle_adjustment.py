@@ -28,8 +28,8 @@ FloatArray = npt.NDArray[np.float64]
 WIDTH, HEIGHT = 1280, 720
 NOISE = 0.5
 WINDOW_FLIGHT = 300
-EXACT = AdjustmentSettings(huber=1e9, max_iterations=60, tolerance=1e-8)
-QUICK = AdjustmentSettings(huber=1e9, max_iterations=60, tolerance=1e-4)
+EXACT = AdjustmentSettings(huber=1e9, ba_iterations=60, tolerance=1e-8)
+QUICK = AdjustmentSettings(huber=1e9, ba_iterations=60, tolerance=1e-4)
 CORNERS = np.array([[0, 0, 1], [WIDTH, 0, 1], [WIDTH, HEIGHT, 1], [0, HEIGHT, 1.0]]).T
 
 
@@ -230,7 +230,7 @@ def sliding_window() -> None:
         times = []
         for _ in range(5):
             began = time.process_time()
-            steps = adjust(problem, AdjustmentSettings(max_iterations=8, tolerance=1e-5)).iterations
+            steps = adjust(problem, AdjustmentSettings(ba_iterations=8, tolerance=1e-5)).iterations
             times.append(time.process_time() - began)
         cost, observations = statistics.median(times) * 1e3, len(problem.observed)
         print(

@@ -20,9 +20,9 @@ import cv2
 import numpy as np
 from aerial_flights import Flight, FloatArray, PictureArray, camera, ground_picture
 
-from streamkit_stitcher.mosaic.album import RecorderSettings
+from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
-from streamkit_stitcher.plane.placement import drawn_out
+from streamkit_stitcher.plane.frame_registration import depth_ratio
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 from streamkit_stitcher.plane.tracker import PlaneTracker
 
@@ -85,7 +85,7 @@ def main() -> None:
     # Halved: the small view of a flight that is rendered fast would show hardly a corner otherwise.
     ground = np.asarray(cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.FIRST))
-    recorder = MosaicRecorder(RecorderSettings(None, 16_000_000, final=False))
+    recorder = MosaicRecorder(RecorderSettings(None, max_canvas_mpx=16, final=False))
     print(
         "| frames | ms per frame, median | mean | all threads | memory MB | placed | step px, median "
         "| worst | plane | drawn out by | refused | mosaic Mpx | its scale |"
@@ -96,12 +96,12 @@ def main() -> None:
         for index in range(first, min(count, first + FRAMES_PER_ROW)):
             picture = frame(ground, index, shape, step_px)
             began, spent = time.thread_time(), time.process_time()
-            placement = tracker.place(picture)
+            placement = tracker.track(picture)
             recorder.add(placement, shape, lambda taken=picture: taken)
             times.append(time.thread_time() - began)
             processor += time.process_time() - spent
             placed += placement.anchored
-            tilt = max(tilt, drawn_out(placement.to_reference, shape))
+            tilt = max(tilt, depth_ratio(placement.to_reference, shape))
             if index:
                 steps.append(step_error(placement.to_previous, index, shape, step_px))
         left, top, right, bottom = recorder.mosaic.canvas.box

@@ -29,11 +29,11 @@ import numpy.typing as npt
 from aerial_flights import Flight, FloatArray, PictureArray, ground_picture, rows
 
 from streamkit.geometry.homography import inverse, normalised, project
-from streamkit_stitcher.mosaic.album import RecorderSettings
-from streamkit_stitcher.mosaic.composition import PlacedPicture, compose
+from streamkit_stitcher.mosaic.composition import PlacedFrame, compose
+from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
 from streamkit_stitcher.mosaic.seams import SeamKind
-from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 from streamkit_stitcher.plane.tracker import PlaneTracker
 
 SHAPE = (720, 1280)
@@ -47,14 +47,14 @@ Method = Callable[[Sequence[PictureArray], str], int]
 
 def stitched(frames: Sequence[PictureArray], path: str) -> int:
     """Ours: placed, adjusted, blended and written as `stitch` does it; the number of frames in it."""
-    tracker = PlaneTracker(PlaneSettings())
-    recorder = MosaicRecorder(RecorderSettings(path, MEMORY_PX, seam=SeamKind.GRAPHCUT))
+    tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.CENTER))
+    recorder = MosaicRecorder(RecorderSettings(path, seam=SeamKind.GRAPHCUT))
     for frame in frames:
-        placement = tracker.place(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
+        placement = tracker.track(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
         recorder.add(placement, SHAPE, lambda taken=frame: taken)
     plane = tracker.take_plane(current=True)
     rmse = plane.finish()
-    written = recorder.finish(dict(plane.places), rmse)
+    written = recorder.finish(dict(plane.homographies), rmse)
     plane.close()
     return 0 if written is None else written.pictures
 
@@ -73,11 +73,11 @@ def exact(flight: Flight, frames: Sequence[PictureArray], path: str) -> int:
     """The frames joined at their true places: nothing is measured."""
     to_first = inverse(flight.to_ground[0])
     placed = [
-        PlacedPicture(number, SHAPE, normalised(to_first @ matrix))
+        PlacedFrame(number, SHAPE, normalised(to_first @ matrix))
         for number, matrix in enumerate(flight.to_ground)
     ]
     whole = compose(placed, lambda number: frames[number], SeamKind.GRAPHCUT, MEMORY_PX)
-    cv2.imwrite(path, whole.picture)
+    cv2.imwrite(path, whole.image)
     return len(placed)
 
 

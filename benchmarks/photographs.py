@@ -24,10 +24,10 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit.geometry.homography import corners, project
-from streamkit_stitcher.mosaic.album import RecorderSettings
 from streamkit_stitcher.mosaic.georeference import PositionFix
+from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
-from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 from streamkit_stitcher.plane.tracker import PlaneTracker
 from streamkit_stitcher.registration.motion_models import MotionModel, least_squares
 from streamkit_stitcher.registration.wide_baseline import fit_wide_baseline
@@ -72,19 +72,19 @@ def position(path: Path) -> PositionFix | None:
 def survey(location: Path) -> None:
     """Prints table 1."""
     paths = sorted((DATA / "mosaic" / "brighton_beach").glob("*.JPG"))
-    tracker = PlaneTracker(PlaneSettings())
-    recorder = MosaicRecorder(RecorderSettings(str(location), 64_000_000))
+    tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.CENTER))
+    recorder = MosaicRecorder(RecorderSettings(str(location)))
     began = time.perf_counter()
     states = []
     for path in paths:
         picture = np.asarray(cv2.imread(str(path)), dtype=np.uint8)
-        placement = tracker.place(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
+        placement = tracker.track(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
         states.append(placement.status.value)
         recorder.add(placement, picture.shape[:2], lambda taken=picture: taken, position(path))
     plane = tracker.take_plane(current=True)
     rmse = plane.finish()
-    ties = {(host, own) for own in plane.places for host in plane.tied_to(own)}
-    written = recorder.finish(dict(plane.places), rmse)
+    ties = {(host, own) for own in plane.homographies for host in plane.tied_to(own)}
+    written = recorder.finish(dict(plane.homographies), rmse)
     plane.close()
     # Strips of 6: ties between pictures of different strips close them.
     across = sum(host // 6 != own // 6 and own - host > 1 for host, own in ties)

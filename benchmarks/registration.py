@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from aerial_flights import Flight, FloatArray, PictureArray, ground_picture, wandering
 
-from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 from streamkit_stitcher.plane.tracker import PlaneTracker
 
 SEEDS = (101, 102, 103, 104, 105)
@@ -22,10 +22,13 @@ FRAMES = 50
 
 def tracker() -> Generator[FloatArray, PictureArray, None]:
     """Ours, as `stitch` runs it."""
-    plane = PlaneTracker(PlaneSettings())
+    plane = PlaneTracker(PlaneSettings(reference=ReferenceChoice.CENTER))
     picture = yield np.eye(3)
-    while True:
-        picture = yield plane.place(picture).to_previous
+    try:
+        while True:
+            picture = yield plane.track(picture).to_previous
+    finally:
+        plane.close()
 
 
 def followed_corners() -> Generator[FloatArray, PictureArray, None]:

@@ -1,4 +1,4 @@
-"""stitch: places each frame on the ground plane, and joins the frames to a mosaic."""
+"""stitch: registers each frame to the ground plane and builds a mosaic."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from streamkit import (
     FlushStop,
     Frame,
     FrameFlags,
+    Pad,
     PadTemplate,
     Pose,
     Presence,
@@ -30,39 +31,38 @@ from streamkit import (
     Registration,
     RegistrationStatus,
     ResourceError,
+    SettingsOf,
     Transform,
     luma,
 )
 from streamkit_kernels import COMPILING, telling
 from streamkit_stitcher.flight_plan.plan import CameraView, FlightPlan, parse_strip, plan_strip
 from streamkit_stitcher.live_mosaic import PREVIEW_CAPS, LiveMosaic, linked_pad
-from streamkit_stitcher.mosaic.album import RecorderSettings
 from streamkit_stitcher.mosaic.georeference import PositionFix
-from streamkit_stitcher.mosaic.picture_file import check_location
-from streamkit_stitcher.mosaic.seams import SeamKind
-from streamkit_stitcher.mosaic.tiles import PictureArray
+from streamkit_stitcher.mosaic.image_file import check_location
+from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
+from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.mosaic_pad import MosaicPad
-from streamkit_stitcher.plane.placement import Placement
-from streamkit_stitcher.plane.settings import ModelChoice, PlaneSettings, ReferenceChoice
+from streamkit_stitcher.plane.frame_registration import FrameRegistration
+from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.plane.tracker import PlaneTracker
-from streamkit_stitcher.registration.motion_models import FitLimits
 
 _TO_BGR = {"I420": cv2.COLOR_YUV2BGR_I420, "NV12": cv2.COLOR_YUV2BGR_NV12}
-# BGR for pictures of odd sizes, which have no halved colours.
+# BGR for frames of odd sizes, which have no subsampled colour planes.
 _COLOUR_FIRST = Caps("video/x-raw, format={ I420, NV12, BGR, GRAY8 }")
 
 
 class Stitch(Transform):
-    """Attaches to each frame where it lies on the ground plane, and joins the frames to a mosaic.
+    """Attaches to each frame its homography to the ground plane, and builds a mosaic.
 
-    Pixels pass untouched. A frame that cannot be placed passes too, marked `lost`, with the camera's last
-    motion carried on. After a cut, a new epoch or a new frame size the plane has another number and status
-    `cut`. Where the plane moves - its reference changes, key frames were adjusted, the camera came back to
-    ground it knows - the frame carries `reference_change`, so that whoever follows moves along.
+    Pixels pass unchanged. A frame that cannot be registered passes with status `lost` and the predicted
+    motion. A cut, a new epoch or a new frame size starts another plane, with status `cut`. When the plane
+    moves (its reference changes, keyframes are adjusted, the camera revisits known ground) the frame carries
+    `reference_change`, so that downstream elements can move their state along.
 
-    The mosaic is painted beside the stream, and written at EOS or when the pipeline stops before; a message
-    `mosaic` tells its size. The pad `mosaic` shows it as it grows, from a thread of its own: whoever is slow
-    there sees fewer states of it, and the last.
+    The mosaic is painted in a background thread, and written at EOS or when the pipeline stops earlier; the
+    message `mosaic` reports its size. The pad `mosaic` shows it while it grows, from a thread of its own: a
+    slow consumer gets fewer updates, and always the last.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! fakesink
@@ -71,61 +71,16 @@ class Stitch(Transform):
     sink = src = LUMA_CAPS
     templates: ClassVar = (PadTemplate("mosaic", Direction.SRC, PREVIEW_CAPS, Presence.REQUEST),)
 
-    location: str | None = Property(
-        None, doc="Path of the mosaic, .png, .jpg or .tif; %d in it gives each plane a file."
-    )
-    reference: ReferenceChoice = Property(
-        ReferenceChoice.AUTO,
-        doc="Plane of the placements: the middle key frame's, which moves as the strip grows, or the first "
-        "frame's; auto takes the middle where the strip's length is known.",
-    )
-    model: ModelChoice = Property(
-        ModelChoice.AUTO, doc="What the motion may be; auto takes the simplest that explains the frames."
-    )
-    registration_width: int = Property(
-        640, min=64, max=4096, unit="px", doc="Frames are halved to this width or less to follow the motion."
-    )
-    max_points: int = Property(
-        220, min=20, max=2000, doc="Points compared in each frame; more is slower and steadier."
-    )
-    ransac_threshold: float = Property(
-        1.0, min=0.1, max=20.0, unit="px at registration width", doc="Largest residual of an inlier."
-    )
-    min_inliers: int = Property(
-        20, min=8, max=1000, doc="Fewest points that must agree on a homography; simpler motions need fewer."
-    )
-    min_inlier_ratio: float = Property(
-        0.35, min=0.05, max=1.0, doc="Least share of the points in view that must agree on the motion."
-    )
-    keyframe_overlap: float = Property(
-        0.65, min=0.3, max=0.95, doc="A frame that shares less than this with its key frame becomes one."
-    )
-    window: int = Property(
-        12, min=0, max=60, doc="Newest key frames that are adjusted together at each new one; 0 for none."
-    )
-    ba_iterations: int = Property(8, min=1, max=100, doc="Most steps of such an adjustment.")
-    huber: float = Property(1.5, min=0.1, unit="px", doc="Residual from which a tie point counts less.")
-    strip_length: int = Property(
-        0, min=0, max=100_000, doc="Key frames of the whole flight strip; 0 if nobody knows."
-    )
+    settings = SettingsOf(PlaneSettings)
+    recording = SettingsOf(RecorderSettings)
     strip: str | None = Property(
-        None, doc="Longitude and latitude of the strip's two ends, lon,lat,lon,lat; tells its length."
+        None, doc="Longitude and latitude of the strip's two ends, lon,lat,lon,lat; sets its length."
     )
     altitude: float = Property(0.0, min=0.0, unit="m", doc="Height above the ground, for `strip`.")
     field_of_view: float = Property(
         0.0, min=0.0, max=170.0, unit="deg", doc="Horizontal field of view of the camera, for `strip`."
     )
     speed: float = Property(0.0, min=0.0, unit="m/s", doc="Speed over the ground, for `strip`.")
-    final: bool = Property(
-        True, doc="At the end adjust all key frames together and blend them; else keep the mosaic as it grew."
-    )
-    seam: SeamKind = Property(
-        SeamKind.GRAPHCUT,
-        doc="How frames share the ground in the final mosaic: seams half-way, or moved round cars and trees.",
-    )
-    max_canvas_mpx: float = Property(
-        64.0, min=1.0, max=1024.0, unit="Mpx", doc="Mosaic kept in memory; the rest goes to a temporary file."
-    )
     preview_interval: float = Property(
         1.0, min=0.0, unit="s", doc="Least time between two frames of the pad `mosaic`."
     )
@@ -135,88 +90,90 @@ class Stitch(Transform):
         self.prepare_run()
 
     def prepare_run(self) -> None:
-        """Forgets what an earlier run left for the pad `mosaic`."""
-        self._shown = MosaicPad(
-            lambda: linked_pad(self), lambda: self.count_drop("mosaic: a newer picture came")
+        """Drops the state of the pad `mosaic` from an earlier run."""
+        self._mosaic_pad = MosaicPad(
+            lambda: linked_pad(self), lambda: self.count_drop("mosaic: a newer frame came")
         )
 
     def start(self) -> None:
-        """Begins without a plane; refuses a location or strip that could not be used at the end."""
+        """Starts without a plane.
+
+        Raises:
+            ResourceError: the location or the strip cannot be used.
+        """
         with telling(lambda: self.post_warning(COMPILING)):
-            self._tracker = PlaneTracker(self._settings(0, 0))
+            self._tracker = PlaneTracker(self.settings)
         self._mosaic: LiveMosaic | None = None
         self._epoch: int | None = None
+        location = self.recording.location
         try:
             if self.strip is not None:
                 parse_strip(self.strip)
-            if self.location is not None:
-                check_location(self.location)
+            if location is not None:
+                check_location(location)
         except (OSError, ValueError) as error:
             raise ResourceError(f"{self.name}: {error}") from error
-        if self.location is not None or "mosaic" in self.pads:
-            settings = RecorderSettings(
-                self.location, round(self.max_canvas_mpx * 1e6), self.final, self.seam
-            )
-            self._mosaic = LiveMosaic(self, settings, self.preview_interval, lambda: self._shown)
+        if location is not None or "mosaic" in self.pads:
+            self._mosaic = LiveMosaic(self, self.recording, self.preview_interval, lambda: self._mosaic_pad)
 
     def stream(self) -> None:
-        """The body of the thread that serves the pad `mosaic`."""
-        self._shown.serve(self.stopping)
+        """The body of the thread of the pad `mosaic`."""
+        self._mosaic_pad.serve(self.stopping)
 
     def interrupt(self) -> None:
         """Wakes that thread."""
-        self._shown.wake()
+        self._mosaic_pad.wake()
 
-    def query_caps(self, pad: Any) -> Caps:
-        """What a pad can carry: the mosaic is made here, frames pass as they come."""
-        if pad.name == "mosaic":
-            return PREVIEW_CAPS
-        return super().query_caps(pad)
+    def side_pads(self) -> list[Pad]:
+        """None for the base to forward events to: `mosaic` gets them in order, from its own thread."""
+        return []
 
     def property_changed(self, name: str) -> None:
-        """A mosaic is better in colour, so colour is asked for first."""
-        if name == "location" and self.location is not None:
+        """Prefers colour formats when a mosaic is to be written."""
+        if name == "location" and self.recording.location is not None:
             self._prefer_colour()
 
-    def request_pad(self, template: PadTemplate, name: str = "") -> Any:
+    def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
         """Makes the pad `mosaic`."""
         self._prefer_colour()
         return super().request_pad(template, name)
 
     def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
-        """Reckons with the strip, now that the frames' size and rate are known."""
+        """Plans the strip, as the frames' size and rate are known now."""
         if self.strip is None:
             return
         rate = sink_caps.get("framerate")
         shape = sink_caps.integer("height"), sink_caps.integer("width")
         plan = self._plan(self.strip, shape)
-        frames = round(plan.interval_s * rate) if isinstance(rate, Fraction) and rate > 0 else 0
+        interval = round(plan.interval_s * rate) if isinstance(rate, Fraction) and rate > 0 else 0
         self._tracker.close()
-        self._tracker = PlaneTracker(self._settings(plan.images, max(1, frames)))
+        self._tracker = PlaneTracker(
+            replace(self.settings, strip_length=plan.images, keyframe_interval=max(1, interval))
+        )
         self.post_message("flight-plan", **asdict(plan))
 
     def transform(self, frame: Frame) -> Frame:
-        """Attaches Registration to the frame and lays it into the mosaic where it shows new ground."""
+        """Attaches `Registration`, and adds the frame to the mosaic where it shows new ground."""
         if self._epoch is not None and frame.epoch != self._epoch:
             self._tracker.restart()
         self._epoch = frame.epoch
         if frame.flags & FrameFlags.CORRUPT:
             return frame.attach(registration(self._tracker.skip()))
-        grey = brightness_of(frame)
-        placement = self._tracker.place(grey)
+        grey = grey_of(frame)
+        registered = self._tracker.track(grey)
         if self._mosaic is not None:
-            if self._mosaic.is_other_plane(placement):
-                self._mosaic.leave(self._tracker.take_plane())
+            if self._mosaic.is_new_plane(registered):
+                self._mosaic.start_writing(self._tracker.take_plane())
             shape = int(grey.shape[0]), int(grey.shape[1])
-            self._mosaic.record(frame, placement, shape, partial(picture_of, frame), position_of(frame))
-        return frame.attach(registration(placement))
+            self._mosaic.record(frame, registered, shape, partial(mosaic_image, frame), position_fix(frame))
+        return frame.attach(registration(registered))
 
     def event(self, event: Event) -> None:
-        """Events reach whoever watches the mosaic, too."""
+        """Passes events to the pad `mosaic`."""
         if isinstance(event, FlushStart | FlushStop):
-            self._shown.flush(event)
+            self._mosaic_pad.flush(event)
         elif not isinstance(event, CapsEvent | EosEvent):
-            self._shown.put_event(event)
+            self._mosaic_pad.put_event(event)
 
     def drain(self) -> tuple[()]:
         """Shows the mosaic for the last time and writes it.
@@ -235,12 +192,12 @@ class Stitch(Transform):
         except OSError as error:
             raise ResourceError(f"{self.name}: the mosaic is lost: {error}") from error
         finally:
-            # Last: whoever watched to the end finds the file written.
-            self._shown.put_event(EosEvent())
+            # Last: at EOS of the pad the file is complete.
+            self._mosaic_pad.put_event(EosEvent())
         return ()
 
     def stop(self) -> None:
-        """Writes the mosaic if EOS did not come, and lets go of it."""
+        """Writes the mosaic if EOS did not come, and releases it."""
         mosaic, self._mosaic = self._mosaic, None
         if mosaic is not None:
             try:
@@ -256,33 +213,11 @@ class Stitch(Transform):
             pad = self.pads[name]
             pad.template = replace(pad.template, caps=_COLOUR_FIRST)
 
-    def _settings(self, strip_length: int, interval: int) -> PlaneSettings:
-        limits = FitLimits(
-            threshold=self.ransac_threshold, min_inliers=self.min_inliers, min_ratio=self.min_inlier_ratio
-        )
-        reference, length = self.reference, strip_length or self.strip_length
-        if reference is ReferenceChoice.AUTO:
-            reference = ReferenceChoice.CENTER if length else ReferenceChoice.FIRST
-        return PlaneSettings(
-            working_width=self.registration_width,
-            max_points=self.max_points,
-            limits=limits,
-            keyframe_overlap=self.keyframe_overlap,
-            keyframe_interval=interval,
-            model=self.model,
-            reference=reference,
-            strip_length=length,
-            window=self.window,
-            adjustment_iterations=self.ba_iterations,
-            huber=self.huber,
-        )
-
     def _plan(self, strip: str, shape: tuple[int, int]) -> FlightPlan:
         try:
             view = CameraView.of_width(math.radians(self.field_of_view), shape)
-            return plan_strip(
-                parse_strip(strip), self.altitude, view, self.keyframe_overlap, self.speed, shape[1]
-            )
+            overlap = self.settings.keyframe_overlap
+            return plan_strip(parse_strip(strip), self.altitude, view, overlap, self.speed, shape[1])
         except (ValueError, ZeroDivisionError) as error:
             raise ResourceError(
                 f"{self.name}: strip needs altitude, field-of-view and speed above 0: {error}"
@@ -294,30 +229,30 @@ class Stitch(Transform):
             ) from error
 
 
-def registration(placement: Placement) -> Registration:
-    """A placement as metadata."""
+def registration(registered: FrameRegistration) -> Registration:
+    """The tracker's result as frame metadata."""
     return Registration(
-        placement.to_previous,
-        placement.to_reference,
-        reference=placement.reference,
-        reference_change=placement.change,
-        status=RegistrationStatus(placement.status.value),
-        keyframe=placement.keyframe,
-        matches=placement.matches,
-        inliers=placement.inliers,
-        rmse=placement.rmse,
+        registered.to_previous,
+        registered.to_reference,
+        reference=registered.reference,
+        reference_change=registered.change,
+        status=RegistrationStatus(registered.status.value),
+        keyframe=registered.keyframe,
+        matches=registered.matches,
+        inliers=registered.inliers,
+        rmse=registered.rmse,
     )
 
 
-def brightness_of(frame: Frame) -> PictureArray:
-    """What a frame is placed by: its plane of brightness uint8[h, w], or one made of BGR."""
+def grey_of(frame: Frame) -> ImageArray:
+    """The frame's luma plane, or the grey values of BGR, uint8[h, w]."""
     if frame.caps["format"] == "BGR":
         return np.asarray(cv2.cvtColor(frame.data, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     return luma(frame)
 
 
-def picture_of(frame: Frame) -> PictureArray:
-    """A frame for the mosaic: uint8[h, w, 3] BGR where it has colour, else its brightness uint8[h, w]."""
+def mosaic_image(frame: Frame) -> ImageArray:
+    """The frame's pixels for the mosaic: BGR uint8[h, w, 3], or uint8[h, w] of a grey frame."""
     pixel_format = str(frame.caps["format"])
     code = _TO_BGR.get(pixel_format)
     if code is None:
@@ -325,7 +260,7 @@ def picture_of(frame: Frame) -> PictureArray:
     return np.asarray(cv2.cvtColor(frame.data, code), dtype=np.uint8)
 
 
-def position_of(frame: Frame) -> PositionFix | None:
-    """Where the camera was, if the frame tells and its telemetry is not too old."""
+def position_fix(frame: Frame) -> PositionFix | None:
+    """The camera's position, or None where telemetry is missing or stale."""
     pose = frame.get(Pose)
     return None if pose is None or pose.is_stale else PositionFix(pose.latitude, pose.longitude)

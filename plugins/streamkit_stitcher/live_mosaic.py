@@ -1,4 +1,4 @@
-"""The mosaic beside the stream: painted and written by a worker, shown through a pad."""
+"""The mosaic of a running stream: painted and written in the background, shown through a pad."""
 
 from __future__ import annotations
 
@@ -7,42 +7,42 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import asdict
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
 
-from streamkit import Caps, Frame, Registration, Transform
+from streamkit import Caps, Frame, Pad, Registration, Transform
 from streamkit.geometry.homography import inverse
 from streamkit.handoff.background_executor import BackgroundExecutor
-from streamkit_stitcher.mosaic.album import RecorderSettings, WrittenMosaic
 from streamkit_stitcher.mosaic.georeference import PositionFix
-from streamkit_stitcher.mosaic.recorder import AdjustedPlaces, MosaicRecorder
-from streamkit_stitcher.mosaic.tiles import PictureArray
+from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings, WrittenMosaic
+from streamkit_stitcher.mosaic.recorder import AdjustedHomographies, MosaicRecorder
+from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.mosaic_pad import MosaicPad
+from streamkit_stitcher.plane.frame_registration import FrameRegistration
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
-from streamkit_stitcher.plane.placement import Placement
 
 PREVIEW_CAPS = Caps("video/x-raw, format={ BGR, I420, GRAY8 }, width=[ 16, 8192 ], height=[ 16, 8192 ]")
-_PREVIEW = Caps("video/x-raw, width=1280, height=720")
+_DEFAULT_SIZE = Caps("video/x-raw, width=1280, height=720")
 _FROM_BGR = {"I420": cv2.COLOR_BGR2YUV_I420, "GRAY8": cv2.COLOR_BGR2GRAY}
 _NS = 1_000_000_000
-_WAITING_BYTES: Final = 128_000_000
-_PATIENCE_S: Final = 120.0
-_LEAVE_S: Final = 5.0
+_MAX_QUEUED_BYTES: Final = 128_000_000
+_PROGRESS_LIMIT_S: Final = 120.0
+_CLOSE_LIMIT_S: Final = 5.0
 
 
 class LiveMosaic:
-    """Takes the frames of a stream that are worth it, and never holds the stream up for what follows.
+    """Hands the frames of a mosaic to a background thread.
 
-    A frame waits as it is until the worker paints it; with 128 MB of them waiting the stream waits, too, so
-    that every one gets into the mosaic and the same frames give the same mosaic.
+    The thread converts and paints queued frames. With 128 MB queued the stream waits, so that no frame is
+    dropped and the same frames give the same mosaic.
 
     Args:
         element: posts messages and has the pad `mosaic`.
         settings: how mosaics are made.
-        interval_s: least time between two pictures of the pad.
-        shown: gives what the pad's pictures are handed to.
+        interval_s: least time between two frames of the pad.
+        mosaic_pad: returns the sender of the pad.
     """
 
     def __init__(
@@ -50,87 +50,87 @@ class LiveMosaic:
         element: Transform,
         settings: RecorderSettings,
         interval_s: float,
-        shown: Callable[[], MosaicPad],
+        mosaic_pad: Callable[[], MosaicPad],
     ) -> None:
         self._element = element
         self._interval_ns = round(interval_s * _NS)
-        self._shown = shown
-        self._worker = BackgroundExecutor(f"{element.name} mosaic", _WAITING_BYTES, self._failed)
-        self._recorder = MosaicRecorder(settings, self._worker, element.stopping)
+        self._mosaic_pad = mosaic_pad
+        self._executor = BackgroundExecutor(f"{element.name} mosaic", _MAX_QUEUED_BYTES, self._failed)
+        self._recorder = MosaicRecorder(settings, self._executor, element.stopping)
         self._adjusts = settings.final
         self._failure: Exception | None = None
         self._writing: Future[None] | None = None
         self._epoch: int | None = None
-        self._shown_pts = 0
-        self._is_due = self._is_waiting = False
+        self._preview_pts = 0
+        self._has_changed = self._is_preview_queued = False
         self._caps: Caps | None = None
 
-    def is_other_plane(self, placement: Placement) -> bool:
-        """Whether a frame lies on a plane that nothing relates to the mosaic's: `leave` that one first."""
-        return self._recorder.is_other_plane(placement)
+    def is_new_plane(self, registered: FrameRegistration) -> bool:
+        """Whether a frame needs another mosaic: call `start_writing` first."""
+        return self._recorder.is_new_plane(registered)
 
     def record(
         self,
         frame: Frame,
-        placement: Placement,
+        registered: FrameRegistration,
         shape: tuple[int, int],
-        picture: Callable[[], PictureArray],
+        load: Callable[[], ImageArray],
         position: PositionFix | None,
     ) -> None:
-        """Takes a frame where it is a key frame or shows new ground; `picture` is called by the worker.
+        """Adds a keyframe or a frame that shows new ground; the background thread calls `load`.
 
         Raises:
-            Exception: what the worker met before, if that was no failure of the disk.
+            Exception: a failure of the background thread other than of the disk.
         """
         if self._failure is not None:
             raise self._failure
         refused = self._recorder.refused
-        self._is_due |= self._recorder.add(placement, shape, picture, position)
+        self._has_changed |= self._recorder.add(registered, shape, load, position)
         if self._recorder.refused and not refused:
             self._element.post_warning(
-                f"{frame.describe()} does not fit into the mosaic and is left out, as others may be; see "
-                "whether the registration holds"
+                f"{frame.describe()} does not fit into the mosaic and is left out, as others may be; check "
+                "the registration"
             )
         pts = frame.pts or 0
         if frame.epoch != self._epoch:
-            self._epoch, self._shown_pts = frame.epoch, min(pts, self._shown_pts)
-        is_due = self._is_due and not self._is_waiting and pts - self._shown_pts >= self._interval_ns
-        if is_due and linked_pad(self._element) is not None:
-            self._shown_pts, self._is_due, self._is_waiting = pts, False, True
-            self._worker.do(partial(self._show, frame.pts, self._element.flushes))
+            self._epoch, self._preview_pts = frame.epoch, min(pts, self._preview_pts)
+        is_due = self._has_changed and pts - self._preview_pts >= self._interval_ns
+        if is_due and not self._is_preview_queued and linked_pad(self._element) is not None:
+            self._preview_pts, self._has_changed, self._is_preview_queued = pts, False, True
+            self._executor.do(partial(self._show, frame.pts, self._element.flushes))
 
-    def leave(self, plane: KeyframeMap | None) -> None:
-        """Has the mosaic of a plane that was left written; the stream goes on meanwhile."""
-        writing = self._recorder.leave(partial(self._adjusted, plane), self._announce)
-        writing.add_done_callback(lambda done: self._left(plane, done))
+    def start_writing(self, plane: KeyframeMap | None) -> None:
+        """Writes the mosaic of a finished plane while the stream goes on."""
+        writing = self._recorder.start_writing(partial(self._adjusted, plane), self._announce)
+        writing.add_done_callback(lambda done: self._plane_written(plane, done))
 
     def show_last(self) -> None:
-        """Has the mosaic shown once more, as it is in the end."""
+        """Shows the mosaic in its last state."""
         if not self._recorder.is_empty:
-            self._worker.do(partial(self._show, None, self._element.flushes))
+            self._executor.do(partial(self._show, None, self._element.flushes))
 
     def finish(self, plane: KeyframeMap | None, stopping: threading.Event | None = None) -> bool:
-        """Has the mosaic of the current plane written, and waits for it.
+        """Writes the mosaic of the current plane, and waits for it.
 
         Args:
-            plane: its key pictures.
-            stopping: ends the wait; to go on waiting call again.
+            plane: its keyframes.
+            stopping: ends the wait; call again to continue it.
 
         Returns:
             Whether it is done.
 
         Raises:
-            OSError: the mosaic could not be written, or nothing has come of it for two minutes.
-            Exception: what the worker met before, while the pipeline plays.
+            OSError: the mosaic could not be written, or there was no progress for two minutes.
+            Exception: a failure of the background thread while the pipeline plays.
         """
         if self._writing is None:
-            self._writing = self._recorder.leave(partial(self._adjusted, plane), self._announce)
+            self._writing = self._recorder.start_writing(partial(self._adjusted, plane), self._announce)
             if plane is not None:
                 self._writing.add_done_callback(lambda _: plane.close())
-        if not self._worker.wait(self._writing, _PATIENCE_S, stopping):
+        if not self._executor.wait(self._writing, _PROGRESS_LIMIT_S, stopping):
             if stopping is not None and stopping.is_set():
                 return False
-            raise OSError(f"nothing has come of it for {_PATIENCE_S:g} s")
+            raise OSError(f"no progress for {_PROGRESS_LIMIT_S:g} s")
         writing, self._writing = self._writing, None
         writing.result()
         if self._failure is not None and stopping is not None:
@@ -138,32 +138,35 @@ class LiveMosaic:
         return True
 
     def close(self) -> None:
-        """Ends the worker, with what it has not done."""
-        if self._worker.close(_LEAVE_S):
+        """Ends the background thread; queued work is dropped."""
+        if self._executor.close(_CLOSE_LIMIT_S):
             self._recorder.close()
 
+    # In the background thread.
+
     def _show(self, pts: int | None, flushes: int) -> None:
-        """In the worker's thread: lines the mosaic up as it is, unless a flush came in between."""
-        self._is_waiting = False
+        """Queues a preview for the pad, unless a flush began since."""
+        self._is_preview_queued = False
         pad = linked_pad(self._element)
         if pad is None or flushes != self._element.flushes:
             return
         if self._caps is None:
-            self._caps = (pad.peer_caps() & PREVIEW_CAPS).fixate(near=_PREVIEW)
-        caps, album = self._caps, self._recorder.album
-        picture, matrix = album.mosaic.canvas.preview(caps.integer("width"), caps.integer("height"))
-        place = Registration(np.eye(3), inverse(matrix), reference=album.reference)
-        data = _in_format(picture, str(caps["format"]))
-        self._shown().put(Frame(data, caps, pts=self._shown_pts if pts is None else pts).attach(place))
+            self._caps = (pad.peer_caps() & PREVIEW_CAPS).fixate(near=_DEFAULT_SIZE)
+        caps, frames = self._caps, self._recorder.frames
+        image, from_plane = frames.mosaic.canvas.preview(caps.integer("width"), caps.integer("height"))
+        registration = Registration(np.eye(3), inverse(from_plane), reference=frames.reference)
+        frame = Frame(
+            _in_format(image, str(caps["format"])), caps, pts=self._preview_pts if pts is None else pts
+        )
+        self._mosaic_pad().put(frame.attach(registration))
 
-    def _adjusted(self, plane: KeyframeMap | None) -> AdjustedPlaces:
+    def _adjusted(self, plane: KeyframeMap | None) -> AdjustedHomographies:
         if plane is None or not self._adjusts:
             return None, 0.0
         rmse = plane.finish()
-        return dict(plane.places), rmse
+        return dict(plane.homographies), rmse
 
-    def _left(self, plane: KeyframeMap | None, writing: Future[None]) -> None:
-        """The mosaic of an earlier plane was written, or not; nobody waits for it."""
+    def _plane_written(self, plane: KeyframeMap | None, writing: Future[None]) -> None:
         if plane is not None:
             plane.close()
         error = None if writing.cancelled() else writing.exception()
@@ -171,7 +174,7 @@ class LiveMosaic:
             self._failed(error)
 
     def _failed(self, error: Exception) -> None:
-        """In the worker's thread: the frames matter more than a picture of them, so the stream goes on."""
+        """A lost mosaic is a warning, as the stream matters more; other failures end the stream."""
         if isinstance(error, OSError):
             self._element.post_warning(f"the mosaic, or that of an earlier plane, is lost: {error}")
         else:
@@ -181,14 +184,14 @@ class LiveMosaic:
         self._element.post_message("mosaic", **{**asdict(written), "path": str(written.path)})
 
 
-def linked_pad(element: Transform) -> Any:
-    """The element's pad `mosaic`, or None while nobody is there to look at it."""
+def linked_pad(element: Transform) -> Pad | None:
+    """The element's pad `mosaic`, or None while it is not linked."""
     pad = element.pads.get("mosaic")
-    return pad if pad is not None and pad.peer is not None and not pad.is_eos else None
+    return pad if pad is not None and pad.peer is not None else None
 
 
-def _in_format(picture: PictureArray, pixel_format: str) -> PictureArray:
-    """uint8[h, w, c] in a pixel format."""
-    colours = np.asarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)) if picture.shape[2] == 1 else picture
+def _in_format(image: ImageArray, pixel_format: str) -> ImageArray:
+    """Converts uint8[h, w, c] to a pixel format."""
+    bgr = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)) if image.shape[2] == 1 else image
     code = _FROM_BGR.get(pixel_format)
-    return np.asarray(colours if code is None else cv2.cvtColor(colours, code), dtype=np.uint8)
+    return np.asarray(bgr if code is None else cv2.cvtColor(bgr, code), dtype=np.uint8)

@@ -1,128 +1,106 @@
-"""What waits to leave through the pad `mosaic`: events in order, and of the pictures the newest only."""
+"""The pad `mosaic`: events in order, and the newest frame only, pushed from a thread of its own."""
 
 from __future__ import annotations
 
 import threading
-from collections import deque
 from collections.abc import Callable
-from typing import Any, Final
 
-from streamkit import (
-    CapsEvent,
-    EndOfStream,
-    EosEvent,
-    Event,
-    Flushing,
-    FlushStart,
-    Frame,
-    GapEvent,
-)
+from streamkit import CapsEvent, EndOfStream, EosEvent, Event, Flushing, FlushStart, Frame, GapEvent, Pad
+from streamkit.handoff.bounded_queue import BoundedQueue
 
-_LOOK_S: Final = 0.5
-_PARK_S: Final = 2.0
+_PUSH_LIMIT_S = 2.0
 
 
 class MosaicPad:
-    """Sends through a pad in a thread of its own, so that whoever looks at the mosaic holds up nobody.
+    """Pushes frames through a pad from its own thread, so that a slow consumer never delays the stream.
 
-    A picture that is still waiting when a newer one comes is skipped.
+    A newer frame replaces one that still waits. Events are sent before the next frame or EOS, of each type
+    the newest only. The base's forwarding to several src pads does not fit: it pushes from the streaming
+    thread.
 
     Args:
-        find: gives the pad, or None while nobody is linked to it.
-        skipped: told of each picture that is skipped.
+        find_pad: returns the pad, or None while it is not linked.
+        frame_dropped: called for each frame that is replaced.
     """
 
-    def __init__(self, find: Callable[[], Any], skipped: Callable[[], None]) -> None:
-        self._find = find
-        self._skipped = skipped
-        self._items: deque[Frame | Event] = deque()
-        self._changed = threading.Condition()
+    def __init__(self, find_pad: Callable[[], Pad | None], frame_dropped: Callable[[], None]) -> None:
+        self._find_pad = find_pad
+        self._frame_dropped = frame_dropped
+        self._frames: BoundedQueue[Frame] = BoundedQueue(capacity=1)
+        self._events: dict[type[Event], Event] = {}
+        self._lock = threading.Lock()
         self._pushing = threading.Lock()
         self._is_flushing = self._has_ended = False
 
     def put(self, frame: Frame) -> None:
-        """Lines a picture up in the place of one that waits; none after the end or in a flush."""
-        with self._changed:
-            if self._has_ended or self._is_flushing:
-                return
-            older = next((item for item in self._items if isinstance(item, Frame)), None)
-            if older is not None:
-                self._items = deque(item for item in self._items if item is not older)
-                self._skipped()
-            self._items.append(frame)
-            self._changed.notify_all()
+        """Queues a frame, replacing a queued one; ignored after EOS or during a flush."""
+        with self._lock:
+            if not (self._has_ended or self._is_flushing) and self._frames.put(frame):
+                self._frame_dropped()
 
     def put_event(self, event: Event) -> None:
-        """Lines an event up behind what waits; of events of a kind in a row the newest is enough."""
-        with self._changed:
+        """Queues an event, replacing a queued one of its type; ignored after EOS."""
+        with self._lock:
             if self._has_ended:
                 return
-            while self._items and type(self._items[-1]) is type(event):
-                self._items.pop()
-            self._items.append(event)
-            self._has_ended = isinstance(event, EosEvent)
-            self._changed.notify_all()
+            if isinstance(event, EosEvent):
+                self._has_ended = True
+                self._frames.end()
+            else:
+                self._events.pop(type(event), None)
+                self._events[type(event)] = event
 
     def flush(self, event: Event) -> None:
-        """Passes the start or stop of a flush at once; nothing from before it is sent after its stop."""
-        pad = self._find()
+        """Forwards the start or stop of a flush at once; queued frames are dropped."""
+        pad = self._find_pad()
         begins = isinstance(event, FlushStart)
         if begins:
-            with self._changed:
+            with self._lock:
                 self._is_flushing, self._has_ended = True, False
-                held = [item for item in self._items if not isinstance(item, Frame | GapEvent | EosEvent)]
-                self._items = deque({type(item): item for item in held}.values())
-        elif self._pushing.acquire(timeout=_PARK_S):
-            # The picture that was on its way when the flush began has come back.
+                self._frames.clear()
+                self._frames.reopen()
+                self._events.pop(GapEvent, None)
+        elif self._pushing.acquire(timeout=_PUSH_LIMIT_S):
+            # The frame that was being pushed when the flush began has returned.
             self._pushing.release()
         if pad is not None:
             pad.send_event(event)
         if not begins:
-            with self._changed:
-                self._is_flushing = False
-                self._changed.notify_all()
+            self._is_flushing = False
 
     def serve(self, stopping: threading.Event) -> None:
-        """The body of the thread: sends what comes until EOS has gone or the pipeline stops."""
-        while True:
-            item = self._take(stopping)
-            if item is None:
-                return
-            pad = self._find()
-            if pad is not None and not self._send(pad, item):
-                item = EosEvent()
-                self.put_event(item)
-                pad.send_event(item)
-            if isinstance(item, EosEvent):
+        """The body of the thread: sends frames and events until EOS or until the pipeline stops."""
+        while not stopping.is_set():
+            frame = self._frames.get(wait_s=None, cancelled=stopping)
+            if frame is None and not self._frames.is_over:
+                continue
+            pad = self._find_pad()
+            if not (frame is not None if pad is None else self._send(pad, frame)):
+                self.put_event(EosEvent())
                 return
 
     def wake(self) -> None:
-        """Has the thread look whether the pipeline stops."""
-        with self._changed:
-            self._changed.notify_all()
+        """Wakes the thread, to check whether the pipeline stops."""
+        self._frames.wake()
 
-    def _take(self, stopping: threading.Event) -> Frame | Event | None:
-        with self._changed:
-            while not stopping.is_set():
-                if self._items and not self._is_flushing:
-                    return self._items.popleft()
-                self._changed.wait(_LOOK_S)
-        return None
-
-    def _send(self, pad: Any, item: Frame | Event) -> bool:
-        """Sends an event, or a picture with its caps before it; False where no picture is wanted any more."""
-        if not isinstance(item, Frame):
-            pad.send_event(item)
-            return True
+    def _send(self, pad: Pad, frame: Frame | None) -> bool:
+        """Sends queued events, then the frame after its caps, or EOS; returns whether frames may follow."""
         with self._pushing:
-            if self._is_flushing:
-                return True
+            with self._lock:
+                if self._is_flushing:
+                    return True
+                events, self._events = self._events, {}
+            for event in events.values():
+                pad.send_event(event)
             try:
-                if pad.caps != item.caps:
-                    pad.send_event(CapsEvent(item.caps))
-                pad.push(item)
+                if frame is not None:
+                    if pad.caps != frame.caps:
+                        pad.send_event(CapsEvent(frame.caps))
+                    pad.push(frame)
+                    return True
             except EndOfStream:
-                return False
+                pass
             except Flushing:
                 return True
-        return True
+        pad.send_event(EosEvent())
+        return False

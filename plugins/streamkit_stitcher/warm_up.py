@@ -5,5 +5,5 @@ from streamkit_kernels import prepare
 
 
 def warm_up() -> None:
-    """Compiles the loops, or reads them from the cache: else a stream waits at its first key picture."""
+    """Compiles the loops, or reads them from the cache: else a stream waits at its first keyframe."""
     prepare("streamkit_stitcher")

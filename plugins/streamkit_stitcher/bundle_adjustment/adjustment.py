@@ -6,9 +6,11 @@ from typing import Final
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray
+from streamkit.settings import setting
 from streamkit_stitcher.bundle_adjustment.normal_equations import form, point_steps, solve
-from streamkit_stitcher.bundle_adjustment.problem import BASES, CameraModel, IndexArray, PlaneProblem, layout
+from streamkit_stitcher.bundle_adjustment.problem import BASES, IndexArray, PlaneProblem, layout
 from streamkit_stitcher.bundle_adjustment.projection import Views, projected, robust_cost, view
+from streamkit_stitcher.registration.motion_models import MotionModel
 
 _FIRST_DAMPING: Final = 1e-5
 _LARGEST_DAMPING: Final = 1e6
@@ -17,19 +19,17 @@ _LEAST_DEPTH: Final = 1e-3
 
 @dataclass(frozen=True)
 class AdjustmentSettings:
-    """How an adjustment runs.
+    """Settings of a bundle adjustment.
 
     Attributes:
-        model: what the cameras may be.
-        huber: residual from which the cost grows linearly, px.
-        max_iterations: most steps tried.
-        tolerance: relative fall of the cost below which it ends.
+        model: motion model of the cameras.
+        tolerance: relative decrease of the cost below which the iteration ends.
     """
 
-    model: CameraModel = CameraModel.HOMOGRAPHY
-    huber: float = 1.5
-    max_iterations: int = 20
-    tolerance: float = 1e-6
+    ba_iterations: int = setting(8, min=1, max=100, doc="Most iterations of a bundle adjustment.")
+    huber: float = setting(1.5, min=0.1, unit="px", doc="Residual from which a tie point has less weight.")
+    model: MotionModel = MotionModel.HOMOGRAPHY
+    tolerance: float = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Adjustment:
     """An adjusted problem.
 
     Attributes:
-        cameras: float64[n, 3, 3], plane to picture; the fixed ones as they were given.
+        cameras: float64[n, 3, 3], plane to frame; the fixed ones as they were given.
         points: float64[m, 2], on the plane.
         cost: half the sum of Huber's function of the residuals, px squared.
         rmse: root mean square length of the residuals, px.
@@ -54,10 +54,10 @@ class Adjustment:
 def adjust(problem: PlaneProblem, settings: AdjustmentSettings | None = None) -> Adjustment:
     """Finds the homographies and plane points that explain the observations best.
 
-    Residuals count in picture pixels. Points without observations keep their places.
+    Residuals count in frame pixels. Points without observations keep their places.
 
     Args:
-        problem: the pictures, points and observations, near the solution.
+        problem: the frames, points and observations, near the solution.
         settings: how it runs.
 
     Raises:
@@ -70,8 +70,8 @@ def adjust(problem: PlaneProblem, settings: AdjustmentSettings | None = None) ->
     problem.check()
     if not len(problem.observed) or problem.fixed.all():
         return _unchanged(problem, settings.huber)
-    # Neither a picture nor a point without observations takes part: a window of a long flight costs what its
-    # own pictures cost.
+    # Neither a frame nor a point without observations takes part: a window of a long flight costs what its
+    # own frames cost.
     cameras, camera_index = _compact(problem.camera_index, len(problem.cameras))
     points, point_index = _compact(problem.point_index, len(problem.points))
     if problem.fixed[cameras].all():
@@ -118,19 +118,19 @@ class _Scaled:
         self.problem = problem
         low, high = problem.observed.min(axis=0), problem.observed.max(axis=0)
         self.unit = max(1.0, float((high - low).max()) / 2)
-        self._picture, self._picture_back = _similarity((high + low) / 2, self.unit)
+        self._image, self._image_back = _similarity((high + low) / 2, self.unit)
         low, high = problem.points.min(axis=0), problem.points.max(axis=0)
         self._plane, self._plane_back = _similarity(
             (high + low) / 2, max(1e-9, float((high - low).max()) / 2)
         )
-        cameras = self._picture @ problem.cameras @ self._plane_back
+        cameras = self._image @ problem.cameras @ self._plane_back
         self.cameras = cameras / cameras[:, 2:, 2:]
         self.points = _mapped(self._plane, problem.points.T)
-        self.observed = _mapped(self._picture, problem.observed.T)
+        self.observed = _mapped(self._image, problem.observed.T)
 
     def restored(self, cameras: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """float64[n, 3, 3] and float64[m, 2] in the problem's own coordinates."""
-        matrices = self._picture_back @ cameras @ self._plane
+        matrices = self._image_back @ cameras @ self._plane
         return matrices / matrices[:, 2:, 2:], _mapped(self._plane_back, points).T
 
 
@@ -175,7 +175,7 @@ class _Descent:
         damping, growth = _FIRST_DAMPING, 2.0
         equations = None
         iterations = 0
-        while iterations < self._settings.max_iterations and damping < _LARGEST_DAMPING:
+        while iterations < self._settings.ba_iterations and damping < _LARGEST_DAMPING:
             iterations += 1
             if equations is None:
                 equations = form(self._views, self._layout)

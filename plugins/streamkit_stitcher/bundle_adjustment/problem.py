@@ -1,13 +1,13 @@
 """What a bundle adjustment is given, and the order in which its sums are formed."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from streamkit.geometry.homography import FloatArray, MaskArray
+from streamkit_stitcher.registration.motion_models import MotionModel
 
 IndexArray = npt.NDArray[np.int64]
 
@@ -15,44 +15,32 @@ _SHORT: Final = 1 << 16
 _UPPER: Final = {size: np.stack(np.triu_indices(size, 1)) for size in range(2, 9)}
 
 
-class CameraModel(StrEnum):
-    """What a camera's homography may be; the others hold it to fewer parameters."""
-
-    HOMOGRAPHY = "homography"
-    AFFINE = "affine"
-    SIMILARITY = "similarity"
-
-
-def _basis(rows: list[list[int]]) -> FloatArray:
-    return np.array(rows, dtype=np.float64).T
-
-
 # Columns turn a camera's free parameters into the elements h11 h12 h13 h21 h22 h23 h31 h32.
-BASES: Final[dict[CameraModel, FloatArray]] = {
-    CameraModel.HOMOGRAPHY: np.eye(8),
-    CameraModel.AFFINE: np.eye(8)[:, :6],
-    CameraModel.SIMILARITY: _basis(
+BASES: Final[dict[MotionModel, FloatArray]] = {
+    MotionModel.HOMOGRAPHY: np.eye(8),
+    MotionModel.AFFINE: np.eye(8)[:, :6],
+    MotionModel.SIMILARITY: np.array(
         [
-            [1, 0, 0, 0, 1, 0, 0, 0],
+            [1.0, 0, 0, 0, 1, 0, 0, 0],
             [0, -1, 0, 1, 0, 0, 0, 0],
             [0, 0, 1, 0, 0, 0, 0, 0],
             [0, 0, 0, 0, 0, 1, 0, 0],
         ]
-    ),
+    ).T,
 }
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneProblem:
-    """Pictures of a plane and the points of it that they show.
+    """Frames of a plane and the points of it that they show.
 
     Attributes:
-        cameras: float64[n, 3, 3], from plane coordinates to pixels of each picture, last element 1.
+        cameras: float64[n, 3, 3], from plane coordinates to pixels of each frame, last element 1.
         points: float64[m, 2], on the plane.
-        camera_index: int64[k], the picture of each observation.
-        point_index: int64[k], its point; at most one observation per picture and point.
-        observed: float64[k, 2], where the picture shows the point, px.
-        fixed: bool[n], pictures that hold still: at least one, which is the gauge.
+        camera_index: int64[k], the frame of each observation.
+        point_index: int64[k], its point; at most one observation per frame and point.
+        observed: float64[k, 2], where the frame shows the point, px.
+        fixed: bool[n], frames that hold still: at least one, which is the gauge.
     """
 
     cameras: FloatArray
@@ -66,7 +54,7 @@ class PlaneProblem:
         """Refuses what could not be solved.
 
         Raises:
-            ValueError: sizes do not agree, an index points nowhere, or no picture is fixed.
+            ValueError: sizes do not agree, an index points nowhere, or no frame is fixed.
         """
         count = len(self.observed)
         if not (len(self.camera_index) == len(self.point_index) == count):

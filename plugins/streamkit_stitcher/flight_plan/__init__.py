@@ -1,1 +1,1 @@
-"""What is known before a flight strip: its length, its pictures, and how they are made even."""
+"""What is known before a flight strip: its length, its frames, and how they are made even."""

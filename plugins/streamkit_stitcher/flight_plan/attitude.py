@@ -11,7 +11,7 @@ STRAIGHT_DOWN = (0.0, -math.pi / 2, 0.0)
 
 
 def camera_tilt(pitch: float, roll: float, sensor_angles: tuple[float, float, float]) -> tuple[float, float]:
-    """The tilt of a camera about the axes of its own picture, as `rectification.levelling` takes it out.
+    """The tilt of a camera about the axes of its own frame, as `rectification.levelling` takes it out.
 
     Args:
         pitch: of the platform, nose up positive, rad.
@@ -24,7 +24,7 @@ def camera_tilt(pitch: float, roll: float, sensor_angles: tuple[float, float, fl
     Source: MISB ST 0601, tags 6, 7 and 18 to 20, for the sense of the angles.
     """
     azimuth, elevation, turn = sensor_angles
-    # The axes of both bodies are forward, right, down; the camera's forward is its picture's depth.
+    # The axes of both bodies are forward, right, down; the camera's forward is its frame's depth.
     sensor = rotation(pitch, roll, 0.0) @ rotation(elevation, turn, azimuth)
     forward, right, down = sensor[2]
     along = math.atan2(down, forward)

@@ -1,4 +1,4 @@
-"""A flight strip before it is flown: ground covered, pictures needed, time between key pictures."""
+"""A flight strip before it is flown: ground covered, frames needed, time between keyframes."""
 
 import math
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class CameraView:
     """How much a camera that looks straight down sees.
 
     Attributes:
-        horizontal: field of view across the picture, rad.
+        horizontal: field of view across the frame, rad.
         vertical: along its height, rad.
     """
 
@@ -35,7 +35,7 @@ class CameraView:
 
     @classmethod
     def of_width(cls, horizontal: float, shape: tuple[int, int]) -> "CameraView":
-        """From the horizontal field of view in rad and the (height, width) of pictures with square pixels."""
+        """From the horizontal field of view in rad and the (height, width) of frames with square pixels."""
         height, width = shape
         return cls(horizontal, 2 * math.atan(math.tan(horizontal / 2) * height / width))
 
@@ -47,8 +47,8 @@ class FlightPlan:
     Attributes:
         length_m: of the strip, on the ellipsoid.
         heading: at its start, rad clockwise from north.
-        footprint_m: ground across and along one picture.
-        images: pictures of the whole strip at the overlap wanted.
+        footprint_m: ground across and along one frame.
+        images: frames of the whole strip at the overlap wanted.
         interval_s: time from one to the next.
         sampling_m: ground per pixel.
     """
@@ -73,7 +73,7 @@ def parse_strip(text: str) -> tuple[GeodeticPoint, GeodeticPoint]:
         values = []
     if len(values) != 4 or not all(math.isfinite(value) for value in values):
         raise ValueError(
-            f"strip must be longitude,latitude of its first and of its last picture, got {text!r}; "
+            f"strip must be longitude,latitude of its first and of its last frame, got {text!r}; "
             "write strip=-46.84,-23.51,-46.83,-23.51"
         )
     ends = GeodeticPoint(values[1], values[0]), GeodeticPoint(values[3], values[2])
@@ -87,7 +87,7 @@ def parse_strip(text: str) -> tuple[GeodeticPoint, GeodeticPoint]:
 
 
 def footprint(altitude_m: float, view: CameraView) -> tuple[float, float]:
-    """Ground across and along a picture taken straight down from `altitude_m` above the ground, m."""
+    """Ground across and along a frame taken straight down from `altitude_m` above the ground, m."""
     return 2 * altitude_m * math.tan(view.horizontal / 2), 2 * altitude_m * math.tan(view.vertical / 2)
 
 
@@ -99,18 +99,18 @@ def plan_strip(
     speed_m_s: float,
     width_px: int,
 ) -> FlightPlan:
-    """Works out a strip flown along the height of the pictures.
+    """Works out a strip flown along the height of the frames.
 
     Args:
-        ends: middles of the first and the last picture.
+        ends: middles of the first and the last frame.
         altitude_m: above the ground.
         view: of the camera.
-        overlap: part of a picture that the next one shows again, 0 to below 1.
+        overlap: part of a frame that the next one shows again, 0 to below 1.
         speed_m_s: over the ground.
-        width_px: of the pictures.
+        width_px: of the frames.
 
     Raises:
-        ValueError: a value makes no flight, or the strip would take more than 100 000 pictures.
+        ValueError: a value makes no flight, or the strip would take more than 100 000 frames.
         ImportError: pyproj is missing.
 
     Source: Zhang, Liu and Qu, Research on feature extraction method of UAV video image based on target
@@ -131,7 +131,7 @@ def plan_strip(
     images = math.ceil(length / step - 1e-9) + 1
     if images > _MOST_IMAGES:
         raise ValueError(
-            f"a strip of {length:.0f} m takes {images} pictures at steps of {step:.2f} m; at most "
+            f"a strip of {length:.0f} m takes {images} frames at steps of {step:.2f} m; at most "
             f"{_MOST_IMAGES} are possible: check altitude, field of view and overlap"
         )
     return FlightPlan(

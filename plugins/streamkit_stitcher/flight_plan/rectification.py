@@ -1,4 +1,4 @@
-"""Making the pictures of a tilted camera with a real lens look as if taken straight down."""
+"""Making the frames of a tilted camera with a real lens look as if taken straight down."""
 
 import math
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ class Camera:
 
     Attributes:
         focal_px: focal length, px.
-        principal: x y of the principal point, px; None for the middle of the picture.
+        principal: x y of the principal point, px; None for the middle of the frame.
         distortion: k1, k2, p1, p2, k3 of Brown's model, as OpenCV counts them.
     """
 
@@ -31,29 +31,29 @@ class Camera:
     distortion: tuple[float, ...] = field(default=(0.0, 0.0, 0.0, 0.0, 0.0))
 
     def matrix(self, shape: tuple[int, int]) -> FloatArray:
-        """float64[3, 3], rays to pixels of a picture of `shape` (height, width)."""
+        """float64[3, 3], rays to pixels of a frame of `shape` (height, width)."""
         x, y = self.principal or ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
         return np.array([[self.focal_px, 0, x], [0, self.focal_px, y], [0, 0, 1.0]])
 
 
 def levelling(camera: Camera, shape: tuple[int, int], roll: float, pitch: float) -> FloatArray:
-    """Turns a picture into what the same camera would have seen looking straight down.
+    """Turns a frame into what the same camera would have seen looking straight down.
 
     Args:
         camera: its inner orientation.
         shape: (height, width), px.
-        roll: of the camera about the way it looks up in the picture, right side down positive, rad.
-        pitch: about the picture's x axis, top of the picture up positive, rad.
+        roll: of the camera about the way it looks up in the frame, right side down positive, rad.
+        pitch: about the frame's x axis, top of the frame up positive, rad.
 
     Returns:
-        float64[3, 3], pixels of the undistorted picture to pixels of the levelled one.
+        float64[3, 3], pixels of the undistorted frame to pixels of the levelled one.
 
     Raises:
-        ValueError: the camera is tilted by more than 45 degrees, where the ground may end in the picture.
+        ValueError: the camera is tilted by more than 45 degrees, where the ground may end in the frame.
     """
     if not math.hypot(roll, pitch) <= _LARGEST_TILT:
         raise ValueError(
-            f"a picture can be levelled up to 45 degrees, got roll {math.degrees(roll):.1f} and pitch "
+            f"a frame can be levelled up to 45 degrees, got roll {math.degrees(roll):.1f} and pitch "
             f"{math.degrees(pitch):.1f} degrees"
         )
     about_x, _ = cv2.Rodrigues(np.array([pitch, 0.0, 0.0]))
@@ -65,14 +65,14 @@ def levelling(camera: Camera, shape: tuple[int, int], roll: float, pitch: float)
 def rectification_maps(
     camera: Camera, shape: tuple[int, int], to_level: FloatArray, size: tuple[int, int], shift: FloatArray
 ) -> tuple[MapArray, MapArray]:
-    """Where each pixel of the rectified picture lies in the one that was taken.
+    """Where each pixel of the rectified frame lies in the one that was taken.
 
     Args:
         camera: its inner orientation.
-        shape: (height, width) of the taken picture.
-        to_level: float64[3, 3] from the undistorted picture to the levelled one.
-        size: (width, height) of the rectified picture.
-        shift: float64[2], x y of its first pixel in the levelled picture.
+        shape: (height, width) of the taken frame.
+        to_level: float64[3, 3] from the undistorted frame to the levelled one.
+        size: (width, height) of the rectified frame.
+        shift: float64[2], x y of its first pixel in the levelled frame.
 
     Returns:
         float32[h, w] columns and rows, for `cv2.remap`.
@@ -87,7 +87,7 @@ def rectification_maps(
 
 
 def rectified_border(camera: Camera, shape: tuple[int, int], to_level: FloatArray) -> FloatArray:
-    """The border of the taken picture in the levelled one, float64[n, 2], clockwise."""
+    """The border of the taken frame in the levelled one, float64[n, 2], clockwise."""
     outline = corners(shape)
     steps = np.arange(_BORDER_STEPS)[:, np.newaxis] / _BORDER_STEPS
     border = np.concatenate(
@@ -131,12 +131,12 @@ def inscribed_rectangle(border: FloatArray, aspect: float) -> tuple[float, float
 def common_rectangle(
     rectangles: list[tuple[float, float, float, float]], aspect: float
 ) -> tuple[float, float]:
-    """Width and height that all pictures can be cut to: the shortest width, at the aspect.
+    """Width and height that all frames can be cut to: the shortest width, at the aspect.
 
     Raises:
         ValueError: there is no rectangle.
     """
     if not rectangles:
-        raise ValueError("no picture to cut: give at least one inscribed rectangle")
+        raise ValueError("no frame to cut: give at least one inscribed rectangle")
     width = min(min(rectangle[2], rectangle[3] * aspect) for rectangle in rectangles)
     return width, width / aspect

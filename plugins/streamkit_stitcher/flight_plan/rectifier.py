@@ -1,4 +1,4 @@
-"""Pictures of one camera undistorted, levelled and cut to one size."""
+"""Frames of one camera undistorted, levelled and cut to one size."""
 
 import math
 from typing import Final
@@ -24,13 +24,13 @@ _DIRECTIONS: Final = 8
 
 
 class Rectifier:
-    """Rectifies pictures that may be tilted up to a limit; all come out in the same size.
+    """Rectifies frames that may be tilted up to a limit; all come out in the same size.
 
     Args:
         camera: inner orientation of the camera.
-        shape: (height, width) of its pictures, px.
+        shape: (height, width) of its frames, px.
         aspect: width over height of what is cut out.
-        max_tilt: how far it may be tilted for its picture still to fill what is cut out, rad.
+        max_tilt: how far it may be tilted for its frame still to fill what is cut out, rad.
 
     Raises:
         ValueError: nothing can be cut out, or more than 45 degrees are asked for.
@@ -42,7 +42,7 @@ class Rectifier:
         tilts = [(0.0, 0.0), *((max_tilt * math.cos(turn), max_tilt * math.sin(turn)) for turn in turns)]
         width, height = common_rectangle([self._inscribed(self._to_level(*tilt)) for tilt in tilts], aspect)
         self.size: tuple[int, int] = _even(width), _even(height)
-        """Width and height of the rectified pictures, px, both even."""
+        """Width and height of the rectified frames, px, both even."""
         if not (math.isfinite(width) and min(self.size) > 1):
             raise ValueError(
                 f"nothing can be cut out of {shape[1]} x {shape[0]} px at a tilt of "
@@ -56,7 +56,7 @@ class Rectifier:
         return math.hypot(roll, pitch) <= self._most + 1e-9
 
     def maps(self, roll: float, pitch: float) -> tuple[MapArray, MapArray]:
-        """Where each pixel of the rectified picture lies in the one that was taken.
+        """Where each pixel of the rectified frame lies in the one that was taken.
 
         Args:
             roll: of the camera as in `rectification.levelling`, rad; beyond the limit it is levelled as far

@@ -1,1 +1,1 @@
-"""The mosaic: tiles that grow with the flight, seams, exposure, blending, picture files."""
+"""The mosaic: tiles that grow with the flight, seams, exposure, blending, frame files."""

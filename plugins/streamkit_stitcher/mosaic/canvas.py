@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised
-from streamkit_stitcher.mosaic.tiles import REDUCTION, TILE, PictureArray, Tile, TileStore
+from streamkit_stitcher.mosaic.tiles import REDUCTION, TILE, ImageArray, Tile, TileStore
 
 CellArray = npt.NDArray[np.int64]
 
@@ -112,8 +112,8 @@ class Canvas:
         self._low, self._high = need_low, need_high
         return True
 
-    def from_picture(self, to_plane: FloatArray) -> FloatArray:
-        """A picture's place on the present plane, float64[3, 3], as one on a canvas at scale 1."""
+    def from_frame(self, to_plane: FloatArray) -> FloatArray:
+        """A frame's homography to the present plane, float64[3, 3], as one on a canvas at scale 1."""
         return np.asarray(self._from_current @ to_plane, dtype=np.float64)
 
     def at_scale_one(self, points: FloatArray) -> FloatArray:
@@ -121,7 +121,7 @@ class Canvas:
         mapped = cv2.perspectiveTransform(points.reshape(1, -1, 2), self._from_current)
         return np.asarray(mapped, dtype=np.float64).reshape(-1, 2)
 
-    def read(self, left: int, top: int, width: int, height: int) -> tuple[PictureArray, PictureArray]:
+    def read(self, left: int, top: int, width: int, height: int) -> tuple[ImageArray, ImageArray]:
         """A copy of a part: uint8[height, width, c] and its depth, uint8[height, width]."""
         pixels = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
         depth = np.zeros((height, width), dtype=np.uint8)
@@ -131,7 +131,7 @@ class Canvas:
                 pixels[here], depth[here] = tile.pixels[there], tile.depth[there]
         return pixels, depth
 
-    def write(self, left: int, top: int, pixels: PictureArray, depth: PictureArray) -> None:
+    def write(self, left: int, top: int, pixels: ImageArray, depth: ImageArray) -> None:
         """Replaces a part by uint8[h, w, c] pixels and uint8[h, w] depths.
 
         Raises:
@@ -170,7 +170,7 @@ class Canvas:
         painted[inside] = depths[y, x] > 0
         return painted
 
-    def preview(self, width: int, height: int) -> tuple[PictureArray, FloatArray]:
+    def preview(self, width: int, height: int) -> tuple[ImageArray, FloatArray]:
         """The whole canvas fitted into `width` x `height`, black around it.
 
         Returns:
@@ -204,10 +204,10 @@ class Canvas:
         if self._store is not None:
             self._store.close()
 
-    def _read_pixels(self, left: int, top: int, width: int, height: int) -> PictureArray:
+    def _read_pixels(self, left: int, top: int, width: int, height: int) -> ImageArray:
         return self.read(left, top, width, height)[0]
 
-    def _read_reduced(self, left: int, top: int, width: int, height: int) -> PictureArray:
+    def _read_reduced(self, left: int, top: int, width: int, height: int) -> ImageArray:
         """A part of the canvas at a quarter of its sides, in px of that."""
         pixels = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
         for key, there, here in _parts(left, top, width, height, TILE // REDUCTION):
@@ -223,8 +223,8 @@ class Canvas:
         width: int,
         height: int,
         size: tuple[int, int],
-        read: Callable[[int, int, int, int], PictureArray],
-    ) -> PictureArray:
+        read: Callable[[int, int, int, int], ImageArray],
+    ) -> ImageArray:
         """A part reduced to `size`, a row of tiles at a time so that little of it is in memory."""
         if width * height <= _PREVIEW_WHOLE_PX:
             return np.asarray(cv2.resize(read(left, top, width, height), size, interpolation=cv2.INTER_AREA))

@@ -1,4 +1,4 @@
-"""The finished mosaic: pictures at their adjusted places, one per part of the ground, blended in bands."""
+"""The finished mosaic: frames at their adjusted places, one per part of the ground, blended in bands."""
 
 import math
 import tempfile
@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from streamkit.geometry.homography import FloatArray, MaskArray, corners, normalised, project
 from streamkit_stitcher.mosaic.exposure import gains
-from streamkit_stitcher.mosaic.mosaic import is_placeable, like, shrunk
-from streamkit_stitcher.mosaic.picture_store import thumbnail_factor
+from streamkit_stitcher.mosaic.frame_store import thumbnail_factor
+from streamkit_stitcher.mosaic.mosaic import is_paintable, reduced_for, with_channels
 from streamkit_stitcher.mosaic.seams import (
     Footprint,
     LabelArray,
@@ -22,7 +22,7 @@ from streamkit_stitcher.mosaic.seams import (
     graph_cut_labels,
     voronoi_labels,
 )
-from streamkit_stitcher.mosaic.tiles import PictureArray
+from streamkit_stitcher.mosaic.tiles import ImageArray
 
 _BLOCK: Final = 2048
 _BANDS: Final = 5
@@ -34,14 +34,14 @@ _LARGEST_GRID: Final = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedPicture:
-    """A picture of the finished mosaic.
+class PlacedFrame:
+    """A frame of the finished mosaic.
 
     Attributes:
-        number: of the picture in its store.
+        number: of the frame in its store.
         shape: (height, width), px.
         to_plane: float64[3, 3], its pixels to the plane.
-        fills_gaps: whether it shows only where no other picture does.
+        fills_gaps: whether it shows only where no other frame does.
     """
 
     number: int
@@ -55,37 +55,37 @@ class Composition:
     """A finished mosaic.
 
     Attributes:
-        picture: uint8[h, w] or uint8[h, w, 3] BGR, black where no picture reached; may lie in a file.
+        image: uint8[h, w] or uint8[h, w, 3] BGR, black where there is no frame; may be a memory map.
         from_plane: float64[3, 3], the plane to its pixels.
         scale: its pixels per px of the plane.
-        pictures: number of pictures in it.
+        frames: number of frames in it.
     """
 
-    picture: PictureArray
+    image: ImageArray
     from_plane: FloatArray
     scale: float
-    pictures: int
+    frames: int
 
 
 def compose(
-    pictures: Sequence[PlacedPicture],
-    load: Callable[[int], PictureArray],
+    frames: Sequence[PlacedFrame],
+    load: Callable[[int], ImageArray],
     seam: SeamKind,
     memory_px: int,
 ) -> Composition | None:
-    """Joins pictures: gains first, then seams, then five bands blended across them.
+    """Joins frames: gains first, then seams, then five bands blended across them.
 
-    Each part of the ground comes from one picture, so that what moved between two of them does not show
+    Each part of the ground comes from one frame, so that what moved between two of them does not show
     twice; only the low bands mix across a seam. The work goes block by block.
 
     Args:
-        pictures: where they lie.
-        load: gives a picture by its number.
+        frames: where they lie.
+        load: gives a frame by its number.
         seam: how they share the ground.
         memory_px: a larger mosaic is put together in a temporary file.
 
     Returns:
-        The mosaic, or None where no picture can be placed.
+        The mosaic, or None where no frame can be placed.
 
     Raises:
         OSError: a temporary file takes no more.
@@ -93,10 +93,10 @@ def compose(
     Source: Burt and Adelson, A multiresolution spline with application to image mosaics, ACM TOG 1983; Brown
     and Lowe, IJCV 2007.
     """
-    placed = [picture for picture in pictures if is_placeable(picture.to_plane, picture.shape)]
+    placed = [frame for frame in frames if is_paintable(frame.to_plane, frame.shape)]
     if not placed:
         return None
-    points = np.concatenate([project(picture.to_plane, corners(picture.shape)) for picture in placed])
+    points = np.concatenate([project(frame.to_plane, corners(frame.shape)) for frame in placed])
     low, high = points.min(axis=0), points.max(axis=0)
     scale = 1.0
     while float(np.prod((high - low) * scale + 1)) > _LARGEST_PX:
@@ -106,17 +106,17 @@ def compose(
     from_plane = np.array([[scale, 0, offset - corner[0]], [0, scale, offset - corner[1]], [0, 0, 1]])
     width, height = (np.ceil(high * scale + offset) - corner + 1).astype(int).tolist()
     plan = _plan(placed, load, from_plane, (height, width), seam)
-    picture = _empty((height, width, plan.channels), memory_px)
+    image = _empty((height, width, plan.channels), memory_px)
     for top in range(0, height, _BLOCK):
         for left in range(0, width, _BLOCK):
-            _fill(picture[top : top + _BLOCK, left : left + _BLOCK], left, top, plan, load)
-    flat = picture[:, :, 0] if plan.channels == 1 else picture
+            _fill(image[top : top + _BLOCK, left : left + _BLOCK], left, top, plan, load)
+    flat = image[:, :, 0] if plan.channels == 1 else image
     return Composition(flat, from_plane, scale, len(placed))
 
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    placed: Sequence[PlacedPicture]
+    placed: Sequence[PlacedFrame]
     to_mosaic: Sequence[FloatArray]
     labels: LabelArray
     factor: int
@@ -124,7 +124,7 @@ class _Plan:
     channels: int
 
 
-def _empty(shape: tuple[int, int, int], memory_px: int) -> PictureArray:
+def _empty(shape: tuple[int, int, int], memory_px: int) -> ImageArray:
     if shape[0] * shape[1] <= memory_px:
         return np.zeros(shape, dtype=np.uint8)
     with tempfile.TemporaryFile(prefix="streamkit-mosaic-") as file:
@@ -133,14 +133,14 @@ def _empty(shape: tuple[int, int, int], memory_px: int) -> PictureArray:
 
 
 def _plan(
-    placed: Sequence[PlacedPicture],
-    load: Callable[[int], PictureArray],
+    placed: Sequence[PlacedFrame],
+    load: Callable[[int], ImageArray],
     from_plane: FloatArray,
     shape: tuple[int, int],
     seam: SeamKind,
 ) -> _Plan:
     """Seams and gains, found on a coarse grid of the mosaic."""
-    factor = thumbnail_factor(max(picture.shape[1] for picture in placed))
+    factor = thumbnail_factor(max(frame.shape[1] for frame in placed))
     if seam is SeamKind.GRAPHCUT:
         # A seam that goes round cars needs cells smaller than cars.
         factor = max(1, factor // 2)
@@ -155,19 +155,19 @@ def _plan(
     )
     channels = 0
     footprints: list[Footprint] = []
-    to_mosaic = [normalised(from_plane @ picture.to_plane) for picture in placed]
-    for picture, matrix in zip(placed, to_mosaic, strict=True):
-        pixels = load(picture.number)
+    to_mosaic = [normalised(from_plane @ frame.to_plane) for frame in placed]
+    for frame, matrix in zip(placed, to_mosaic, strict=True):
+        pixels = load(frame.number)
         channels = channels or (1 if pixels.ndim == 2 else 3)
-        small, to_grid = shrunk(like(pixels, channels), normalised(lower @ matrix))
-        footprints.append(footprint(small.reshape(*small.shape[:2], -1), to_grid, grid, picture.fills_gaps))
+        small, to_grid = reduced_for(with_channels(pixels, channels), normalised(lower @ matrix))
+        footprints.append(footprint(small.reshape(*small.shape[:2], -1), to_grid, grid, frame.fills_gaps))
     evened = gains(footprints)
     cut = seam is SeamKind.GRAPHCUT
     labels = graph_cut_labels(footprints, grid, evened) if cut else voronoi_labels(footprints, grid)
     return _Plan(placed, to_mosaic, labels, factor, evened, channels)
 
 
-def _fill(block: PictureArray, left: int, top: int, plan: _Plan, load: Callable[[int], PictureArray]) -> None:
+def _fill(block: ImageArray, left: int, top: int, plan: _Plan, load: Callable[[int], ImageArray]) -> None:
     """Composes one block of the mosaic, with what lies around it so that the bands run on."""
     height, width = block.shape[:2]
     rows = slice(max(0, (top - _REACH) // plan.factor), (top + height + _REACH) // plan.factor + 1)
@@ -195,9 +195,9 @@ def _blended(
     numbers: LabelArray,
     corner: tuple[int, int],
     plan: _Plan,
-    load: Callable[[int], PictureArray],
-) -> PictureArray | None:
-    """The pictures of a block joined, uint8[h, w, 3]; a block of one picture is that picture as it is."""
+    load: Callable[[int], ImageArray],
+) -> ImageArray | None:
+    """The frames of a block joined, uint8[h, w, 3]; a block of one frame is that frame as it is."""
     size = labels.shape[1] * plan.factor, labels.shape[0] * plan.factor
     if len(numbers) == 1:
         return _whole_grey(_warped(int(numbers[0]), corner, size, plan, load))
@@ -211,7 +211,7 @@ def _blended(
     return _whole_grey(np.asarray(blended))
 
 
-def _whole_grey(sixteenths: npt.NDArray[np.int16]) -> PictureArray:
+def _whole_grey(sixteenths: npt.NDArray[np.int16]) -> ImageArray:
     return np.asarray(cv2.convertScaleAbs(np.maximum(sixteenths, 0), alpha=1 / _FINENESS), dtype=np.uint8)
 
 
@@ -220,18 +220,20 @@ def _warped(
     corner: tuple[int, int],
     size: tuple[int, int],
     plan: _Plan,
-    load: Callable[[int], PictureArray],
+    load: Callable[[int], ImageArray],
 ) -> npt.NDArray[np.int16]:
-    """A picture with its gain in a box of the mosaic, int16[h, w, 3] in sixteenths; its edge goes on."""
+    """A frame with its gain in a box of the mosaic, int16[h, w, 3] in sixteenths; its edge goes on."""
     shift = np.array([[1, 0, -corner[0]], [0, 1, -corner[1]], [0, 0, 1.0]])
-    picture, matrix = shrunk(like(load(plan.placed[number].number), plan.channels), plan.to_mosaic[number])
-    warped = cv2.warpPerspective(picture, normalised(shift @ matrix), size, borderMode=cv2.BORDER_REPLICATE)
+    frame, matrix = reduced_for(
+        with_channels(load(plan.placed[number].number), plan.channels), plan.to_mosaic[number]
+    )
+    warped = cv2.warpPerspective(frame, normalised(shift @ matrix), size, borderMode=cv2.BORDER_REPLICATE)
     colours = warped if warped.ndim == 3 else cv2.cvtColor(warped, cv2.COLOR_GRAY2BGR)
     factors: Any = (*np.broadcast_to(plan.gains[number] * _FINENESS, 3).tolist(), 1.0)
     return np.asarray(cv2.multiply(colours, factors, dtype=cv2.CV_16S), dtype=np.int16)
 
 
-def _enlarged(cells: MaskArray, factor: int) -> PictureArray:
+def _enlarged(cells: MaskArray, factor: int) -> ImageArray:
     """Cells of the planning grid as pixels of the mosaic, uint8, 255 where they are set."""
     grey = cells.astype(np.uint8) * np.uint8(255)
     size = cells.shape[1] * factor, cells.shape[0] * factor
@@ -241,7 +243,7 @@ def _enlarged(cells: MaskArray, factor: int) -> PictureArray:
 def _inside(
     numbers: LabelArray, corner: tuple[int, int], size: tuple[int, int], plan: _Plan
 ) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
-    """Where any of the pictures reaches; the coarse grid alone would leave steps along the outer border."""
+    """Where any of the frames reaches; the coarse grid alone would leave steps along the outer border."""
     mask = np.zeros((size[1], size[0]), dtype=np.uint8)
     for number in numbers:
         outline = project(plan.to_mosaic[number], corners(plan.placed[number].shape)) - np.array(corner)
@@ -255,9 +257,9 @@ def _feed(
     number: int,
     corner: tuple[int, int],
     plan: _Plan,
-    load: Callable[[int], PictureArray],
+    load: Callable[[int], ImageArray],
 ) -> None:
-    """Hands one picture's part of a block, and what lies around it, to the blender."""
+    """Hands one frame's part of a block, and what lies around it, to the blender."""
     factor = plan.factor
     reach = -(-_REACH // factor)
     rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))

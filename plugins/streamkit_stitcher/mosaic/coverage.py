@@ -1,4 +1,4 @@
-"""Which ground the pictures of a plane show, without the pictures."""
+"""Which ground the frames of a plane show, without the frames."""
 
 from typing import Final
 
@@ -6,16 +6,16 @@ import cv2
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray, corners, normalised, project, to_reduced
-from streamkit_stitcher.mosaic.mosaic import Mosaic, is_placeable
+from streamkit_stitcher.mosaic.mosaic import Mosaic, is_paintable
 
 _FACTOR: Final = 4
 _LEAST_SIDE: Final = 256
 
 
 class Coverage:
-    """The outlines of pictures on a plane, reduced by four: a sixteenth of a mosaic's work.
+    """The outlines of frames on a plane, reduced by four: a sixteenth of a mosaic's work.
 
-    Pictures lower or narrower than 256 px are not reduced.
+    Frames lower or narrower than 256 px are not reduced.
 
     Args:
         max_px: most px of the plane that are kept in memory.
@@ -28,7 +28,7 @@ class Coverage:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no picture was added."""
+        """Whether no frame was added."""
         return self._outlines.canvas.is_empty
 
     @property
@@ -37,14 +37,14 @@ class Coverage:
         return self._outlines.covered_px * self._factor**2
 
     def add(self, shape: tuple[int, int], to_plane: FloatArray) -> bool:
-        """Adds a picture's outline.
+        """Adds a frame's outline.
 
         Args:
-            shape: (height, width) of the picture, px.
+            shape: (height, width) of the frame, px.
             to_plane: float64[3, 3], its pixels to the plane.
 
         Returns:
-            False where a mosaic would not take the picture, either: see `Mosaic.add`.
+            False where a mosaic would not take the frame, either: see `Mosaic.add`.
 
         Raises:
             OSError: a temporary file takes no more.
@@ -54,7 +54,7 @@ class Coverage:
             self._outlines = Mosaic(self._max_px)
         outline, place = self._reduced(shape), self._on_grid(shape, to_plane)
         canvas = self._outlines.canvas
-        if not (is_placeable(place, outline) and is_placeable(canvas.from_picture(place), outline)):
+        if not (is_paintable(place, outline) and is_paintable(canvas.from_frame(place), outline)):
             return False
         if not canvas.make_room(canvas.at_scale_one(project(place, corners(outline))), 1):
             return False
@@ -68,7 +68,7 @@ class Coverage:
         return True
 
     def uncovered(self, shape: tuple[int, int], to_plane: FloatArray) -> float:
-        """Part of a picture that shows ground of no picture added so far, 0 to 1."""
+        """Part of a frame that shows ground of no frame added so far, 0 to 1."""
         return self._outlines.uncovered(self._reduced(shape), self._on_grid(shape, to_plane))
 
     def move_plane(self, change: FloatArray) -> None:
@@ -80,7 +80,7 @@ class Coverage:
         self._outlines.canvas.close()
 
     def _reduced(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Rows and columns that stand for a picture."""
+        """Rows and columns that stand for a frame."""
         return max(1, shape[0] // self._factor), max(1, shape[1] // self._factor)
 
     def _on_grid(self, shape: tuple[int, int], to_plane: FloatArray) -> FloatArray:
@@ -89,5 +89,5 @@ class Coverage:
         across, down = shape[1] / width, shape[0] / height
         enlarged = np.array([[across, 0, (across - 1) / 2], [0, down, (down - 1) / 2], [0, 0, 1]])
         offset = (1 - self._factor) / 2
-        shrunk = np.array([[1, 0, offset], [0, 1, offset], [0, 0, self._factor]])
-        return np.asarray(shrunk @ to_plane @ enlarged, dtype=np.float64)
+        reduced_for = np.array([[1, 0, offset], [0, 1, offset], [0, 0, self._factor]])
+        return np.asarray(reduced_for @ to_plane @ enlarged, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Gains that make neighbouring pictures agree on the brightness of the ground they share."""
+"""Gains that make neighbouring frames agree on the brightness of the ground they share."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -16,10 +16,10 @@ _RANGE: Final = (0.5, 2.0)
 
 
 def gains(footprints: Sequence[Footprint]) -> FloatArray:
-    """One gain per picture and channel, near 1.
+    """One gain per frame and channel, near 1.
 
     Args:
-        footprints: the pictures on the planning grid, all of as many channels.
+        footprints: the frames on the planning grid, all of as many channels.
 
     Returns:
         float64[n, c].
@@ -53,7 +53,7 @@ def gains(footprints: Sequence[Footprint]) -> FloatArray:
 
 
 def _shared(first: Footprint, second: Footprint) -> tuple[int, FloatArray, FloatArray] | None:
-    """Number of shared cells, and the mean of each channel there in either picture."""
+    """Number of shared cells, and the mean of each channel there in either frame."""
     top, left = max(first.top, second.top), max(first.left, second.left)
     bottom = min(first.top + first.depth.shape[0], second.top + second.depth.shape[0])
     right = min(first.left + first.depth.shape[1], second.left + second.depth.shape[1])

@@ -1,4 +1,4 @@
-"""A mosaic laid onto the earth by the positions of its pictures."""
+"""A mosaic laid onto the earth by the positions of its frames."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _LEAST_SPREAD_M: Final = 1.0
 
 @dataclass(frozen=True)
 class PositionFix:
-    """Where the camera was when it took a picture.
+    """Where the camera was when it took a frame.
 
     Attributes:
         latitude: deg, WGS84.
@@ -34,13 +34,13 @@ class Georeference:
     Attributes:
         to_local: float64[3, 3], mosaic pixels to metres east and north of the origin.
         origin: the place that the metres count from.
-        misfit_m: median distance between the positions of the pictures and the middles of their footprints.
+        median_error_m: median distance between the positions and the centres of the frames' footprints.
         fixes: number of positions used.
     """
 
     to_local: FloatArray
     origin: PositionFix
-    misfit_m: float
+    median_error_m: float
     fixes: int
 
     @property
@@ -66,11 +66,11 @@ def local_metres(fixes: Sequence[PositionFix], origin: PositionFix) -> FloatArra
 def georeference(
     to_mosaic: Sequence[FloatArray], shapes: Sequence[tuple[int, int]], fixes: Sequence[PositionFix]
 ) -> Georeference | None:
-    """Fits a similarity from the mosaic to the earth, so that most pictures lie below their positions.
+    """Fits a similarity from the mosaic to the earth, so that most frames lie below their positions.
 
     Args:
-        to_mosaic: float64[3, 3] of each picture, its pixels to the mosaic's.
-        shapes: (height, width) of each picture, px.
+        to_mosaic: float64[3, 3] of each frame, its pixels to the mosaic's.
+        shapes: (height, width) of each frame, px.
         fixes: its position; cameras are taken to look straight down.
 
     Returns:

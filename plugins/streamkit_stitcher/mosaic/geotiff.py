@@ -9,7 +9,7 @@ import numpy as np
 
 from streamkit.geometry.homography import FloatArray
 from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix
-from streamkit_stitcher.mosaic.tiles import PictureArray
+from streamkit_stitcher.mosaic.tiles import ImageArray
 
 _MODEL_PIXEL_SCALE: Final = 33550
 _MODEL_TIE_POINT: Final = 33922
@@ -66,18 +66,18 @@ def to_utm(geo: Georeference) -> tuple[FloatArray, int]:
 def north_up(geo: Georeference) -> FloatArray:
     """The turn of a mosaic that puts the zone's north on top, float64[3, 3].
 
-    Most programs show a turned picture only after resampling it, and some not at all.
+    Most programs show a turned image only after resampling it, and some not at all.
     """
     matrix, _ = to_utm(geo)
     cos, sin = np.array([matrix[0, 0], matrix[1, 0]]) / np.hypot(matrix[0, 0], matrix[1, 0])
     return np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]])
 
 
-def write_geotiff(picture: PictureArray, path: Path, geo: Georeference | None) -> None:
+def write_geotiff(image: ImageArray, path: Path, geo: Georeference | None) -> None:
     """Writes a tiled TIFF, with its place on the earth where that is known.
 
     Args:
-        picture: uint8[h, w] or uint8[h, w, 3] BGR.
+        image: uint8[h, w] or uint8[h, w, 3] BGR.
         path: the file.
         geo: how it lies on the earth.
 
@@ -88,11 +88,11 @@ def write_geotiff(picture: PictureArray, path: Path, geo: Georeference | None) -
     """
     import tifffile
 
-    colours = picture if picture.ndim == 2 else np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
+    colours = image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
     tifffile.imwrite(
         path,
         colours,
-        photometric="minisblack" if picture.ndim == 2 else "rgb",
+        photometric="minisblack" if image.ndim == 2 else "rgb",
         tile=(256, 256),
         compression="zlib",
         bigtiff=colours.nbytes > _BIG_BYTES,

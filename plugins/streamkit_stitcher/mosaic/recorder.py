@@ -1,4 +1,4 @@
-"""Which pictures go into a mosaic, and when a mosaic is finished."""
+"""Which frames go into a mosaic, and when it is written."""
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
@@ -8,131 +8,137 @@ from typing import Final
 
 from streamkit.geometry.homography import FloatArray
 from streamkit.handoff.background_executor import BackgroundExecutor
-from streamkit_stitcher.mosaic.album import Album, ChosenPicture, RecorderSettings, WrittenMosaic
 from streamkit_stitcher.mosaic.coverage import Coverage
 from streamkit_stitcher.mosaic.georeference import PositionFix
 from streamkit_stitcher.mosaic.mosaic import Mosaic
-from streamkit_stitcher.mosaic.tiles import PictureArray
-from streamkit_stitcher.plane.placement import Placement
+from streamkit_stitcher.mosaic.mosaic_frames import ChosenFrame, MosaicFrames, RecorderSettings, WrittenMosaic
+from streamkit_stitcher.mosaic.tiles import ImageArray
+from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
-_WORTH_ADDING: Final = 0.08
+_MIN_NEW_GROUND: Final = 0.08
 _BYTES_PER_PIXEL: Final = 3
 
-AdjustedPlaces = tuple[Mapping[int, FloatArray] | None, float]
+# Homographies of the keyframes, None for the incremental mosaic, and the rmse of the ties, px.
+AdjustedHomographies = tuple[Mapping[int, FloatArray] | None, float]
 
 
 class MosaicRecorder:
-    """Keeps the mosaic of the current plane and writes those that are finished.
+    """Selects the frames of the current plane's mosaic, and writes finished mosaics.
 
-    Key pictures go in, and pictures that show ground not seen before; a picture whose place was not measured
-    never does. With `%d` in the location each plane gets a file; otherwise the one that covers most is kept.
-
-    What goes in is decided at once. Given a worker, all else is done by it, in the same order, so that the
-    mosaic is the same; what `mosaic` gives is then the worker's.
+    Keyframes are added, and measured frames that show new ground. With `%d` in the location each plane gets a
+    file; otherwise the largest is kept. The selection is immediate; with an executor, everything else runs
+    there in the same order, so that the mosaic is the same, and `mosaic` belongs to its thread.
 
     Args:
-        settings: how.
-        worker: keeps, paints and writes beside the caller; None has the caller do it.
-        cancelled: ends waits for a worker that has too much to do.
+        settings: how mosaics are made.
+        executor: stores, paints and writes in the background; None for the caller's thread.
+        cancelled: ends waits for a busy executor.
+
+    Attributes:
+        frames: the frames of the current plane.
+        refused: number of frames that no mosaic accepts, out of reach or degenerate.
     """
 
     def __init__(
         self,
         settings: RecorderSettings,
-        worker: BackgroundExecutor | None = None,
+        executor: BackgroundExecutor | None = None,
         cancelled: Event | None = None,
     ) -> None:
         self._settings = settings
-        self._worker = worker
+        self._executor = executor
         self._cancelled = cancelled
-        self.album = Album(settings) if worker is None else Album(settings, worker.report_progress)
-        self._refused = 0
-        self._ground = Coverage(settings.memory_px)
+        report = (lambda: None) if executor is None else executor.report_progress
+        self.frames = MosaicFrames(settings, report)
+        self.refused = 0
+        self._coverage = Coverage(settings.memory_px)
         self._reference = 0
 
     @property
-    def refused(self) -> int:
-        """Pictures that no mosaic could take, being out of reach or degenerate."""
-        return self._refused
-
-    @property
     def is_empty(self) -> bool:
-        """Whether the current plane has no picture yet."""
-        return self._ground.is_empty
+        """Whether the current plane has no frame yet."""
+        return self._coverage.is_empty
 
     @property
     def mosaic(self) -> Mosaic:
-        """The mosaic of the current plane as it grows; asking for it has it painted from now on."""
-        return self.album.mosaic
+        """The incremental mosaic of the current plane; painted from the first use on."""
+        return self.frames.mosaic
 
-    def is_other_plane(self, placement: Placement) -> bool:
-        """Whether a picture lies on a plane that cannot be drawn on with the mosaic's."""
-        return placement.opens or (placement.reference != self._reference and placement.change is None)
+    def is_new_plane(self, registered: FrameRegistration) -> bool:
+        """Whether a frame lies on a plane that needs another mosaic."""
+        if registered.opens_plane:
+            return True
+        return registered.reference != self._reference and registered.change is None
 
     def add(
         self,
-        placement: Placement,
+        registered: FrameRegistration,
         shape: tuple[int, int],
-        picture: Callable[[], PictureArray],
+        load: Callable[[], ImageArray],
         position: PositionFix | None = None,
     ) -> bool:
-        """Takes a placed picture where it is worth it.
+        """Adds a registered frame where the mosaic needs it.
 
-        A picture of another plane begins another mosaic: `finish` the one before first.
+        A frame of a new plane starts another mosaic: `finish` the previous one first.
 
         Args:
-            placement: where it lies.
+            registered: its homographies.
             shape: (height, width), px.
-            picture: gives uint8[h, w] or uint8[h, w, 3] BGR; called only when the picture goes in.
-            position: where the camera was, if that is known.
+            load: returns uint8[h, w] or uint8[h, w, 3] BGR; called only for frames that are added.
+            position: of the camera, if known.
 
         Returns:
             Whether the mosaic changes.
 
         Raises:
-            OSError: a temporary file takes no more.
+            OSError: a temporary file is full.
         """
-        if self.is_other_plane(placement):
-            self._begin(placement.reference)
-        elif placement.exchange is not None:
-            self._ground.move_plane(placement.exchange)
-            self._do(partial(self.album.follow, placement.exchange, placement.reference))
-        self._reference = placement.reference
-        if not placement.anchored or not (placement.keyframe or self._is_new_ground(shape, placement)):
+        if self.is_new_plane(registered):
+            self._new_coverage()
+            self._do(partial(self._begin_plane, registered.reference))
+        elif registered.rebase is not None:
+            self._coverage.move_plane(registered.rebase)
+            self._do(partial(self.frames.rebase, registered.rebase, registered.reference))
+        self._reference = registered.reference
+        if not registered.anchored:
             return False
-        if not self._ground.add(shape, placement.to_reference):
-            self._refused += 1
+        new_ground = self._coverage.uncovered(shape, registered.to_reference) > _MIN_NEW_GROUND
+        if not (registered.keyframe or new_ground):
             return False
-        chosen = ChosenPicture(
+        if not self._coverage.add(shape, registered.to_reference):
+            self.refused += 1
+            return False
+        chosen = ChosenFrame(
             shape,
-            placement.to_reference,
-            not placement.keyframe,
-            placement.key_index,
-            placement.to_key,
+            registered.to_reference,
+            not registered.keyframe,
+            registered.key_index,
+            registered.to_key,
             position,
         )
-        self._do(partial(self.album.add, chosen, picture), shape[0] * shape[1] * _BYTES_PER_PIXEL)
+        self._do(partial(self.frames.add, chosen, load), shape[0] * shape[1] * _BYTES_PER_PIXEL)
         return True
 
-    def leave(
-        self, adjust: Callable[[], AdjustedPlaces], done: Callable[[WrittenMosaic], None] = lambda _: None
+    def start_writing(
+        self,
+        adjust: Callable[[], AdjustedHomographies],
+        written: Callable[[WrittenMosaic], None] = lambda _: None,
     ) -> "Future[None]":
-        """Has the current mosaic written, once all that was added is in it, and begins anew.
+        """Writes the current mosaic after everything added before, and starts another.
 
         Args:
-            adjust: gives the adjusted places of the key pictures by their numbers, None for the mosaic as it
-                grew, and the root mean square residual of the tie points, px.
-            done: told what was written; not called where there is nothing, or a larger one was written
-                before.
+            adjust: returns the adjusted homographies of the keyframes.
+            written: called with the result, unless there is nothing or a larger one was written before.
 
         Returns:
             Done when the file is; has an OSError where it could not be written.
         """
-        work = partial(self._write, self._ground.covered_px, self.is_empty, self._reference, adjust, done)
-        self._ground.close()
-        self._ground = Coverage(self._settings.memory_px)
-        if self._worker is not None:
-            return self._worker.ask(work)
+        work = partial(
+            self._write, self._coverage.covered_px, self.is_empty, self._reference, adjust, written
+        )
+        self._new_coverage()
+        if self._executor is not None:
+            return self._executor.ask(work)
         future: Future[None] = Future()
         try:
             future.set_result(work())
@@ -141,53 +147,48 @@ class MosaicRecorder:
         return future
 
     def finish(
-        self, places: Mapping[int, FloatArray] | None = None, rmse: float = 0.0
+        self, homographies: Mapping[int, FloatArray] | None = None, rmse: float = 0.0
     ) -> WrittenMosaic | None:
-        """Writes the current mosaic, once, and waits for it: see `leave`, `Album.write`.
+        """Writes the current mosaic and waits for it, see `start_writing` and `MosaicFrames.write`.
 
         Raises:
             OSError: it could not be written.
         """
-        written: list[WrittenMosaic] = []
-        self.leave(lambda: (places, rmse), written.append).result()
-        return written[0] if written else None
+        results: list[WrittenMosaic] = []
+        self.start_writing(lambda: (homographies, rmse), results.append).result()
+        return results[0] if results else None
 
     def close(self) -> None:
-        """Lets go of everything that was not written; the worker must have ended."""
-        self.album.close()
-        self._ground.close()
+        """Releases everything that was not written; the executor must have ended."""
+        self.frames.close()
+        self._coverage.close()
 
     def _do(self, work: Callable[[], object], size: int = 0) -> None:
-        if self._worker is None:
+        if self._executor is None:
             work()
         else:
-            self._worker.do(work, size, self._cancelled)
+            self._executor.do(work, size, self._cancelled)
 
-    def _begin(self, reference: int) -> None:
-        self._reference = reference
-        self._ground.close()
-        self._ground = Coverage(self._settings.memory_px)
-        self._do(partial(self._begin_album, reference))
+    def _new_coverage(self) -> None:
+        self._coverage.close()
+        self._coverage = Coverage(self._settings.memory_px)
 
-    def _begin_album(self, reference: int) -> None:
-        self.album.close()
-        self.album.begin(reference)
+    def _begin_plane(self, reference: int) -> None:
+        self.frames.close()
+        self.frames.begin_plane(reference)
 
     def _write(
         self,
         covered_px: float,
         is_empty: bool,
         reference: int,
-        adjust: Callable[[], AdjustedPlaces],
-        done: Callable[[WrittenMosaic], None],
+        adjust: Callable[[], AdjustedHomographies],
+        written: Callable[[WrittenMosaic], None],
     ) -> None:
         try:
             adjusted = adjust()
-            written = None if is_empty else self.album.write(covered_px, *adjusted)
+            result = None if is_empty else self.frames.write(covered_px, *adjusted)
         finally:
-            self._begin_album(reference)
-        if written is not None:
-            done(written)
-
-    def _is_new_ground(self, shape: tuple[int, int], placement: Placement) -> bool:
-        return self._ground.uncovered(shape, placement.to_reference) > _WORTH_ADDING
+            self._begin_plane(reference)
+        if result is not None:
+            written(result)

@@ -1,4 +1,4 @@
-"""Which picture each part of the finished mosaic shows."""
+"""Which frame each part of the finished mosaic shows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from streamkit.geometry.homography import FloatArray, corners, normalised, project
 from streamkit_stitcher.mosaic.mosaic import depth_inside
-from streamkit_stitcher.mosaic.tiles import PictureArray
+from streamkit_stitcher.mosaic.tiles import ImageArray
 
 LabelArray = npt.NDArray[np.int32]
 
@@ -21,10 +21,10 @@ _BELOW: Final = 300
 
 
 class SeamKind(StrEnum):
-    """How neighbouring pictures share the ground that both show.
+    """How neighbouring frames share the ground that both show.
 
-    `voronoi` has each part from the picture in whose middle it lies most; `graphcut` moves those seams, by up
-    to an eighth of a picture, to where the pictures look alike: around cars and trees.
+    `voronoi` has each part from the frame in whose middle it lies most; `graphcut` moves those seams, by up
+    to an eighth of a frame, to where the frames look alike: around cars and trees.
     """
 
     VORONOI = "voronoi"
@@ -33,19 +33,19 @@ class SeamKind(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """A picture on the planning grid.
+    """A frame on the planning grid.
 
     Attributes:
         left: column of the grid where its box begins.
         top: row of the grid where its box begins.
-        thumbnail: uint8[h, w, c], the picture warped into its box.
-        depth: int32[h, w], how deep inside the picture each cell lies, 0 outside.
-        fills_gaps: whether it gives way to every other picture.
+        thumbnail: uint8[h, w, c], the frame warped into its box.
+        depth: int32[h, w], how deep inside the frame each cell lies, 0 outside.
+        fills_gaps: whether it gives way to every other frame.
     """
 
     left: int
     top: int
-    thumbnail: PictureArray
+    thumbnail: ImageArray
     depth: LabelArray
     fills_gaps: bool = False
 
@@ -57,15 +57,15 @@ class Footprint:
 
 
 def footprint(
-    thumbnail: PictureArray, to_grid: FloatArray, grid: tuple[int, int], fills_gaps: bool
+    thumbnail: ImageArray, to_grid: FloatArray, grid: tuple[int, int], fills_gaps: bool
 ) -> Footprint:
-    """Warps a picture onto the planning grid.
+    """Warps a frame onto the planning grid.
 
     Args:
         thumbnail: uint8[h, w, c].
         to_grid: float64[3, 3], its pixels to cells of the grid.
         grid: (rows, columns).
-        fills_gaps: whether it gives way to every other picture.
+        fills_gaps: whether it gives way to every other frame.
     """
     outline = project(to_grid, corners((thumbnail.shape[0], thumbnail.shape[1])))
     left, top = np.clip(np.floor(outline.min(axis=0)).astype(int), 0, np.array(grid[::-1]) - 1).tolist()
@@ -81,10 +81,10 @@ def footprint(
 
 
 def voronoi_labels(footprints: Sequence[Footprint], grid: tuple[int, int]) -> LabelArray:
-    """The picture in which each cell lies deepest, int32[rows, columns], -1 where none reaches.
+    """The frame in which each cell lies deepest, int32[rows, columns], -1 where none reaches.
 
-    A cell that a picture reaches with an edge only is its own, too, where no other picture covers it: the
-    outline of the mosaic is then that of the pictures and not that of the cells.
+    A cell that a frame reaches with an edge only is its own, too, where no other frame covers it: the
+    outline of the mosaic is then that of the frames and not that of the cells.
     """
     labels = np.full(grid, -1, dtype=np.int32)
     deepest = np.zeros(grid, dtype=np.int32)
@@ -99,18 +99,18 @@ def voronoi_labels(footprints: Sequence[Footprint], grid: tuple[int, int]) -> La
 
 
 def graph_cut_labels(footprints: Sequence[Footprint], grid: tuple[int, int], gains: FloatArray) -> LabelArray:
-    """Seams led along lines where neighbouring pictures look alike, around cars and houses that lean.
+    """Seams led along lines where neighbouring frames look alike, around cars and houses that lean.
 
-    They stay near those of `voronoi_labels`: each part still comes from a picture taken from nearly above it,
-    and only neighbours need be compared. Where there are too many pictures for memory those seams are kept.
+    They stay near those of `voronoi_labels`: each part still comes from a frame taken from nearly above it,
+    and only neighbours need be compared. Where there are too many frames for memory those seams are kept.
 
     Args:
-        footprints: the pictures on the grid.
+        footprints: the frames on the grid.
         grid: (rows, columns).
-        gains: float64[n, c], what makes the pictures equally bright.
+        gains: float64[n, c], what makes the frames equally bright.
 
     Returns:
-        int32[rows, columns], the number of a picture, -1 where none reaches.
+        int32[rows, columns], the number of a frame, -1 where none reaches.
 
     Source: Kwatra et al., Graphcut textures, SIGGRAPH 2003, as in cv2.detail.
     """
@@ -138,10 +138,8 @@ def graph_cut_labels(footprints: Sequence[Footprint], grid: tuple[int, int], gai
     return labels
 
 
-def _wanted(
-    own: Footprint, number: int, labels: LabelArray
-) -> tuple[tuple[slice, slice], PictureArray] | None:
-    """Where a picture may be shown: rows and columns of its box, and a mask of them; None for nowhere."""
+def _wanted(own: Footprint, number: int, labels: LabelArray) -> tuple[tuple[slice, slice], ImageArray] | None:
+    """Where a frame may be shown: rows and columns of its box, and a mask of them; None for nowhere."""
     cells = labels[own.window] == number
     if not cells.any():
         return None

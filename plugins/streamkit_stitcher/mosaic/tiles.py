@@ -1,4 +1,4 @@
-"""Square tiles of a picture without bounds: the latest in memory, the others in a temporary file."""
+"""Square tiles of a image without bounds: the latest in memory, the others in a temporary file."""
 
 import tempfile
 from collections import OrderedDict
@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-PictureArray = npt.NDArray[np.uint8]
+ImageArray = npt.NDArray[np.uint8]
 
 TILE: Final = 512
 REDUCTION: Final = 4
@@ -23,11 +23,11 @@ class Tile:
 
     Attributes:
         pixels: uint8[512, 512, c].
-        depth: uint8[512, 512], how deep inside its picture each pixel lies, 0 where nothing was painted.
+        depth: uint8[512, 512], how deep inside its image each pixel lies, 0 where nothing was painted.
     """
 
-    pixels: PictureArray
-    depth: PictureArray
+    pixels: ImageArray
+    depth: ImageArray
 
 
 class TileStore:
@@ -43,8 +43,8 @@ class TileStore:
         self._most = max(4, max_px // TILE**2)
         self._tiles: OrderedDict[tuple[int, int], Tile] = OrderedDict()
         self._slots: dict[tuple[int, int], int] = {}
-        self._depths: dict[tuple[int, int], PictureArray] = {}
-        self._small: dict[tuple[int, int], PictureArray] = {}
+        self._depths: dict[tuple[int, int], ImageArray] = {}
+        self._small: dict[tuple[int, int], ImageArray] = {}
         self._file: IO[bytes] | None = None
 
     @property
@@ -62,11 +62,11 @@ class TileStore:
         """Number of tiles that have a place in the file."""
         return len(self._slots)
 
-    def coarse_depth(self, key: tuple[int, int]) -> PictureArray | None:
+    def coarse_depth(self, key: tuple[int, int]) -> ImageArray | None:
         """uint8[64, 64], the depth of every eighth pixel of a tile; None where there is none."""
         return self._depths.get(key)
 
-    def reduced(self, key: tuple[int, int]) -> PictureArray | None:
+    def reduced(self, key: tuple[int, int]) -> ImageArray | None:
         """uint8[128, 128, c], a tile's pixels at a quarter of its sides; None where nothing was painted.
 
         It is kept, a sixteenth of the tile, so that who looks often does not have to read everything again.

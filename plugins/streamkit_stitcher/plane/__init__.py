@@ -1,1 +1,1 @@
-"""Where the pictures of a stream lie on a reference plane: key pictures, their graph, the choice of plane."""
+"""Where the frames of a stream lie on a reference plane: keyframes, their graph, the choice of plane."""

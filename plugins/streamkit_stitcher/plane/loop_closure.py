@@ -1,4 +1,4 @@
-"""Ties across flight strips: key pictures of the same ground that the stream did not follow."""
+"""Ties across flight strips: keyframes of the same ground that were not matched while tracking."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -18,35 +18,34 @@ from streamkit.geometry.homography import (
     overlap,
     to_reduced,
 )
-from streamkit_stitcher.plane.graph import Tie
-from streamkit_stitcher.plane.key_picture import LEVELS
-from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, KeyframeMatcher
+from streamkit_stitcher.plane.keyframe_content import LEVELS
+from streamkit_stitcher.plane.keyframe_graph import Tie
+from streamkit_stitcher.plane.keyframe_matcher import ANY_STEP, KeyframeMatcher
+from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
 from streamkit_stitcher.registration.descriptors import Description, describe, recognise
 from streamkit_stitcher.registration.gauss_newton import corner_deviation
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit
 
-KEPT_TIES: Final = 80
+_MAX_TIE_POINTS: Final = 80
 _POINTS: Final = 200
-_DESCRIBED: Final = 24
+_CACHED: Final = 24
 _MIN_INLIERS: Final = 20
-_LEAST_OVERLAP: Final = 0.08
+_MIN_OVERLAP: Final = 0.08
 _AGREEING: Final = 0.5
 _FINE: Final = 1.5
 _COARSE: Final = 8.0
-FEATURES_FROM: Final = 1 << 16
+# Features stand for patches of the keyframe, with numbers beyond those of its real ones.
+_FIRST_FEATURE: Final = 1 << 16
 
 
-class Recogniser:
-    """Places pictures on key pictures without a guess, by what they show.
-
-    Descriptions of the last few key pictures are kept.
-    """
+class Relocaliser:
+    """Registers frames to keyframes without a prediction, by features; caches those of the last few."""
 
     def __init__(self) -> None:
         self._descriptions: dict[int, Description] = {}
 
     def description(self, keyframe: Keyframe) -> Description:
-        """What a key picture is recognised by."""
+        """The features of a keyframe."""
         found = self._descriptions.get(keyframe.index)
         if found is None:
             found = describe(keyframe.small)
@@ -54,52 +53,47 @@ class Recogniser:
         return found
 
     def remember(self, keyframe: Keyframe, description: Description) -> None:
-        """Keeps the description of a key picture that was made before."""
+        """Caches the features of a keyframe."""
         self._descriptions.pop(keyframe.index, None)
         self._descriptions[keyframe.index] = description
-        if len(self._descriptions) > _DESCRIBED:
+        if len(self._descriptions) > _CACHED:
             del self._descriptions[next(iter(self._descriptions))]
 
-    def place(self, picture: Description, keyframe: Keyframe) -> KeyframeMatch | None:
-        """Places a picture of the same working size on a key picture; None if that is not seen in it.
-
-        The features stand for patches of the key picture, by numbers beyond those of its real ones.
-        """
-        found = recognise(picture, self.description(keyframe), _MIN_INLIERS)
+    def match(self, frame: Description, keyframe: Keyframe) -> KeyframeMatch | None:
+        """Registers a frame of the same working size to a keyframe; None where it does not match."""
+        found = recognise(frame, self.description(keyframe), _MIN_INLIERS)
         if found is None:
             return None
         factor = keyframe.factor
         matrix = from_reduced(found.fit.matrix, factor)
         if not (
-            overlap(matrix, keyframe.shape) > _LEAST_OVERLAP and is_plausible(matrix, keyframe.shape, 10.0)
+            overlap(matrix, keyframe.shape) > _MIN_OVERLAP and is_plausible(matrix, keyframe.shape, ANY_STEP)
         ):
             return None
         offset = (factor - 1) / 2
-        fit = MotionFit(
-            matrix, found.fit.model, np.ones(found.fit.count, dtype=np.bool_), found.fit.rmse * factor
-        )
+        every = np.ones(found.fit.count, dtype=np.bool_)
+        fit = MotionFit(matrix, found.fit.model, every, found.fit.rmse * factor)
         source = found.source_points * factor + offset
         return KeyframeMatch(
             fit,
             source,
             found.target_points * factor + offset,
-            found.target_indices + FEATURES_FROM,
+            found.target_indices + _FIRST_FEATURE,
             corner_deviation(matrix, source, fit.rmse, keyframe.shape),
         )
 
 
-def tie_of(keyframe: Keyframe, observer: int, match: KeyframeMatch, most: int = KEPT_TIES) -> Tie:
-    """The tie that a match of the key picture `observer` on `keyframe` makes."""
-    return Tie(
-        keyframe.index, observer, match.patches, match.key_points, match.frame_points, match.fit.rmse
-    ).thinned(most)
+def tie_of(keyframe: Keyframe, observer: int, match: KeyframeMatch) -> Tie:
+    """The tie of a match of the keyframe `observer` on `keyframe`."""
+    tie = Tie(keyframe.index, observer, match.patches, match.key_points, match.frame_points)
+    return tie.thinned(_MAX_TIE_POINTS)
 
 
 class LoopCloser:
-    """Looks for a key picture in others that it should share ground with, to sub-pixel ties."""
+    """Matches a keyframe with others that it should overlap, to sub-pixel ties."""
 
     def __init__(self) -> None:
-        self._recogniser = Recogniser()
+        self._relocaliser = Relocaliser()
         self._matcher = KeyframeMatcher()
 
     def close(
@@ -110,44 +104,44 @@ class LoopCloser:
         near: Collection[int] = (),
         description: Description | None = None,
     ) -> tuple[Tie, ...]:
-        """The ties to those of `candidates` in which the key picture was found.
+        """The ties to those of `candidates` that match the keyframe.
 
         Args:
-            keyframe: the new key picture.
-            images: its picture and halvings.
-            candidates: key pictures to look in.
-            near: those of them whose place is known to a few px; unless the new one had to be recognised
-                itself, they are not searched for what is not seen there.
-            description: of the new key picture, if there is one already.
+            keyframe: the new keyframe.
+            images: its frame and halvings.
+            candidates: keyframes to match with.
+            near: those whose homography is known to a few px; they are not searched by features, unless the
+                new one had to be relocalised itself.
+            description: features of the new keyframe, if they exist already.
         """
         if description is not None:
-            self._recogniser.remember(keyframe, description)
+            self._relocaliser.remember(keyframe, description)
         ties = []
-        limits = replace(FitLimits(), max_step=1.0, threshold=2.0)
+        limits = replace(FitLimits(), max_step=1.0, ransac_threshold=2.0)
         for candidate in candidates:
             if candidate.shape != keyframe.shape:
                 continue
-            match = self._expected(keyframe, images, candidate, limits)
+            match = self._predicted(keyframe, images, candidate, limits)
             if match is None:
                 if description is None and candidate.index in near:
                     continue
-                seen = self._recogniser.place(self._recogniser.description(keyframe), candidate)
-                if seen is None:
+                coarse = self._relocaliser.match(self._relocaliser.description(keyframe), candidate)
+                if coarse is None:
                     continue
                 aligned = self._matcher.match(
-                    candidate, images, seen.fit.matrix, limits, top_level=LEVELS - 2, max_points=_POINTS
+                    candidate, images, coarse.fit.matrix, limits, top_level=LEVELS - 2, max_points=_POINTS
                 )
-                match = better(seen, aligned, candidate, _POINTS)
+                match = better(coarse, aligned, candidate, _POINTS)
             tie = tie_of(candidate, keyframe.index, match)
-            ties.append(replace(tie, likeness=likeness(keyframe, candidate, match.fit.matrix)))
+            ties.append(replace(tie, correlation=correlation(keyframe, candidate, match.fit.matrix)))
         return tuple(ties)
 
-    def _expected(
+    def _predicted(
         self, keyframe: Keyframe, images: Sequence[GreyArray], candidate: Keyframe, limits: FitLimits
     ) -> KeyframeMatch | None:
-        """The match near the place that the key pictures have by now, if most of the patches there agree.
+        """The match near the present homographies, if most patches agree.
 
-        It costs a tenth of the recognition, and drift of less than 24 px does not need that.
+        Costs a tenth of feature matching, and suffices for drift below 24 px.
         """
         to_candidate = normalised(inverse(candidate.to_reference) @ keyframe.to_reference)
         match = self._matcher.match(
@@ -156,24 +150,24 @@ class LoopCloser:
         return match if match is not None and _is_wide(match, candidate, _POINTS) else None
 
 
-def likeness(keyframe: Keyframe, other: Keyframe, matrix: FloatArray) -> float:
-    """How much two key pictures look alike over all the ground that they would share, -1 to 1.
+def correlation(keyframe: Keyframe, other: Keyframe, matrix: FloatArray) -> float:
+    """Normalised correlation of two keyframes' textures over all their shared ground, -1 to 1.
 
-    Houses in a row match well enough at a false place, but what lies about them does not.
+    Houses in a row match well enough at a false shift, but their surroundings do not.
 
     Args:
-        keyframe: the one.
-        other: the other, of the same working size.
-        matrix: float64[3, 3], full-size pixels of the one to those of the other.
+        keyframe: the first keyframe.
+        other: the second, of the same working size.
+        matrix: float64[3, 3], full-size pixels of the first to those of the second.
 
     Returns:
-        The correlation of their textures; 0 where they share nothing.
+        The correlation; 0 without overlap.
     """
-    first = texture(keyframe.small)
+    first = _texture(keyframe.small)
     size = first.shape[1], first.shape[0]
     to_other = to_reduced(matrix, keyframe.factor)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    second = cv2.warpPerspective(texture(other.small), to_other, size, flags=flags)
+    second = cv2.warpPerspective(_texture(other.small), to_other, size, flags=flags)
     inside = np.full(other.small.shape, 255, dtype=np.uint8)
     shared = cv2.warpPerspective(inside, to_other, size, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP) > 0
     one, two = first[shared], second[shared]
@@ -181,25 +175,27 @@ def likeness(keyframe: Keyframe, other: Keyframe, matrix: FloatArray) -> float:
     return float((one * two).sum()) / power if power > 0 else 0.0
 
 
-def texture(small: GreyArray) -> npt.NDArray[np.float32]:
-    """A picture without its light and shade and without its noise, float32[h, w]."""
+def _texture(small: GreyArray) -> npt.NDArray[np.float32]:
+    """Band-pass filtered image, float32[h, w]."""
     smooth = cv2.GaussianBlur(small.astype(np.float32), (0, 0), _FINE)
     return np.asarray(smooth - cv2.GaussianBlur(smooth, (0, 0), _COARSE), dtype=np.float32)
 
 
-def better(seen: KeyframeMatch, match: KeyframeMatch | None, keyframe: Keyframe, most: int) -> KeyframeMatch:
-    """The match of patches, ten times as exact, where they agree widely; relief leaves a corner only.
+def better(
+    features: KeyframeMatch, patches: KeyframeMatch | None, keyframe: Keyframe, max_points: int
+) -> KeyframeMatch:
+    """The match of patches, ten times as precise, where they agree over the frame; else that of features.
 
     Args:
-        seen: the match of features on `keyframe`.
-        match: that of at most `most` of its patches.
-        keyframe: the key picture.
-        most: see `match`.
+        features: the match of features on `keyframe`.
+        patches: the match of at most `max_points` of its patches.
+        keyframe: the keyframe.
+        max_points: see `patches`.
     """
-    return match if match is not None and _is_wide(match, keyframe, most) else seen
+    return patches if patches is not None and _is_wide(patches, keyframe, max_points) else features
 
 
-def _is_wide(match: KeyframeMatch, keyframe: Keyframe, most: int) -> bool:
-    """Whether half of the patches agree, at most `most` in all, of those that the picture should show."""
-    shown = overlap(inverse(match.fit.matrix), keyframe.shape) * min(most, len(keyframe.points))
-    return match.fit.count >= _AGREEING * shown
+def _is_wide(match: KeyframeMatch, keyframe: Keyframe, max_points: int) -> bool:
+    """Whether half of the patches in view agree; terrain relief leaves only those of a corner."""
+    visible = overlap(inverse(match.fit.matrix), keyframe.shape) * min(max_points, len(keyframe.points))
+    return match.fit.count >= _AGREEING * visible

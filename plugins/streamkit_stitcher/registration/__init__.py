@@ -1,1 +1,1 @@
-"""Registration of a picture to one seen before: corners, Lucas-Kanade, robust motion models, patches."""
+"""Registration of a frame to one seen before: corners, Lucas-Kanade, robust motion models, patches."""

@@ -24,8 +24,8 @@ _RIPPLE: Final = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float3
 class CornerDetector:
     """FAST corners, the strongest few of each cell of a 16 x 9 grid.
 
-    The FAST threshold follows the picture's contrast: it is kept from call to call and lowered while the grid
-    stays half empty, so a hazy picture gives corners and a busy one does not give thousands.
+    The FAST threshold follows the frame's contrast: it is kept from call to call and lowered while the grid
+    stays half empty, so a hazy frame gives corners and a busy one does not give thousands.
 
     Source: Rosten and Drummond, Machine learning for high-speed corner detection, ECCV 2006.
     """
@@ -128,7 +128,7 @@ def even_corners(grey: GreyArray, columns: int, rows: int) -> FloatArray:
 
 
 def _noise_strength(grey: GreyArray) -> float:
-    """What a corner's strength would be from the picture's noise alone.
+    """What a corner's strength would be from the frame's noise alone.
 
     Source: Immerkaer, Fast noise variance estimation, CVIU 1996, with the median for the mean.
     """

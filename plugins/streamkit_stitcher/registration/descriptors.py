@@ -23,7 +23,7 @@ _THRESHOLD: Final = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """What a picture is recognised by.
+    """What a frame is recognised by.
 
     Attributes:
         points: float64[n, 2], px of the described image.
@@ -35,13 +35,13 @@ class Description:
 
 
 def describe(grey: GreyArray) -> Description:
-    """Finds the SIFT features of a picture, n of them, 0 for a flat one.
+    """Finds the SIFT features of a frame, n of them, 0 for a flat one.
 
     Source: Lowe, Distinctive image features from scale-invariant keypoints, IJCV 2004; Arandjelovic and
     Zisserman, Three things everyone should know, CVPR 2012 (RootSIFT).
     """
     # OpenCV's plain enlargement puts every feature a quarter of a pixel too far right and down: between
-    # pictures of opposite headings, as of neighbouring strips, that is 0.7 px.
+    # frames of opposite headings, as of neighbouring strips, that is 0.7 px.
     detector = cv2.SIFT.create(nfeatures=_FEATURES, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
     keypoints, found = detector.detectAndCompute(grey, None)
     if not keypoints or found is None:
@@ -53,7 +53,7 @@ def describe(grey: GreyArray) -> Description:
 
 @dataclass(frozen=True, eq=False)
 class Recognition:
-    """A picture found in another by its descriptors.
+    """A frame found in another by its descriptors.
 
     Attributes:
         fit: the homography from the source's points to the target's; all pairs below agree with it.
@@ -91,11 +91,11 @@ def matched(source: Description, target: Description) -> tuple[npt.NDArray[np.in
 
 
 def recognise(source: Description, target: Description, min_inliers: int) -> Recognition | None:
-    """Finds one picture in another, or None where they do not show the same ground.
+    """Finds one frame in another, or None where they do not show the same ground.
 
     Args:
-        source: of the picture to place.
-        target: of the picture to place it on.
+        source: of the frame to place.
+        target: of the frame to place it on.
         min_inliers: fewest pairs that must agree.
     """
     own, other = matched(source, target)

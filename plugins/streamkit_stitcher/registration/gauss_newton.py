@@ -37,7 +37,7 @@ class Scaling:
         return cls(middle, size, forth, back)
 
 
-def stepped(
+def gauss_newton_step(
     matrix: FloatArray, scaling: Scaling, mapped: FloatArray, residuals: FloatArray, weights: FloatArray
 ) -> FloatArray | None:
     """The homography that a Gauss-Newton step on weighted squares leads to.
@@ -59,15 +59,15 @@ def stepped(
 def corner_deviation(
     matrix: FloatArray, source: FloatArray, rmse: float, shape: tuple[int, int], freedom: int = 8
 ) -> float:
-    """How far off a fitted motion may put the worst corner of a picture, one standard deviation, px.
+    """How far off a fitted motion may put the worst corner of a frame, one standard deviation, px.
 
-    Points in one half of a picture may agree to a tenth of a pixel and leave its other half unknown.
+    Points in one half of a frame may agree to a tenth of a pixel and leave its other half unknown.
 
     Args:
         matrix: float64[3, 3], source to target.
         source: float64[n, 2], the points it was fitted to.
         rmse: root mean square distance of the targets from where it maps them, px.
-        shape: (height, width) of the source picture, px.
+        shape: (height, width) of the source frame, px.
         freedom: parameters of the motion, 8 for a homography, 6 for an affine one.
 
     Source: Hartley and Zisserman, Multiple View Geometry, section 5.2.

@@ -1,4 +1,4 @@
-"""All patches of a key picture aligned at once: the homography that suits them, in a few passes."""
+"""All patches of a keyframe aligned at once: the homography that suits them, in a few passes."""
 
 import math
 from dataclasses import dataclass
@@ -25,22 +25,22 @@ _DOWN[[3, 4, 5, 6, 7], [3, 4, 5, 1, 2]] = 1, 1, 1, -1, -1
 
 @dataclass(frozen=True, eq=False)
 class JointAlignment:
-    """A key picture found in a frame.
+    """A keyframe found in a frame.
 
     Attributes:
         key_to_frame: float64[3, 3], px of the level.
         key_points: float64[k, 2], centres of the patches that look alike and lie where the homography tells,
-            px of the key picture.
+            px of the keyframe.
         frame_points: float64[k, 2], where each of them lies in the frame.
-        numbers: int64[k], which of the key picture's patches they are.
+        numbers: int64[k], which of the keyframe's patches they are.
         variances: float64[k], sum of those of a place's two coordinates, px squared; infinite for patches off
             the plane.
         rmse: root mean square distance of their places from those that the homography tells, px.
         compared: patches that look alike, k or more.
         sought: patches that should have been in view, as many or more.
-        deviation: how far off the homography may put the worst corner of the frame on the key picture, one
+        deviation: how far off the homography may put the worst corner of the frame on the keyframe, one
             standard deviation, px.
-        likeness: median correlation of the patches where the homography tells, with the key picture's.
+        likeness: median correlation of the patches where the homography tells, with the keyframe's.
         off_plane: int64[m], which patches look alike but do not lie where the homography tells, by more than
             their covariances allow: roofs, cars, what was brought by chance.
         on_plane: int64[l], which do.
@@ -53,9 +53,9 @@ class JointAlignment:
     variances: FloatArray
     rmse: float
     compared: int
-    sought: int
+    visible_count: int
     deviation: float
-    likeness: float
+    correlation: float
     off_plane: npt.NDArray[np.int64]
     on_plane: npt.NDArray[np.int64]
 
@@ -71,7 +71,7 @@ def align_coarsely(
     """Improves a predicted motion until it hardly changes any more.
 
     Args:
-        level: patches of the key picture.
+        level: patches of the keyframe.
         image: uint8[h, w], the frame at the same reduction.
         key_to_frame: float64[3, 3], right to a few px of this level.
         count: of the first patches to use.
@@ -101,7 +101,7 @@ def align_jointly(
     key_to_frame: FloatArray,
     threshold: float,
 ) -> JointAlignment | None:
-    """Finds the key picture in a frame, to a few hundredths of a pixel.
+    """Finds the keyframe in a frame, to a few hundredths of a pixel.
 
     Every patch is compared with the frame through the homography's local affine part; the homography moves to
     where all of them differ least, each counting by how well its contrast and likeness fix it in either
@@ -110,7 +110,7 @@ def align_jointly(
     contrast than all the ground, would have the plane through the roofs otherwise.
 
     Args:
-        level: patches of the key picture.
+        level: patches of the keyframe.
         image: uint8[h, w], the frame.
         key_to_frame: float64[3, 3], right to about half a pixel.
         threshold: largest distance of a patch that agrees, px.
@@ -120,7 +120,7 @@ def align_jointly(
 
     Source: Baker and Matthews, Lucas-Kanade 20 years on, IJCV 2004, section 3.2 (inverse compositional).
     """
-    patches, count, picture = level.patches, len(level.numbers), np.ascontiguousarray(image)
+    patches, count, frame = level.patches, len(level.numbers), np.ascontiguousarray(image)
     seen = _Seen(
         key_to_frame.copy(),
         np.empty((3, count)),
@@ -130,8 +130,8 @@ def align_jointly(
         np.empty(count, dtype=np.bool_),
     )
     for _ in range(_PASSES):
-        size, sought, variance = improve(
-            picture,
+        size, visible_count, variance = improve(
+            frame,
             patches.centres,
             patches.probes,
             patches.usable,
@@ -147,7 +147,7 @@ def align_jointly(
         if size > _WILD:
             return None
         if size < _SETTLED:
-            return _aligned(level, picture, seen, sought, variance, threshold)
+            return _aligned(level, frame, seen, visible_count, variance, threshold)
     return None
 
 
@@ -168,7 +168,7 @@ def _numbers(scaling: Scaling) -> FloatArray:
 
 
 def _aligned(
-    level: JointLevel, image: GreyArray, seen: _Seen, sought: int, variance: float, threshold: float
+    level: JointLevel, image: GreyArray, seen: _Seen, visible_count: int, variance: float, threshold: float
 ) -> JointAlignment:
     residuals, alike, near = seen.products[:2], seen.alike, seen.near
     squares = np.einsum("in,in->n", residuals, residuals)
@@ -184,7 +184,7 @@ def _aligned(
         np.where(near[agreeing], (xx + yy) / (xx * yy - xy * xy), np.inf),
         math.sqrt(float(squares[agreeing].sum()) / max(1, len(agreeing))),
         int(np.count_nonzero(alike)),
-        sought,
+        visible_count,
         _deviation(seen.normal, variance, level.scaling, project(frame_to_key, corners(image.shape[:2]))),
         _median(seen.products[2, near]),
         level.numbers[alike & ~near],

@@ -1,4 +1,4 @@
-"""Patches of a key picture in an order of their own, ready to be aligned all at once."""
+"""Patches of a keyframe in an order of their own, ready to be aligned all at once."""
 
 from dataclasses import dataclass, replace
 
@@ -12,11 +12,11 @@ from streamkit_stitcher.registration.patches import PatchLevel, prepare
 
 @dataclass(frozen=True, eq=False)
 class JointLevel:
-    """Patches of one pyramid level, each leading part of them spread over the whole picture.
+    """Patches of one pyramid level, each leading part of them spread over the whole frame.
 
     Attributes:
         patches: the patches.
-        numbers: int64[n], which of the key picture's they are.
+        numbers: int64[n], which of the keyframe's they are.
         scaling: of their centres.
     """
 
@@ -50,6 +50,6 @@ def joint_level(patches: GreyArray, centres: FloatArray, numbers: npt.NDArray[np
     Args:
         patches: uint8[n, 17, 17] from `cut_patches`, n >= 1.
         centres: float64[n, 2], their centres, px of the level.
-        numbers: int64[n], which of the key picture's patches they are.
+        numbers: int64[n], which of the keyframe's patches they are.
     """
     return JointLevel(prepare(patches, centres), numbers, Scaling.of(centres))

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray, project
-from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel, least_squares, restricted
+from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel, least_squares, restrict
 
 _MODELS: Final = (MotionModel.HOMOGRAPHY, MotionModel.AFFINE, MotionModel.SIMILARITY)
 _PARAMETERS: Final = {MotionModel.HOMOGRAPHY: 8, MotionModel.AFFINE: 6, MotionModel.SIMILARITY: 4}
@@ -17,7 +17,7 @@ _SMALLEST_VARIANCE: Final = 0.02**2
 
 
 def gric(residuals: FloatArray, variance: float, parameters: int) -> float:
-    """Torr's geometric robust information criterion of a motion between two pictures; less is better.
+    """Torr's geometric robust information criterion of a motion between two frames; less is better.
 
     Args:
         residuals: float64[n, 2], px.
@@ -39,24 +39,24 @@ class MotionRule:
 
     Attributes:
         model: the motion that is expected.
-        firm: whether it may be nothing else; otherwise a homography stands where the pairs speak for it.
+        strict: whether it may be nothing else; otherwise a homography stands where the pairs speak for it.
     """
 
     model: MotionModel = MotionModel.HOMOGRAPHY
-    firm: bool = True
+    strict: bool = True
 
-    def applied(self, fit: MotionFit, source: FloatArray, target: FloatArray) -> MotionFit:
+    def apply(self, fit: MotionFit, source: FloatArray, target: FloatArray) -> MotionFit:
         """A homography's fit turned into one that is allowed.
 
-        Key pictures may happen to be tilted alike, and the pictures between them not.
+        Keyframes may happen to be tilted alike, and the frames between them not.
 
         Args:
             fit: the fitted homography.
             source: float64[n, 2], as it was fitted to.
             target: float64[n, 2].
         """
-        simple = restricted(fit, self.model, source, target)
-        if simple is fit or self.firm:
+        simple = restrict(fit, self.model, source, target)
+        if simple is fit or self.strict:
             return simple
         first, second = source[fit.inliers], target[fit.inliers]
         residuals = [second - project(own.matrix, first) for own in (fit, simple)]
@@ -72,7 +72,7 @@ ANY_MOTION: Final = MotionRule()
 
 
 class ModelSelection:
-    """The model that suits the latest pairs of key pictures together.
+    """The model that suits the latest pairs of keyframes together.
 
     One pair decides little; the criteria of the last few are added up, and until there is evidence the
     homography holds.

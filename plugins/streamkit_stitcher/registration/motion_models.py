@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, MaskArray, is_plausible, project
-from streamkit_stitcher.registration.gauss_newton import Scaling, stepped
+from streamkit.settings import setting
+from streamkit_stitcher.registration.gauss_newton import Scaling, gauss_newton_step
 
 _MAX_ITERATIONS: Final = 500
 _CONFIDENCE: Final = 0.995
@@ -29,7 +30,6 @@ class MotionModel(StrEnum):
     AFFINE = "affine"
     SIMILARITY = "similarity"
     TRANSLATION = "translation"
-    VELOCITY = "velocity"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,18 +64,21 @@ NO_FIT: Final = MotionFit(IDENTITY, MotionModel.HOMOGRAPHY, np.zeros(0, dtype=np
 
 @dataclass(frozen=True)
 class FitLimits:
-    """What a fit must reach to be believed.
+    """What a fit must reach to be accepted.
 
     Attributes:
-        threshold: largest distance of an inlier, px.
-        min_inliers: fewest inliers of a homography; simpler motions need proportionally fewer.
-        min_ratio: fewest inliers per pair, 0 to 1.
-        max_step: largest step of an image corner, as a part of the width.
+        max_step: largest displacement of an image corner, as a part of the width.
     """
 
-    threshold: float = 1.0
-    min_inliers: int = 20
-    min_ratio: float = 0.35
+    ransac_threshold: float = setting(
+        1.0, min=0.1, max=20.0, unit="px at registration width", doc="Largest residual of an inlier."
+    )
+    min_inliers: int = setting(
+        20, min=8, max=1000, doc="Fewest inliers of a homography; simpler motion models need fewer."
+    )
+    min_inlier_ratio: float = setting(
+        0.35, min=0.05, max=1.0, doc="Smallest share of inliers among the points in view."
+    )
     max_step: float = 0.25
 
 
@@ -108,16 +111,16 @@ def fit_homography(
     """
     if len(source) < 4:
         return None
-    fit = None if start is None else judged(start, MotionModel.HOMOGRAPHY, source, target, threshold)
+    fit = None if start is None else evaluate(start, MotionModel.HOMOGRAPHY, source, target, threshold)
     if fit is None or fit.ratio < _PLAIN_RATIO:
         matrix, _ = cv2.findHomography(
             source, target, cv2.USAC_FAST, threshold, maxIters=_MAX_ITERATIONS, confidence=_CONFIDENCE
         )
-        fit = judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+        fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
     if fit is None or fit.count < _REFINABLE or not refinements:
         return fit
     matrix = _refined(fit.matrix, source, target, threshold, refinements, weights)
-    refined = judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+    refined = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
     return refined if refined is not None and refined.count >= _KEPT * fit.count else fit
 
 
@@ -169,7 +172,7 @@ def least_squares(model: MotionModel, source: FloatArray, target: FloatArray) ->
     return np.asarray(matrix, dtype=np.float64)
 
 
-def restricted(fit: MotionFit, model: MotionModel, source: FloatArray, target: FloatArray) -> MotionFit:
+def restrict(fit: MotionFit, model: MotionModel, source: FloatArray, target: FloatArray) -> MotionFit:
     """A homography's fit turned into one of a simpler model, on the pairs it agreed with.
 
     Args:
@@ -215,12 +218,12 @@ def fit_motion(
     """
     best = NO_FIT
     for fit_model, share in _LADDER:
-        fit = fit_model(source, target, limits.threshold)
+        fit = fit_model(source, target, limits.ransac_threshold)
         if fit is None:
             continue
         if fit.count > best.count:
             best = fit
-        enough = fit.count >= share * limits.min_inliers and fit.ratio >= limits.min_ratio
+        enough = fit.count >= share * limits.min_inliers and fit.ratio >= limits.min_inlier_ratio
         if enough and is_plausible(fit.matrix, shape, limits.max_step):
             return fit, best
     return None, best
@@ -249,7 +252,7 @@ def _refined(
         if not math.isinf(threshold):
             own = full if step == steps - 1 else even
             counted = own * _kept(np.einsum("ni,ni->n", residuals, residuals), own, threshold)
-        better = stepped(matrix, scaling, mapped, residuals, counted)
+        better = gauss_newton_step(matrix, scaling, mapped, residuals, counted)
         if better is None:
             break
         matrix = better
@@ -281,10 +284,10 @@ def _judged_linear(
 ) -> MotionFit | None:
     if matrix is None:
         return None
-    return judged(np.vstack([matrix, [0.0, 0.0, 1.0]]), model, source, target, threshold)
+    return evaluate(np.vstack([matrix, [0.0, 0.0, 1.0]]), model, source, target, threshold)
 
 
-def judged(
+def evaluate(
     matrix: Any, model: MotionModel, source: FloatArray, target: FloatArray, threshold: float
 ) -> MotionFit | None:
     """A motion with the pairs within `threshold` px of it, or None where it is none or not finite."""

@@ -1,4 +1,4 @@
-"""Registration of a picture to the one before it, at working size."""
+"""Registration of a frame to the one before it, at working size."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ _CUT_CORRELATION: Final = 0.5
 
 @dataclass(frozen=True, eq=False)
 class WorkingImage:
-    """A picture reduced for registration.
+    """A frame reduced for registration.
 
     Attributes:
         grey: uint8[h, w], reduced by `factor` on both sides.
@@ -70,14 +70,14 @@ class WorkingImage:
 
 @dataclass(frozen=True, eq=False)
 class PairwiseMotion:
-    """How a picture lies on an earlier one.
+    """How a frame lies on an earlier one.
 
     Attributes:
-        matrix: float64[3, 3], maps full-size pixels of the picture to those of the earlier one; identity when
+        matrix: float64[3, 3], maps full-size pixels of the frame to those of the earlier one; identity when
             nothing could be measured.
         model: the motion that was accepted, or None.
-        is_cut: whether the two pictures show different scenes.
-        matches: points followed from the earlier picture.
+        is_cut: whether the two frames show different scenes.
+        matches: points followed from the earlier frame.
         inliers: matches that agree with the motion.
         rmse: root mean square distance of the inliers, in full-size px.
     """
@@ -91,7 +91,7 @@ class PairwiseMotion:
 
 
 def working_level(shape: tuple[int, int], working_width: int) -> int:
-    """How often to halve a picture: until it is `working_width` wide, but no lower than 64 px."""
+    """How often to halve a frame: until it is `working_width` wide, but no lower than 64 px."""
     height, width = shape
     level = 0
     while width >> level > working_width and height >> (level + 1) >= _LEAST_HEIGHT:
@@ -100,7 +100,7 @@ def working_level(shape: tuple[int, int], working_width: int) -> int:
 
 
 def is_flat(grey: GreyArray) -> bool:
-    """Whether a picture, reduced to its thumbnail, shows hardly any difference in brightness."""
+    """Whether a frame, reduced to its thumbnail, shows hardly any difference in brightness."""
     thumbnail = cv2.resize(grey, _THUMBNAIL, interpolation=cv2.INTER_AREA)
     return float(cv2.meanStdDev(thumbnail)[1][0, 0]) < _BLANK_DEVIATION
 
@@ -121,12 +121,12 @@ def is_noise(thumbnail: FloatArray) -> bool:
 def working_image(
     images: Sequence[GreyArray], level: int, detector: CornerDetector, most: int
 ) -> WorkingImage:
-    """Finds the corners of a picture at working size.
+    """Finds the corners of a frame at working size.
 
     Args:
-        images: the picture and its halvings, more than `level` of them.
+        images: the frame and its halvings, more than `level` of them.
         level: which of them to work on.
-        detector: keeps the corner threshold from picture to picture.
+        detector: keeps the corner threshold from frame to frame.
         most: upper limit of corners.
     """
     reduced = images[level]
@@ -143,8 +143,8 @@ def register(
     and with the motion started from phase correlation, which recovers gain steps and large jumps.
 
     Args:
-        earlier: the picture to register to, of the same size.
-        current: the picture to register.
+        earlier: the frame to register to, of the same size.
+        current: the frame to register.
         guess: float64[3, 3], expected motion of full-size pixels, `current` to `earlier`.
         limits: what a motion must reach; the threshold counts in px of the reduced images.
 
@@ -198,8 +198,8 @@ def thumbnail_correlation(earlier: WorkingImage, current: WorkingImage, matrix: 
     """Normalised cross-correlation of two thumbnails where they overlap under a motion, -1 to 1.
 
     Args:
-        earlier: the picture registered to.
-        current: the registered picture.
+        earlier: the frame registered to.
+        current: the registered frame.
         matrix: float64[3, 3], full-size pixels of `current` to those of `earlier`.
 
     Returns:
@@ -268,7 +268,7 @@ def _follow(
 
 
 def _phase_shift(earlier: GreyArray, current: GreyArray) -> tuple[FloatArray, float]:
-    """Shift of the picture content from `earlier` to `current` in their px, and its peak response."""
+    """Shift of the frame content from `earlier` to `current` in their px, and its peak response."""
     height, width = current.shape
     scale = min(1.0, _PHASE_WIDTH / width)
     size = (max(16, round(width * scale)), max(16, round(height * scale)))

@@ -1,6 +1,6 @@
-"""Steps of a homography to where patches look like a picture, as compiled loops over their pixels.
+"""Steps of a homography to where patches look like a frame, as compiled loops over their pixels.
 
-All take the same patches: `centres` float64[n, 2], px of the key picture, of the middle x y and the size that
+All take the same patches: `centres` float64[n, 2], px of the keyframe, of the middle x y and the size that
 `scaling` float64[3] tells, see `Scaling`; their `probes` float32[n, 3, 225], see `PatchLevel`; which are
 `usable`, bool[n]. What is found is written into arrays of the caller's.
 """
@@ -47,7 +47,7 @@ def probe(
 
     Each is compared with the image resampled through the homography's local affine part, bilinearly. Found:
     `products` float64[3, n], how far off the expected place each patch is seen, x and y, px of the key
-    picture, and how well it correlates there, -1 to 1; and which are `seen`, bool[n]: usable and in view; the
+    frame, and how well it correlates there, -1 to 1; and which are `seen`, bool[n]: usable and in view; the
     products of the others are 0. Returns the number of those seen.
     """
     height, width = image.shape
@@ -69,7 +69,7 @@ def probe(
         xx, xy = (matrix[0, 0] - matrix[2, 0] * to_x) * weight, (matrix[0, 1] - matrix[2, 1] * to_x) * weight
         yx, yy = (matrix[1, 0] - matrix[2, 0] * to_y) * weight, (matrix[1, 1] - matrix[2, 1] * to_y) * weight
         step_x, step_y = np.int64(xx * _ONE), np.int64(yx * _ONE)
-        total = squares = across = down = likeness = np.float32(0)
+        total = squares = across = down = correlation = np.float32(0)
         pixel = 0
         for row in range(-RADIUS, RADIUS + 1):
             at_x = np.int64((to_x + xy * row - xx * RADIUS) * _ONE)
@@ -87,14 +87,14 @@ def probe(
                 squares += value * value
                 across += value * probes[patch, 0, pixel]
                 down += value * probes[patch, 1, pixel]
-                likeness += value * probes[patch, 2, pixel]
+                correlation += value * probes[patch, 2, pixel]
                 pixel += 1
                 at_x += step_x
                 at_y += step_y
         mean = total / np.float32(_PIXELS)
         deviation = np.sqrt(max(squares / np.float32(_PIXELS) - mean * mean, np.float32(1e-6)))
         products[0, patch], products[1, patch] = across / deviation, down / deviation
-        products[2, patch] = likeness / deviation
+        products[2, patch] = correlation / deviation
     return count
 
 
@@ -210,7 +210,7 @@ def _together(
 ) -> tuple[float, float]:
     """The median shift of chosen patches, and in `near` which of them move about as it does.
 
-    A corner of the picture that moves by itself would bend a homography to it before it could be told apart.
+    A corner of the frame that moves by itself would bend a homography to it before it could be told apart.
     """
     x, y = _median(shift[0], chosen, scratch), _median(shift[1], chosen, scratch)
     for patch in range(len(chosen)):
@@ -223,7 +223,7 @@ def _together(
 
 @compiled
 def _advance(matrix: FloatArray, scaling: FloatArray, parameters: FloatArray) -> None:
-    """Puts a step before a motion: the key picture's points were there where the step moves them."""
+    """Puts a step before a motion: the keyframe's points were there where the step moves them."""
     x, y, size = scaling[0], scaling[1], scaling[2]
     a, b, c = 1 + parameters[0], parameters[1], parameters[2]
     d, e, f = parameters[3], 1 + parameters[4], parameters[5]
@@ -254,7 +254,7 @@ def settle(
     settled: float,
     matrix: FloatArray,
 ) -> bool:
-    """Improves a motion from key picture to image until it hardly changes any more.
+    """Improves a motion from keyframe to image until it hardly changes any more.
 
     There are `passes` at most; `settled` is the last change of a patch's place, px. Returns whether the
     patches are seen and settle.
@@ -290,7 +290,7 @@ def settle(
 
 @compiled
 def _above(products: FloatArray, seen: MaskArray, least: float, chosen: MaskArray) -> int:
-    """Fills in which patches in view look more than `least` like the key picture's; returns their number."""
+    """Fills in which patches in view look more than `least` like the keyframe's; returns their number."""
     count = 0
     for patch in range(len(seen)):
         chosen[patch] = seen[patch] and products[2, patch] > least
@@ -319,7 +319,7 @@ def improve(
 
     Found are, beside the better `matrix`: `products` as of `probe`, but where each patch is seen less where
     the better motion tells; `information` float64[3, n], the inverse covariance of each place, x x, x y, y y,
-    1 / px^2; the `normal` matrix; which patches are `alike`, in view and like the key picture's; and which of
+    1 / px^2; the `normal` matrix; which patches are `alike`, in view and like the keyframe's; and which of
     these are `near`, where the motion tells as far as their covariances allow.
 
     Returns:
@@ -329,9 +329,9 @@ def improve(
     count = len(centres)
     seen, moves, parameters = np.empty(count, np.bool_), np.empty((2, count)), np.empty(8)
     squares, scratch, counted = np.empty(count), np.empty(count), np.empty((3, count))
-    sought = probe(image, centres, probes, usable, matrix, products, seen)
-    if _above(products, seen, _ALIKE, alike) < max(_FEWEST, sought // 3):
-        return np.inf, sought, 0.0
+    visible_count = probe(image, centres, probes, usable, matrix, products, seen)
+    if _above(products, seen, _ALIKE, alike) < max(_FEWEST, visible_count // 3):
+        return np.inf, visible_count, 0.0
     _inform(products, inverse_hessian, information)
     _together(products, alike, near, squares, scratch)
     for patch in range(count):
@@ -342,7 +342,7 @@ def improve(
         counted[0, patch] = counted[2, patch] = min(squares[patch], most) if near[patch] else 0.0
         counted[1, patch] = 0.0
     if not solve(centres, scaling, products, counted, normal, parameters):
-        return np.inf, sought, 0.0
+        return np.inf, visible_count, 0.0
     _move(centres, scaling, parameters, seen, moves)
     _weighted_squares(products, moves, information, squares)
     bound = _TRIM * _median(squares, alike, scratch)
@@ -351,7 +351,7 @@ def improve(
         for row in range(3):
             counted[row, patch] = information[row, patch] if near[patch] else 0.0
     if not solve(centres, scaling, products, counted, normal, parameters):
-        return np.inf, sought, 0.0
+        return np.inf, visible_count, 0.0
     far = _move(centres, scaling, parameters, seen, moves)
     _advance(matrix, scaling, parameters)
     _weighted_squares(products, moves, information, squares)
@@ -362,14 +362,14 @@ def improve(
         if near[patch]:
             total += squares[patch]
             freedom += 2
-    return far, sought, total / max(1, freedom)
+    return far, visible_count, total / max(1, freedom)
 
 
 @compiled
 def _inform(products: FloatArray, inverse_hessian: FloatArray, information: FloatArray) -> None:
     """Fills in the inverse covariance of each patch's place, see `improve`."""
     for patch in range(len(inverse_hessian)):
-        # Pictures of unit deviation that correlate by c differ by 2 - 2 c.
+        # Frames of unit deviation that correlate by c differ by 2 - 2 c.
         noise = 2 * max(1 - products[2, patch], 1e-3)
         xx = inverse_hessian[patch, 0, 0] * noise + _FLOOR**2
         xy = inverse_hessian[patch, 0, 1] * noise

@@ -1,4 +1,4 @@
-"""Sub-pixel alignment of small patches of a key picture in a later picture of the same ground."""
+"""Sub-pixel alignment of small patches of a keyframe in a later frame of the same ground."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -153,14 +153,14 @@ def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Patches of a key picture that were found in a frame.
+    """Patches of a keyframe that were found in a frame.
 
     Attributes:
-        key_points: float64[k, 2], their positions in the key picture.
+        key_points: float64[k, 2], their positions in the keyframe.
         frame_points: float64[k, 2], the same ground in the frame.
         patches: int64[k], their indices.
         variances: float64[k], of one coordinate of a position, px squared, by what is left of the difference
-            of the pictures and by the contrast that fixes the position.
+            of the frames and by the contrast that fixes the position.
         sought: patches that should have been in view, k or more.
     """
 
@@ -168,19 +168,19 @@ class Alignment:
     frame_points: FloatArray
     patches: npt.NDArray[np.int64]
     variances: FloatArray
-    sought: int
+    visible_count: int
 
 
 def align(
     level: PatchLevel, image: GreyArray, key_to_frame: FloatArray, tolerance: float = _CONVERGED
 ) -> Alignment:
-    """Finds where patches of the key picture lie in a frame, to a few hundredths of a pixel.
+    """Finds where patches of the keyframe lie in a frame, to a few hundredths of a pixel.
 
     Each patch is compared with the frame resampled through the homography's local affine part, so rotation,
     scale and perspective cost no accuracy; brightness and contrast are normalised patch by patch.
 
     Args:
-        level: patches of the key picture.
+        level: patches of the keyframe.
         image: uint8[h, w], the frame at the same reduction.
         key_to_frame: float64[3, 3], predicted motion in px of this level, right to about 3 px.
         tolerance: the last step that most patches may still make, px.
@@ -190,8 +190,8 @@ def align(
     """
     visible = level.usable & _visible(_affine_parts(key_to_frame, level.centres), image.shape)
     chosen = np.flatnonzero(visible)
-    sought = len(chosen)
-    if not sought:
+    visible_count = len(chosen)
+    if not visible_count:
         return Alignment(np.empty((0, 2)), np.empty((0, 2)), chosen, np.empty(0), 0)
     if len(chosen) < _MOSTLY * len(visible):
         level, visible = level.part(chosen), visible[chosen]
@@ -202,10 +202,10 @@ def align(
     settled = visible & (step < _SETTLED * tolerance) & (correlation > _MIN_CORRELATION)
     good = settled & (np.hypot(shift[:, 0], shift[:, 1]) < _MAX_SHIFT)
     key_points = level.centres[good]
-    # Pictures of unit deviation that correlate by c differ by 2 - 2 c.
+    # Frames of unit deviation that correlate by c differ by 2 - 2 c.
     variances = (1 - correlation[good]) * np.trace(level.inverse_hessian[good], axis1=1, axis2=2)
     frame_points = project(key_to_frame, key_points + shift[good])
-    return Alignment(key_points, frame_points, chosen[good], np.maximum(variances, 0.0), sought)
+    return Alignment(key_points, frame_points, chosen[good], np.maximum(variances, 0.0), visible_count)
 
 
 def in_view(level: PatchLevel, key_to_frame: FloatArray, shape: Sequence[int]) -> MaskArray:

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray, project
-from streamkit_stitcher.registration.gauss_newton import Scaling, stepped
-from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel, fit_homography, judged
+from streamkit_stitcher.registration.gauss_newton import Scaling, gauss_newton_step
+from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel, evaluate, fit_homography
 
 _METHODS: Final = (cv2.RANSAC, cv2.USAC_ACCURATE, cv2.USAC_MAGSAC)
 _SCALES: Final = (0.5, 1.0, 2.0)
@@ -46,7 +46,7 @@ def fit_wide_baseline(
     best, most = None, -math.inf
     for proposal in _proposals(source, target, threshold, iterations):
         matrix, likelihood = _polished(proposal.matrix, source, target, threshold)
-        fit = judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+        fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
         if fit is not None and likelihood > most:
             best, most = fit, likelihood
     return best
@@ -63,7 +63,7 @@ def _proposals(source: FloatArray, target: FloatArray, threshold: float, iterati
             matrix, _ = cv2.findHomography(
                 source, target, method, scale * threshold, maxIters=iterations, confidence=_CONFIDENCE
             )
-            fit = judged(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+            fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
             if fit is not None:
                 found.append((_support(fit.matrix, source, target, threshold), len(found), fit))
     return [fit for _, _, fit in sorted(found, key=lambda item: (-item[0], item[1]))[:_POLISHED]]
@@ -109,7 +109,9 @@ def _polished(
         beliefs = weighted / total
         weights = beliefs[0] * (1 + 2 / _FREEDOM) / reach
         expected = float(beliefs[0].sum())
-        better = stepped(matrix, scaling, mapped, residuals, weights) if expected >= _FEWEST else None
+        better = (
+            gauss_newton_step(matrix, scaling, mapped, residuals, weights) if expected >= _FEWEST else None
+        )
         if better is None:
             break
         matrix = better

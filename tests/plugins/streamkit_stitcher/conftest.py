@@ -1,13 +1,17 @@
-"""Synthetic flights over a known ground, with the exact place of every picture."""
+"""Synthetic flights over a known ground, with the exact place of every frame."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
+
+from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.plane.tracker import PlaneTracker
 
 FloatArray = npt.NDArray[np.float64]
 GreyArray = npt.NDArray[np.uint8]
@@ -37,10 +41,10 @@ class Flight:
     """A camera path over a ground, and cars that drive on it.
 
     Attributes:
-        ground: uint8[h, w], one px of ground per px of picture at scale 1.
-        to_ground: float64[n, 3, 3], pixels of picture i to pixels of the ground.
-        shape: (height, width) of the pictures.
-        cars: float64[m, 6], start x y, velocity x y in ground px per picture, length, width.
+        ground: uint8[h, w], one px of ground per px of frame at scale 1.
+        to_ground: float64[n, 3, 3], pixels of frame i to pixels of the ground.
+        shape: (height, width) of the frames.
+        cars: float64[m, 6], start x y, velocity x y in ground px per frame, length, width.
         noise: deviation of the sensor noise, grey levels.
     """
 
@@ -53,8 +57,8 @@ class Flight:
     def __len__(self) -> int:
         return len(self.to_ground)
 
-    def picture(self, index: int) -> GreyArray:
-        """Picture `index`, uint8[h, w]."""
+    def frame(self, index: int) -> GreyArray:
+        """Frame `index`, uint8[h, w]."""
         height, width = self.shape
         inverse = np.linalg.inv(self.to_ground[index])
         view = cv2.warpPerspective(
@@ -69,17 +73,17 @@ class Flight:
         noisy = view + self.noise * random.standard_normal(view.shape, dtype=np.float32)
         return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
-    def pictures(self) -> Iterator[GreyArray]:
-        """All pictures in order."""
-        return (self.picture(index) for index in range(len(self)))
+    def frames(self) -> Iterator[GreyArray]:
+        """All frames in order."""
+        return (self.frame(index) for index in range(len(self)))
 
     def to_first(self, index: int, first: int = 0) -> FloatArray:
-        """True homography from picture `index` to picture `first`."""
+        """True homography from frame `index` to frame `first`."""
         matrix = np.linalg.inv(self.to_ground[first]) @ self.to_ground[index]
         return matrix / matrix[2, 2]
 
     def error(self, measured: FloatArray, index: int, first: int = 0) -> float:
-        """Worst distance in px between measured and true places of the corners of picture `index`."""
+        """Worst distance in px between measured and true places of the corners of frame `index`."""
         height, width = self.shape
         corners = np.array([[[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]]], float)
         true = cv2.perspectiveTransform(corners, self.to_first(index, first))
@@ -103,8 +107,8 @@ def fly(
 
     Args:
         ground: uint8[h, w].
-        count: number of pictures.
-        shape: (height, width) of the pictures.
+        count: number of frames.
+        shape: (height, width) of the frames.
         seed: seed of the vibration and of the cars.
         cars: number of cars.
         noise: deviation of the sensor noise, grey levels.
@@ -146,9 +150,23 @@ def make_flight() -> Callable[..., Flight]:
     return fly
 
 
+@pytest.fixture
+def make_tracker() -> Iterator[Callable[..., PlaneTracker]]:
+    """Makes a tracker with some settings; closed after the test."""
+    trackers: list[PlaneTracker] = []
+
+    def make(**settings: Any) -> PlaneTracker:
+        trackers.append(PlaneTracker(PlaneSettings(**settings)))
+        return trackers[-1]
+
+    yield make
+    for tracker in trackers:
+        tracker.close()
+
+
 @pytest.fixture(scope="session")
 def aerial_ground(streamkit_data: Path) -> GreyArray:
     """A real aerial photograph, uint8[2250, 3000]."""
-    picture = cv2.imread(str(streamkit_data / "mosaic" / "aerial_cc0.jpg"), cv2.IMREAD_GRAYSCALE)
-    assert picture is not None
-    return np.asarray(picture, dtype=np.uint8)
+    frame = cv2.imread(str(streamkit_data / "mosaic" / "aerial_cc0.jpg"), cv2.IMREAD_GRAYSCALE)
+    assert frame is not None
+    return np.asarray(frame, dtype=np.uint8)

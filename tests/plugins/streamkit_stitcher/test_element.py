@@ -24,14 +24,14 @@ SMALL = (360, 640)
 
 @pytest.fixture(scope="module")
 def flight(ground, make_flight):
-    """A short flight of small pictures."""
+    """A short flight of small frames."""
     return make_flight(ground, 400, SMALL, cars=4)
 
 
-def grey(picture, seq=0, **fields):
+def grey(frame, seq=0, **fields):
     """A GRAY8 frame."""
-    height, width = picture.shape
-    return Frame(picture, raw_video_caps("GRAY8", width, height), seq=seq, **fields)
+    height, width = frame.shape
+    return Frame(frame, raw_video_caps("GRAY8", width, height), seq=seq, **fields)
 
 
 def push(harness, frame):
@@ -53,7 +53,7 @@ def test_frames_pass_untouched_with_registration(flight):
     """The array is the very one that came, and what was attached stays."""
     with Harness("stitch") as harness:
         for index in range(4):
-            frame = grey(flight.picture(index), index).attach("note")
+            frame = grey(flight.frame(index), index).attach("note")
             passed, found = push(harness, frame)
             assert passed.data is frame.data
             assert passed.get(str) == "note"
@@ -67,7 +67,7 @@ def test_colour_frames_are_placed_by_their_luma_and_mosaicked_in_colour(flight, 
     """The luma plane is used in place; the mosaic takes the chroma along."""
     location = tmp_path / "m.png"
     data = np.full((540, 640), 90, np.uint8)
-    data[:360] = flight.picture(0)
+    data[:360] = flight.frame(0)
     with Harness("stitch", location=str(location)) as harness:
         _, found = push(harness, Frame(data, raw_video_caps(pixel_format, 640, 360)))
         assert found.keyframe
@@ -103,9 +103,9 @@ def test_corrupt_frames_are_lost_and_teach_nothing(flight):
     """A corrupt frame is not looked at; the next good one is placed as if it had not been."""
     with Harness("stitch") as harness:
         for index in range(3):
-            push(harness, grey(flight.picture(index), index))
-        _, corrupt = push(harness, grey(flight.picture(200), 3, flags=FrameFlags.CORRUPT))
-        _, after = push(harness, grey(flight.picture(4), 4))
+            push(harness, grey(flight.frame(index), index))
+        _, corrupt = push(harness, grey(flight.frame(200), 3, flags=FrameFlags.CORRUPT))
+        _, after = push(harness, grey(flight.frame(4), 4))
         assert corrupt.status == RegistrationStatus.LOST
         assert after.status == RegistrationStatus.OK
         assert flight.error(after.to_reference, 4) < 0.5
@@ -114,9 +114,9 @@ def test_corrupt_frames_are_lost_and_teach_nothing(flight):
 def test_a_new_epoch_or_size_opens_a_plane(flight):
     """The plane's number goes up, the status is cut and the place the identity."""
     with Harness("stitch") as harness:
-        _, first = push(harness, grey(flight.picture(0)))
-        _, second = push(harness, grey(flight.picture(1), 1, epoch=1))
-        _, third = push(harness, grey(flight.picture(2)[:300, :600].copy(), 2, epoch=1))
+        _, first = push(harness, grey(flight.frame(0)))
+        _, second = push(harness, grey(flight.frame(1), 1, epoch=1))
+        _, third = push(harness, grey(flight.frame(2)[:300, :600].copy(), 2, epoch=1))
         assert [item.reference for item in (first, second, third)] == [0, 1, 2]
         assert second.status == third.status == RegistrationStatus.CUT
         assert np.array_equal(second.to_reference, np.eye(3))
@@ -128,7 +128,7 @@ def test_the_mosaic_is_written_at_eos_and_announced(flight, tmp_path):
     location = tmp_path / "m.png"
     harness = Harness("stitch", location=str(location))
     for index in range(0, 60, 4):
-        push(harness, grey(flight.picture(index), index))
+        push(harness, grey(flight.frame(index), index))
     assert not location.exists()
     harness.drain()
     height, width = cv2.imread(str(location), cv2.IMREAD_UNCHANGED).shape
@@ -143,20 +143,20 @@ def test_the_mosaic_is_written_when_eos_does_not_come(flight, tmp_path):
     """A stopped pipeline leaves the mosaic of what was seen."""
     location = tmp_path / "m.jpg"
     with Harness("stitch", location=str(location)) as harness:
-        push(harness, grey(flight.picture(0)))
+        push(harness, grey(flight.frame(0)))
     assert cv2.imread(str(location)).shape == (360, 640, 3)
 
 
 def test_lost_frames_do_not_smear_the_mosaic(flight, tmp_path):
     """Black and corrupt frames leave no trace in it."""
     with Harness("stitch", location=str(tmp_path / "m.png")) as harness:
-        push(harness, grey(flight.picture(0)))
+        push(harness, grey(flight.frame(0)))
         for index in range(8):
             push(harness, grey(np.zeros(SMALL, np.uint8), index))
-        push(harness, grey(flight.picture(300), 9, flags=FrameFlags.CORRUPT))
+        push(harness, grey(flight.frame(300), 9, flags=FrameFlags.CORRUPT))
         harness.drain()
-    picture = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_UNCHANGED)
-    assert np.array_equal(picture, flight.picture(0))
+    frame = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(frame, flight.frame(0))
 
 
 def test_no_frames_no_mosaic(tmp_path):
@@ -178,7 +178,7 @@ def test_a_disk_that_fails_at_eos_is_an_error(flight, tmp_path):
     folder = tmp_path / "gone"
     folder.mkdir()
     harness = Harness("stitch", location=str(folder / "m.png"))
-    push(harness, grey(flight.picture(0)))
+    push(harness, grey(flight.frame(0)))
     folder.rmdir()
     with pytest.raises(Exception, match="the mosaic is lost"):
         harness.drain()
@@ -219,7 +219,7 @@ def test_the_plane_moves_to_the_middle_and_says_so(flight):
     with Harness("stitch", reference="center") as harness:
         before, planes = None, set()
         for index in range(60):
-            _, found = push(harness, grey(flight.picture(index), index))
+            _, found = push(harness, grey(flight.frame(index), index))
             if before is not None:
                 change = np.eye(3) if found.reference_change is None else found.reference_change
                 chained = change @ before.to_reference @ found.to_previous
@@ -231,7 +231,7 @@ def test_the_plane_moves_to_the_middle_and_says_so(flight):
 
 
 def test_the_mosaic_pad_shows_the_mosaic_as_it_grows():
-    """A branch gets pictures of the size it asks for, the last at EOS, without a location."""
+    """A branch gets frames of the size it asks for, the last at EOS, without a location."""
     text = (
         "dronetestsrc num-buffers=40 speed=20 ! video/x-raw, width=640, height=360 ! stitch name=s "
         "! fakesink  s.mosaic ! queue ! video/x-raw, format=BGR, width=320, height=240 ! appsink name=out"
@@ -273,13 +273,13 @@ def test_a_mosaic_asks_for_colour(tmp_path):
 
 
 def test_a_strip_tells_its_length(flight):
-    """The flight plan is posted, and key frames come at its interval."""
+    """The flight plan is posted, and keyframes come at its interval."""
     pytest.importorskip("pyproj")
     caps = raw_video_caps("GRAY8", 640, 360, Fraction(10))
     with Harness("stitch", strip="0,0,0.001,0", altitude=40.0, field_of_view=60.0, speed=15.0) as harness:
         keys = []
         for index in range(16):
-            _, found = push(harness, Frame(flight.picture(index), caps, seq=index))
+            _, found = push(harness, Frame(flight.frame(index), caps, seq=index))
             keys.append(found.keyframe)
     plan = next(m.fields for m in harness.messages if m.fields.get("name") == "flight-plan")
     assert plan["length_m"] == pytest.approx(111.3, abs=0.1)
@@ -298,4 +298,4 @@ def test_a_strip_without_its_camera_is_refused(flight, properties, reason):
     """The error says what is missing."""
     pytest.importorskip("pyproj")
     with pytest.raises(Exception, match=reason), Harness("stitch", **properties) as harness:
-        push(harness, grey(flight.picture(0)))
+        push(harness, grey(flight.frame(0)))

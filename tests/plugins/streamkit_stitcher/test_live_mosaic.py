@@ -13,8 +13,8 @@ SOURCE = "dronetestsrc num-buffers=20 speed=40 ! video/x-raw, format=I420, width
 SMALL = "video/x-raw, format=BGR, width=160, height=120"
 
 
-def key_frames(frames):
-    """How many of some frames are key frames."""
+def keyframes(frames):
+    """How many of some frames are keyframes."""
     return sum(frame.get(Registration).keyframe for frame in frames)
 
 
@@ -41,7 +41,7 @@ def worker_threads():
 
 
 def test_whoever_does_not_look_holds_up_nobody(tmp_path):
-    """All frames pass while nobody takes a picture of the mosaic; then the last one shows all of it."""
+    """All frames pass while nobody takes a frame of the mosaic; then the last one shows all of it."""
     branch = f"s.mosaic ! {SMALL} ! appsink name=slow max-buffers=1"
     with play(tmp_path / "m.png", branch=branch) as pipeline:
         passed = list(pipeline["out"])
@@ -55,17 +55,17 @@ def test_whoever_does_not_look_holds_up_nobody(tmp_path):
 
 
 def test_the_path_goes_on_while_the_mosaic_is_painted(tmp_path, monkeypatch):
-    """Painting that takes for ever holds up no frame; stopped then, the mosaic has every key frame."""
+    """Painting that takes for ever holds up no frame; stopped then, the mosaic has every keyframe."""
     paint, begun = Mosaic.add, threading.Event()
     with Pipeline.parse(
         f"{SOURCE} ! stitch name=s location={tmp_path}/m.png final=false ! appsink name=out"
     ) as pipeline:
 
-        def add(self, picture, *place):
-            if picture.ndim == 3:  # not the outlines
+        def add(self, frame, *place):
+            if frame.ndim == 3:  # not the outlines
                 begun.set()
                 assert pipeline["s"].stopping.wait(60)
-            return paint(self, picture, *place)
+            return paint(self, frame, *place)
 
         monkeypatch.setattr(Mosaic, "add", add)
         pipeline.play()
@@ -74,7 +74,7 @@ def test_the_path_goes_on_while_the_mosaic_is_painted(tmp_path, monkeypatch):
         assert not (tmp_path / "m.png").exists()
         pipeline.stop()
         written = mosaic_message(pipeline)
-    assert written["pictures"] >= key_frames(passed) > 2
+    assert written["pictures"] >= keyframes(passed) > 2
     assert (tmp_path / "m.png").exists()
     assert not worker_threads()
 
@@ -94,7 +94,7 @@ def test_the_same_frames_give_the_same_mosaic(tmp_path, final):
 def test_a_fault_of_the_worker_is_the_pipelines(tmp_path, monkeypatch):
     """What goes wrong beside the stream ends it with an error that names the element."""
 
-    def add(self, picture, *place):
+    def add(self, frame, *place):
         raise ValueError("no paint")
 
     monkeypatch.setattr(Mosaic, "add", add)
@@ -105,7 +105,7 @@ def test_a_fault_of_the_worker_is_the_pipelines(tmp_path, monkeypatch):
 
 
 def test_who_comes_later_sees_the_mosaic_and_may_go(tmp_path):
-    """A branch that is linked to the pad while frames pass gets pictures; without it the rest goes on."""
+    """A branch that is linked to the pad while frames pass gets frames; without it the rest goes on."""
     with play(tmp_path / "m.png", "max-buffers=2") as pipeline:
         frames = iter(pipeline["out"])
         next(frames)

@@ -46,14 +46,14 @@ class Pad:
             self.got.append(type(event).__name__)
 
 
-def picture(number):
-    """A picture with a number."""
+def frame(number):
+    """A frame with a number."""
     return Frame(np.zeros((8, 8), np.uint8), CAPS, pts=number)
 
 
 @pytest.fixture
 def served():
-    """A pad, what is lined up for it, the thread that serves it, and the skipped pictures."""
+    """A pad, what is lined up for it, the thread that serves it, and the skipped frames."""
     pad, skipped, stopping = Pad(), [], threading.Event()
     shown = MosaicPad(lambda: pad, lambda: skipped.append(1))
     thread = threading.Thread(target=shown.serve, args=(stopping,))
@@ -67,12 +67,12 @@ def served():
 
 
 def test_a_slow_consumer_gets_the_newest(served):
-    """Of the pictures that come while it is busy it gets the last; the others are told as skipped."""
+    """Of the frames that come while it is busy it gets the last; the others are told as skipped."""
     pad, shown, thread, skipped = served
-    shown.put(picture(0))
+    shown.put(frame(0))
     assert pad.begun.wait(10)
     for number in range(1, 5):
-        shown.put(picture(number))
+        shown.put(frame(number))
     shown.put_event(EosEvent())
     pad.gate.set()
     thread.join(10)
@@ -85,21 +85,21 @@ def test_nothing_follows_the_end(served):
     pad, shown, thread, _ = served
     pad.gate.set()
     shown.put_event(EosEvent())
-    shown.put(picture(1))
+    shown.put(frame(1))
     shown.put_event(GapEvent(0))
     thread.join(10)
     assert pad.got == ["EosEvent"]
 
 
 def test_events_keep_their_order_and_do_not_pile_up(served):
-    """Events stay before or behind the picture they came before or behind; of a row the newest is kept."""
+    """Events stay before or behind the frame they came before or behind; of a row the newest is kept."""
     pad, shown, thread, _ = served
-    shown.put(picture(0))
+    shown.put(frame(0))
     assert pad.begun.wait(10)
     for number in range(1000):
         shown.put_event(GapEvent(number))
     shown.put_event(SegmentEvent(Segment()))
-    shown.put(picture(1))
+    shown.put(frame(1))
     shown.put_event(EosEvent())
     pad.gate.set()
     thread.join(10)
@@ -109,16 +109,16 @@ def test_events_keep_their_order_and_do_not_pile_up(served):
 def test_after_a_flush_comes_nothing_from_before_it(served):
     """What waits is dropped, the segment kept; what comes in the flush is refused; then it goes on."""
     pad, shown, thread, _ = served
-    shown.put(picture(0))
+    shown.put(frame(0))
     assert pad.begun.wait(10)
     shown.put_event(SegmentEvent(Segment()))
-    shown.put(picture(1))
+    shown.put(frame(1))
     shown.flush(FlushStart())
-    shown.put(picture(2))
+    shown.put(frame(2))
     pad.gate.set()
     shown.flush(FlushStop())
     before = len(pad.got)
-    shown.put(picture(3))
+    shown.put(frame(3))
     shown.put_event(EosEvent())
     thread.join(10)
     assert set(pad.got[:before]) == {"FlushStart", 0, "FlushStop"}
@@ -132,7 +132,7 @@ def test_a_consumer_that_wants_no_more_gets_no_more(served):
     pad, shown, thread, _ = served
     pad.ends_at = 1
     pad.gate.set()
-    shown.put(picture(1))
+    shown.put(frame(1))
     thread.join(10)
-    shown.put(picture(2))
+    shown.put(frame(2))
     assert pad.got == ["EosEvent"]

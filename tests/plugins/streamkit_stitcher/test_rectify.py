@@ -34,16 +34,16 @@ def posed(pitch, roll, **more):
     return Pose(0.0, 0.0, pitch=pitch, roll=roll, sensor_angles=(0.0, -math.pi / 2, 0.0), **more)
 
 
-def grey_frame(picture, pose):
+def grey_frame(data, pose):
     """A frame of brightness."""
-    frame = Frame(picture, raw_video_caps("GRAY8", SHAPE[1], SHAPE[0]))
+    frame = Frame(data, raw_video_caps("GRAY8", SHAPE[1], SHAPE[0]))
     return frame if pose is None else frame.attach(pose)
 
 
-def likeness(picture, ground):
-    """The best correlation of a picture with some place of the ground, without turning or scaling it."""
+def correlation(frame, ground):
+    """The best correlation of a frame with some place of the ground, without turning or scaling it."""
     middle = ground[400:1100, 550:1450]
-    return float(cv2.matchTemplate(middle, np.ascontiguousarray(picture), cv2.TM_CCOEFF_NORMED).max())
+    return float(cv2.matchTemplate(middle, np.ascontiguousarray(frame), cv2.TM_CCOEFF_NORMED).max())
 
 
 def test_frames_come_out_as_a_level_camera_sees_them(ground):
@@ -51,13 +51,13 @@ def test_frames_come_out_as_a_level_camera_sees_them(ground):
     harness = Harness("rectify", **LENS)
     for pitch, roll in ((0.0, 0.0), (0.08, 0.0), (-0.05, 0.06)):
         pose = posed(pitch, roll)
-        picture = taken(ground, pose)
-        (frame,) = harness.push(grey_frame(picture, pose))
+        raw = taken(ground, pose)
+        (frame,) = harness.push(grey_frame(raw, pose))
         assert frame.data.shape == (frame.caps["height"], frame.caps["width"])
         assert frame.caps["width"] / frame.caps["height"] == pytest.approx(4 / 3, abs=0.01)
-        assert likeness(frame.data, ground) > 0.98
-        inner = picture[60:-60, 80:-80]
-        assert likeness(frame.data, ground) > likeness(inner, ground) + 0.02
+        assert correlation(frame.data, ground) > 0.98
+        inner = raw[60:-60, 80:-80]
+        assert correlation(frame.data, ground) > correlation(inner, ground) + 0.02
     harness.close()
 
 
@@ -67,7 +67,7 @@ def test_a_frame_without_a_fresh_pose_is_only_undistorted(ground):
     harness = Harness("rectify", **LENS)
     for pose in (None, posed(0.08, 0.0, is_stale=True)):
         (frame,) = harness.push(grey_frame(level, pose))
-        assert likeness(frame.data, ground) > 0.98
+        assert correlation(frame.data, ground) > 0.98
     harness.close()
 
 

@@ -7,14 +7,15 @@ import pytest
 import scipy.optimize
 
 from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings, adjust
-from streamkit_stitcher.bundle_adjustment.problem import CameraModel, PlaneProblem
+from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem
 from streamkit_stitcher.bundle_adjustment.projection import projected, robust_cost
+from streamkit_stitcher.registration.motion_models import MotionModel
 
-EXACT = AdjustmentSettings(huber=1e9, max_iterations=50, tolerance=1e-10)
+EXACT = AdjustmentSettings(huber=1e9, ba_iterations=50, tolerance=1e-10)
 
 
 def strip(count=5, noise=0.5, seed=0, tilt=1e-5, density=60):
-    """A strip of pictures over scattered points: the problem with a poor start, and the true cameras."""
+    """A strip of frames over scattered points: the problem with a poor start, and the true cameras."""
     random = np.random.default_rng(seed)
     cameras = []
     for number in range(count):
@@ -121,7 +122,7 @@ def test_gross_errors_weigh_little():
     assert np.abs(robust - true)[:, :2, 2].max() < 0.2 * np.abs(plain - true)[:, :2, 2].max()
 
 
-@pytest.mark.parametrize("model", [CameraModel.AFFINE, CameraModel.SIMILARITY])
+@pytest.mark.parametrize("model", [MotionModel.AFFINE, MotionModel.SIMILARITY])
 def test_simpler_models_stay_what_they_are(model):
     """Affine and similar cameras keep their form, and drift less where the truth is like that."""
     last = np.array([[640.0, 360.0]])
@@ -129,10 +130,10 @@ def test_simpler_models_stay_what_they_are(model):
     for seed in range(5):
         problem, true = strip(8, noise=0.5, tilt=0.0, seed=seed)
         place = projected(np.linalg.inv(true[-1:]), last)[0]
-        results = [adjust(problem, replace(EXACT, model=own)) for own in (model, CameraModel.HOMOGRAPHY)]
+        results = [adjust(problem, replace(EXACT, model=own)) for own in (model, MotionModel.HOMOGRAPHY)]
         cameras = results[0].cameras
         assert np.abs(cameras[:, 2, :2]).max() < 1e-15
-        if model is CameraModel.SIMILARITY:
+        if model is MotionModel.SIMILARITY:
             assert cameras[:, 0, 0] == pytest.approx(cameras[:, 1, 1], abs=1e-12)
         found = [projected(np.linalg.inv(result.cameras[-1:]), last)[0] for result in results]
         drifts.append([np.linalg.norm(own - place) for own in found])

@@ -1,4 +1,4 @@
-"""Undistorted, levelled pictures and what can be cut out of them."""
+"""Undistorted, levelled frames and what can be cut out of them."""
 
 import math
 
@@ -26,7 +26,7 @@ def test_a_straight_level_camera_changes_nothing():
     assert rows[7, 9] == pytest.approx(7)
 
 
-def test_a_levelled_picture_is_that_of_a_camera_looking_down():
+def test_a_levelled_frame_is_that_of_a_camera_looking_down():
     """Points of a plane seen by a tilted camera come where the level one sees them."""
     camera, roll, pitch = Camera(600.0), 0.08, -0.12
     ground = np.array([[-2.0, 1.0, 10.0], [1.5, -1.0, 10.0], [0.3, 2.0, 10.0]])
@@ -51,10 +51,10 @@ def test_distortion_is_taken_out():
     y = np.full(20, -0.3)
     ray = np.column_stack([np.linspace(-0.5, 0.5, 20), y, np.ones(20)])
     bent = cv2.projectPoints(ray, np.zeros(3), np.zeros(3), BENT.matrix(SHAPE), np.array(BENT.distortion))[0]
-    picture = np.zeros(SHAPE, np.uint8)
-    cv2.polylines(picture, [np.rint(bent * 16).astype(np.int32)], False, 255, 2, cv2.LINE_AA, 4)
+    frame = np.zeros(SHAPE, np.uint8)
+    cv2.polylines(frame, [np.rint(bent * 16).astype(np.int32)], False, 255, 2, cv2.LINE_AA, 4)
     maps = rectification_maps(BENT, SHAPE, np.eye(3), (640, 480), np.zeros(2))
-    straight = cv2.remap(picture, *maps, cv2.INTER_LINEAR)
+    straight = cv2.remap(frame, *maps, cv2.INTER_LINEAR)
     centres = (straight[:, 60:580].astype(float) * np.arange(480)[:, None]).sum(0) / straight[:, 60:580].sum(
         0
     )
@@ -73,8 +73,8 @@ def test_the_rectangle_lies_inside_the_border():
     assert width > 400
 
 
-def test_all_pictures_are_cut_to_the_narrowest():
+def test_all_frames_are_cut_to_the_narrowest():
     """The common size is the shortest width at 4:3."""
     assert common_rectangle([(0, 0, 640, 480), (5, 5, 600, 450)], 4 / 3) == pytest.approx((600, 450))
-    with pytest.raises(ValueError, match="no picture to cut"):
+    with pytest.raises(ValueError, match="no frame to cut"):
         common_rectangle([], 4 / 3)

@@ -1,4 +1,4 @@
-"""Sizes and maps of rectified pictures."""
+"""Sizes and maps of rectified frames."""
 
 import math
 
@@ -14,8 +14,8 @@ MOST = math.radians(8)
 
 
 @pytest.mark.parametrize("turn", np.linspace(0, 2 * math.pi, 12, endpoint=False))
-def test_every_tilt_within_the_limit_fills_the_picture(turn):
-    """All maps are of the same size and point into the picture that was taken, to two pixels."""
+def test_every_tilt_within_the_limit_fills_the_frame(turn):
+    """All maps are of the same size and point into the frame that was taken, to two pixels."""
     rectifier = Rectifier(BENT, SHAPE, 4 / 3, MOST)
     columns, rows = rectifier.maps(MOST * math.cos(turn), MOST * math.sin(turn))
     assert columns.shape == rows.shape == rectifier.size[::-1]
@@ -23,7 +23,7 @@ def test_every_tilt_within_the_limit_fills_the_picture(turn):
     assert -2 < rows.min() <= rows.max() < SHAPE[0] + 1
 
 
-def test_more_room_for_tilt_leaves_less_of_the_picture():
+def test_more_room_for_tilt_leaves_less_of_the_frame():
     """The size falls with the limit, keeps its aspect and is even."""
     sizes = [Rectifier(BENT, SHAPE, 4 / 3, math.radians(most)).size for most in (0, 5, 15)]
     assert sizes == sorted(sizes, reverse=True)

@@ -75,7 +75,7 @@ def test_halving_does_not_mix_in_the_unpainted():
 
 
 @pytest.mark.parametrize("channels", [1, 3])
-def test_the_first_picture_decides_the_colours(channels):
+def test_the_first_image_decides_the_colours(channels):
     """Grey stays grey and colour stays colour whatever is asked for later."""
     canvas = Canvas(1_000_000)
     paint(canvas, 0, 0, 50, channels)
@@ -99,13 +99,13 @@ def test_a_preview_shows_the_whole_in_any_size(step):
     canvas = Canvas(64_000_000)
     for number in range(3):
         paint(canvas, step * number, step * number // 2, 100 + 50 * number)
-    picture, from_plane = canvas.preview(320, 240)
-    assert picture.shape == (240, 320, 1)
-    assert len(np.unique(picture)) > 3 if step == 200 else picture.max() > 20
+    image, from_plane = canvas.preview(320, 240)
+    assert image.shape == (240, 320, 1)
+    assert len(np.unique(image)) > 3 if step == 200 else image.max() > 20
     place = project(from_plane, np.array([[20.0, 15.0], [2 * step + 20.0, step + 15.0]]))
     assert ((place > -1) & (place < (320, 240))).all()
     column, row = place[0].round().astype(int)
-    assert picture[row, column, 0] > 0
+    assert image[row, column, 0] > 0
 
 
 def test_a_preview_shows_what_was_painted_since_the_last():

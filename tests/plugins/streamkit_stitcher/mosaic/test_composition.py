@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
-from streamkit_stitcher.mosaic.composition import PlacedPicture, compose
+from streamkit_stitcher.mosaic.composition import PlacedFrame, compose
 from streamkit_stitcher.mosaic.seams import SeamKind
 
 SMALL = (360, 640)
@@ -16,82 +16,82 @@ def shift(x, y=0.0):
 
 
 def row(ground, gains=(1.0, 1.0, 1.0), moved=0):
-    """Three pictures side by side, each with its gain, and the ground they show."""
+    """Three frames side by side, each with its gain, and the ground they show."""
     views = [
         np.clip(ground[:360, x : x + 640] * gain, 0, 255)
         for x, gain in zip((0, 300, 600), gains, strict=True)
     ]
-    places = [PlacedPicture(n, SMALL, shift(300 * n + (moved if n == 1 else 0))) for n in range(3)]
+    places = [PlacedFrame(n, SMALL, shift(300 * n + (moved if n == 1 else 0))) for n in range(3)]
     return [view.astype(np.uint8) for view in views], places, ground[:360, :1240]
 
 
 @pytest.mark.parametrize("seam", list(SeamKind))
 def test_right_places_give_the_ground(ground, seam):
-    """Blended pictures at their places are the ground, to a grey level or two."""
+    """Blended frames at their places are the ground, to a grey level or two."""
     views, places, truth = row(ground)
     whole = compose(places, views.__getitem__, seam, 64_000_000)
-    assert whole.pictures == 3
-    assert whole.picture.shape == truth.shape
-    difference = np.abs(whole.picture.astype(int) - truth)
+    assert whole.frames == 3
+    assert whole.image.shape == truth.shape
+    difference = np.abs(whole.image.astype(int) - truth)
     assert np.percentile(difference, 99) <= 2
 
 
 def test_exposures_are_made_even(ground):
-    """A picture half as bright again does not stand out after its gain is taken back."""
+    """A frame half as bright again does not stand out after its gain is taken back."""
     views, places, truth = row(ground // 2 + 20, (1.0, 1.3, 1.0))
     whole = compose(places, views.__getitem__, SeamKind.VORONOI, 64_000_000)
-    ratio = whole.picture[40:320, 40:1200] / truth[40:320, 40:1200].astype(float)
+    ratio = whole.image[40:320, 40:1200] / truth[40:320, 40:1200].astype(float)
     columns = ratio.mean(axis=0)
     assert columns.max() / columns.min() < 1.12
 
 
-def test_each_part_shows_one_picture(ground):
-    """A thing that moved between two pictures is there once or not at all, never as a ghost."""
+def test_each_part_shows_one_frame(ground):
+    """A thing that moved between two frames is there once or not at all, never as a ghost."""
     views, places, _ = row(ground * 0 + 100)
     views[0][150:180, 500:530] = 250
     views[1][150:180, 260:290] = 250
     whole = compose(places, views.__getitem__, SeamKind.VORONOI, 64_000_000)
-    bright = whole.picture[165, :].astype(int)
+    bright = whole.image[165, :].astype(int)
     half_way = ((bright > 130) & (bright < 220)).sum()
     assert half_way < 12
 
 
 def test_a_cut_seam_goes_round_what_leans(ground):
-    """A tall thing that two pictures show at different places is whole, as one of them shows it."""
+    """A tall thing that two frames show at different places is whole, as one of them shows it."""
     views, places, _ = row(ground // 2, (1.0, 1.25, 1.0))
     for view, left in zip(views, (450, 470 - 300), strict=False):
         view[150:200, left : left + 40] = 250
     wide = {}
     for seam in SeamKind:
-        shown = compose(places, views.__getitem__, seam, 64_000_000).picture[155:195, 430:530]
+        shown = compose(places, views.__getitem__, seam, 64_000_000).image[155:195, 430:530]
         wide[seam] = np.median((shown > 180).sum(axis=1))
     assert wide[SeamKind.GRAPHCUT] == pytest.approx(40, abs=2)
     assert wide[SeamKind.VORONOI] == pytest.approx(60, abs=5)
 
 
 def test_a_large_mosaic_is_put_together_in_a_file(ground):
-    """Beyond the memory it may take, the picture is a map of a file with the same pixels."""
+    """Beyond the memory it may take, the frame is a map of a file with the same pixels."""
     views, places, _ = row(ground)
     small = compose(places, views.__getitem__, SeamKind.VORONOI, 64_000_000)
     mapped = compose(places, views.__getitem__, SeamKind.VORONOI, 1000)
-    assert isinstance(mapped.picture.base, np.memmap) or isinstance(mapped.picture, np.memmap)
-    assert np.array_equal(mapped.picture, small.picture)
+    assert isinstance(mapped.image.base, np.memmap) or isinstance(mapped.image, np.memmap)
+    assert np.array_equal(mapped.image, small.image)
 
 
 def test_degenerate_places_are_left_out(ground):
     """What cannot be placed does not smear the mosaic; if nothing can, there is none."""
     view = ground[:360, :640]
-    wrong = PlacedPicture(0, SMALL, np.diag([-1.0, 1.0, 1.0]))
+    wrong = PlacedFrame(0, SMALL, np.diag([-1.0, 1.0, 1.0]))
     assert compose([wrong], lambda _: view, SeamKind.VORONOI, 1_000_000) is None
-    whole = compose([wrong, PlacedPicture(0, SMALL, np.eye(3))], lambda _: view, SeamKind.VORONOI, 1_000_000)
-    assert whole.pictures == 1
-    assert np.array_equal(whole.picture, view)
+    whole = compose([wrong, PlacedFrame(0, SMALL, np.eye(3))], lambda _: view, SeamKind.VORONOI, 1_000_000)
+    assert whole.frames == 1
+    assert np.array_equal(whole.image, view)
 
 
 def test_what_fills_gaps_gives_way(ground):
     """It shows only beyond the others."""
     views = [ground[:360, :640], np.full(SMALL, 255, np.uint8)]
-    places = [PlacedPicture(0, SMALL, np.eye(3)), PlacedPicture(1, SMALL, shift(320), fills_gaps=True)]
+    places = [PlacedFrame(0, SMALL, np.eye(3)), PlacedFrame(1, SMALL, shift(320), fills_gaps=True)]
     whole = compose(places, views.__getitem__, SeamKind.VORONOI, 64_000_000)
-    assert np.abs(whole.picture[100:260, 40:400].astype(float) - ground[100:260, 40:400]).mean() < 25
-    assert whole.picture[180, 900] > 120
+    assert np.abs(whole.image[100:260, 40:400].astype(float) - ground[100:260, 40:400]).mean() < 25
+    assert whole.image[180, 900] > 120

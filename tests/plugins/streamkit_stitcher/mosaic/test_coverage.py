@@ -1,4 +1,4 @@
-"""Which ground pictures show."""
+"""Which ground frames show."""
 
 import numpy as np
 import pytest
@@ -14,8 +14,8 @@ def shift(x, y=0.0):
     return translation(np.array([float(x), float(y)]))
 
 
-def test_uncovered_is_the_new_part_of_a_picture():
-    """All at first, half after half a picture's way, nothing where it was."""
+def test_uncovered_is_the_new_part_of_a_frame():
+    """All at first, half after half a frame's way, nothing where it was."""
     ground = Coverage(64_000_000)
     assert ground.is_empty
     assert ground.uncovered(SMALL, np.eye(3)) == 1.0
@@ -27,7 +27,7 @@ def test_uncovered_is_the_new_part_of_a_picture():
 
 
 def test_the_covered_area_counts_shared_ground_once():
-    """Two pictures that share half are one and a half."""
+    """Two frames that share half are one and a half."""
     ground = Coverage(64_000_000)
     ground.add(SMALL, np.eye(3))
     ground.add(SMALL, shift(320))
@@ -44,8 +44,8 @@ def test_it_follows_the_plane():
 
 
 @pytest.mark.parametrize("shape", [(16, 16), (40, 300), (2160, 3840)])
-def test_any_size_of_picture_has_an_outline(shape):
-    """Small pictures are not reduced to nothing."""
+def test_any_size_of_frame_has_an_outline(shape):
+    """Small frames are not reduced to nothing."""
     ground = Coverage(64_000_000)
     assert ground.add(shape, np.eye(3))
     assert ground.uncovered(shape, np.eye(3)) < 0.3

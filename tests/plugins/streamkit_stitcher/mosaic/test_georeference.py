@@ -14,7 +14,7 @@ SHAPE = (200, 300)
 
 
 def fixes_of(pixels, wrong=()):
-    """Positions of picture middles: 0.1 m a pixel, mosaic turned by 30 degrees; some 40 m off."""
+    """Positions of image middles: 0.1 m a pixel, mosaic turned by 30 degrees; some 40 m off."""
     turn = math.radians(30)
     fixes = []
     for number, (x, y) in enumerate(pixels):
@@ -36,7 +36,7 @@ def test_the_similarity_is_found_in_spite_of_wrong_positions():
     """Scale and turn come out right with one position in nine 40 m off."""
     found = georeference(PLACES, [SHAPE] * 18, fixes_of(PIXELS, wrong=(2, 11)))
     assert found.metres_per_px == pytest.approx(0.1, rel=1e-3)
-    assert found.misfit_m < 0.05
+    assert found.median_error_m < 0.05
     assert math.degrees(math.atan2(found.to_local[1, 0], found.to_local[0, 0])) == pytest.approx(30, abs=0.1)
 
 
@@ -60,11 +60,11 @@ def test_a_geotiff_tells_where_it_lies(tmp_path):
     pyproj, tifffile = pytest.importorskip("pyproj"), pytest.importorskip("tifffile")
     fixes = fixes_of(PIXELS)
     geo = georeference(PLACES, [SHAPE] * 18, fixes)
-    picture = np.random.default_rng(0).integers(0, 255, (400, 900, 3), dtype=np.uint8)
-    write_geotiff(picture, tmp_path / "m.tif", geo)
+    image = np.random.default_rng(0).integers(0, 255, (400, 900, 3), dtype=np.uint8)
+    write_geotiff(image, tmp_path / "m.tif", geo)
     with tifffile.TiffFile(tmp_path / "m.tif") as file:
         page = file.pages[0]
-        assert np.array_equal(page.asarray(), picture[:, :, ::-1])
+        assert np.array_equal(page.asarray(), image[:, :, ::-1])
         matrix = np.array(page.tags[34264].value).reshape(4, 4)
         keys = page.tags[34735].value
     assert keys[keys.index(3072) + 3] == 32615

@@ -1,139 +1,139 @@
-"""Which pictures are recorded, and when."""
+"""Which frames are recorded, and when."""
 
 import cv2
 import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
-from streamkit_stitcher.mosaic.album import RecorderSettings
+from streamkit_stitcher.mosaic.frame_store import FrameStore
 from streamkit_stitcher.mosaic.georeference import PositionFix
-from streamkit_stitcher.mosaic.picture_store import PictureStore
+from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
-from streamkit_stitcher.plane.placement import Placement, Status
+from streamkit_stitcher.plane.frame_registration import FrameRegistration, Status
 
 SMALL = (360, 640)
 
 
-def placement(left=0.0, reference=0, **fields):
+def registered(left=0.0, reference=0, **fields):
     """A placement shifted along x."""
     given = {"status": Status.OK, "anchored": True} | fields
-    return Placement(np.eye(3), translation(np.array([left, 0.0])), reference, **given)
+    return FrameRegistration(np.eye(3), translation(np.array([left, 0.0])), reference, **given)
 
 
-def add(recorder, where, picture, position=None):
-    """Offers a picture; whether it was asked for."""
+def add(recorder, where, frame, position=None):
+    """Offers a frame; whether it was asked for."""
     asked = []
-    recorder.add(where, SMALL, lambda: asked.append(1) or picture, position)
+    recorder.add(where, SMALL, lambda: asked.append(1) or frame, position)
     return bool(asked)
 
 
 @pytest.fixture
-def picture(ground):
-    """A picture of the ground."""
+def frame(ground):
+    """A frame of the ground."""
     return ground[:360, :640]
 
 
 @pytest.fixture
 def recorder(tmp_path):
     """A recorder of m.png that keeps the mosaic as it grows."""
-    return MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), 64_000_000, final=False))
+    return MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), final=False))
 
 
-def test_new_ground_and_key_pictures_go_in(recorder, picture):
-    """A picture of known ground is not even asked for."""
-    assert add(recorder, placement(keyframe=True), picture)
-    assert not add(recorder, placement(20.0), picture)
-    assert add(recorder, placement(90.0), picture)
-    assert add(recorder, placement(100.0, keyframe=True), picture)
+def test_new_ground_and_keyframes_go_in(recorder, frame):
+    """A frame of known ground is not even asked for."""
+    assert add(recorder, registered(keyframe=True), frame)
+    assert not add(recorder, registered(20.0), frame)
+    assert add(recorder, registered(90.0), frame)
+    assert add(recorder, registered(100.0, keyframe=True), frame)
 
 
-def test_a_place_that_was_not_measured_never_goes_in(recorder, picture):
-    """Lost and weak pictures stay out, whatever ground they claim to show."""
-    assert not add(recorder, placement(500.0, status=Status.LOST, anchored=False), picture)
+def test_a_place_that_was_not_measured_never_goes_in(recorder, frame):
+    """Lost and weak frames stay out, whatever ground they claim to show."""
+    assert not add(recorder, registered(500.0, status=Status.LOST, anchored=False), frame)
     assert recorder.finish() is None
 
 
-def test_the_mosaic_is_written_once(recorder, picture, tmp_path):
+def test_the_mosaic_is_written_once(recorder, frame, tmp_path):
     """finish() writes what there is and tells its size; a second call has nothing left."""
-    add(recorder, placement(keyframe=True), picture)
+    add(recorder, registered(keyframe=True), frame)
     written = recorder.finish()
     assert (written.width, written.height, written.pictures, written.reference) == (640, 360, 1, 0)
     assert not written.final
-    assert np.array_equal(cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE), picture)
+    assert np.array_equal(cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE), frame)
     assert recorder.finish() is None
 
 
-def test_without_a_number_the_plane_that_covers_most_is_kept(recorder, picture, tmp_path):
+def test_without_a_number_the_plane_that_covers_most_is_kept(recorder, frame, tmp_path):
     """A large plane is not overwritten by the small one after it."""
-    add(recorder, placement(keyframe=True), picture)
-    add(recorder, placement(300.0, keyframe=True), picture)
-    assert recorder.is_other_plane(placement(reference=1))
+    add(recorder, registered(keyframe=True), frame)
+    add(recorder, registered(300.0, keyframe=True), frame)
+    assert recorder.is_new_plane(registered(reference=1))
     assert recorder.finish().width == 940
-    add(recorder, placement(reference=1, keyframe=True), picture)
+    add(recorder, registered(reference=1, keyframe=True), frame)
     assert recorder.finish() is None
     assert cv2.imread(str(tmp_path / "m.png")).shape[1] == 940
 
 
-def test_with_a_number_each_plane_has_a_file(picture, tmp_path):
+def test_with_a_number_each_plane_has_a_file(frame, tmp_path):
     """%d is the number of the plane."""
-    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m-%d.png"), 64_000_000))
+    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m-%d.png")))
     for reference in (0, 1):
-        add(recorder, placement(reference=reference, keyframe=True), picture)
+        add(recorder, registered(reference=reference, keyframe=True), frame)
         recorder.finish({0: np.eye(3)})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m-0.png", "m-1.png"]
 
 
-def test_pictures_out_of_reach_are_counted(recorder, picture):
-    """A refused picture leaves the mosaic as it was."""
-    add(recorder, placement(keyframe=True), picture)
-    add(recorder, placement(1e8, keyframe=True), picture)
+def test_frames_out_of_reach_are_counted(recorder, frame):
+    """A refused frame leaves the mosaic as it was."""
+    add(recorder, registered(keyframe=True), frame)
+    add(recorder, registered(1e8, keyframe=True), frame)
     assert recorder.refused == 1
     assert recorder.finish().pictures == 1
 
 
 def test_a_plane_that_moves_takes_its_mosaic_along(recorder, ground, tmp_path):
-    """After a change of plane the next picture lands beside the first, not on it."""
-    add(recorder, placement(keyframe=True), ground[:360, :640])
+    """After a change of plane the next frame lands beside the first, not on it."""
+    add(recorder, registered(keyframe=True), ground[:360, :640])
     step = translation(np.array([-1000.0, 0.0]))
-    moved = placement(-700.0, 1, keyframe=True, change=step, exchange=step)
-    assert not recorder.is_other_plane(moved)
+    moved = registered(-700.0, 1, keyframe=True, change=step, rebase=step)
+    assert not recorder.is_new_plane(moved)
     add(recorder, moved, ground[:360, 300:940])
     assert recorder.finish().width == 940
     found = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE)
     assert np.abs(found.astype(int) - ground[:360, :940]).max() <= 1
 
 
-def test_what_is_painted_stays_where_key_pictures_are_put_right(recorder, ground, tmp_path):
-    """Where only what lies about a picture moves, it is painted where it belongs beside all the others."""
-    add(recorder, placement(keyframe=True), ground[:360, :640])
+def test_what_is_painted_stays_where_keyframes_are_put_right(recorder, ground, tmp_path):
+    """Where only what lies about a frame moves, it is painted where it belongs beside all the others."""
+    add(recorder, registered(keyframe=True), ground[:360, :640])
     step = translation(np.array([-50.0, 0.0]))
-    add(recorder, placement(300.0, keyframe=True, change=step), ground[:360, 300:940])
+    add(recorder, registered(300.0, keyframe=True, change=step), ground[:360, 300:940])
     assert recorder.finish().width == 940
     found = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE)
     assert np.abs(found.astype(int) - ground[:360, :940]).max() <= 1
 
 
-def test_a_plane_that_cannot_be_drawn_on_begins_another_mosaic(picture, tmp_path):
+def test_a_plane_that_cannot_be_drawn_on_begins_another_mosaic(frame, tmp_path):
     """Though it is related to the one before, each has its file, and lies as it lies on its own plane."""
-    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m-%d.png"), 64_000_000, final=False))
-    add(recorder, placement(keyframe=True), picture)
+    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m-%d.png"), final=False))
+    add(recorder, registered(keyframe=True), frame)
     step = translation(np.array([-1000.0, 0.0]))
-    opened = placement(0.0, 1, keyframe=True, change=step, opens=True)
-    assert recorder.is_other_plane(opened)
+    opened = registered(0.0, 1, keyframe=True, change=step, opens_plane=True)
+    assert recorder.is_new_plane(opened)
     recorder.finish()
-    add(recorder, opened, picture)
-    add(recorder, placement(300.0, 1, keyframe=True), picture)
+    add(recorder, opened, frame)
+    add(recorder, registered(300.0, 1, keyframe=True), frame)
     assert recorder.finish().width == 940
     assert cv2.imread(str(tmp_path / "m-0.png")).shape[1] == 640
 
 
 def test_the_final_mosaic_takes_the_adjusted_places(ground, tmp_path):
-    """Pictures follow the key picture they were measured against; the misfit to positions is told."""
-    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), 64_000_000))
+    """Frames follow the keyframe they were measured against; the misfit to positions is told."""
+    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png")))
     # 0.1 m a pixel on the equator, flown east.
     fixes = [PositionFix(0.0, left * 0.1 / 111_319.49) for left in (0, 300, 600)]
     for number, left in enumerate((0.0, 340.0, 560.0)):
-        where = placement(left, keyframe=True, key_index=number)
+        where = registered(left, keyframe=True, key_index=number)
         add(recorder, where, ground[:360, 300 * number : 300 * number + 640], fixes[number])
     written = recorder.finish({n: translation(np.array([300.0 * n, 0.0])) for n in range(3)}, 0.1)
     assert (written.width, written.final, written.rmse_px) == (1240, True, 0.1)
@@ -144,30 +144,30 @@ def test_the_final_mosaic_takes_the_adjusted_places(ground, tmp_path):
 
 def test_a_mosaic_that_somebody_asks_for_is_painted_from_then_on(ground, tmp_path):
     """What came before is laid out as it lay, on the plane of today; what comes after is added."""
-    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), 64_000_000))
+    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png")))
     assert recorder.is_empty
-    add(recorder, placement(keyframe=True), ground[:360, :640])
+    add(recorder, registered(keyframe=True), ground[:360, :640])
     step = translation(np.array([-1000.0, 0.0]))
-    moved = placement(-700.0, 1, keyframe=True, change=step, exchange=step)
+    moved = registered(-700.0, 1, keyframe=True, change=step, rebase=step)
     add(recorder, moved, ground[:360, 300:940])
     assert not recorder.is_empty
-    assert np.abs(recorder.mosaic.picture().astype(int) - ground[:360, :940]).max() <= 1
-    add(recorder, placement(-400.0, 1, keyframe=True), ground[:360, 600:1240])
-    assert np.abs(recorder.mosaic.picture().astype(int) - ground[:360, :1240]).max() <= 1
+    assert np.abs(recorder.mosaic.image().astype(int) - ground[:360, :940]).max() <= 1
+    add(recorder, registered(-400.0, 1, keyframe=True), ground[:360, 600:1240])
+    assert np.abs(recorder.mosaic.image().astype(int) - ground[:360, :1240]).max() <= 1
 
 
 @pytest.mark.parametrize("limit", ["bytes", "number"])
-def test_pictures_that_are_not_kept_are_in_the_mosaic_as_it_grew(ground, tmp_path, monkeypatch, limit):
+def test_frames_that_are_not_kept_are_in_the_mosaic_as_it_grew(ground, tmp_path, monkeypatch, limit):
     """Where the store is full, nothing is lost but the final adjustment."""
     if limit == "bytes":
         monkeypatch.setattr(
-            "streamkit_stitcher.mosaic.album.PictureStore", lambda: PictureStore(2 * 360 * 640, 0)
+            "streamkit_stitcher.mosaic.mosaic_frames.FrameStore", lambda: FrameStore(2 * 360 * 640, 0)
         )
     else:
-        monkeypatch.setattr("streamkit_stitcher.mosaic.album._MOST_KEPT", 2)
-    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), 64_000_000))
+        monkeypatch.setattr("streamkit_stitcher.mosaic.mosaic_frames._MAX_STORED", 2)
+    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png")))
     for number in range(4):
-        where = placement(300.0 * number, keyframe=True, key_index=number)
+        where = registered(300.0 * number, keyframe=True, key_index=number)
         add(recorder, where, ground[:360, 300 * number : 300 * number + 640])
     written = recorder.finish({n: translation(np.array([300.0 * n, 0.0])) for n in range(4)})
     assert (written.width, written.pictures, written.final) == (1540, 4, False)
@@ -176,15 +176,15 @@ def test_pictures_that_are_not_kept_are_in_the_mosaic_as_it_grew(ground, tmp_pat
 
 
 def test_a_geotiff_has_north_on_top(ground, tmp_path):
-    """The mosaic is turned by its pictures' positions; a PNG of the same flight is not."""
+    """The mosaic is turned by its frames' positions; a PNG of the same flight is not."""
     tifffile = pytest.importorskip("tifffile")
     pytest.importorskip("pyproj")
     for name in ("m.tif", "m.png"):
-        recorder = MosaicRecorder(RecorderSettings(str(tmp_path / name), 64_000_000))
+        recorder = MosaicRecorder(RecorderSettings(str(tmp_path / name)))
         for number in range(4):
             # Flown north, to the right of the plane: 0.1 m a pixel.
             fix = PositionFix(number * 30.0 / 110_574.0, 3.0)
-            where = placement(300.0 * number, keyframe=True, key_index=number)
+            where = registered(300.0 * number, keyframe=True, key_index=number)
             add(recorder, where, ground[:360, 300 * number : 300 * number + 640], fix)
         recorder.finish({n: translation(np.array([300.0 * n, 0.0])) for n in range(4)})
     upright = tifffile.imread(tmp_path / "m.tif")

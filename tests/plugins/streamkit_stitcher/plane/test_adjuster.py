@@ -3,19 +3,19 @@
 import threading
 from typing import Any
 
-from streamkit_stitcher.plane.adjuster import NOTHING, Adjuster
+from streamkit_stitcher.plane.adjuster import NOTHING, BackgroundAdjuster
 
 WORKER = "adjuster"
 
 
-class Held(Adjuster):
+class Held(BackgroundAdjuster):
     """Its jobs last until they are let go."""
 
     def __init__(self) -> None:
         super().__init__()
         self.gate = threading.Event()
 
-    def _work(self, job: Any) -> Any:
+    def _run(self, job: Any) -> Any:
         self.gate.wait(30)
         return NOTHING
 
@@ -24,7 +24,7 @@ def test_a_retired_worker_has_ended_when_closed() -> None:
     """A plane is left while its last adjustment runs: closing it waits for that, and no thread is left."""
     adjuster = Held()
     adjuster.submit(None)  # type: ignore[arg-type]
-    adjuster.retire()
+    adjuster.forget_features()
     opener = threading.Timer(0.2, adjuster.gate.set)
     opener.start()
     adjuster.close()

@@ -1,4 +1,4 @@
-"""Choosing key pictures and falling back on earlier ones."""
+"""Choosing keyframes and falling back on earlier ones."""
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ from streamkit_stitcher.plane.settings import PlaneSettings
 
 
 def view(ground, left):
-    """The picture whose left edge is at `left`, as the only level of a pyramid."""
+    """The frame whose left edge is at `left`, as the only level of a pyramid."""
     return (ground[400:760, left : left + 640],)
 
 
@@ -21,29 +21,30 @@ def shift(pixels):
 
 @pytest.fixture
 def anchor(ground):
-    """An anchor on a key picture at 0."""
+    """An anchor on a keyframe at 0."""
     anchor = KeyframeAnchor(PlaneSettings(), 0)
     anchor.add(view(ground, 0), IDENTITY)
-    return anchor
+    yield anchor
+    anchor.keyframes.close()
 
 
 def test_a_carried_place_is_corrected(anchor, ground):
     """A place 2 px off is measured right."""
-    placed = anchor.place(view(ground, 60), shift(62.0), trusted=True)
+    placed = anchor.register(view(ground, 60), shift(62.0), trusted=True)
     assert placed.measured
     assert not placed.keyframe
     assert placed.to_reference == pytest.approx(shift(60.0), abs=0.1)
 
 
-def test_leaving_the_key_picture_makes_another(anchor, ground):
-    """Below 65 % overlap the picture becomes a key picture, placed by the one it leaves."""
-    placed = anchor.place(view(ground, 260), shift(261.0), trusted=True)
+def test_leaving_the_keyframe_makes_another(anchor, ground):
+    """Below 65 % overlap the frame becomes a keyframe, placed by the one it leaves."""
+    placed = anchor.register(view(ground, 260), shift(261.0), trusted=True)
     assert placed.keyframe
     assert placed.to_reference == pytest.approx(shift(260.0), abs=0.1)
 
 
 @pytest.mark.parametrize(("lean", "key"), [(3e-4, False), (7e-4, True)])
-def test_a_picture_seen_much_more_aslant_is_a_key_picture(anchor, ground, lean, key):
+def test_a_frame_seen_much_more_aslant_is_a_keyframe(anchor, ground, lean, key):
     """A camera that looks aslant and turns shows all the ground of the last one, and ever less like it."""
     middle = translation(np.array([320.0, 180.0]))
     across = np.array([[1.0, 0, 0], [0, 1.0, 0], [lean, 0, 1.0]])
@@ -54,51 +55,51 @@ def test_a_picture_seen_much_more_aslant_is_a_key_picture(anchor, ground, lean, 
         (640, 360),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
     )
-    placed = anchor.place((np.asarray(seen, dtype=np.uint8),), there, trusted=True)
+    placed = anchor.register((np.asarray(seen, dtype=np.uint8),), there, trusted=True)
     assert placed.measured
     assert placed.keyframe == key
 
 
-def test_coming_back_hands_over_to_the_earlier_key_picture(anchor, ground):
-    """Where an earlier key picture overlaps enough, it takes over and undoes the drift."""
+def test_coming_back_hands_over_to_the_earlier_keyframe(anchor, ground):
+    """Where an earlier keyframe overlaps enough, it takes over and undoes the drift."""
     for left in (200, 260, 400, 520):
-        anchor.place(view(ground, left), shift(float(left)), trusted=True)
+        anchor.register(view(ground, left), shift(float(left)), trusted=True)
     drifted = shift(96.0)
-    placed = anchor.place(view(ground, 90), drifted, trusted=True)
+    placed = anchor.register(view(ground, 90), drifted, trusted=True)
     assert placed.change is not None
     assert not placed.keyframe
     assert placed.to_reference == pytest.approx(shift(90.0), abs=0.1)
 
 
-def test_an_untrusted_place_never_makes_a_key_picture(anchor, ground):
+def test_an_untrusted_place_never_makes_a_keyframe(anchor, ground):
     """Ground that matches nothing, carried on by a guess, is passed on as it is."""
     for _ in range(5):
-        placed = anchor.place((ground[1000:1360, 1200:1840],), shift(30.0), trusted=False)
+        placed = anchor.register((ground[1000:1360, 1200:1840],), shift(30.0), trusted=False)
         assert not placed.measured
         assert not placed.keyframe
         assert np.array_equal(placed.to_reference, shift(30.0))
 
 
 @pytest.mark.parametrize(("carried", "misses"), [(300.0, 3), (30.0, 12)])
-def test_a_lost_key_picture_is_replaced(anchor, ground, carried, misses):
-    """Other ground becomes a key picture: soon where the old one was left, late where it should be seen."""
+def test_a_lost_keyframe_is_replaced(anchor, ground, carried, misses):
+    """Other ground becomes a keyframe: soon where the old one was left, late where it should be seen."""
     made = [
-        anchor.place((ground[1000:1360, 1200:1840],), shift(carried), trusted=True).keyframe
+        anchor.register((ground[1000:1360, 1200:1840],), shift(carried), trusted=True).keyframe
         for _ in range(misses)
     ]
     assert made == [False] * (misses - 1) + [True]
 
 
-def test_a_key_picture_is_not_made_where_the_way_there_was_a_guess(anchor, ground):
-    """One untrusted step makes all that follow it a guess, until a key picture is seen again."""
+def test_a_keyframe_is_not_made_where_the_way_there_was_a_guess(anchor, ground):
+    """One untrusted step makes all that follow it a guess, until a keyframe is seen again."""
     other = (ground[1000:1360, 1200:1840],)
-    made = [anchor.place(other, shift(300.0), trusted=step > 0).keyframe for step in range(8)]
+    made = [anchor.register(other, shift(300.0), trusted=step > 0).keyframe for step in range(8)]
     assert not any(made)
 
 
 @pytest.fixture
 def told_by_a_corner(ground):
-    """An anchor, a picture that shares only a corner with its key picture, and the match of that."""
+    """An anchor, a frame that shares only a corner with its keyframe, and the match of that."""
     black = np.zeros((360, 640), np.uint8)
     key, frame = black.copy(), black.copy()
     key[237:, 420:] = ground[620:743, 380:600]
@@ -108,14 +109,15 @@ def told_by_a_corner(ground):
     seen = anchor.recognise(frame)
     assert seen is not None
     assert seen.deviation > 1.0
-    return anchor, frame, seen
+    yield anchor, frame, seen
+    anchor.keyframes.close()
 
 
-@pytest.mark.parametrize("leaped", [False, True])
-def test_a_picture_told_by_a_corner_is_placed_only_after_a_leap(told_by_a_corner, leaped):
+@pytest.mark.parametrize("consecutive", [False, True])
+def test_a_frame_told_by_a_corner_is_placed_only_after_a_leap(told_by_a_corner, consecutive):
     """The corner leaves the rest unknown: of a video it is not measured, of photographs in a row not sure."""
     anchor, frame, seen = told_by_a_corner
-    placed = anchor.place((frame,), shift(0.0), trusted=True, seen=seen, leaped=leaped)
-    assert placed.measured is leaped
-    assert not placed.sure
-    assert leaped or not placed.keyframe
+    placed = anchor.register((frame,), shift(0.0), trusted=True, recognised=seen, consecutive=consecutive)
+    assert placed.measured is consecutive
+    assert not placed.certain
+    assert consecutive or not placed.keyframe

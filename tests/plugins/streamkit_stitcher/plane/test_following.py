@@ -1,4 +1,4 @@
-"""Following a key picture from frame to frame."""
+"""Following a keyframe from frame to frame."""
 
 import cv2
 import numpy as np
@@ -6,37 +6,37 @@ import pytest
 
 from streamkit.geometry.homography import IDENTITY, project, translation
 from streamkit_stitcher.plane.following import LEVEL_PATCHES, KeyframeFollower, following_level
-from streamkit_stitcher.plane.key_picture import LEVELS, Beside, key_picture
+from streamkit_stitcher.plane.keyframe_content import LEVELS, executor_for, keyframe_content
 from streamkit_stitcher.plane.keyframes import KeyframeStore
 from streamkit_stitcher.registration.model_selection import MotionRule
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
 from streamkit_stitcher.registration.patches import pyramid
 
-LIMITS = FitLimits(threshold=2.0, max_step=1.0)
+LIMITS = FitLimits(ransac_threshold=2.0, max_step=1.0)
 
 
-def stored(picture, level):
-    """A picture as a key picture, with corners of its `level`."""
-    content = key_picture(pyramid((picture,), level + 1), level)
-    return KeyframeStore().add(lambda: content, IDENTITY, picture.shape, level)
+def stored(frame, level):
+    """A frame as a keyframe, with corners of its `level`."""
+    content = keyframe_content(pyramid((frame,), level + 1), level)
+    return KeyframeStore().add(lambda: content, IDENTITY, frame.shape, level)
 
 
 @pytest.fixture(scope="module")
 def flight(ground, make_flight):
-    """Pictures of 720p with six cars."""
+    """Frames of 720p with six cars."""
     return make_flight(ground, 100, cars=6, noise=3.0)
 
 
 def follow(flight, index, wrong, **options):
-    """The match of a picture on the first one, from a guess that is `wrong` px off."""
-    key = stored(flight.picture(0), 1)
-    images = pyramid((flight.picture(index),), LEVELS)
+    """The match of a frame on the first one, from a guess that is `wrong` px off."""
+    key = stored(flight.frame(0), 1)
+    images = pyramid((flight.frame(index),), LEVELS)
     guess = translation(np.array(wrong)) @ flight.to_first(index)
     return KeyframeFollower().follow(key, images, guess, LIMITS, 220, **options)
 
 
-def test_a_picture_is_placed_to_a_tenth_of_a_pixel(flight):
-    """From 8 px off at 720p, three pictures on; points of the match lie where the truth says."""
+def test_a_frame_is_placed_to_a_tenth_of_a_pixel(flight):
+    """From 8 px off at 720p, three frames on; points of the match lie where the truth says."""
     match = follow(flight, 3, (7.0, -4.0))
     assert flight.error(match.fit.matrix, 3) < 0.1
     assert len(match.frame_points) == len(match.key_points) == len(match.patches) == match.fit.count
@@ -47,8 +47,8 @@ def test_a_picture_is_placed_to_a_tenth_of_a_pixel(flight):
 
 
 def test_other_ground_is_not_followed(ground, flight):
-    """A picture of something else gives None."""
-    key = stored(flight.picture(0), 1)
+    """A frame of something else gives None."""
+    key = stored(flight.frame(0), 1)
     images = pyramid((ground[700:1420, 700:1980],), LEVELS)
     assert KeyframeFollower().follow(key, images, IDENTITY, LIMITS, 220) is None
 
@@ -66,23 +66,23 @@ def test_the_model_restricts_the_motion(flight):
     assert matrix[0, 0] == pytest.approx(matrix[1, 1])
 
 
-def test_a_key_picture_without_corners_is_not_followed(flight):
+def test_a_keyframe_without_corners_is_not_followed(flight):
     """Flat ground cannot be followed, and that is no error."""
     key = stored(np.full((720, 1280), 90, np.uint8), 1)
-    images = pyramid((flight.picture(0),), LEVELS)
+    images = pyramid((flight.frame(0),), LEVELS)
     assert KeyframeFollower().follow(key, images, IDENTITY, LIMITS, 220) is None
 
 
 def test_what_was_worked_out_beside_gives_the_same_match(flight):
-    """A key picture that was expected is followed to the bit as one that was not."""
-    key, beside, matches = stored(flight.picture(0), 1), Beside(), []
+    """A keyframe that was expected is followed to the bit as one that was not."""
+    key, background, matches = stored(flight.frame(0), 1), executor_for("keyframes"), []
     for expected in (True, False):
         follower = KeyframeFollower()
         if expected:
-            follower.expect(key, beside)
-        images = pyramid((flight.picture(3),), LEVELS)
+            follower.prepare(key, background)
+        images = pyramid((flight.frame(3),), LEVELS)
         matches.append(follower.follow(key, images, flight.to_first(3), LIMITS, 220))
-    beside.close()
+    assert background.close(10)
     assert np.array_equal(matches[0].fit.matrix, matches[1].fit.matrix)
     assert np.array_equal(matches[0].patches, matches[1].patches)
 
@@ -91,13 +91,13 @@ def test_what_was_worked_out_beside_gives_the_same_match(flight):
     ("shape", "level"),
     [((240, 320), 0), ((360, 640), 1), ((720, 1280), 1), ((1080, 1920), 1), ((2160, 3840), 2)],
 )
-def test_pictures_are_followed_at_half_size_or_less(shape, level):
+def test_frames_are_followed_at_half_size_or_less(shape, level):
     """Small ones at full size, most at half size, large ones at 960 px or less."""
     assert following_level(shape) == level
 
 
 def test_roofs_seen_off_the_plane_are_left_out(ground, make_flight):
-    """Tall roofs that drift over the ground are told from it by the third picture, and asked no more."""
+    """Tall roofs that drift over the ground are told from it by the third frame, and asked no more."""
     flight = make_flight(ground, 100, cars=0, noise=3.0)
     follower = KeyframeFollower()
     stored_key, asked = stored(with_roofs(flight, 0), 1), []
@@ -111,18 +111,18 @@ def test_roofs_seen_off_the_plane_are_left_out(ground, make_flight):
 
 
 def with_roofs(flight, index):
-    """A picture of a flight with nine bright roofs that slide over the ground by a pixel a picture."""
-    picture = flight.picture(index)
+    """A frame of a flight with nine bright roofs that slide over the ground by a pixel a frame."""
+    frame = flight.frame(index)
     for x in (200, 600, 1000):
         for y in (120, 320, 520):
             outline = np.array([[x, y], [x + 110, y], [x + 110, y + 80], [x, y + 80]]) + np.array(
                 [index, 0.0]
             )
             seen = project(np.linalg.inv(flight.to_first(index)), outline)
-            cv2.fillPoly(picture, [np.rint(seen * 16).astype(np.int32)], 240, cv2.LINE_AA, 4)
-    return picture
+            cv2.fillPoly(frame, [np.rint(seen * 16).astype(np.int32)], 240, cv2.LINE_AA, 4)
+    return frame
 
 
 def on_roof(point):
-    """Whether a point of the key picture lies on one of its roofs."""
+    """Whether a point of the keyframe lies on one of its roofs."""
     return (point[0] - 200 + 8) % 400 < 126 and (point[1] - 120 + 8) % 200 < 96

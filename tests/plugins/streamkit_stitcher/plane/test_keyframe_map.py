@@ -1,10 +1,10 @@
-"""Book-keeping of a plane's key pictures."""
+"""Book-keeping of a plane's keyframes."""
 
 import numpy as np
 import pytest
 
 from streamkit.geometry.homography import IDENTITY, normalised, translation
-from streamkit_stitcher.plane.graph import Tie
+from streamkit_stitcher.plane.keyframe_graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.settings import PlaneSettings
 
@@ -18,7 +18,7 @@ def shift(pixels):
 
 @pytest.fixture
 def keyframes(ground):
-    """Four key pictures 100 px apart, tied exactly, of which the last was put down 3 px off."""
+    """Four keyframes 100 px apart, tied exactly, of which the last was put down 3 px off."""
     keyframes = KeyframeMap(PlaneSettings())
     columns, rows = np.meshgrid(np.arange(150, 500, 50), np.arange(50, 320, 50))
     points = np.stack([columns.ravel(), rows.ravel()], axis=1).astype(float)
@@ -32,15 +32,15 @@ def keyframes(ground):
     keyframes.close()
 
 
-def test_finishing_moves_key_pictures_to_where_their_ties_agree(keyframes):
-    """A key picture put down 3 px off comes to its place, and the residual is nothing."""
+def test_finishing_moves_keyframes_to_where_their_ties_agree(keyframes):
+    """A keyframe put down 3 px off comes to its place, and the residual is nothing."""
     assert keyframes.finish() == pytest.approx(0.0, abs=1e-3)
-    assert keyframes.places[3] == pytest.approx(shift(3 * STEP), abs=1e-2)
-    assert np.array_equal(keyframes.places[0], IDENTITY)
+    assert keyframes.homographies[3] == pytest.approx(shift(3 * STEP), abs=1e-2)
+    assert np.array_equal(keyframes.homographies[0], IDENTITY)
 
 
-def test_an_adjustment_tells_how_the_plane_moved_under_the_active_key_picture(keyframes, ground):
-    """What is adopted takes the active key picture from its old place to its new one."""
+def test_an_adjustment_tells_how_the_plane_moved_under_the_active_keyframe(keyframes, ground):
+    """What is adopted takes the active keyframe from its old place to its new one."""
     before = keyframes.active.to_reference
     keyframes.begin_adjustment((ground[400:760, 300:940],))
     assert keyframes.is_adjusting
@@ -50,11 +50,11 @@ def test_an_adjustment_tells_how_the_plane_moved_under_the_active_key_picture(ke
     assert keyframes.active.to_reference == pytest.approx(shift(3 * STEP), abs=1e-2)
 
 
-def test_rebasing_puts_a_key_picture_at_the_origin_and_all_others_with_it(keyframes):
-    """The chosen key picture has the identity; places keep their relation; stored ones follow."""
+def test_rebasing_puts_a_keyframe_at_the_origin_and_all_others_with_it(keyframes):
+    """The chosen keyframe has the identity; places keep their relation; stored ones follow."""
     change = keyframes.rebase(1)
     assert change == pytest.approx(shift(-STEP))
-    assert keyframes.places[1] == pytest.approx(IDENTITY)
-    assert keyframes.places[2] == pytest.approx(shift(STEP))
+    assert keyframes.homographies[1] == pytest.approx(IDENTITY)
+    assert keyframes.homographies[2] == pytest.approx(shift(STEP))
     assert keyframes.stored[2].to_reference == pytest.approx(shift(STEP))
-    assert keyframes.active.to_reference == pytest.approx(keyframes.places[3])
+    assert keyframes.active.to_reference == pytest.approx(keyframes.homographies[3])

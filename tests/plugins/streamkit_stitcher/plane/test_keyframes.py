@@ -1,11 +1,12 @@
-"""Key pictures and the placing of pictures against them."""
+"""Keyframes and the placing of frames against them."""
 
 import numpy as np
 import pytest
 
 from streamkit.geometry.homography import IDENTITY, inverse, translation
-from streamkit_stitcher.plane.key_picture import LEVELS, patches_around
-from streamkit_stitcher.plane.keyframes import KeyframeMatcher, KeyframeStore, pooled_placement
+from streamkit_stitcher.plane.keyframe_content import LEVELS, patches_around
+from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher, pooled_fit
+from streamkit_stitcher.plane.keyframes import KeyframeStore
 from streamkit_stitcher.registration.corners import CornerDetector
 from streamkit_stitcher.registration.motion_models import FitLimits
 from streamkit_stitcher.registration.patches import pyramid
@@ -13,27 +14,27 @@ from streamkit_stitcher.registration.patches import pyramid
 LIMITS = FitLimits(max_step=1.0)
 
 
-def stored(store, picture, to_reference=IDENTITY):
-    """A picture added to a store, with its corners."""
-    content = patches_around(CornerDetector().detect(picture, 300), pyramid((picture,), LEVELS), 0)
-    return store.add(lambda: content, to_reference, picture.shape, 0)
+def stored(store, frame, to_reference=IDENTITY):
+    """A frame added to a store, with its corners."""
+    content = patches_around(CornerDetector().detect(frame, 300), pyramid((frame,), LEVELS), 0)
+    return store.add(lambda: content, to_reference, frame.shape, 0)
 
 
 @pytest.mark.parametrize(("offset", "top_level"), [(1.5, 0), (12.0, 3)])
-def test_a_picture_is_placed_to_a_tenth_of_a_pixel(ground, make_flight, offset, top_level):
+def test_a_frame_is_placed_to_a_tenth_of_a_pixel(ground, make_flight, offset, top_level):
     """From a place that is 1.5 px off at full size, or 12 px off from coarse to fine."""
     flight = make_flight(ground, 100, (360, 640), cars=4)
     store = KeyframeStore()
-    key = stored(store, flight.picture(0))
+    key = stored(store, flight.frame(0))
     wrong = translation(np.array([offset, -offset / 2])) @ flight.to_first(4)
-    images = pyramid((flight.picture(4),), LEVELS)
+    images = pyramid((flight.frame(4),), LEVELS)
     match = KeyframeMatcher().match(key, images, wrong, LIMITS, top_level=top_level, max_points=300)
     assert flight.error(match.fit.matrix, 4) < 0.15
     assert len(match.frame_points) == match.fit.count
 
 
 def test_other_ground_is_not_matched(ground):
-    """A picture of something else gives None."""
+    """A frame of something else gives None."""
     store = KeyframeStore()
     key = stored(store, ground[:360, :640])
     images = pyramid((ground[900:1260, 1000:1640],), LEVELS)
@@ -76,17 +77,17 @@ def test_the_store_is_bounded_and_drops_what_is_seen_twice(ground):
     assert len(store) == 3
 
 
-def test_pooled_matches_place_a_picture_better_than_the_worst_of_them(ground, make_flight):
-    """Two keyframes with exact places give the place of a third picture to a tenth of a pixel."""
+def test_pooled_matches_place_a_frame_better_than_the_worst_of_them(ground, make_flight):
+    """Two keyframes with exact places give the place of a third frame to a tenth of a pixel."""
     flight = make_flight(ground, 100, (360, 640), cars=0)
     store = KeyframeStore()
-    keys = [stored(store, flight.picture(index), flight.to_first(index)) for index in (0, 6)]
-    images = pyramid((flight.picture(3),), LEVELS)
+    keys = [stored(store, flight.frame(index), flight.to_first(index)) for index in (0, 6)]
+    images = pyramid((flight.frame(3),), LEVELS)
     matches = []
     for key in keys:
         guess = inverse(key.to_reference) @ flight.to_first(3)
         match = KeyframeMatcher().match(key, images, guess, LIMITS, top_level=0, max_points=300)
         matches.append((key, match))
-    fit = pooled_placement(matches, (360, 640), LIMITS)
+    fit = pooled_fit(matches, (360, 640), LIMITS)
     assert flight.error(fit.matrix, 3) < 0.15
     assert fit.count > max(match.fit.count for _, match in matches)

@@ -5,11 +5,11 @@ from functools import partial
 import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, translation
-from streamkit_stitcher.plane.key_picture import key_picture
+from streamkit_stitcher.plane.keyframe_content import keyframe_content
 from streamkit_stitcher.plane.keyframes import KeyframeStore
-from streamkit_stitcher.plane.loop_closure import likeness
-from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
-from streamkit_stitcher.plane.tracker import PlaneTracker, Status
+from streamkit_stitcher.plane.loop_closure import correlation
+from streamkit_stitcher.plane.settings import ReferenceChoice
+from streamkit_stitcher.plane.tracker import Status
 
 SHAPE = (450, 640)
 
@@ -19,46 +19,44 @@ def views(ground, places):
     return [ground[y : y + SHAPE[0], x : x + SHAPE[1]] for x, y in places]
 
 
-def test_photographs_with_half_their_ground_in_common_are_placed(aerial_ground):
+def test_photographs_with_half_their_ground_in_common_are_placed(aerial_ground, make_tracker):
     """Strips there and back: every photograph is placed to a pixel, and the strips are tied together."""
     places = [(200 + 300 * n, 300) for n in range(4)] + [(1100 - 300 * n, 560) for n in range(4)]
-    tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.FIRST))
-    for picture, (x, y) in zip(views(aerial_ground, places), places, strict=True):
-        placement = tracker.place(picture)
-        assert placement.status is Status.OK
-        assert placement.keyframe
+    tracker = make_tracker(reference=ReferenceChoice.FIRST)
+    for frame, (x, y) in zip(views(aerial_ground, places), places, strict=True):
+        registered = tracker.track(frame)
+        assert registered.status is Status.OK
+        assert registered.keyframe
         assert (
-            np.abs(placement.to_reference - translation(np.array([x - 200.0, y - 300.0])))[:2, 2].max() < 2.0
+            np.abs(registered.to_reference - translation(np.array([x - 200.0, y - 300.0])))[:2, 2].max() < 2.0
         )
     plane = tracker.take_plane(current=True)
     assert plane.finish() < 0.5
     assert any(host < 3 for own in (5, 6, 7) for host in plane.tied_to(own))
-    first = plane.places[0]
+    first = plane.homographies[0]
     for index, (x, y) in enumerate(places):
-        found = np.linalg.inv(first) @ plane.places[index]
+        found = np.linalg.inv(first) @ plane.homographies[index]
         assert np.abs(found / found[2, 2] - translation(np.array([x - 200.0, y - 300.0])))[:2, 2].max() < 1.0
     plane.close()
-    tracker.close()
 
 
-def test_a_photograph_of_elsewhere_is_a_cut(aerial_ground):
+def test_a_photograph_of_elsewhere_is_a_cut(aerial_ground, make_tracker):
     """Without common ground nothing is tied: the plane is another."""
-    tracker = PlaneTracker(PlaneSettings())
+    tracker = make_tracker()
     first, second = views(aerial_ground, [(100, 100), (2200, 1700)])
-    tracker.place(first)
-    assert tracker.place(second).status is Status.CUT
-    tracker.close()
+    tracker.track(first)
+    assert tracker.track(second).status is Status.CUT
 
 
-def test_pictures_look_alike_at_their_true_place_and_nowhere_else(ground):
+def test_frames_look_alike_at_their_true_place_and_nowhere_else(ground):
     """In other light, at another scale and a pixel off, too; with nothing in common there is no likeness."""
     store = KeyframeStore()
     one, other = (
-        store.add(partial(key_picture, (picture,), 0), IDENTITY, SHAPE, 0)
-        for picture in (ground[200:650, 300:940], (ground[300:750, 600:1240] * 0.7).astype(np.uint8))
+        store.add(partial(keyframe_content, (frame,), 0), IDENTITY, SHAPE, 0)
+        for frame in (ground[200:650, 300:940], (ground[300:750, 600:1240] * 0.7).astype(np.uint8))
     )
     shift = np.array([-300.0, -100.0])
-    assert likeness(one, other, translation(shift)) > 0.95
-    assert likeness(one, other, translation(shift + 1.0)) > 0.8
-    assert abs(likeness(one, other, translation(shift + 60.0))) < 0.3
-    assert likeness(one, other, translation(np.array([900.0, 0.0]))) == 0.0
+    assert correlation(one, other, translation(shift)) > 0.95
+    assert correlation(one, other, translation(shift + 1.0)) > 0.8
+    assert abs(correlation(one, other, translation(shift + 60.0))) < 0.3
+    assert correlation(one, other, translation(np.array([900.0, 0.0]))) == 0.0

@@ -1,24 +1,22 @@
-"""How often pictures are looked for by what they show, while key pictures are not seen."""
+"""How often frames are looked for by what they show, while keyframes are not seen."""
 
 import pytest
 
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.following import KeyframeFollower
-from streamkit_stitcher.plane.keyframes import KeyframeMatcher
-from streamkit_stitcher.plane.placement import Status
-from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.plane.tracker import PlaneTracker
+from streamkit_stitcher.plane.frame_registration import Status
+from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher
 
 SHAPE = (360, 640)
 
 
 class Blindness:
-    """Switched on, no key picture is seen in any other, and every look for one is noted.
+    """Switched on, no keyframe is seen in any other, and every look for one is noted.
 
     Attributes:
         on: whether it is.
-        number: of the picture that is placed.
-        looks: the pictures that were looked for.
+        number: of the frame that is placed.
+        looks: the frames that were looked for.
     """
 
     def __init__(self, monkeypatch):
@@ -43,42 +41,40 @@ class Blindness:
 
 @pytest.fixture
 def blindness(monkeypatch):
-    """As over ground that is no plane: pictures lie on the ones before them, but on no key picture."""
+    """As over ground that is no plane: frames lie on the ones before them, but on no keyframe."""
     return Blindness(monkeypatch)
 
 
 @pytest.fixture
-def tracker():
+def tracker(make_tracker):
     """A tracker, closed in the end."""
-    tracker = PlaneTracker(PlaneSettings())
-    yield tracker
-    tracker.close()
+    return make_tracker()
 
 
-def test_key_pictures_are_looked_for_ever_more_rarely_while_the_motion_is_known(
+def test_keyframes_are_looked_for_ever_more_rarely_while_the_motion_is_known(
     ground, make_flight, blindness, tracker
 ):
-    """Every other picture at first, then after 8, 16 and every 16 more; all are weak, and none is lost."""
+    """Every other frame at first, then after 8, 16 and every 16 more; all are weak, and none is lost."""
     flight = make_flight(ground, 400, SHAPE, cars=0)
-    tracker.place(flight.picture(0))
-    placements = []
+    tracker.track(flight.frame(0))
+    registrations = []
     for blindness.number in range(1, 70):
-        placements.append(tracker.place(flight.picture(blindness.number)))
-    assert {placement.status for placement in placements} == {Status.WEAK}
-    assert not any(placement.anchored for placement in placements)
+        registrations.append(tracker.track(flight.frame(blindness.number)))
+    assert {registered.status for registered in registrations} == {Status.WEAK}
+    assert not any(registered.anchored for registered in registrations)
     assert blindness.looks == [1, 3, 5, 9, 17, 33, 49, 65]
 
 
-def test_a_key_picture_that_is_seen_again_ends_the_pauses(ground, make_flight, blindness, tracker):
-    """The first picture that shows it is placed on it; once it is unseen again, looks are frequent again."""
+def test_a_keyframe_that_is_seen_again_ends_the_pauses(ground, make_flight, blindness, tracker):
+    """The first frame that shows it is placed on it; once it is unseen again, looks are frequent again."""
     flight = make_flight(ground, 400, SHAPE, cars=0)
-    tracker.place(flight.picture(0))
+    tracker.track(flight.frame(0))
     for blindness.number in range(1, 30):
-        tracker.place(flight.picture(blindness.number))
+        tracker.track(flight.frame(blindness.number))
     blindness.on = False
-    assert tracker.place(flight.picture(30)).status is Status.OK
+    assert tracker.track(flight.frame(30)).status is Status.OK
     blindness.on = True
     blindness.looks.clear()
     for blindness.number in range(31, 40):
-        assert tracker.place(flight.picture(blindness.number)).status is Status.WEAK
+        assert tracker.track(flight.frame(blindness.number)).status is Status.WEAK
     assert blindness.looks == [31, 33, 35, 39]

@@ -6,8 +6,8 @@ from streamkit_stitcher.plane.schedule import ReferenceSchedule, left_checkpoint
 
 
 def changes(schedule, most):
-    """(count, reference) of every change up to `most` key pictures."""
-    return [(count, due.reference) for count in range(1, most + 1) if (due := schedule.at(count)) is not None]
+    """(count, reference) of every change up to `most` keyframes."""
+    return [(count, due) for count in range(1, most + 1) if (due := schedule.at(count)) is not None]
 
 
 def test_the_published_lists():

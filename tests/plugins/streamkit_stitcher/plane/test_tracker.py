@@ -1,5 +1,6 @@
-"""Placing the pictures of a stream on a plane."""
+"""Placing the frames of a stream on a plane."""
 
+from concurrent.futures import Future
 from dataclasses import replace
 from itertools import pairwise
 
@@ -7,108 +8,106 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.plane.key_picture import Beside
-from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
-from streamkit_stitcher.plane.tracker import PlaneTracker, Status
+from streamkit.handoff.background_executor import BackgroundExecutor
+from streamkit_stitcher.plane.settings import ReferenceChoice
+from streamkit_stitcher.plane.tracker import Status
 
 SMALL = (360, 640)
 BLACK = np.zeros(SMALL, np.uint8)
 
 
 @pytest.fixture
-def tracker():
-    """A tracker on the plane of the first picture, to compare with the truth."""
-    return PlaneTracker(PlaneSettings(reference=ReferenceChoice.FIRST))
+def tracker(make_tracker):
+    """A tracker on the plane of the first frame, to compare with the truth."""
+    return make_tracker(reference=ReferenceChoice.FIRST)
 
 
 @pytest.fixture(scope="module")
 def flight(ground, make_flight):
-    """A short flight of small pictures."""
+    """A short flight of small frames."""
     return make_flight(ground, 400, SMALL, cars=6, laps=1.0)
 
 
-def is_finite(placement):
+def is_finite(registered):
     """Whether both matrices can be used downstream."""
-    return bool(np.isfinite(placement.to_previous).all() and np.isfinite(placement.to_reference).all())
+    return bool(np.isfinite(registered.to_previous).all() and np.isfinite(registered.to_reference).all())
 
 
 def test_drift_over_a_flight_stays_below_a_pixel(ground, make_flight, tracker):
     """720p, turning, climbing, shaking, 12 cars: the median corner error is below 0.3 px."""
     flight = make_flight(ground, 42, laps=0.32)
-    placements = [tracker.place(picture) for picture in flight.pictures()]
-    errors = [flight.error(placement.to_reference, index) for index, placement in enumerate(placements)]
+    registrations = [tracker.track(frame) for frame in flight.frames()]
+    errors = [flight.error(registered.to_reference, index) for index, registered in enumerate(registrations)]
     steps = [
-        flight.error(placement.to_previous, index, index - 1)
-        for index, placement in enumerate(placements)
+        flight.error(registered.to_previous, index, index - 1)
+        for index, registered in enumerate(registrations)
         if index
     ]
     assert np.median(errors) < 0.3
     assert max(errors) < 1.0
     assert np.median(steps) < 0.15
-    assert 2 < sum(placement.keyframe for placement in placements) < 40
-    assert {placement.status for placement in placements} <= {Status.OK, Status.STILL}
+    assert 2 < sum(registered.keyframe for registered in registrations) < 40
+    assert {registered.status for registered in registrations} <= {Status.OK, Status.STILL}
 
 
-def test_the_places_are_the_same_however_the_workers_run(ground, make_flight, monkeypatch):
+def test_the_places_are_the_same_however_the_workers_run(ground, make_flight, monkeypatch, make_tracker):
     """What is worked out beside the stream changes nothing but the time: the same to the bit without it."""
     flight = make_flight(ground, 400, SMALL, cars=6, laps=4.0)
-    beside = PlaneTracker(PlaneSettings())
-    measured = [beside.place(flight.picture(index)).to_reference for index in range(30)]
-    beside.close()
+    threaded = make_tracker()
+    measured = [threaded.track(flight.frame(index)).to_reference for index in range(30)]
 
-    def at_once(self, work, *arguments):
-        result = work(*arguments)
-        return lambda: result
+    def at_once(self, work):
+        future = Future()
+        future.set_result(work())
+        return future
 
-    monkeypatch.setattr(Beside, "begin", at_once)
-    alone = PlaneTracker(PlaneSettings())
-    placements = [alone.place(flight.picture(index)) for index in range(30)]
-    alone.close()
-    assert sum(placement.keyframe for placement in placements) > 2
-    assert np.array_equal(measured, [placement.to_reference for placement in placements])
+    monkeypatch.setattr(BackgroundExecutor, "ask", at_once)
+    alone = make_tracker()
+    registrations = [alone.track(flight.frame(index)) for index in range(30)]
+    assert sum(registered.keyframe for registered in registrations) > 2
+    assert np.array_equal(measured, [registered.to_reference for registered in registrations])
 
 
 def test_drift_over_a_photograph_stays_below_a_pixel(aerial_ground, make_flight, tracker):
-    """The same over a real aerial picture of poor contrast: median below 1 px."""
+    """The same over a real aerial frame of poor contrast: median below 1 px."""
     flight = make_flight(aerial_ground, 34, laps=0.1)
     errors = [
-        flight.error(tracker.place(picture).to_reference, index)
-        for index, picture in enumerate(flight.pictures())
+        flight.error(tracker.track(frame).to_reference, index) for index, frame in enumerate(flight.frames())
     ]
     assert np.median(errors) < 1.0
     assert max(errors) < 2.0
 
 
-def test_steps_and_changes_add_up_to_the_place(flight):
+def test_steps_and_changes_add_up_to_the_place(flight, make_tracker):
     """Change @ previous.to_reference @ to_previous is to_reference, whatever moves the plane meanwhile."""
-    tracker = PlaneTracker(PlaneSettings())
-    placements = [tracker.place(flight.picture(index)) for index in range(64)]
-    for before, here in pairwise(placements):
+    tracker = make_tracker(reference=ReferenceChoice.CENTER)
+    registrations = [tracker.track(flight.frame(index)) for index in range(64)]
+    for before, here in pairwise(registrations):
         change = np.eye(3) if here.change is None else here.change
         chained = change @ before.to_reference @ here.to_previous
         assert chained / chained[2, 2] == pytest.approx(here.to_reference, abs=1e-6)
         assert here.reference == before.reference or here.change is not None
-    assert sum(placement.change is not None for placement in placements) > 3
-    assert placements[-1].reference >= 1
-    tracker.close()
+    assert sum(registered.change is not None for registered in registrations) > 3
+    assert registrations[-1].reference >= 1
 
 
-def test_the_plane_moves_to_the_middle_key_picture(flight):
-    """When the key pictures have doubled in number, the plane is that of the one half way."""
-    tracker = PlaneTracker(PlaneSettings())
+def test_the_plane_moves_to_the_middle_keyframe(flight, make_tracker):
+    """When the keyframes have doubled in number, the plane is that of the one half way."""
+    tracker = make_tracker(reference=ReferenceChoice.CENTER)
     keys = []
     for index in range(90):
-        placement = tracker.place(flight.picture(index))
-        if placement.keyframe:
+        registered = tracker.track(flight.frame(index))
+        if registered.keyframe:
             keys.append(index)
-        if placement.reference == 1:
+        if registered.reference == 1:
             break
     assert len(keys) == 4
-    assert flight.error(placement.to_reference, index, keys[2]) < 0.5
-    tracker.close()
+    assert flight.error(registered.to_reference, index, keys[2]) < 0.5
 
 
-def test_a_picture_that_its_plane_draws_out_opens_another_which_is_related_to_it(ground, make_flight):
+def test_a_frame_that_its_plane_stretches_opens_a_related_plane(
+    ground, make_flight, make_tracker
+):
     """A camera that descends to a fifth: whoever follows the changes never notices."""
     flight = make_flight(ground, 60, SMALL, cars=0)
     middle = np.array([[1, 0, -319.5], [0, 1, -179.5], [0, 0, 1]])
@@ -117,94 +116,93 @@ def test_a_picture_that_its_plane_draws_out_opens_another_which_is_related_to_it
         flight,
         to_ground=np.array([np.array([[s, 0, 1000], [0, s, 750], [0, 0, 1.0]]) @ middle for s in scales]),
     )
-    tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.FIRST))
-    placements = [tracker.place(picture) for picture in descent.pictures()]
-    opened = [index for index, placement in enumerate(placements) if placement.opens]
+    tracker = make_tracker(reference=ReferenceChoice.FIRST)
+    registrations = [tracker.track(frame) for frame in descent.frames()]
+    opened = [index for index, registered in enumerate(registrations) if registered.opens_plane]
     assert len(opened) == 1
-    first = placements[opened[0]]
+    first = registrations[opened[0]]
     assert (first.reference, first.status, first.keyframe) == (1, Status.OK, True)
     assert np.array_equal(first.to_reference, np.eye(3))
     old_place = np.linalg.inv(first.change)
     assert descent.error(old_place / old_place[2, 2], opened[0]) < 2.0
-    assert max(descent.error(item.to_previous, i, i - 1) for i, item in enumerate(placements) if i) < 1.0
-    assert descent.error(placements[-1].to_reference, len(flight) - 1, opened[0]) < 2.0
+    assert max(descent.error(item.to_previous, i, i - 1) for i, item in enumerate(registrations) if i) < 1.0
+    assert descent.error(registrations[-1].to_reference, len(flight) - 1, opened[0]) < 2.0
     plane = tracker.take_plane()
     assert plane.finish() < 1.0
-    assert len(plane.places) > 2
+    assert len(plane.homographies) > 2
     plane.close()
-    tracker.close()
 
 
-def test_the_first_picture_is_the_plane(flight, tracker):
-    """One picture alone: identity, ok, a key picture."""
-    placement = tracker.place(flight.picture(0))
-    assert (placement.status, placement.keyframe, placement.reference) == (Status.OK, True, 0)
-    assert np.array_equal(placement.to_reference, np.eye(3))
-    assert np.array_equal(placement.to_previous, np.eye(3))
+def test_the_first_frame_is_the_plane(flight, tracker):
+    """One frame alone: identity, ok, a keyframe."""
+    registered = tracker.track(flight.frame(0))
+    assert (registered.status, registered.keyframe, registered.reference) == (Status.OK, True, 0)
+    assert np.array_equal(registered.to_reference, np.eye(3))
+    assert np.array_equal(registered.to_previous, np.eye(3))
 
 
 @pytest.mark.parametrize("level", [0, 90, 255])
-def test_flat_pictures_are_lost_and_the_next_good_one_is_placed(flight, tracker, level):
-    """Five black or flat pictures carry the motion on; the plane and its accuracy survive them."""
+def test_flat_frames_are_lost_and_the_next_good_one_is_placed(flight, tracker, level):
+    """Five black or flat frames carry the motion on; the plane and its accuracy survive them."""
     for index in range(6):
-        tracker.place(flight.picture(index))
+        tracker.track(flight.frame(index))
     for _ in range(5):
-        blind = tracker.place(np.full(SMALL, level, np.uint8))
+        blind = tracker.track(np.full(SMALL, level, np.uint8))
         assert blind.status is Status.LOST
         assert is_finite(blind)
-    found = tracker.place(flight.picture(11))
+    found = tracker.track(flight.frame(11))
     assert (found.status, found.reference) == (Status.OK, 0)
     assert flight.error(found.to_reference, 11) < 0.5
 
 
 def test_noise_in_the_dark_is_lost_too(flight, tracker):
-    """A black picture with sensor noise has corners, but is not taken for a new scene."""
-    tracker.place(flight.picture(0))
+    """A black frame with sensor noise has corners, but is not taken for a new scene."""
+    tracker.track(flight.frame(0))
     noise = np.abs(np.random.default_rng(0).normal(0, 3, SMALL)).astype(np.uint8)
-    assert tracker.place(noise).status is Status.LOST
+    assert tracker.track(noise).status is Status.LOST
 
 
-def test_a_lost_picture_continues_with_the_last_velocity(ground, tracker):
-    """A camera that moved 8 px a picture is expected to have moved on, for five pictures and no longer."""
+def test_a_lost_frame_continues_with_the_last_velocity(ground, tracker):
+    """A camera that moved 8 px a frame is expected to have moved on, for five frames and no longer."""
     for index in range(10):
-        tracker.place(ground[400:760, 8 * index : 8 * index + 640])
-    places = [tracker.place(BLACK).to_reference[0, 2] for _ in range(8)]
+        tracker.track(ground[400:760, 8 * index : 8 * index + 640])
+    places = [tracker.track(BLACK).to_reference[0, 2] for _ in range(8)]
     assert np.diff(places)[:4] == pytest.approx(8.0, abs=0.5)
     assert np.diff(places)[5:] == pytest.approx(0.0)
 
 
 def test_black_before_anything_is_lost(flight, tracker):
-    """The plane waits for the first usable picture."""
-    assert tracker.place(BLACK).status is Status.LOST
-    first = tracker.place(flight.picture(0))
+    """The plane waits for the first usable frame."""
+    assert tracker.track(BLACK).status is Status.LOST
+    first = tracker.track(flight.frame(0))
     assert (first.status, first.reference) == (Status.OK, 0)
 
 
-def test_a_cut_opens_a_plane_and_the_next_picture_is_ok(ground, flight, tracker):
+def test_a_cut_opens_a_plane_and_the_next_frame_is_ok(ground, flight, tracker):
     """After a cut the number of the plane goes up and the place is the identity."""
     for index in range(3):
-        tracker.place(flight.picture(index))
-    cut = tracker.place(ground[1100:1460, 60:700])
-    after = tracker.place(ground[1104:1464, 64:704])
+        tracker.track(flight.frame(index))
+    cut = tracker.track(ground[1100:1460, 60:700])
+    after = tracker.track(ground[1104:1464, 64:704])
     assert (cut.status, cut.reference, after.status, after.reference) == (Status.CUT, 1, Status.OK, 1)
     assert np.array_equal(cut.to_reference, np.eye(3))
     assert after.to_reference[:2, 2] == pytest.approx([4.0, 4.0], abs=0.1)
 
 
 def test_a_step_of_the_gain_is_not_noticed(flight, tracker):
-    """A picture 1.35 times as bright is placed as well as the others."""
-    tracker.place(flight.picture(0))
-    brighter = np.clip(flight.picture(1) * 1.35, 0, 255).astype(np.uint8)
-    placement = tracker.place(brighter)
-    assert placement.status is Status.OK
-    assert flight.error(placement.to_reference, 1) < 0.5
+    """A frame 1.35 times as bright is placed as well as the others."""
+    tracker.track(flight.frame(0))
+    brighter = np.clip(flight.frame(1) * 1.35, 0, 255).astype(np.uint8)
+    registered = tracker.track(brighter)
+    assert registered.status is Status.OK
+    assert flight.error(registered.to_reference, 1) < 0.5
 
 
 def test_another_size_opens_a_plane(flight, tracker):
-    """1280x720 to 960x540 in mid stream restarts, and is ok by the second picture."""
-    tracker.place(flight.picture(0))
+    """1280x720 to 960x540 in mid stream restarts, and is ok by the second frame."""
+    tracker.track(flight.frame(0))
     small = [
-        tracker.place(cv2.resize(flight.picture(index), (480, 270), interpolation=cv2.INTER_AREA))
+        tracker.track(cv2.resize(flight.frame(index), (480, 270), interpolation=cv2.INTER_AREA))
         for index in (1, 2)
     ]
     assert [(item.status, item.reference) for item in small] == [(Status.CUT, 1), (Status.OK, 1)]
@@ -215,65 +213,65 @@ def test_odd_sizes_are_no_error(shape, tracker):
     """Whatever the size, noise is placed or lost with finite matrices."""
     random = np.random.default_rng(1)
     for _ in range(3):
-        assert is_finite(tracker.place(random.integers(0, 255, shape, dtype=np.uint8)))
+        assert is_finite(tracker.track(random.integers(0, 255, shape, dtype=np.uint8)))
 
 
 def test_a_standing_camera_is_still(flight, tracker):
     """Noise does not move the place: still, and exactly the identity."""
-    tracker.place(flight.picture(0))
+    tracker.track(flight.frame(0))
     random = np.random.default_rng(0)
     for _ in range(4):
-        noisy = np.clip(flight.picture(0) + random.normal(0, 2, SMALL), 0, 255).astype(np.uint8)
-        placement = tracker.place(noisy)
-        assert placement.status is Status.STILL
-        assert np.array_equal(placement.to_reference, np.eye(3))
-        assert np.array_equal(placement.to_previous, np.eye(3))
+        noisy = np.clip(flight.frame(0) + random.normal(0, 2, SMALL), 0, 255).astype(np.uint8)
+        registered = tracker.track(noisy)
+        assert registered.status is Status.STILL
+        assert np.array_equal(registered.to_reference, np.eye(3))
+        assert np.array_equal(registered.to_previous, np.eye(3))
 
 
 def test_a_slow_drift_is_not_held_for_ever(ground, tracker):
-    """A camera that creeps 0.1 px a picture stays within 0.3 px of its true place."""
+    """A camera that creeps 0.1 px a frame stays within 0.3 px of its true place."""
     wide = ground[400:770, 400:1060].astype(np.float32)
     for index in range(25):
         moved = cv2.warpAffine(
             wide, np.array([[1, 0, -0.1 * index], [0, 1, 0]]), (640, 360), flags=cv2.INTER_CUBIC
         )
-        placement = tracker.place(np.clip(moved, 0, 255).astype(np.uint8))
-        assert placement.to_reference[0, 2] == pytest.approx(0.1 * index, abs=0.3)
+        registered = tracker.track(np.clip(moved, 0, 255).astype(np.uint8))
+        assert registered.to_reference[0, 2] == pytest.approx(0.1 * index, abs=0.3)
 
 
-def test_skipped_pictures_teach_nothing(flight, tracker):
-    """A corrupt picture is lost, and the next good one is placed from the one before it."""
+def test_skipped_frames_teach_nothing(flight, tracker):
+    """A corrupt frame is lost, and the next good one is placed from the one before it."""
     for index in range(4):
-        tracker.place(flight.picture(index))
+        tracker.track(flight.frame(index))
     assert tracker.skip().status is Status.LOST
-    placement = tracker.place(flight.picture(5))
-    assert placement.status is Status.OK
-    assert flight.error(placement.to_reference, 5) < 0.5
+    registered = tracker.track(flight.frame(5))
+    assert registered.status is Status.OK
+    assert flight.error(registered.to_reference, 5) < 0.5
 
 
 def test_a_restart_opens_a_plane(flight, tracker):
     """Nothing relates what comes after a restart to what was before."""
     tracker.restart()
-    assert tracker.place(flight.picture(0)).reference == 0
+    assert tracker.track(flight.frame(0)).reference == 0
     tracker.restart()
-    placement = tracker.place(flight.picture(1))
-    assert (placement.reference, placement.status) == (1, Status.CUT)
-    assert np.array_equal(placement.to_previous, np.eye(3))
+    registered = tracker.track(flight.frame(1))
+    assert (registered.reference, registered.status) == (1, Status.CUT)
+    assert np.array_equal(registered.to_previous, np.eye(3))
 
 
-def test_unplaceable_pictures_open_a_plane_in_the_end(flight, ground, tracker):
-    """A picture that fits nowhere after a dark spell starts again instead of staying lost."""
-    tracker.place(flight.picture(0))
-    tracker.place(BLACK)
-    placements = [tracker.place(ground[1100:1460, 60:700]) for _ in range(30)]
-    assert placements[-1].reference == 1
-    assert placements[-1].status in {Status.OK, Status.STILL}
+def test_unplaceable_frames_open_a_plane_in_the_end(flight, ground, tracker):
+    """A frame that fits nowhere after a dark spell starts again instead of staying lost."""
+    tracker.track(flight.frame(0))
+    tracker.track(BLACK)
+    registrations = [tracker.track(ground[1100:1460, 60:700]) for _ in range(30)]
+    assert registrations[-1].reference == 1
+    assert registrations[-1].status in {Status.OK, Status.STILL}
 
 
-def test_the_same_pictures_give_the_same_places(flight):
+def test_the_same_frames_give_the_same_places(flight, make_tracker):
     """Two runs agree bit for bit."""
     runs = []
     for _ in range(2):
-        tracker = PlaneTracker(PlaneSettings())
-        runs.append([tracker.place(flight.picture(index)).to_reference for index in range(0, 60, 4)])
+        tracker = make_tracker()
+        runs.append([tracker.track(flight.frame(index)).to_reference for index in range(0, 60, 4)])
     assert np.array_equal(runs[0], runs[1])

@@ -1,4 +1,4 @@
-"""Corner points spread over the picture."""
+"""Corner points spread over the frame."""
 
 import numpy as np
 import pytest
@@ -6,34 +6,34 @@ import pytest
 from streamkit_stitcher.registration.corners import CornerDetector, even_corners
 
 
-def test_corners_are_spread_over_the_picture(ground):
-    """Every quarter of an evenly textured picture gets its share, and the limit holds."""
+def test_corners_are_spread_over_the_frame(ground):
+    """Every quarter of an evenly textured frame gets its share, and the limit holds."""
     points = CornerDetector().detect(ground[:360, :640], 220)
     quarters = np.histogram2d(points[:, 0], points[:, 1], bins=2, range=[[0, 640], [0, 360]])[0]
     assert 130 <= len(points) <= 220
     assert quarters.min() > 20
 
 
-def test_a_hazy_picture_still_gives_corners(ground):
+def test_a_hazy_frame_still_gives_corners(ground):
     """The threshold follows the contrast down."""
     hazy = (120 + (ground[:360, :640].astype(float) - 120) * 0.15).astype(np.uint8)
     assert len(CornerDetector().detect(hazy, 220)) > 60
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])
-def test_a_flat_picture_has_no_corners(level):
+def test_a_flat_frame_has_no_corners(level):
     """Black, grey and white give an empty array of points."""
     assert CornerDetector().detect(np.full((90, 160), level, np.uint8), 50).shape == (0, 2)
 
 
-def test_a_tiny_picture_has_no_corners():
-    """A picture smaller than the margins is no error."""
+def test_a_tiny_frame_has_no_corners():
+    """A frame smaller than the margins is no error."""
     noise = np.random.default_rng(0).integers(0, 255, (9, 9), dtype=np.uint8)
     assert CornerDetector().detect(noise, 50).shape == (0, 2)
 
 
 def test_every_cell_gives_its_best_corner(ground):
-    """Of textured ground nearly all cells have a corner, and no part of the picture has many more."""
+    """Of textured ground nearly all cells have a corner, and no part of the frame has many more."""
     points = even_corners(ground[:360, :640], 16, 9)
     assert 130 <= len(points) <= 144
     blocks = np.histogram2d(points[:, 0], points[:, 1], bins=(4, 3), range=[[0, 640], [0, 360]])[0]
@@ -42,16 +42,16 @@ def test_every_cell_gives_its_best_corner(ground):
 
 
 def test_cells_of_mere_noise_give_no_corner(ground):
-    """Where half of the picture is flat but for noise, the corners lie in the other half."""
-    picture = ground[:360, :640].astype(float)
-    picture[:, 320:] = 100
-    noisy = np.clip(picture + np.random.default_rng(0).normal(0, 3, picture.shape), 0, 255).astype(np.uint8)
+    """Where half of the frame is flat but for noise, the corners lie in the other half."""
+    frame = ground[:360, :640].astype(float)
+    frame[:, 320:] = 100
+    noisy = np.clip(frame + np.random.default_rng(0).normal(0, 3, frame.shape), 0, 255).astype(np.uint8)
     points = even_corners(noisy, 16, 9)
     assert len(points) > 50
     assert (points[:, 0] > 330).sum() < 0.1 * len(points)
 
 
 @pytest.mark.parametrize("shape", [(90, 160), (9, 9), (1, 500), (18, 400)])
-def test_a_flat_or_tiny_picture_has_no_even_corners(shape):
+def test_a_flat_or_tiny_frame_has_no_even_corners(shape):
     """An empty array of points, whatever the size."""
     assert even_corners(np.full(shape, 77, np.uint8), 25, 16).shape == (0, 2)

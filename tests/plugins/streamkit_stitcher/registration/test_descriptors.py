@@ -1,4 +1,4 @@
-"""Recognising a picture without a guess."""
+"""Recognising a frame without a guess."""
 
 import cv2
 import numpy as np
@@ -7,7 +7,7 @@ from streamkit.geometry.homography import corners, project
 from streamkit_stitcher.registration.descriptors import describe, recognise
 
 
-def test_a_picture_is_recognised_after_a_long_way_and_a_turn(aerial_ground):
+def test_a_frame_is_recognised_after_a_long_way_and_a_turn(aerial_ground):
     """40 % of common ground, turned by a radian and zoomed, is enough for a pixel's accuracy."""
     view = aerial_ground[600:960, 800:1440]
     cos, sin = 1.1 * np.cos(1.0), 1.1 * np.sin(1.0)
@@ -23,7 +23,7 @@ def test_a_picture_is_recognised_after_a_long_way_and_a_turn(aerial_ground):
 
 
 def test_features_lie_where_they_are(ground):
-    """Upside down, as the next strip of a survey, a picture is placed without an offset."""
+    """Upside down, as the next strip of a survey, a frame is placed without an offset."""
     view = np.ascontiguousarray(ground[300:660, 300:940])
     found = recognise(describe(view), describe(np.ascontiguousarray(view[::-1, ::-1])), 20)
     outline = corners((360, 640))
@@ -32,11 +32,11 @@ def test_features_lie_where_they_are(ground):
 
 
 def test_other_ground_is_not_recognised(ground):
-    """Pictures without common ground give None."""
+    """Frames without common ground give None."""
     assert recognise(describe(ground[:360, :640]), describe(ground[900:1260, 1000:1640]), 20) is None
 
 
-def test_a_flat_picture_has_no_features():
+def test_a_flat_frame_has_no_features():
     """Nothing to describe is no error."""
     flat = describe(np.full((100, 100), 90, np.uint8))
     assert len(flat.points) == 0

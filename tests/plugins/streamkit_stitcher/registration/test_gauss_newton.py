@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import corners, project
-from streamkit_stitcher.registration.gauss_newton import Scaling, corner_deviation, stepped
+from streamkit_stitcher.registration.gauss_newton import Scaling, corner_deviation, gauss_newton_step
 
 TRUE = np.array([[0.98, 0.06, 12.0], [-0.05, 1.02, -7.0], [3e-5, -2e-5, 1.0]])
 SHAPE = (360, 640)
 
 
 def points(seed, box=((0, 0), (640, 360)), count=80):
-    """Points in a box of the picture."""
+    """Points in a box of the frame."""
     return np.random.default_rng(seed).uniform(*box, (count, 2))
 
 
@@ -26,7 +26,7 @@ def fitted(source, target, weights, steps=4):
     matrix, scaling = np.eye(3), Scaling.of(target)
     for _ in range(steps):
         mapped = project(matrix, source)
-        matrix = stepped(matrix, scaling, mapped, target - mapped, weights)
+        matrix = gauss_newton_step(matrix, scaling, mapped, target - mapped, weights)
     return matrix
 
 
@@ -47,7 +47,7 @@ def test_pairs_of_weight_zero_do_not_count():
 def test_points_on_a_line_fix_no_homography():
     """Collinear pairs give None or something finite, never an exception."""
     line = np.stack([np.arange(20.0), np.arange(20.0)], axis=1)
-    found = stepped(np.eye(3), Scaling.of(line), line, np.ones_like(line), np.ones(20))
+    found = gauss_newton_step(np.eye(3), Scaling.of(line), line, np.ones_like(line), np.ones(20))
     assert found is None or np.isfinite(found).all()
 
 
@@ -67,7 +67,7 @@ def test_the_deviation_of_the_corners_is_what_draws_of_noise_show(box):
 
 
 def test_points_in_a_corner_leave_the_others_unknown():
-    """Twenty points in a tenth of the picture, to 0.3 px, may be off by pixels at the far corner."""
+    """Twenty points in a tenth of the frame, to 0.3 px, may be off by pixels at the far corner."""
     crowded = points(4, ((0, 0), (150, 120)), 20)
     assert corner_deviation(TRUE, crowded, 0.3, SHAPE) > 3.0
     assert corner_deviation(TRUE, crowded, 0.3, SHAPE, freedom=6) > 0.5

@@ -1,4 +1,4 @@
-"""All patches of a key picture aligned at once."""
+"""All patches of a keyframe aligned at once."""
 
 import cv2
 import numpy as np
@@ -14,11 +14,11 @@ SHAPE = (360, 640)
 TURN = np.array([[1.05, -0.12, 20.0], [0.11, 1.04, -15.0], [2e-5, -1e-5, 1.0]])
 
 
-def key_level(picture):
-    """The patches of a picture, in spread order."""
-    points = even_corners(picture, 20, 12)
+def key_level(frame):
+    """The patches of a frame, in spread order."""
+    points = even_corners(frame, 20, 12)
     numbers = spread_order(len(points))
-    return joint_level(cut_patches(picture, points[numbers]), points[numbers], numbers)
+    return joint_level(cut_patches(frame, points[numbers]), points[numbers], numbers)
 
 
 def seen_through(ground, matrix, seed, noise=3.0):
@@ -43,8 +43,8 @@ def test_a_far_guess_is_improved(ground):
     assert worst(found, TURN) < 0.25
 
 
-def test_all_patches_together_place_a_picture_to_a_twentieth_of_a_pixel(ground):
-    """With 3 grey levels of noise on both pictures; the deviation that is told is of the error's size."""
+def test_all_patches_together_place_a_frame_to_a_twentieth_of_a_pixel(ground):
+    """With 3 grey levels of noise on both frames; the deviation that is told is of the error's size."""
     level = key_level(seen_through(ground, np.eye(3), 1))
     errors, told = [], []
     for seed in range(2, 8):
@@ -52,14 +52,14 @@ def test_all_patches_together_place_a_picture_to_a_twentieth_of_a_pixel(ground):
         found = align_jointly(level, seen_through(ground, TURN, seed), start, 1.0)
         errors.append(worst(found.key_to_frame, TURN))
         told.append(found.deviation)
-        assert len(found.numbers) <= found.compared <= found.sought
+        assert len(found.numbers) <= found.compared <= found.visible_count
         assert found.rmse < 0.3
     assert np.median(errors) < 0.05
     assert 0.3 < np.median(errors) / np.median(told) < 3.0
 
 
 def test_what_moves_by_itself_is_left_out(ground):
-    """A quarter of the picture that slides by 2 px moves nothing else, and hardly any of it agrees."""
+    """A quarter of the frame that slides by 2 px moves nothing else, and hardly any of it agrees."""
     level = key_level(seen_through(ground, np.eye(3), 1))
     frame = seen_through(ground, np.eye(3), 2)
     frame[:180, 2:320] = frame[:180, :318].copy()
@@ -73,14 +73,14 @@ def test_what_moves_by_itself_is_left_out(ground):
 def test_roofs_do_not_bend_the_plane(ground):
     """Four bright roofs, of more contrast than all the ground, slide by 0.6 px: they tell nothing."""
     faint = cv2.addWeighted(ground, 0.4, ground, 0.0, 40.0)
-    pictures = []
+    frames = []
     for number, shift in enumerate((0.0, 0.6)):
-        picture = seen_through(faint, np.eye(3), number)
+        frame = seen_through(faint, np.eye(3), number)
         for x, y in ((40, 40), (150, 60), (60, 200), (320, 40)):
             outline = np.array([[x, y], [x + 60, y], [x + 60, y + 45], [x, y + 45]]) + np.array([shift, 0.0])
-            cv2.fillPoly(picture, [np.rint(outline * 16).astype(np.int32)], 235, cv2.LINE_AA, 4)
-        pictures.append(picture)
-    found = align_jointly(key_level(pictures[0]), pictures[1], np.eye(3), 1.0)
+            cv2.fillPoly(frame, [np.rint(outline * 16).astype(np.int32)], 235, cv2.LINE_AA, 4)
+        frames.append(frame)
+    found = align_jointly(key_level(frames[0]), frames[1], np.eye(3), 1.0)
     assert worst(found.key_to_frame, np.eye(3)) < 0.12
     assert len(found.off_plane) > 10
     assert not set(found.off_plane) & set(found.on_plane)
@@ -88,7 +88,7 @@ def test_roofs_do_not_bend_the_plane(ground):
 
 
 @pytest.mark.parametrize("brightness", [0, 255])
-def test_nothing_is_found_in_a_flat_picture(ground, brightness):
+def test_nothing_is_found_in_a_flat_frame(ground, brightness):
     """None, and no warning."""
     level = key_level(seen_through(ground, np.eye(3), 1))
     flat = np.full(SHAPE, brightness, np.uint8)
@@ -96,8 +96,8 @@ def test_nothing_is_found_in_a_flat_picture(ground, brightness):
     assert align_coarsely(level, flat, np.eye(3), 60, passes=4, settled=0.5) is None
 
 
-def test_a_picture_out_of_view_is_not_found(ground):
+def test_a_frame_out_of_view_is_not_found(ground):
     """A guess that puts every patch beside the frame gives None."""
     level = key_level(seen_through(ground, np.eye(3), 1))
-    beside = translation(np.array([5000.0, 0.0]))
-    assert align_jointly(level, seen_through(ground, np.eye(3), 2), beside, 1.0) is None
+    background = translation(np.array([5000.0, 0.0]))
+    assert align_jointly(level, seen_through(ground, np.eye(3), 2), background, 1.0) is None

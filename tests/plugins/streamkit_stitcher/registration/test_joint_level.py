@@ -8,7 +8,7 @@ from streamkit_stitcher.registration.joint_level import joint_level, spread_orde
 
 @pytest.fixture
 def level():
-    """A hundred patches of noise all over a picture."""
+    """A hundred patches of noise all over a frame."""
     random = np.random.default_rng(4)
     centres = np.rint(random.uniform([10, 10], [630, 350], (100, 2)))
     return joint_level(random.integers(0, 255, (100, 17, 17), np.uint8), centres, np.arange(100))

@@ -56,12 +56,12 @@ def test_a_camera_that_begins_to_tilt_is_noticed():
 @pytest.mark.parametrize(
     ("matrix", "model"), [(AFFINE, MotionModel.AFFINE), (HOMOGRAPHY, MotionModel.HOMOGRAPHY)]
 )
-def test_a_picture_that_tilts_is_not_forced_into_a_simpler_motion(matrix, model):
-    """Where key pictures said affine, a picture stays affine unless its own matches speak against it."""
+def test_a_frame_that_tilts_is_not_forced_into_a_simpler_motion(matrix, model):
+    """Where keyframes said affine, a frame stays affine unless its own matches speak against it."""
     source, target = pairs(matrix, 3)
     fit = fit_homography(source, target, 2.0)
-    assert MotionRule(MotionModel.AFFINE, firm=False).applied(fit, source, target).model is model
-    assert MotionRule(MotionModel.AFFINE).applied(fit, source, target).model is MotionModel.AFFINE
+    assert MotionRule(MotionModel.AFFINE, strict=False).apply(fit, source, target).model is model
+    assert MotionRule(MotionModel.AFFINE).apply(fit, source, target).model is MotionModel.AFFINE
 
 
 @pytest.mark.parametrize("model", [MotionModel.HOMOGRAPHY, MotionModel.AFFINE, MotionModel.SIMILARITY])

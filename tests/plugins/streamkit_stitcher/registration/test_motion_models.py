@@ -63,7 +63,7 @@ def test_the_richest_motion_with_enough_points_is_taken():
 
 
 def test_an_implausible_motion_is_not_taken():
-    """Pairs that agree on a mirrored picture are refused, but reported as the best fit."""
+    """Pairs that agree on a mirrored frame are refused, but reported as the best fit."""
     source, _ = pairs(100, 0)
     accepted, best = fit_motion(source, source * [-1, 1] + [640, 0], SHAPE, FitLimits())
     assert accepted is None

@@ -1,4 +1,4 @@
-"""Registration of a picture to the one before."""
+"""Registration of a frame to the one before."""
 
 import numpy as np
 import pytest
@@ -17,10 +17,10 @@ from streamkit_stitcher.registration.patches import pyramid
 LIMITS = FitLimits()
 
 
-def work(picture):
-    """A picture at working size 640."""
-    level = working_level(picture.shape, 640)
-    return working_image(pyramid((picture,), level + 1), level, CornerDetector(), 220)
+def work(frame):
+    """A frame at working size 640."""
+    level = working_level(frame.shape, 640)
+    return working_image(pyramid((frame,), level + 1), level, CornerDetector(), 220)
 
 
 def test_pairs_with_moving_cars_are_registered_to_a_fraction_of_a_pixel(ground, make_flight):
@@ -28,7 +28,7 @@ def test_pairs_with_moving_cars_are_registered_to_a_fraction_of_a_pixel(ground, 
     flight = make_flight(ground, 200, cars=6, noise=3.0)
     errors = []
     for index in range(1, 200, 14):
-        motion = register(work(flight.picture(index - 1)), work(flight.picture(index)), IDENTITY, LIMITS)
+        motion = register(work(flight.frame(index - 1)), work(flight.frame(index)), IDENTITY, LIMITS)
         assert motion.model is MotionModel.HOMOGRAPHY
         errors.append(flight.error(motion.matrix, index, index - 1))
     assert np.median(errors) <= 0.2
@@ -36,10 +36,10 @@ def test_pairs_with_moving_cars_are_registered_to_a_fraction_of_a_pixel(ground, 
 
 
 def test_a_step_of_the_gain_is_no_cut(ground, make_flight):
-    """A picture 1.35 times as bright is registered after its exposure was matched."""
+    """A frame 1.35 times as bright is registered after its exposure was matched."""
     flight = make_flight(ground, 200, cars=0)
-    brighter = np.clip(flight.picture(1) * 1.35, 0, 255).astype(np.uint8)
-    motion = register(work(flight.picture(0)), work(brighter), IDENTITY, LIMITS)
+    brighter = np.clip(flight.frame(1) * 1.35, 0, 255).astype(np.uint8)
+    motion = register(work(flight.frame(0)), work(brighter), IDENTITY, LIMITS)
     assert motion.model is MotionModel.HOMOGRAPHY
     assert flight.error(motion.matrix, 1) < 1.0
 
@@ -69,7 +69,7 @@ def test_a_guess_carries_the_search(ground):
     assert motion.matrix[:2, 2] == pytest.approx([280.0, 0.0], abs=0.3)
 
 
-def test_flat_pictures_are_not_registered():
+def test_flat_frames_are_not_registered():
     """Nothing to follow gives no motion, the identity and no exception."""
     flat = np.full((720, 1280), 90, np.uint8)
     motion = register(work(flat), work(flat), IDENTITY, LIMITS)
@@ -102,6 +102,6 @@ def test_noise_is_nothing_to_register(ground, deviation, shape):
     ("shape", "level"),
     [((720, 1280), 1), ((1080, 1920), 2), ((360, 640), 0), ((1, 5000), 0), ((100, 5000), 0)],
 )
-def test_pictures_are_halved_to_the_working_width(shape, level):
+def test_frames_are_halved_to_the_working_width(shape, level):
     """1280 px become 640 and 1920 px 480; a strip is not halved away."""
     assert working_level(shape, 640) == level

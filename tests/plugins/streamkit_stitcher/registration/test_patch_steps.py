@@ -1,4 +1,4 @@
-"""Compiled steps of a homography to where patches look like a picture."""
+"""Compiled steps of a homography to where patches look like a frame."""
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ TURN = np.array([[0.9, -0.3, 60.0], [0.25, 1.3, -40.0], [2e-4, -1e-4, 1.0]])
 
 @pytest.fixture
 def centres():
-    """A hundred places all over a picture of 640 x 360."""
+    """A hundred places all over a frame of 640 x 360."""
     return np.rint(np.random.default_rng(4).uniform([10, 10], [630, 350], (100, 2)))
 
 
@@ -66,19 +66,19 @@ def test_patches_on_one_line_fix_no_step(centres):
     assert not solve(centres, np.array([320.0, 5.0, 300.0]), np.zeros((2, 100)), even, *none[1:])
 
 
-def probed(centres, picture, matrix):
+def probed(centres, frame, matrix):
     """Products, which patches are seen, and the patches."""
-    patches = prepare(cut_patches(picture, centres), centres)
+    patches = prepare(cut_patches(frame, centres), centres)
     products, seen = np.empty((3, len(centres))), np.empty(len(centres), dtype=np.bool_)
-    count = probe(picture, centres, patches.probes, patches.usable, matrix, products, seen)
+    count = probe(frame, centres, patches.probes, patches.usable, matrix, products, seen)
     assert count == np.count_nonzero(seen)
     return products, seen, patches
 
 
 def test_a_patch_is_compared_with_what_the_motion_shows_of_it(ground, centres):
-    """Turned, tilted and half as high again: the same as OpenCV's samples of the picture, border included."""
-    picture = np.ascontiguousarray(ground[300:660, 300:940])
-    products, seen, patches = probed(centres, picture, TURN)
+    """Turned, tilted and half as high again: the same as OpenCV's samples of the frame, border included."""
+    frame = np.ascontiguousarray(ground[300:660, 300:940])
+    products, seen, patches = probed(centres, frame, TURN)
     assert 20 < np.count_nonzero(seen) < 100
     reach = np.arange(-7, 8)
     offsets = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2).astype(float)
@@ -89,7 +89,7 @@ def test_a_patch_is_compared_with_what_the_motion_shows_of_it(ground, centres):
         ]
         places = (project(TURN, centres[[index]]) + offsets @ slopes).astype(np.float32)
         sampled = cv2.remap(
-            picture.astype(np.float32), places[:, :1], places[:, 1:], 1, borderMode=cv2.BORDER_REPLICATE
+            frame.astype(np.float32), places[:, :1], places[:, 1:], 1, borderMode=cv2.BORDER_REPLICATE
         )
         expected = patches.probes[index] @ sampled[:, 0] / sampled.std()
         assert products[:, index] == pytest.approx(expected, abs=0.02)
@@ -98,26 +98,26 @@ def test_a_patch_is_compared_with_what_the_motion_shows_of_it(ground, centres):
 
 @pytest.mark.parametrize("matrix", [np.full((3, 3), np.nan), np.zeros((3, 3)), np.diag([1e300, 1e300, 1.0])])
 def test_a_senseless_motion_shows_nothing(ground, centres, matrix):
-    """No patch is seen, and nothing beyond the picture is read."""
+    """No patch is seen, and nothing beyond the frame is read."""
     assert not probed(centres, np.ascontiguousarray(ground[:360, :640]), matrix)[1].any()
 
 
-def test_a_picture_smaller_than_a_patch_shows_nothing(ground, centres):
+def test_a_frame_smaller_than_a_patch_shows_nothing(ground, centres):
     """12 x 12 px are no room for one."""
     patches = joint_level(cut_patches(ground, centres), centres, np.arange(100))
     small = np.ascontiguousarray(ground[:12, :12])
     assert align_coarsely(patches, small, np.eye(3), 100, passes=2, settled=0.5) is None
 
 
-def test_views_and_pictures_that_are_only_read_are_aligned(ground, centres):
-    """A part of a larger picture, and one that must not be written, give what a copy gives."""
+def test_views_and_frames_that_are_only_read_are_aligned(ground, centres):
+    """A part of a larger frame, and one that must not be written, give what a copy gives."""
     whole = ground[300:660, 300:940]
     frozen = whole.copy()
     frozen.setflags(write=False)
     level = joint_level(cut_patches(whole, centres), centres, np.arange(100))
     found = [
-        align_coarsely(level, picture, translation(np.array([0.8, -0.6])), 100, passes=8, settled=0.2)
-        for picture in (whole, frozen, whole.copy())
+        align_coarsely(level, frame, translation(np.array([0.8, -0.6])), 100, passes=8, settled=0.2)
+        for frame in (whole, frozen, whole.copy())
     ]
     assert np.abs(found[0] - np.eye(3)).max() < 0.05
     assert np.array_equal(found[0], found[2])

@@ -13,14 +13,14 @@ TURN = np.array(
 )
 
 
-def level_of(picture):
-    """Prepared patches around the corners of a picture."""
-    points = CornerDetector().detect(picture, 200)
-    return prepare(cut_patches(picture, points), points)
+def level_of(frame):
+    """Prepared patches around the corners of a frame."""
+    points = CornerDetector().detect(frame, 200)
+    return prepare(cut_patches(frame, points), points)
 
 
 @pytest.mark.parametrize("gain", [1.0, 0.6])
-def test_patches_are_found_in_a_turned_and_dimmed_picture(ground, gain):
+def test_patches_are_found_in_a_turned_and_dimmed_frame(ground, gain):
     """Rotation, scale and brightness cost no accuracy: the median error is below a tenth of a pixel."""
     key = ground[300:660, 300:940]
     frame = cv2.warpPerspective(ground[300:660, 300:940], TURN, (640, 360), flags=cv2.INTER_CUBIC)
@@ -29,15 +29,15 @@ def test_patches_are_found_in_a_turned_and_dimmed_picture(ground, gain):
     guess = translation(np.array([1.2, -0.9])) @ TURN
     found = align(level, frame, guess)
     error = np.hypot(*(found.frame_points - project(TURN, found.key_points)).T)
-    assert 60 < len(found.patches) <= found.sought <= len(level.centres)
+    assert 60 < len(found.patches) <= found.visible_count <= len(level.centres)
     assert np.median(error) < 0.1
 
 
 def test_patches_of_other_ground_are_not_found(ground):
-    """A picture of something else yields no more than a few chance matches."""
+    """A frame of something else yields no more than a few chance matches."""
     level = level_of(ground[:360, :640])
     found = align(level, ground[900:1260, 1000:1640], np.eye(3))
-    assert len(found.patches) < 0.1 * found.sought
+    assert len(found.patches) < 0.1 * found.visible_count
 
 
 def test_flat_patches_are_not_used():
@@ -46,7 +46,7 @@ def test_flat_patches_are_not_used():
     centres = np.array([[50.0, 50.0]])
     level = prepare(cut_patches(flat, centres), centres)
     assert not level.usable.any()
-    assert align(level, flat, np.eye(3)).sought == 0
+    assert align(level, flat, np.eye(3)).visible_count == 0
 
 
 def test_a_pyramid_keeps_pixel_centres():
@@ -58,6 +58,6 @@ def test_a_pyramid_keeps_pixel_centres():
     assert reduced_motion(translation(np.array([8.0, 4.0])), 2)[:2, 2] == pytest.approx([2.0, 1.0])
 
 
-def test_a_pyramid_of_a_tiny_picture_ends_early():
+def test_a_pyramid_of_a_tiny_frame_ends_early():
     """No level has an empty side."""
     assert [level.shape for level in pyramid((np.zeros((3, 5), np.uint8),), 4)] == [(3, 5), (1, 2)]

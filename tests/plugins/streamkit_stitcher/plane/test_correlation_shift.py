@@ -4,24 +4,24 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import project
-from streamkit_stitcher.plane.jumps import jump
-from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
-from streamkit_stitcher.plane.tracker import PlaneTracker, Status
+from streamkit_stitcher.plane.correlation_shift import search_shift
+from streamkit_stitcher.plane.settings import ReferenceChoice
+from streamkit_stitcher.plane.tracker import Status
 
 
 @pytest.mark.parametrize("step", [(200, 0), (-240, 10), (0, 150)])
 def test_the_shift_is_found(aerial_ground, step):
-    """The middle of the later picture goes to its place in the earlier one, in full-size px."""
+    """The middle of the later frame goes to its place in the earlier one, in full-size px."""
     x, y = 700, 500
     earlier, current = (
         aerial_ground[b : b + 360, a : a + 640] for a, b in ((x, y), (x + step[0], y + step[1]))
     )
-    found = jump(earlier, current, 2)
+    found = search_shift(earlier, current, 2)
     assert found is not None
     assert project(found, np.zeros((1, 2)))[0] == pytest.approx(np.array(step) * 2.0, abs=8)
 
 
-def test_leaps_of_a_third_are_placed_without_features(aerial_ground, monkeypatch):
+def test_leaps_of_a_third_are_placed_without_features(aerial_ground, monkeypatch, make_tracker):
     """Photographs of a survey are measured to a fraction of a pixel where SIFT is never asked."""
 
     def refuse(grey):
@@ -29,12 +29,11 @@ def test_leaps_of_a_third_are_placed_without_features(aerial_ground, monkeypatch
 
     monkeypatch.setattr("streamkit_stitcher.plane.anchoring.describe", refuse)
     monkeypatch.setattr("streamkit_stitcher.plane.loop_closure.describe", refuse)
-    tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.FIRST))
+    tracker = make_tracker(reference=ReferenceChoice.FIRST)
     places = [(300 + 210 * n, 400) for n in range(4)] + [(930 - 210 * n, 580) for n in range(4)]
     for x, y in places:
-        placement = tracker.place(aerial_ground[y : y + 450, x : x + 640])
-        assert placement.status is Status.OK
+        registered = tracker.track(aerial_ground[y : y + 450, x : x + 640])
+        assert registered.status is Status.OK
         first = places[0]
-        apart = placement.to_reference[:2, 2] - (x - first[0], y - first[1])
+        apart = registered.to_reference[:2, 2] - (x - first[0], y - first[1])
         assert np.abs(apart).max() < 0.6
-    tracker.close()

@@ -1,18 +1,18 @@
-"""What is kept of a key picture, worked out beside the stream."""
+"""What is kept of a keyframe, worked out beside the stream."""
 
 import threading
 
 import numpy as np
 import pytest
 
-from streamkit_stitcher.plane.key_picture import LEVELS, Beside, key_picture
+from streamkit_stitcher.plane.keyframe_content import LEVELS, deferred, executor_for, keyframe_content
 from streamkit_stitcher.registration.patches import pyramid
 
 
 def test_patches_lie_around_corners_on_whole_pixels(ground):
     """One for each corner and pyramid level, cut from the level's own pixels."""
     images = pyramid((ground[:720, :1280],), LEVELS)
-    kept = key_picture(images[:2], 1)
+    kept = keyframe_content(images[:2], 1)
     assert len(kept.points) > 200
     assert np.array_equal(kept.points, np.rint(kept.points))
     assert [patches.shape for patches in kept.patches] == [(len(kept.points), 17, 17)] * LEVELS
@@ -23,28 +23,28 @@ def test_patches_lie_around_corners_on_whole_pixels(ground):
 
 def test_the_caller_goes_on_and_waits_only_for_the_result():
     """Work goes on in another thread, in the order it was begun, and is done when the worker is closed."""
-    beside, gate, done = Beside(), threading.Event(), []
+    executor, gate, done = executor_for("keyframes"), threading.Event(), []
 
     def work(number):
         assert gate.wait(30)
         done.append(number)
         return threading.current_thread(), number
 
-    results = [beside.begin(work, number) for number in range(3)]
+    results = [deferred(executor, work, number) for number in range(3)]
     assert not done
     gate.set()
     assert [result()[1] for result in results] == done == [0, 1, 2]
     thread = results[0]()[0]
     assert thread is not threading.current_thread()
-    beside.close()
+    assert executor.close(10)
     assert not thread.is_alive()
 
 
 def test_a_fault_of_the_work_is_told_to_whoever_needs_its_result():
     """It does not end the worker."""
-    beside = Beside()
-    failed, sound = beside.begin(int, "x"), beside.begin(int, "7")
+    executor = executor_for("keyframes")
+    failed, sound = deferred(executor, int, "x"), deferred(executor, int, "7")
     with pytest.raises(ValueError, match="invalid literal"):
         failed()
     assert sound() == 7
-    beside.close()
+    assert executor.close(10)

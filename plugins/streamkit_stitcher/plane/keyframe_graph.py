@@ -1,28 +1,28 @@
-"""Key pictures and the tie points between them: what a bundle adjustment is made of."""
+"""Keyframes and the tie points between them: the input of a bundle adjustment."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray, inverse, normalised, project
 from streamkit_stitcher.bundle_adjustment.problem import IndexArray, PlaneProblem
 
-_PATCHES = 1 << 20
+_PATCHES: Final = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """Patches of one key picture found in another.
+    """Tie points: patches of one keyframe found in another.
 
     Attributes:
-        host: index of the key picture that the patches are from.
-        observer: index of the one they were found in.
+        host: index of the keyframe that the patches are from.
+        observer: index of the keyframe they were found in.
         patches: int64[k], numbers of the patches in the host, below 2**20.
-        host_points: float64[k, 2], where they lie in the host, px.
-        points: float64[k, 2], where they were found, px.
-        rmse: root mean square distance of the match, px.
-        likeness: how much the two key pictures look alike over all the ground they share, -1 to 1.
+        host_points: float64[k, 2], their positions in the host, px.
+        points: float64[k, 2], their positions in the observer, px.
+        correlation: of both keyframes over all their shared ground, -1 to 1.
     """
 
     host: int
@@ -30,8 +30,7 @@ class Tie:
     patches: IndexArray
     host_points: FloatArray
     points: FloatArray
-    rmse: float = 0.0
-    likeness: float = 1.0
+    correlation: float = 1.0
 
     def thinned(self, most: int) -> "Tie":
         """At most `most` of the patches, evenly chosen."""
@@ -39,64 +38,56 @@ class Tie:
             return self
         kept = np.linspace(0, len(self.patches) - 1, most).astype(np.int64)
         return replace(
-            self,
-            patches=self.patches[kept],
-            host_points=self.host_points[kept],
-            points=self.points[kept],
+            self, patches=self.patches[kept], host_points=self.host_points[kept], points=self.points[kept]
         )
 
 
 class KeyframeGraph:
-    """The places of all key pictures of a plane, and the ties of the newest of them.
+    """The homographies of all keyframes of a plane, and the ties of the newest of them.
 
     Args:
-        max_tied: key pictures whose ties are kept; older ones keep their places and are not adjusted again.
+        max_tied: keyframes whose ties are kept; older ones are no longer adjusted.
     """
 
     def __init__(self, max_tied: int) -> None:
         self._max_tied = max_tied
-        self._taken = 0
-        self._places: dict[int, FloatArray] = {}
+        self._added = 0
+        self._homographies: dict[int, FloatArray] = {}
         self._ties: dict[int, list[Tie]] = {}
 
     def __len__(self) -> int:
-        """Key pictures that were ever added."""
-        return self._taken
+        """Number of keyframes ever added."""
+        return self._added
 
     @property
-    def places(self) -> Mapping[int, FloatArray]:
-        """float64[3, 3] of each key picture, its pixels to the reference plane."""
-        return self._places
-
-    @property
-    def indices(self) -> tuple[int, ...]:
-        """The key pictures, oldest first."""
-        return tuple(self._places)
+    def homographies(self) -> Mapping[int, FloatArray]:
+        """float64[3, 3] of each keyframe, oldest first: its pixels to the reference plane."""
+        return self._homographies
 
     @property
     def tied(self) -> tuple[int, ...]:
-        """The key pictures that can still be adjusted, oldest first."""
+        """The keyframes that can still be adjusted, oldest first."""
         return tuple(self._ties)
 
-    def add(self, index: int, place: FloatArray, ties: Sequence[Tie]) -> None:
-        """Adds a key picture with its ties to earlier ones."""
-        self._taken += 1
-        self._places[index] = place
+    def add(self, index: int, to_reference: FloatArray, ties: Sequence[Tie]) -> None:
+        """Adds a keyframe with its ties to earlier ones."""
+        self._added += 1
+        self._homographies[index] = to_reference
         self._ties[index] = list(ties)
         if len(self._ties) > self._max_tied:
             del self._ties[next(iter(self._ties))]
 
     def tie(self, tie: Tie) -> None:
-        """Adds a tie found later, unless its key pictures are not adjusted any more."""
-        if tie.observer in self._ties and tie.host in self._places:
+        """Adds a tie found later, unless its keyframes are no longer adjusted."""
+        if tie.observer in self._ties and tie.host in self._homographies:
             self._ties[tie.observer].append(tie)
 
     def hosts(self, index: int) -> set[int]:
-        """The key pictures that `index` is tied to as the later one."""
+        """The earlier keyframes that `index` is tied to."""
         return {tie.host for tie in self._ties.get(index, ())}
 
     def steps_from(self, index: int) -> dict[int, int]:
-        """Along how many ties each key picture is reached from `index`, itself in none."""
+        """Length of the shortest path of ties from `index` to each keyframe, by breadth-first search."""
         tied: dict[int, set[int]] = {}
         for ties in self._ties.values():
             for tie in ties:
@@ -109,38 +100,38 @@ class KeyframeGraph:
             steps.update(dict.fromkeys(edge, count))
         return steps
 
-    def move(self, places: Mapping[int, FloatArray]) -> None:
-        """Takes over adjusted places."""
-        self._places.update((index, place) for index, place in places.items() if index in self._places)
+    def move(self, homographies: Mapping[int, FloatArray]) -> None:
+        """Takes over adjusted homographies."""
+        self._homographies.update(
+            (index, matrix) for index, matrix in homographies.items() if index in self._homographies
+        )
 
     def forget(self, most: int, needed: Collection[int]) -> None:
-        """Drops the oldest places, a twentieth of them at once, where there are more than `most`.
+        """Drops the oldest twentieth of the homographies where there are more than `most`.
 
-        Args:
-            most: places to keep.
-            needed: key pictures whose places stay, beside those that have ties.
+        Keyframes in `needed` and those with ties are kept.
         """
-        if len(self._places) <= most:
+        if len(self._homographies) <= most:
             return
         tied = {tie.host for ties in self._ties.values() for tie in ties} | self._ties.keys() | set(needed)
-        free = [index for index in self._places if index not in tied]
+        free = [index for index in self._homographies if index not in tied]
         for index in free[: max(1, most // 20)]:
-            del self._places[index]
+            del self._homographies[index]
 
     def rebase(self, change: FloatArray) -> None:
-        """Moves every place to another plane by float64[3, 3], old plane to new."""
-        for index, place in self._places.items():
-            self._places[index] = normalised(change @ place)
+        """Moves every keyframe to another plane by float64[3, 3], old plane to new."""
+        for index, matrix in self._homographies.items():
+            self._homographies[index] = normalised(change @ matrix)
 
     def problem(self, free: Collection[int], reference: int) -> tuple[PlaneProblem, tuple[int, ...]] | None:
-        """The adjustment of some key pictures while those they are tied to hold still.
+        """The adjustment of some keyframes; those they are tied to are fixed.
 
         Args:
-            free: the key pictures to adjust; the reference among them holds still, too.
-            reference: the key picture that is the plane.
+            free: the keyframes to adjust.
+            reference: the keyframe that is the plane; always fixed.
 
         Returns:
-            The problem and the key picture of each of its cameras, or None where nothing could move.
+            The problem and the keyframe of each of its cameras, or None where nothing can move.
         """
         wanted = set(free)
         ties = [
@@ -160,20 +151,20 @@ class KeyframeGraph:
         number = {index: camera for camera, index in enumerate(indices)}
         keys, cameras, observed = _observations(ties, number)
         unique, first, point_index = np.unique(keys, return_index=True, return_inverse=True)
-        places = np.array([self._places[index] for index in indices])
-        start = np.empty((len(unique), 2))
+        to_plane = np.array([self._homographies[index] for index in indices])
+        points = np.empty((len(unique), 2))
         hosts = cameras[first]
         for camera in np.unique(hosts):
             own = hosts == camera
-            start[own] = project(places[camera], observed[first[own]])
-        matrices = np.array([inverse(place) for place in places])
-        return PlaneProblem(matrices, start, cameras, point_index.astype(np.int64), observed, fixed), indices
+            points[own] = project(to_plane[camera], observed[first[own]])
+        matrices = np.array([inverse(matrix) for matrix in to_plane])
+        return PlaneProblem(matrices, points, cameras, point_index.astype(np.int64), observed, fixed), indices
 
 
 def _observations(
     ties: Sequence[Tie], number: Mapping[int, int]
 ) -> tuple[IndexArray, IndexArray, FloatArray]:
-    """Point, camera and position of each observation; the hosts' own views come first."""
+    """Point, camera and position of each observation; those of the hosts come first."""
     keys = np.concatenate([tie.host * _PATCHES + tie.patches for tie in ties])
     host_points = np.concatenate([tie.host_points for tie in ties])
     hosts = np.concatenate([np.full(len(tie.patches), number[tie.host]) for tie in ties])

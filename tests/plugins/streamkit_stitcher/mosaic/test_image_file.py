@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.mosaic.picture_file import check_location, is_numbered, location_of, write_picture
+from streamkit_stitcher.mosaic.image_file import check_location, is_numbered, location_of, write_image
 
 
 @pytest.mark.parametrize("name", ["m.png", "m.jpg", "m.JPEG", "m-%d.png", "m-%03d.png"])
-def test_pictures_are_accepted_locations(tmp_path, name):
+def test_images_are_accepted_locations(tmp_path, name):
     """Suffix and number format are known, the directory is there."""
     check_location(str(tmp_path / name))
 
@@ -30,7 +30,7 @@ def test_other_locations_are_refused_at_once(tmp_path, name, reason):
 
 
 def test_a_directory_is_no_location(tmp_path):
-    """A directory with a picture's name is refused."""
+    """A directory with a image's name is refused."""
     (tmp_path / "m.png").mkdir()
     with pytest.raises(OSError, match="is a directory"):
         check_location(str(tmp_path / "m.png"))
@@ -48,9 +48,9 @@ def test_the_number_of_the_plane_goes_into_the_name():
 @pytest.mark.parametrize("shape", [(30, 40), (30, 40, 3)])
 def test_a_png_holds_the_very_pixels(tmp_path, shape):
     """What is read back is what was written, and no partial file stays."""
-    picture = np.random.default_rng(0).integers(0, 255, shape, dtype=np.uint8)
-    write_picture(picture, tmp_path / "m.png")
-    assert np.array_equal(cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_UNCHANGED), picture)
+    image = np.random.default_rng(0).integers(0, 255, shape, dtype=np.uint8)
+    write_image(image, tmp_path / "m.png")
+    assert np.array_equal(cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_UNCHANGED), image)
     assert [path.name for path in tmp_path.iterdir()] == ["m.png"]
 
 
@@ -58,11 +58,11 @@ def test_a_jpeg_that_is_too_long_is_refused(tmp_path):
     """The error names the size and the remedy, and the file that was there stays."""
     (tmp_path / "m.jpg").write_bytes(b"old")
     with pytest.raises(OSError, match=r"at most 65500 px, got 70000 x 2; write a \.png"):
-        write_picture(np.zeros((2, 70000), np.uint8), tmp_path / "m.jpg")
+        write_image(np.zeros((2, 70000), np.uint8), tmp_path / "m.jpg")
     assert (tmp_path / "m.jpg").read_bytes() == b"old"
 
 
 def test_a_disk_that_refuses_leaves_nothing_behind(tmp_path):
     """A directory that is gone is an OSError."""
     with pytest.raises(OSError, match=r"could not be written; see whether .*gone is there"):
-        write_picture(np.zeros((8, 8), np.uint8), tmp_path / "gone" / "m.png")
+        write_image(np.zeros((8, 8), np.uint8), tmp_path / "gone" / "m.png")

@@ -1,11 +1,11 @@
-"""Key pictures and their ties as an adjustment problem."""
+"""Keyframes and their ties as an adjustment problem."""
 
 import numpy as np
 import pytest
 
 from streamkit.geometry.homography import project, translation
 from streamkit_stitcher.bundle_adjustment.adjustment import adjust
-from streamkit_stitcher.plane.graph import KeyframeGraph, Tie
+from streamkit_stitcher.plane.keyframe_graph import KeyframeGraph, Tie
 
 
 def shift(x):
@@ -22,7 +22,7 @@ def tie(host, observer, step=100.0, first=0, count=30):
 
 @pytest.fixture
 def graph():
-    """Four key pictures 100 px apart, placed 3 px wrong each."""
+    """Four keyframes 100 px apart, placed 3 px wrong each."""
     graph = KeyframeGraph(max_tied=100)
     graph.add(0, np.eye(3), [])
     graph.add(1, shift(103), [tie(0, 1)])
@@ -31,33 +31,33 @@ def graph():
     return graph
 
 
-def test_an_adjustment_puts_the_pictures_right(graph):
-    """A patch seen in several pictures is one point; the reference holds still."""
-    problem, indices = graph.problem(graph.indices, 0)
+def test_an_adjustment_puts_the_frames_right(graph):
+    """A patch seen in several frames is one point; the reference holds still."""
+    problem, indices = graph.problem(tuple(graph.homographies), 0)
     assert indices == (0, 1, 2, 3)
     assert len(problem.points) == 90
     assert len(problem.observed) == 5 * 30 + 3 * 30
     result = adjust(problem)
     places = {index: np.linalg.inv(result.cameras[number]) for number, index in enumerate(indices)}
     graph.move(places)
-    for index, place in graph.places.items():
+    for index, place in graph.homographies.items():
         assert project(place / place[2, 2], np.zeros((1, 2)))[0] == pytest.approx(
             [100.0 * index, 0.0], abs=1e-3
         )
 
 
 def test_outside_the_window_nothing_moves(graph):
-    """Pictures that the window is tied to hold it; others do not even take part."""
+    """Frames that the window is tied to hold it; others do not even take part."""
     problem, indices = graph.problem([3], 0)
     assert indices == (1, 2, 3)
     assert problem.fixed.tolist() == [True, True, False]
 
 
-def test_a_plane_can_be_the_one_of_another_picture(graph):
-    """After a change of plane that picture's place is the identity, and distances stay."""
-    graph.rebase(np.linalg.inv(graph.places[2]))
-    assert graph.places[2] == pytest.approx(np.eye(3))
-    assert graph.places[3] == pytest.approx(shift(103))
+def test_a_plane_can_be_the_one_of_another_frame(graph):
+    """After a change of plane that frame's place is the identity, and distances stay."""
+    graph.rebase(np.linalg.inv(graph.homographies[2]))
+    assert graph.homographies[2] == pytest.approx(np.eye(3))
+    assert graph.homographies[3] == pytest.approx(shift(103))
 
 
 def test_ties_are_bounded():
@@ -66,7 +66,7 @@ def test_ties_are_bounded():
     for index in range(6):
         graph.add(index, shift(index), [tie(index - 1, index)] if index else [])
     assert graph.tied == (3, 4, 5)
-    assert graph.indices == (0, 1, 2, 3, 4, 5)
+    assert tuple(graph.homographies) == (0, 1, 2, 3, 4, 5)
     graph.tie(tie(0, 1))
     assert graph.hosts(1) == set()
 
@@ -79,7 +79,7 @@ def test_ties_are_thinned_evenly():
 
 
 def test_without_ties_there_is_nothing_to_adjust():
-    """A single picture makes no problem, nor does one where all hold still."""
+    """A single frame makes no problem, nor does one where all hold still."""
     graph = KeyframeGraph(10)
     graph.add(0, np.eye(3), [])
     assert graph.problem([0], 0) is None
@@ -92,14 +92,14 @@ def test_the_oldest_places_are_forgotten_but_for_those_that_are_needed():
         ties = [tie(2, index)] if index == 10 else []
         graph.add(index, np.eye(3), ties)
         graph.forget(20, {2})
-    assert len(graph.places) <= 21
-    assert {2, 47, 48, 49} <= graph.places.keys()
-    assert 10 not in graph.places
+    assert len(graph.homographies) <= 21
+    assert {2, 47, 48, 49} <= graph.homographies.keys()
+    assert 10 not in graph.homographies
     assert len(graph) == 50
     graph.rebase(shift(1))
 
 
-def test_key_pictures_are_counted_along_their_ties(graph):
+def test_keyframes_are_counted_along_their_ties(graph):
     """The shortest way counts, in either direction; what has no tie is not reached."""
     graph.add(4, shift(400), [])
     assert graph.steps_from(3) == {3: 0, 2: 1, 1: 1, 0: 2}

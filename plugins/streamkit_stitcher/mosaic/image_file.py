@@ -1,4 +1,4 @@
-"""Mosaics as picture files."""
+"""Mosaics as image files."""
 
 import os
 from contextlib import suppress
@@ -9,7 +9,7 @@ import cv2
 
 from streamkit_stitcher.mosaic.georeference import Georeference
 from streamkit_stitcher.mosaic.geotiff import check_geotiff, write_geotiff
-from streamkit_stitcher.mosaic.tiles import PictureArray
+from streamkit_stitcher.mosaic.tiles import ImageArray
 
 TIFF_SUFFIXES: Final = (".tif", ".tiff")
 SUFFIXES: Final = (".png", ".jpg", ".jpeg", *TIFF_SUFFIXES)
@@ -21,10 +21,10 @@ def check_location(location: str) -> None:
     """Refuses a location that could not be written at the end of the flight.
 
     Args:
-        location: path of the picture, with `%d` where every plane is to have a file of its own.
+        location: path of the image, with `%d` where every plane is to have a file of its own.
 
     Raises:
-        OSError: the suffix is not a picture's, the number format is wrong, or the directory takes no files.
+        OSError: the suffix is not a image's, the number format is wrong, or the directory takes no files.
     """
     path = location_of(location, 0)
     if path.suffix.lower() not in SUFFIXES:
@@ -69,40 +69,40 @@ def is_tiff(location: str) -> bool:
     return Path(location).suffix.lower() in TIFF_SUFFIXES
 
 
-def write_picture(picture: PictureArray, path: Path, geo: Georeference | None = None) -> None:
-    """Writes a picture so that the file is either the old one or the whole new one.
+def write_image(image: ImageArray, path: Path, geo: Georeference | None = None) -> None:
+    """Writes a image so that the file is either the old one or the whole new one.
 
     Args:
-        picture: uint8[h, w] or uint8[h, w, 3] BGR.
+        image: uint8[h, w] or uint8[h, w, 3] BGR.
         path: the file, whose suffix picks the format.
         geo: how it lies on the earth, which a TIFF tells.
 
     Raises:
-        OSError: the format cannot hold the picture, or the disk refuses.
+        OSError: the format cannot hold the image, or the disk refuses.
     """
     partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         if is_tiff(path.name):
-            write_geotiff(picture, partial, geo)
+            write_geotiff(image, partial, geo)
         else:
-            _encode(picture, path, partial)
+            _encode(image, path, partial)
         partial.replace(path)
     finally:
         with suppress(OSError):
             partial.unlink(missing_ok=True)
 
 
-def _encode(picture: PictureArray, path: Path, partial: Path) -> None:
-    """Writes PNG or JPEG row by row, which keeps a picture that lies in a file out of memory."""
+def _encode(image: ImageArray, path: Path, partial: Path) -> None:
+    """Writes PNG or JPEG row by row, which keeps a image that lies in a file out of memory."""
     is_jpeg = path.suffix.lower() != ".png"
-    if is_jpeg and max(picture.shape[:2]) > _LONGEST_JPEG_SIDE:
-        height, width = picture.shape[:2]
+    if is_jpeg and max(image.shape[:2]) > _LONGEST_JPEG_SIDE:
+        height, width = image.shape[:2]
         raise OSError(
             f"{path}: a JPEG side is at most {_LONGEST_JPEG_SIDE} px, got {width} x {height}; write a .png"
         )
     # Nothing said, PNG is written with run lengths: twice as fast as the lowest level that can be asked for.
     options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if is_jpeg else []
-    if not path.parent.is_dir() or not cv2.imwrite(str(partial), picture, options):
+    if not path.parent.is_dir() or not cv2.imwrite(str(partial), image, options):
         raise OSError(
-            f"{path}: the picture could not be written; see whether {path.parent} is there and has room"
+            f"{path}: the image could not be written; see whether {path.parent} is there and has room"
         )

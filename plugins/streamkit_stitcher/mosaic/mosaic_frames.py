@@ -1,0 +1,267 @@
+"""The frames of one plane's mosaic: stored for the end, painted incrementally, and written."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised
+from streamkit.settings import setting
+from streamkit_stitcher.mosaic.composition import Composition, PlacedFrame, compose
+from streamkit_stitcher.mosaic.frame_store import FrameStore
+from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix, georeference
+from streamkit_stitcher.mosaic.geotiff import north_up
+from streamkit_stitcher.mosaic.image_file import is_numbered, is_tiff, location_of, write_image
+from streamkit_stitcher.mosaic.mosaic import Mosaic
+from streamkit_stitcher.mosaic.seams import SeamKind
+from streamkit_stitcher.mosaic.tiles import ImageArray
+
+# As many as homographies of keyframes are kept.
+_MAX_STORED: Final = 20_000
+_PositionedFrame = tuple[PlacedFrame, PositionFix]
+
+
+@dataclass(frozen=True)
+class WrittenMosaic:
+    """A mosaic that was written.
+
+    Attributes:
+        path: the file.
+        reference: number of its plane.
+        width: px.
+        height: px.
+        scale: its pixels per px of the plane.
+        pictures: number of frames in it.
+        final: whether its frames were adjusted together and blended.
+        rmse_px: root mean square residual of the tie points of that adjustment, or None.
+        position_misfit_m: median distance between the frames' GNSS positions and the mosaic's, or None.
+    """
+
+    path: Path
+    reference: int
+    width: int
+    height: int
+    scale: float
+    pictures: int
+    final: bool = False
+    rmse_px: float | None = None
+    position_misfit_m: float | None = None
+
+
+@dataclass(frozen=True)
+class RecorderSettings:
+    """How mosaics are made; without a location there is only a preview."""
+
+    location: str | None = setting(
+        None, doc="Path of the mosaic, .png, .jpg or .tif; %d in it gives each plane a file."
+    )
+    final: bool = setting(
+        True, doc="Adjust and blend all keyframes at the end; else write the mosaic as it was painted."
+    )
+    seam: SeamKind = setting(
+        SeamKind.GRAPHCUT,
+        doc="Seams of the final mosaic: half-way between frames, or from there moved around cars and trees.",
+    )
+    max_canvas_mpx: float = setting(
+        64.0, min=1.0, max=1024.0, unit="Mpx", doc="Mosaic kept in memory; the rest goes to a temporary file."
+    )
+
+    @property
+    def memory_px(self) -> int:
+        """`max_canvas_mpx` in px."""
+        return round(self.max_canvas_mpx * 1e6)
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenFrame:
+    """A frame that goes into the mosaic.
+
+    Attributes:
+        shape: (height, width), px.
+        to_reference: float64[3, 3], its pixels to the plane at this time.
+        fills_gaps: whether it shows only where no other frame does.
+        key: the keyframe that places it in the final mosaic.
+        to_key: float64[3, 3], its pixels to those of that keyframe.
+        position: of the camera, or None.
+    """
+
+    shape: tuple[int, int]
+    to_reference: FloatArray
+    fills_gaps: bool
+    key: int
+    to_key: FloatArray
+    position: PositionFix | None = None
+
+
+class MosaicFrames:
+    """The frames of the current plane, and the mosaic that is painted incrementally.
+
+    While frames are stored for the final mosaic, the incremental one is painted only once it is asked for.
+
+    Args:
+        settings: how mosaics are made.
+        report_progress: called before each frame is read or painted; an exception of it ends the work.
+
+    Attributes:
+        reference: number of the current plane.
+    """
+
+    def __init__(
+        self, settings: RecorderSettings, report_progress: Callable[[], None] = lambda: None
+    ) -> None:
+        self._settings = settings
+        self._report_progress = report_progress
+        self._is_stored = settings.final and settings.location is not None
+        self._largest_px = 0.0
+        self._mosaic: Mosaic | None = None
+        self.begin_plane(0)
+
+    @property
+    def mosaic(self) -> Mosaic:
+        """The incremental mosaic of the current plane; painted from the first use on."""
+        if self._mosaic is None:
+            self._mosaic = self._painted()
+        return self._mosaic
+
+    def begin_plane(self, reference: int) -> None:
+        """Starts another plane, of that number, without frames."""
+        self._mosaic = None if self._is_stored else Mosaic(self._settings.memory_px)
+        self._store = FrameStore()
+        # Where each frame lay on the first plane, and what places it at the end.
+        self._frames: list[tuple[PlacedFrame, ChosenFrame]] = []
+        self.reference = reference
+        self._to_first = IDENTITY
+
+    def rebase(self, change: FloatArray, reference: int) -> None:
+        """Follows a change of the plane, float64[3, 3] old to new, to the number `reference`."""
+        self.reference = reference
+        self._to_first = normalised(self._to_first @ inverse(change))
+        if self._mosaic is not None:
+            self._mosaic.canvas.move_plane(change)
+
+    def add(self, chosen: ChosenFrame, load: Callable[[], ImageArray]) -> None:
+        """Adds a frame; `load` returns uint8[h, w] or uint8[h, w, 3] BGR.
+
+        Raises:
+            OSError: a temporary file is full.
+        """
+        self._report_progress()
+        pixels = load()
+        if self._is_stored and len(self._frames) <= _MAX_STORED:
+            number = self._store.add(pixels) if len(self._frames) < _MAX_STORED else None
+            if number is None:
+                # Frames that do not fit in the store can only be painted, on top of the earlier ones.
+                _ = self.mosaic
+            matrix = normalised(self._to_first @ chosen.to_reference)
+            placed = PlacedFrame(-1 if number is None else number, chosen.shape, matrix, chosen.fills_gaps)
+            self._frames.append((placed, chosen))
+        if self._mosaic is not None:
+            self._mosaic.add(pixels, chosen.to_reference, chosen.fills_gaps)
+
+    def write(
+        self, covered_px: float, homographies: Mapping[int, FloatArray] | None, rmse: float
+    ) -> WrittenMosaic | None:
+        """Writes the mosaic of the current plane.
+
+        Args:
+            covered_px: area covered by the frames; of planes that share one file the largest is kept.
+            homographies: of the keyframes after adjustment; None for the incremental mosaic.
+            rmse: of the tie points of the adjustment, px.
+
+        Returns:
+            What was written; None where there is nothing, or a larger one was written before.
+
+        Raises:
+            OSError: it could not be written.
+        """
+        location = self._settings.location
+        if location is None or (not is_numbered(location) and covered_px <= self._largest_px):
+            return None
+        self._largest_px = covered_px
+        placed, positioned = self._adjusted(homographies) if homographies is not None else ([], [])
+        whole = self._composed(location, placed, positioned)
+        final = whole is not None
+        whole = whole or _incremental(self.mosaic)
+        if whole is None:
+            return None
+        geo = _georeferenced(whole.from_plane, positioned)
+        path = location_of(location, self.reference)
+        self._report_progress()
+        write_image(whole.image, path, geo)
+        height, width = whole.image.shape[:2]
+        return WrittenMosaic(
+            path,
+            self.reference,
+            width,
+            height,
+            whole.scale,
+            whole.frames,
+            final,
+            rmse if final else None,
+            None if geo is None else geo.median_error_m,
+        )
+
+    def close(self) -> None:
+        """Releases everything that was not written."""
+        if self._mosaic is not None:
+            self._mosaic.canvas.close()
+        self._store.close()
+
+    def _load(self, number: int) -> ImageArray:
+        self._report_progress()
+        return self._store.get(number)
+
+    def _painted(self) -> Mosaic:
+        """The frames stored so far, painted as they came."""
+        mosaic = Mosaic(self._settings.memory_px)
+        for placed, _ in self._frames:
+            if placed.number >= 0:
+                mosaic.add(self._load(placed.number), placed.to_plane, placed.fills_gaps)
+        mosaic.canvas.move_plane(inverse(self._to_first))
+        return mosaic
+
+    def _adjusted(
+        self, homographies: Mapping[int, FloatArray]
+    ) -> tuple[list[PlacedFrame], list[_PositionedFrame]]:
+        """The frames by the adjusted homographies of their keyframes, and those with a known position."""
+        frames, positioned = [], []
+        for placed, chosen in self._frames:
+            if chosen.key in homographies:
+                frame = replace(placed, to_plane=normalised(homographies[chosen.key] @ chosen.to_key))
+                frames.append(frame)
+                if chosen.position is not None:
+                    positioned.append((frame, chosen.position))
+        return frames, positioned
+
+    def _composed(
+        self, location: str, placed: Sequence[PlacedFrame], positioned: Sequence[_PositionedFrame]
+    ) -> Composition | None:
+        """The final mosaic, a GeoTIFF with north up; None where a frame was not stored."""
+        if not placed or any(frame.number < 0 for frame in placed):
+            return None
+        geo = _georeferenced(IDENTITY, positioned) if is_tiff(location) else None
+        turn = IDENTITY if geo is None else north_up(geo)
+        turned = [replace(frame, to_plane=normalised(turn @ frame.to_plane)) for frame in placed]
+        whole = compose(turned, self._load, self._settings.seam, self._settings.memory_px)
+        return None if whole is None else replace(whole, from_plane=normalised(whole.from_plane @ turn))
+
+
+def _incremental(mosaic: Mosaic) -> Composition | None:
+    image = mosaic.image()
+    if image is None:
+        return None
+    left, top, _, _ = mosaic.canvas.box
+    shift = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]])
+    return Composition(image, normalised(shift @ mosaic.canvas.from_plane), mosaic.scale, mosaic.frames)
+
+
+def _georeferenced(from_plane: FloatArray, positioned: Sequence[_PositionedFrame]) -> Georeference | None:
+    if not positioned:
+        return None
+    return georeference(
+        [normalised(from_plane @ frame.to_plane) for frame, _ in positioned],
+        [frame.shape for frame, _ in positioned],
+        [position for _, position in positioned],
+    )

@@ -1,0 +1,100 @@
+"""The registration of one frame to the reference plane."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from streamkit.geometry.homography import IDENTITY, FloatArray, corners
+
+
+class Status(StrEnum):
+    """How reliable a registration is.
+
+    `ok` and `still` were measured against a keyframe; `weak` rests on the motion since the previous frame or
+    on a part of the frame only; `lost` is predicted; `cut` starts another plane.
+    """
+
+    OK = "ok"
+    WEAK = "weak"
+    LOST = "lost"
+    CUT = "cut"
+    STILL = "still"
+
+
+@dataclass(frozen=True, eq=False)
+class AnchoredFrame:
+    """The result of matching a frame with keyframes.
+
+    Attributes:
+        to_reference: float64[3, 3], the frame's pixels to the reference plane.
+        measured: whether a keyframe was matched; otherwise `to_reference` is the predicted one.
+        change: float64[3, 3], old plane to new, where another keyframe took over or was adjusted, else None.
+        keyframe: whether the frame became a keyframe.
+        matches: patches compared.
+        inliers: patches that agree with `to_reference`.
+        rmse: root mean square residual of the inliers, px.
+        certain: whether the measurement fixes the whole frame, not only a part of it.
+    """
+
+    to_reference: FloatArray
+    measured: bool
+    change: FloatArray | None = None
+    keyframe: bool = False
+    matches: int = 0
+    inliers: int = 0
+    rmse: float = 0.0
+    certain: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class FrameRegistration:
+    """The homographies of one frame.
+
+    Attributes:
+        to_previous: float64[3, 3], its pixels to those of the previous frame of the stream.
+        to_reference: float64[3, 3], its pixels to the reference plane.
+        reference: number of the reference plane; goes up with each restart and each change of the plane.
+        status: how reliable the matrices are.
+        change: float64[3, 3], old plane to new where the plane moved under this frame, else None.
+        keyframe: whether the frame became a keyframe.
+        matches: points compared.
+        inliers: matches that agree with the motion.
+        rmse: root mean square residual of the inliers, px.
+        anchored: whether `to_reference` was measured against a keyframe.
+        key_index: the keyframe it was measured against, or that it became.
+        to_key: float64[3, 3], its pixels to those of that keyframe.
+        rebase: float64[3, 3], the part of `change` that moves the whole plane, as another keyframe became the
+            reference; None where none did.
+        opens_plane: whether the frame starts a plane that needs another mosaic, though `change` relates them.
+    """
+
+    to_previous: FloatArray
+    to_reference: FloatArray
+    reference: int
+    status: Status
+    change: FloatArray | None = None
+    keyframe: bool = False
+    matches: int = 0
+    inliers: int = 0
+    rmse: float = 0.0
+    anchored: bool = False
+    key_index: int = 0
+    to_key: FloatArray = field(default_factory=lambda: IDENTITY)
+    rebase: FloatArray | None = None
+    opens_plane: bool = False
+
+
+def depth_ratio(to_plane: FloatArray, shape: tuple[int, int]) -> float:
+    """Ratio of the farthest to the nearest corner's depth; the frame is stretched by its square.
+
+    Args:
+        to_plane: float64[3, 3], the frame's pixels to the plane.
+        shape: (height, width) of the frame, px.
+
+    Returns:
+        1 for a camera that looks straight down on the plane; infinite where the horizon is in view.
+    """
+    depths = to_plane[2, :2] @ corners(shape).T + to_plane[2, 2]
+    near, far = float(np.min(depths)), float(np.max(depths))
+    return far / near if near > 0 else float("inf")

@@ -1,0 +1,78 @@
+"""What is kept of a keyframe's pixels, computed in the background."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final, TypeVar
+
+import numpy as np
+
+from streamkit.geometry.homography import FloatArray, GreyArray
+from streamkit.handoff.background_executor import BackgroundExecutor
+from streamkit_stitcher.registration.corners import even_corners
+from streamkit_stitcher.registration.patches import cut_patches, pyramid
+
+LEVELS: Final = 4
+TIMEOUT_S: Final = 20.0
+_GRID: Final = (25, 16)
+_Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True, eq=False)
+class KeyframeContent:
+    """Patches around the corners of a keyframe.
+
+    Attributes:
+        points: float64[n, 2], patch centres, full-size px.
+        patches: one uint8[n, 17, 17] per pyramid level, finest first.
+        small: uint8[h, w], the frame at working size, for feature matching.
+    """
+
+    points: FloatArray
+    patches: tuple[GreyArray, ...]
+    small: GreyArray
+
+
+def keyframe_content(images: Sequence[GreyArray], level: int) -> KeyframeContent:
+    """Cuts patches around the best corners of an even grid.
+
+    Args:
+        images: the frame and its halvings.
+        level: which of them is at working size; corners are detected there.
+    """
+    factor = 2**level
+    points = even_corners(images[level], *_GRID) * factor + (factor - 1) / 2
+    return patches_around(points, pyramid(images, max(LEVELS, level + 1)), level)
+
+
+def patches_around(points: FloatArray, images: Sequence[GreyArray], level: int) -> KeyframeContent:
+    """Cuts patches around points float64[n, 2], full-size px, of a frame and its halvings."""
+    rounded = np.rint(points)
+    patches = tuple(
+        cut_patches(image, at_level(rounded, number)) for number, image in enumerate(images[:LEVELS])
+    )
+    return KeyframeContent(rounded, patches, images[level].copy())
+
+
+def at_level(points: FloatArray, level: int) -> FloatArray:
+    """The pixel of a pyramid level nearest to each full-size point, float64[n, 2].
+
+    Whole pixels: interpolated patches would be smoother than the frames they are compared with.
+    """
+    factor = 2**level
+    return np.asarray(np.rint((points - (factor - 1) / 2) / factor), dtype=np.float64)
+
+
+def executor_for(name: str) -> BackgroundExecutor:
+    """A thread for work whose results are always asked for, so that no failure goes unseen."""
+    return BackgroundExecutor(name, max_bytes=0, failed=lambda error: None)
+
+
+def deferred(
+    executor: BackgroundExecutor, work: Callable[..., _Result], *arguments: Any
+) -> Callable[[], _Result]:
+    """Begins work in the background; returns a function that waits for its result, at most 20 s.
+
+    Waiting for results, not polling, gives the same homographies however the threads run.
+    """
+    return partial(executor.ask(partial(work, *arguments)).result, TIMEOUT_S)
