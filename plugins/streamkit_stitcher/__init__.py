@@ -1,5 +1,5 @@
-"""Registration of drone video to a ground plane, and the mosaic of what was seen.
+"""Registration of drone video to a ground plane, and the mosaic.
 
-Pixel coordinates are x right, y down, (0, 0) the centre of the top-left pixel. Every matrix maps column
-vectors (x, y, 1) and is scaled so that its last element is 1.
+Pixel coordinates are x right, y down, (0, 0) the centre of the top-left pixel. Matrices map column vectors
+(x, y, 1) and are scaled so that the last element is 1.
 """

@@ -1,4 +1,4 @@
-"""rectify: frames undistorted, levelled and cut, as if taken straight down without a lens's faults."""
+"""rectify: undistorts, levels and crops frames."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _DISTORTIONS = (4, 5)
 
 
 class Rectify(Transform):
-    """Undistorts frames, levels them by their `Pose`, and cuts them to one size without empty corners.
+    """Undistorts frames, levels them by their `Pose`, and crops them to one size without empty corners.
 
-    Put it before `stitch`. A frame without a pose, or with a stale one, is undistorted and not levelled. One
-    that is tilted further than `max-tilt` is levelled as far as that.
+    Put it before `stitch`. A frame without a pose, or with a stale one, is undistorted only. A frame
+    tilted by more than `max-tilt` is levelled by that much.
 
     Example:
         videotestsrc num-buffers=5 ! rectify field-of-view=70 distortion=-0.1,0.02,0,0 ! fakesink
@@ -36,22 +36,22 @@ class Rectify(Transform):
     )
     principal: str | None = Property(None, doc="Principal point, x,y in px; else the middle of the frame.")
     distortion: str | None = Property(None, doc="Brown's k1,k2,p1,p2 or k1,k2,p1,p2,k3; OpenCV's order.")
-    level: bool = Property(True, doc="Take out the tilt that the pose tells.")
+    level: bool = Property(True, doc="Remove the tilt that the pose reports.")
     max_tilt: float = Property(
-        5.0, min=0.0, max=30.0, unit="deg", doc="Tilt that the cut leaves room for; more cuts more away."
+        5.0, min=0.0, max=30.0, unit="deg", doc="Tilt up to which the crop is filled; more crops more."
     )
     aspect: Fraction = Property(
-        Fraction(4, 3), min=Fraction(1, 4), max=Fraction(4), doc="Width over height of what is cut out."
+        Fraction(4, 3), min=Fraction(1, 4), max=Fraction(4), doc="Width over height of the crop."
     )
 
     def start(self) -> None:
-        """Refuses a camera that is not known.
+        """Checks the camera.
 
         Raises:
-            ResourceError: neither focal length nor field of view, or numbers that are none.
+            ResourceError: neither focal length nor field of view is set, or a text is not numbers.
         """
         self._rectifier: Rectifier | None = None
-        self._told: set[str] = set()
+        self._warned: set[str] = set()
         if not (self.focal_px > 0 or self.field_of_view > 0):
             raise ResourceError(
                 f"{self.name}: the camera must be known, focal-px and field-of-view are both 0; "
@@ -60,7 +60,7 @@ class Rectify(Transform):
         self._camera((16, 16))
 
     def transform_caps(self, caps: Caps, direction: str) -> Caps:
-        """The same in another size; which, the camera tells."""
+        """The same format at the rectified size."""
         if caps.is_any:
             return self.pads["sink" if direction == "src" else "src"].template.caps
         if direction == "sink" and caps.is_fixed:
@@ -70,40 +70,40 @@ class Rectify(Transform):
         return caps.with_fields(width=side, height=side)
 
     def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
-        """Reckons with the frames' size."""
+        """Computes the crop for the frames' size."""
         self._rectifier = self._rectifier_of(sink_caps)
         self._is_planar = sink_caps["format"] == "I420"
 
     def transform(self, frame: Frame) -> Frame:
-        """The frame as the level camera would have seen it."""
+        """Rectifies a frame."""
         assert self._rectifier is not None
         maps = self._rectifier.maps(*self._tilt(frame, self._rectifier))
         if not self._is_planar:
             return frame.replace(data=resampled(frame.data, maps), caps=self.src_caps)
         height, width = frame.data.shape[0] * 2 // 3, frame.data.shape[1]
         small = halved_maps(maps)
-        colours = frame.data[height:].reshape(2, height // 2, width // 2)
-        planes = [resampled(frame.data[:height], maps), *(resampled(colour, small) for colour in colours)]
+        chroma = frame.data[height:].reshape(2, height // 2, width // 2)
+        planes = [resampled(frame.data[:height], maps), *(resampled(plane, small) for plane in chroma)]
         whole: npt.NDArray[np.uint8] = np.concatenate([plane.ravel() for plane in planes])
         return frame.replace(data=whole.reshape(-1, self._rectifier.size[0]), caps=self.src_caps)
 
     def _tilt(self, frame: Frame, rectifier: Rectifier) -> tuple[float, float]:
-        """Roll and pitch to take out; what is in the way is told once."""
+        """Roll and pitch to remove; missing or excessive tilt is reported once."""
         if not self.level:
             return 0.0, 0.0
         pose = frame.get(Pose)
         if pose is None or pose.is_stale or (pose.sensor_angles is None and pose.pitch is None):
-            self._tell("without attitude", "has no pose that tells its tilt and is not levelled")
+            self._warn_once("without attitude", "has no pose with its tilt and is not levelled")
             return 0.0, 0.0
         tilt = camera_tilt(pose.pitch or 0.0, pose.roll or 0.0, pose.sensor_angles or STRAIGHT_DOWN)
         if not rectifier.can_level(*tilt):
             degrees = math.degrees(math.hypot(*tilt))
-            self._tell("tilted", f"is tilted by {degrees:.1f} degrees and levelled up to max-tilt only")
+            self._warn_once("tilted", f"is tilted by {degrees:.1f} degrees and levelled up to max-tilt only")
         return tilt
 
-    def _tell(self, kind: str, what: str) -> None:
-        if kind not in self._told:
-            self._told.add(kind)
+    def _warn_once(self, kind: str, what: str) -> None:
+        if kind not in self._warned:
+            self._warned.add(kind)
             self.post_warning(f"a frame {what}, as others may be")
 
     def _rectifier_of(self, caps: Caps) -> Rectifier:

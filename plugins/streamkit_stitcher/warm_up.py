@@ -1,9 +1,9 @@
-"""Makes the compiled loops ready before the first frame."""
+"""Compiles the stitcher's kernels before the first frame."""
 
-import streamkit_stitcher.registration.patch_steps  # noqa: F401  its kernels are what is prepared
+import streamkit_stitcher.registration.patch_steps  # noqa: F401  holds the kernels
 from streamkit_kernels import prepare
 
 
 def warm_up() -> None:
-    """Compiles the loops, or reads them from the cache: else a stream waits at its first keyframe."""
+    """Compiles the kernels, or loads them from the cache: else the stream waits at its first keyframe."""
     prepare("streamkit_stitcher")

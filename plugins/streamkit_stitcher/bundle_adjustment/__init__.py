@@ -1,1 +1,1 @@
-"""Sparse bundle adjustment of frames of a plane: homographies and plane points, solved together."""
+"""Sparse bundle adjustment of frames of a plane: homographies and plane points together."""

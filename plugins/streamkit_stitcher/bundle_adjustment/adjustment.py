@@ -34,14 +34,14 @@ class AdjustmentSettings:
 
 @dataclass(frozen=True, eq=False)
 class Adjustment:
-    """An adjusted problem.
+    """The result of an adjustment.
 
     Attributes:
-        cameras: float64[n, 3, 3], plane to frame; the fixed ones as they were given.
+        cameras: float64[n, 3, 3], plane to frame; fixed ones unchanged.
         points: float64[m, 2], on the plane.
         cost: half the sum of Huber's function of the residuals, px squared.
-        rmse: root mean square length of the residuals, px.
-        iterations: steps tried.
+        rmse: root mean square residual, px.
+        iterations: iterations tried.
     """
 
     cameras: FloatArray
@@ -52,16 +52,16 @@ class Adjustment:
 
 
 def adjust(problem: PlaneProblem, settings: AdjustmentSettings | None = None) -> Adjustment:
-    """Finds the homographies and plane points that explain the observations best.
+    """Minimises the reprojection error over homographies and plane points.
 
-    Residuals count in frame pixels. Points without observations keep their places.
+    Points without observations are unchanged.
 
     Args:
         problem: the frames, points and observations, near the solution.
-        settings: how it runs.
+        settings: of the iteration.
 
     Raises:
-        ValueError: the problem contradicts itself.
+        ValueError: the problem is inconsistent.
 
     Source: Triggs, McLauchlan, Hartley and Fitzgibbon, Bundle adjustment, a modern synthesis, 2000; Lourakis
     and Argyros, SBA, ACM TOMS 36, 2009; Nielsen, Damping parameter in Marquardt's method, 1999.
@@ -70,8 +70,8 @@ def adjust(problem: PlaneProblem, settings: AdjustmentSettings | None = None) ->
     problem.check()
     if not len(problem.observed) or problem.fixed.all():
         return _unchanged(problem, settings.huber)
-    # Neither a frame nor a point without observations takes part: a window of a long flight costs what its
-    # own frames cost.
+    # Frames and points without observations are left out: a window of a long flight costs what its own frames
+    # cost.
     cameras, camera_index = _compact(problem.camera_index, len(problem.cameras))
     points, point_index = _compact(problem.point_index, len(problem.points))
     if problem.fixed[cameras].all():
@@ -97,7 +97,7 @@ def adjust(problem: PlaneProblem, settings: AdjustmentSettings | None = None) ->
 
 
 def _unchanged(problem: PlaneProblem, huber: float) -> Adjustment:
-    """A problem in which nothing can move."""
+    """The result of a problem in which nothing can move."""
     seen, _ = projected(problem.cameras[problem.camera_index], problem.points[problem.point_index])
     residuals = (problem.observed - seen).T
     squares = float((residuals**2).sum()) / max(1, len(seen))
@@ -105,14 +105,14 @@ def _unchanged(problem: PlaneProblem, huber: float) -> Adjustment:
 
 
 def _compact(index: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
-    """The numbers below `count` that occur, rising, and which of them each index is."""
+    """The numbers below `count` that occur, ascending, and the position of each index among them."""
     occurs = np.zeros(count, dtype=np.bool_)
     occurs[index] = True
     return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[index]
 
 
 class _Scaled:
-    """A problem in coordinates of order one, so that all parameters weigh alike."""
+    """A problem in normalised coordinates, so that all parameters have similar weight."""
 
     def __init__(self, problem: PlaneProblem) -> None:
         self.problem = problem
@@ -135,7 +135,7 @@ class _Scaled:
 
 
 def _similarity(middle: FloatArray, unit: float) -> tuple[FloatArray, FloatArray]:
-    """The scaling to order one about a middle, and its inverse."""
+    """The scaling to unit size about a centre, and its inverse."""
     x, y = middle.tolist()
     return (
         np.array([[1 / unit, 0, -x / unit], [0, 1 / unit, -y / unit], [0, 0, 1]]),
@@ -149,7 +149,7 @@ def _mapped(similarity: FloatArray, points: FloatArray) -> FloatArray:
 
 
 class _Descent:
-    """The iteration: linearise, solve, keep what lowers the cost."""
+    """The Levenberg-Marquardt iteration."""
 
     def __init__(self, scaled: _Scaled, settings: AdjustmentSettings) -> None:
         self._settings = settings
@@ -168,10 +168,10 @@ class _Descent:
     @property
     def squares(self) -> float:
         """The sum of the squared residuals."""
-        return float(((self._observed - self._views.seen) ** 2).sum())
+        return float(((self._observed - self._views.projected) ** 2).sum())
 
     def run(self) -> int:
-        """Runs to the end; returns the steps tried."""
+        """Runs to convergence; returns the iterations tried."""
         damping, growth = _FIRST_DAMPING, 2.0
         equations = None
         iterations = 0
@@ -198,9 +198,9 @@ class _Descent:
         return iterations
 
     def _tried(self, step: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray, Views]:
-        """Cameras and points after a step, and a step of the points' own: the cameras' bends them.
+        """Cameras and points after a step, and one more step of the points alone.
 
-        Long strips have motions that hardly change the cost; along those this makes wider steps possible.
+        Long strips have motions that hardly change the cost; the second step allows larger ones.
         """
         cameras = self.cameras.copy()
         cameras.reshape(-1, 9)[self._layout.free, :8] += step[0]
@@ -217,5 +217,5 @@ class _Descent:
 
 
 def _cost_in_front(views: Views) -> float:
-    """The cost, infinite where a point came to lie behind a camera's horizon."""
+    """The cost; infinite where a point lies behind a camera."""
     return views.cost if views.depth.min() > _LEAST_DEPTH else float("inf")

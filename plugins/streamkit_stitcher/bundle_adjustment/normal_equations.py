@@ -20,14 +20,14 @@ _ELEMENTS: Final = 8
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Sums over the observations of one linearisation.
+    """The normal equations of one linearisation.
 
     Attributes:
         camera_blocks: float64[f, 8, 8], of each free camera's matrix elements (U).
-        camera_sides: float64[f, 8].
+        camera_sides: float64[f, 8], right-hand sides.
         point_blocks: float64[3, m], xx xy yy of each point's 2 x 2 block (V).
-        point_sides: float64[2, m].
-        views: the observations behind them, in the layout's order.
+        point_sides: float64[2, m], right-hand sides.
+        views: the observations, in the layout's order.
         slopes: float64[2, 2, k], their derivatives by the points.
     """
 
@@ -54,7 +54,7 @@ def form(views: Views, layout: Layout) -> NormalEquations:
 
 
 def point_steps(views: Views, layout: Layout) -> FloatArray:
-    """float64[2, m], the step of each point that suits its observations best while the cameras hold still."""
+    """float64[2, m], the best step of each point while the cameras are fixed."""
     blocks, sides = _point_sums(views.residuals, views.slopes(), layout)
     factor = _inverse_factor(blocks, 0.0)
     return _unwhitened(factor, _whitened(factor, sides))
@@ -63,13 +63,13 @@ def point_steps(views: Views, layout: Layout) -> FloatArray:
 def solve(
     equations: NormalEquations, layout: Layout, basis: FloatArray, damping: float
 ) -> tuple[FloatArray, FloatArray]:
-    """One damped step: cameras first, with the points eliminated, then the points.
+    """One damped step by the Schur complement: cameras first, then points.
 
     Args:
         equations: the normal equations.
         layout: the order of the observations.
         basis: float64[8, c], from a camera's free parameters to its matrix elements.
-        damping: added to the diagonal, times the diagonal.
+        damping: factor of the diagonal that is added to it.
 
     Returns:
         float64[f, 8] changes of the free cameras' elements and float64[2, m] of the points.
@@ -108,19 +108,19 @@ def solve(
 
 
 def _camera_rows(views: Views, layout: Layout, mixture: FloatArray) -> FloatArray:
-    """Mixtures of the derivatives of x and y by the camera's elements, and room for a right-hand side.
+    """Mixed derivatives of x and y by the camera's elements, with a column for a right-hand side.
 
     Args:
         views: in the layout's order.
-        layout: tells how many of them are of free cameras.
-        mixture: float64[2, 2, k], of each of the two mixtures the shares of x and of y, divided by the depth.
+        layout: the order of the observations.
+        mixture: float64[2, 2, k], weights of x and y in each of the two rows, divided by the depth.
 
     Returns:
-        float64[k', 2, 9], the last column not set.
+        float64[k', 2, 9] of the free cameras' observations, the last column not set.
     """
     count = int(layout.camera_bounds[-1])
-    x, y = views.places[:, :count]
-    seen_x, seen_y = views.seen[:, :count]
+    x, y = views.points[:, :count]
+    seen_x, seen_y = views.projected[:, :count]
     rows = np.empty((count, 2, _ELEMENTS + 1))
     for row, (across, down) in enumerate(mixture[:, :, :count]):
         own = rows[:, row].T
@@ -148,7 +148,7 @@ def _sums_by_camera(rows: FloatArray, layout: Layout) -> FloatArray:
 
 
 def _sums_by_pair(rows: FloatArray, layout: Layout) -> FloatArray:
-    """float64[q, 8, 8], less the products of the rows of each pair of cameras that share points."""
+    """float64[q, 8, 8], the negative products of the rows of each pair of cameras that share points."""
     sums = np.empty((len(layout.pair_cameras), _ELEMENTS + 1, _ELEMENTS + 1))
     first = rows[layout.first].reshape(-1, _ELEMENTS + 1)
     second = rows[layout.second].reshape(-1, _ELEMENTS + 1)
@@ -187,17 +187,12 @@ def _whitened(factor: FloatArray, sides: FloatArray) -> FloatArray:
 
 
 def _unwhitened(factor: FloatArray, sides: FloatArray) -> FloatArray:
-    """L times each, float64[2, m]."""
+    """L times each right-hand side, float64[2, m]."""
     return np.stack([factor[0] * sides[0] + factor[1] * sides[1], factor[2] * sides[1]])
 
 
 def _whitened_slopes(factor: FloatArray, equations: NormalEquations) -> FloatArray:
-    """float64[2, 2, k], the shares of x and y in the two rows of Z', see `_camera_rows`.
-
-    Args:
-        factor: float64[3, k], L of each observation's point.
-        equations: the normal equations.
-    """
+    """float64[2, 2, k], the mixture for the rows of Z'; `factor` is L of each observation's point."""
     first, second, third = factor * equations.views.scale
     across, down = equations.slopes[:, 0], equations.slopes[:, 1]
     return np.stack([across * first, across * second + down * third])
@@ -206,13 +201,13 @@ def _whitened_slopes(factor: FloatArray, equations: NormalEquations) -> FloatArr
 def _solve_dense(
     diagonal: FloatArray, others: FloatArray, pairs: IndexArray, wanted: FloatArray
 ) -> FloatArray:
-    """The cameras' steps, float64[f, c], by Cholesky; `others` lie above the diagonal."""
+    """The cameras' steps, float64[f, c], by Cholesky; `others` are above the diagonal."""
     count, size = wanted.shape
     matrix = np.zeros((count, size, count, size))
     inside = np.arange(count)
     matrix[inside, :, inside] = diagonal
     matrix[pairs[:, 0], :, pairs[:, 1]] = others
-    # What is above the diagonal row by row lies below it column by column, which is LAPACK's order.
+    # The upper triangle in row order is the lower one in LAPACK's column order.
     _, solved, failed = scipy.linalg.lapack.dposv(
         matrix.reshape(count * size, -1).T, wanted.ravel(), lower=1, overwrite_a=1
     )
@@ -224,7 +219,7 @@ def _solve_dense(
 def _solve_sparse(
     diagonal: FloatArray, others: FloatArray, pairs: IndexArray, wanted: FloatArray
 ) -> FloatArray:
-    """The same for many cameras: only blocks of cameras that share points are kept."""
+    """The same for many cameras, with the blocks of cameras that share points only."""
     count, size = wanted.shape
     blocks = np.concatenate([diagonal, others, others.transpose(0, 2, 1)])
     inside = np.arange(count)

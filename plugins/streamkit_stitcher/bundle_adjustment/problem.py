@@ -1,4 +1,4 @@
-"""What a bundle adjustment is given, and the order in which its sums are formed."""
+"""A bundle adjustment's input, and the order of its sums."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -32,15 +32,15 @@ BASES: Final[dict[MotionModel, FloatArray]] = {
 
 @dataclass(frozen=True, eq=False)
 class PlaneProblem:
-    """Frames of a plane and the points of it that they show.
+    """Frames of a plane and their observations of its points.
 
     Attributes:
-        cameras: float64[n, 3, 3], from plane coordinates to pixels of each frame, last element 1.
+        cameras: float64[n, 3, 3], plane coordinates to pixels of each frame, last element 1.
         points: float64[m, 2], on the plane.
         camera_index: int64[k], the frame of each observation.
         point_index: int64[k], its point; at most one observation per frame and point.
-        observed: float64[k, 2], where the frame shows the point, px.
-        fixed: bool[n], frames that hold still: at least one, which is the gauge.
+        observed: float64[k, 2], its position in the frame, px.
+        fixed: bool[n], frames that do not move: at least one, which is the gauge.
     """
 
     cameras: FloatArray
@@ -51,10 +51,10 @@ class PlaneProblem:
     fixed: MaskArray
 
     def check(self) -> None:
-        """Refuses what could not be solved.
+        """Checks sizes and indices.
 
         Raises:
-            ValueError: sizes do not agree, an index points nowhere, or no frame is fixed.
+            ValueError: sizes differ, an index is out of range, or no frame is fixed.
         """
         count = len(self.observed)
         if not (len(self.camera_index) == len(self.point_index) == count):
@@ -77,7 +77,7 @@ class PlaneProblem:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Observations in the order of their cameras, the fixed ones last, and which of them meet in a point.
+    """Observations sorted by camera, the fixed ones last, and pairs of observations of the same point.
 
     Attributes:
         order: int64[k], the observations, grouped by camera and by point within a camera.
@@ -85,11 +85,11 @@ class Layout:
         point: int64[k], its point.
         points: number of points.
         free: int64[f], the free cameras.
-        camera_bounds: int64[f + 1], the groups of the free cameras among the sorted observations.
+        camera_bounds: int64[f + 1], bounds of the free cameras' sorted observations.
         first: int64[p], sorted observations of pairs that share a point, free cameras only.
         second: int64[p], their partners, of a later camera.
-        pair_cameras: int64[q, 2], numbers of the free cameras of each group of pairs.
-        pair_bounds: int64[q + 1], the groups of `first` and `second`.
+        pair_cameras: int64[q, 2], positions in `free` of each group of pairs.
+        pair_bounds: int64[q + 1], bounds of the groups in `first` and `second`.
     """
 
     order: IndexArray
@@ -134,7 +134,7 @@ def layout(problem: PlaneProblem) -> Layout:
 
 
 def _sorted(keys: IndexArray, limit: int) -> IndexArray:
-    """The stable order of keys from 0 to below `limit`; short ones are sorted by their digits."""
+    """Stable argsort of keys from 0 to below `limit`; small ones by radix sort."""
     return np.argsort(keys.astype(np.uint16) if limit <= _SHORT else keys, kind="stable")
 
 

@@ -1,6 +1,6 @@
-"""Where cameras see plane points, how that changes with either, and what an error costs.
+"""Projection of plane points into cameras, its derivatives, and the robust cost.
 
-Inside an adjustment the observations lie along the last axis, so that each step is one pass over long rows.
+Observations are along the last axis, for vectorised passes over long rows.
 """
 
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ def projected(cameras: FloatArray, points: FloatArray) -> tuple[FloatArray, Floa
 
 
 def robust_cost(residuals: FloatArray, huber: float) -> tuple[float, FloatArray | None]:
-    """Half the sum of Huber's function of the residuals' lengths, and the weight of each.
+    """Half the sum of Huber's function of the residuals' lengths, and their weights.
 
     Args:
         residuals: float64[2, k].
         huber: length from which the cost grows linearly.
 
     Returns:
-        The cost and float64[k] weights, 1 up to `huber` and falling beyond; None where all are 1.
+        The cost and float64[k] weights; None where all are 1.
     """
     squares = residuals[0] * residuals[0]
     squares += residuals[1] * residuals[1]
@@ -41,28 +41,28 @@ def robust_cost(residuals: FloatArray, huber: float) -> tuple[float, FloatArray 
         return 0.5 * float(np.add.reduce(squares)), None
     lengths = np.sqrt(squares)
     weights = huber / np.maximum(lengths, huber)
-    # Up to the bound the weight is 1 and this is the square; beyond, 2 huber |r| - huber^2.
+    # The square up to `huber`; beyond, 2 huber |r| - huber^2.
     bounded = np.minimum(lengths, huber)
     return float((bounded * (lengths - 0.5 * bounded)).sum()), weights
 
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """What the cameras see of the points: one column per observation.
+    """Projected observations, one per column.
 
     Attributes:
         elements: float64[3, 3, k], the homography of each observation's camera.
-        places: float64[2, k], its point on the plane.
-        seen: float64[2, k], where the camera sees that.
+        points: float64[2, k], its point on the plane.
+        projected: float64[2, k], the projection.
         depth: float64[k], the third homogeneous coordinate.
-        residuals: float64[2, k], observed minus seen, times `root` where there is one.
+        residuals: float64[2, k], observed minus projected, times `root`.
         root: float64[k], square roots of the weights; None where all are 1.
         cost: half the sum of Huber's function of the residuals.
     """
 
     elements: FloatArray
-    places: FloatArray
-    seen: FloatArray
+    points: FloatArray
+    projected: FloatArray
     depth: FloatArray
     residuals: FloatArray
     root: FloatArray | None
@@ -70,32 +70,25 @@ class Views:
 
     @property
     def scale(self) -> FloatArray:
-        """float64[k], what the derivatives of the homogeneous coordinates are multiplied with."""
+        """float64[k], factor of the derivatives of the homogeneous coordinates."""
         return (1.0 if self.root is None else self.root) / self.depth
 
     def slopes(self) -> FloatArray:
         """float64[2, 2, k], weighted derivatives of x and y by the point's x and y."""
-        linear = self.elements[:2, :2] - self.seen[:, np.newaxis] * self.elements[2, :2]
+        linear = self.elements[:2, :2] - self.projected[:, np.newaxis] * self.elements[2, :2]
         return np.asarray(linear * self.scale, dtype=np.float64)
 
 
-def view(elements: FloatArray, places: FloatArray, observed: FloatArray, huber: float) -> Views:
-    """Projects points and compares them with what was observed.
-
-    Args:
-        elements: float64[3, 3, k].
-        places: float64[2, k].
-        observed: float64[2, k].
-        huber: see `robust_cost`.
-    """
-    mapped = elements[:, 0] * places[0]
-    mapped += elements[:, 1] * places[1]
+def view(elements: FloatArray, points: FloatArray, observed: FloatArray, huber: float) -> Views:
+    """Projects points float64[2, k] by float64[3, 3, k], and compares them with float64[2, k] observed."""
+    mapped = elements[:, 0] * points[0]
+    mapped += elements[:, 1] * points[1]
     mapped += elements[:, 2]
     seen = mapped[:2] / mapped[2]
     residuals = observed - seen
     cost, weights = robust_cost(residuals, huber)
     if weights is None:
-        return Views(elements, places, seen, mapped[2], residuals, None, cost)
+        return Views(elements, points, seen, mapped[2], residuals, None, cost)
     root = np.sqrt(weights)
     residuals *= root
-    return Views(elements, places, seen, mapped[2], residuals, root, cost)
+    return Views(elements, points, seen, mapped[2], residuals, root, cost)

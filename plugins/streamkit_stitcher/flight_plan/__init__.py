@@ -1,1 +1,1 @@
-"""What is known before a flight strip: its length, its frames, and how they are made even."""
+"""Planning of a flight strip, and rectification of its frames."""

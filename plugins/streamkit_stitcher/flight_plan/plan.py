@@ -1,15 +1,15 @@
-"""A flight strip before it is flown: ground covered, frames needed, time between keyframes."""
+"""A flight strip before the flight: ground covered, frames needed, time between keyframes."""
 
 import math
 from dataclasses import dataclass
 from typing import Final
 
-_MOST_IMAGES: Final = 100_000
+_MAX_IMAGES: Final = 100_000
 
 
 @dataclass(frozen=True)
 class GeodeticPoint:
-    """A place: degrees, WGS84."""
+    """A position: degrees, WGS84."""
 
     latitude: float
     longitude: float
@@ -17,10 +17,10 @@ class GeodeticPoint:
 
 @dataclass(frozen=True)
 class CameraView:
-    """How much a camera that looks straight down sees.
+    """Field of view of a camera that looks straight down.
 
     Attributes:
-        horizontal: field of view across the frame, rad.
+        horizontal: across the frame, rad.
         vertical: along its height, rad.
     """
 
@@ -28,28 +28,22 @@ class CameraView:
     vertical: float
 
     @classmethod
-    def of_lens(cls, focal_mm: float, sensor_mm: tuple[float, float]) -> "CameraView":
-        """From the focal length and the width and height of the sensor."""
-        width, height = sensor_mm
-        return cls(2 * math.atan(width / (2 * focal_mm)), 2 * math.atan(height / (2 * focal_mm)))
-
-    @classmethod
     def of_width(cls, horizontal: float, shape: tuple[int, int]) -> "CameraView":
-        """From the horizontal field of view in rad and the (height, width) of frames with square pixels."""
+        """From the horizontal field of view, rad, and the (height, width) of the frames."""
         height, width = shape
         return cls(horizontal, 2 * math.atan(math.tan(horizontal / 2) * height / width))
 
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """What a strip comes to.
+    """A planned strip.
 
     Attributes:
         length_m: of the strip, on the ellipsoid.
         heading: at its start, rad clockwise from north.
         footprint_m: ground across and along one frame.
-        images: frames of the whole strip at the overlap wanted.
-        interval_s: time from one to the next.
+        images: frames of the whole strip at the planned overlap.
+        interval_s: time between two of them.
         sampling_m: ground per pixel.
     """
 
@@ -62,10 +56,10 @@ class FlightPlan:
 
 
 def parse_strip(text: str) -> tuple[GeodeticPoint, GeodeticPoint]:
-    """Reads the ends of a strip from "longitude,latitude,longitude,latitude".
+    """Parses "longitude,latitude,longitude,latitude".
 
     Raises:
-        ValueError: it is not four numbers, or they are no places on earth.
+        ValueError: it is not four numbers, or they are not positions on earth.
     """
     try:
         values = [float(part) for part in text.split(",")]
@@ -99,18 +93,18 @@ def plan_strip(
     speed_m_s: float,
     width_px: int,
 ) -> FlightPlan:
-    """Works out a strip flown along the height of the frames.
+    """Plans a strip flown along the height of the frames.
 
     Args:
-        ends: middles of the first and the last frame.
+        ends: centres of the first and the last frame.
         altitude_m: above the ground.
         view: of the camera.
-        overlap: part of a frame that the next one shows again, 0 to below 1.
+        overlap: of consecutive frames, 0 to below 1.
         speed_m_s: over the ground.
         width_px: of the frames.
 
     Raises:
-        ValueError: a value makes no flight, or the strip would take more than 100 000 frames.
+        ValueError: a value is out of range, or the strip needs more than 100 000 frames.
         ImportError: pyproj is missing.
 
     Source: Zhang, Liu and Qu, Research on feature extraction method of UAV video image based on target
@@ -129,10 +123,10 @@ def plan_strip(
     across, along = footprint(altitude_m, view)
     step = along * (1 - overlap)
     images = math.ceil(length / step - 1e-9) + 1
-    if images > _MOST_IMAGES:
+    if images > _MAX_IMAGES:
         raise ValueError(
             f"a strip of {length:.0f} m takes {images} frames at steps of {step:.2f} m; at most "
-            f"{_MOST_IMAGES} are possible: check altitude, field of view and overlap"
+            f"{_MAX_IMAGES} are possible: check altitude, field of view and overlap"
         )
     return FlightPlan(
         float(length), math.radians(azimuth), (across, along), images, step / speed_m_s, across / width_px

@@ -1,4 +1,4 @@
-"""Making the frames of a tilted camera with a real lens look as if taken straight down."""
+"""Removal of lens distortion and camera tilt from frames."""
 
 import math
 from dataclasses import dataclass, field
@@ -18,12 +18,12 @@ _LARGEST_TILT: Final = math.radians(45)
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera's inner orientation.
+    """Intrinsic parameters of a camera.
 
     Attributes:
         focal_px: focal length, px.
-        principal: x y of the principal point, px; None for the middle of the frame.
-        distortion: k1, k2, p1, p2, k3 of Brown's model, as OpenCV counts them.
+        principal: x y of the principal point, px; None for the centre of the frame.
+        distortion: k1, k2, p1, p2, k3 of Brown's model, in OpenCV's order.
     """
 
     focal_px: float
@@ -31,25 +31,25 @@ class Camera:
     distortion: tuple[float, ...] = field(default=(0.0, 0.0, 0.0, 0.0, 0.0))
 
     def matrix(self, shape: tuple[int, int]) -> FloatArray:
-        """float64[3, 3], rays to pixels of a frame of `shape` (height, width)."""
+        """The camera matrix for frames of `shape` (height, width), float64[3, 3]."""
         x, y = self.principal or ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
         return np.array([[self.focal_px, 0, x], [0, self.focal_px, y], [0, 0, 1.0]])
 
 
 def levelling(camera: Camera, shape: tuple[int, int], roll: float, pitch: float) -> FloatArray:
-    """Turns a frame into what the same camera would have seen looking straight down.
+    """The homography to a frame of the same camera looking straight down.
 
     Args:
-        camera: its inner orientation.
+        camera: the intrinsic parameters.
         shape: (height, width), px.
-        roll: of the camera about the way it looks up in the frame, right side down positive, rad.
-        pitch: about the frame's x axis, top of the frame up positive, rad.
+        roll: about the image's y axis, right side down positive, rad.
+        pitch: about the image's x axis, top of the frame up positive, rad.
 
     Returns:
         float64[3, 3], pixels of the undistorted frame to pixels of the levelled one.
 
     Raises:
-        ValueError: the camera is tilted by more than 45 degrees, where the ground may end in the frame.
+        ValueError: the tilt exceeds 45 degrees, where the horizon may be in view.
     """
     if not math.hypot(roll, pitch) <= _LARGEST_TILT:
         raise ValueError(
@@ -65,11 +65,11 @@ def levelling(camera: Camera, shape: tuple[int, int], roll: float, pitch: float)
 def rectification_maps(
     camera: Camera, shape: tuple[int, int], to_level: FloatArray, size: tuple[int, int], shift: FloatArray
 ) -> tuple[MapArray, MapArray]:
-    """Where each pixel of the rectified frame lies in the one that was taken.
+    """Source position of each pixel of the rectified frame.
 
     Args:
-        camera: its inner orientation.
-        shape: (height, width) of the taken frame.
+        camera: the intrinsic parameters.
+        shape: (height, width) of the source frame.
         to_level: float64[3, 3] from the undistorted frame to the levelled one.
         size: (width, height) of the rectified frame.
         shift: float64[2], x y of its first pixel in the levelled frame.
@@ -87,7 +87,7 @@ def rectification_maps(
 
 
 def rectified_border(camera: Camera, shape: tuple[int, int], to_level: FloatArray) -> FloatArray:
-    """The border of the taken frame in the levelled one, float64[n, 2], clockwise."""
+    """The border of the source frame in the levelled one, float64[n, 2], clockwise."""
     outline = corners(shape)
     steps = np.arange(_BORDER_STEPS)[:, np.newaxis] / _BORDER_STEPS
     border = np.concatenate(
@@ -99,10 +99,10 @@ def rectified_border(camera: Camera, shape: tuple[int, int], to_level: FloatArra
 
 
 def inscribed_rectangle(border: FloatArray, aspect: float) -> tuple[float, float, float, float]:
-    """The largest upright rectangle of an aspect around the middle of a border that lies inside it.
+    """The largest upright rectangle of an aspect ratio, about the centre of a border, that lies inside it.
 
     Args:
-        border: float64[n, 2] of a shape that its own middle sees whole.
+        border: float64[n, 2], star-shaped about its centre.
         aspect: width over height.
 
     Returns:
@@ -113,15 +113,15 @@ def inscribed_rectangle(border: FloatArray, aspect: float) -> tuple[float, float
     after = np.roll(arms, -1, axis=0)
     half_height = math.inf
     for across, down in ((aspect, 1.0), (aspect, -1.0), (-aspect, 1.0), (-aspect, -1.0)):
-        # Where the diagonal from the middle towards this corner leaves the border.
+        # Intersection of the diagonal towards this corner with the border.
         side = after - arms
         determinant = across * -side[:, 1] + down * side[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = (arms[:, 0] * -side[:, 1] + arms[:, 1] * side[:, 0]) / determinant
-            place = (across * arms[:, 1] - down * arms[:, 0]) / determinant
-        crossed = (reach > 0) & (place >= -1e-9) & (place <= 1 + 1e-9)
+            share = (across * arms[:, 1] - down * arms[:, 0]) / determinant
+        crossed = (reach > 0) & (share >= -1e-9) & (share <= 1 + 1e-9)
         half_height = min(half_height, float(reach[crossed].min(initial=math.inf)))
-    # A corner may lie inside while a side crosses a bulge of the border.
+    # A side may cross the border while the corners are inside.
     bulging = np.maximum(np.abs(arms[:, 0]) / aspect, np.abs(arms[:, 1]))
     half_height = min(half_height, float(bulging.min()))
     half_width = half_height * aspect
@@ -131,7 +131,7 @@ def inscribed_rectangle(border: FloatArray, aspect: float) -> tuple[float, float
 def common_rectangle(
     rectangles: list[tuple[float, float, float, float]], aspect: float
 ) -> tuple[float, float]:
-    """Width and height that all frames can be cut to: the shortest width, at the aspect.
+    """Width and height that all rectangles can be cropped to, at the aspect ratio.
 
     Raises:
         ValueError: there is no rectangle.

@@ -1,4 +1,4 @@
-"""Frames of one camera undistorted, levelled and cut to one size."""
+"""Frames of one camera undistorted, levelled and cropped to one size."""
 
 import math
 from typing import Final
@@ -24,25 +24,27 @@ _DIRECTIONS: Final = 8
 
 
 class Rectifier:
-    """Rectifies frames that may be tilted up to a limit; all come out in the same size.
+    """Rectifies frames up to a maximal tilt; all have the same size.
 
     Args:
-        camera: inner orientation of the camera.
+        camera: intrinsic parameters of the camera.
         shape: (height, width) of its frames, px.
-        aspect: width over height of what is cut out.
-        max_tilt: how far it may be tilted for its frame still to fill what is cut out, rad.
+        aspect: width over height of the crop.
+        max_tilt: tilt up to which the crop is filled, rad.
+
+    Attributes:
+        size: width and height of the rectified frames, px, both even.
 
     Raises:
-        ValueError: nothing can be cut out, or more than 45 degrees are asked for.
+        ValueError: nothing can be cropped, or the tilt exceeds 45 degrees.
     """
 
     def __init__(self, camera: Camera, shape: tuple[int, int], aspect: float, max_tilt: float) -> None:
-        self._camera, self._shape, self._aspect, self._most = camera, shape, aspect, max_tilt
+        self._camera, self._shape, self._aspect, self._max_tilt = camera, shape, aspect, max_tilt
         turns = np.arange(_DIRECTIONS) * (2 * math.pi / _DIRECTIONS) if max_tilt > 0 else np.empty(0)
         tilts = [(0.0, 0.0), *((max_tilt * math.cos(turn), max_tilt * math.sin(turn)) for turn in turns)]
         width, height = common_rectangle([self._inscribed(self._to_level(*tilt)) for tilt in tilts], aspect)
         self.size: tuple[int, int] = _even(width), _even(height)
-        """Width and height of the rectified frames, px, both even."""
         if not (math.isfinite(width) and min(self.size) > 1):
             raise ValueError(
                 f"nothing can be cut out of {shape[1]} x {shape[0]} px at a tilt of "
@@ -52,21 +54,20 @@ class Rectifier:
         self._maps: tuple[MapArray, MapArray] | None = None
 
     def can_level(self, roll: float, pitch: float) -> bool:
-        """Whether a tilt, rad, is within the limit."""
-        return math.hypot(roll, pitch) <= self._most + 1e-9
+        """Whether a tilt, rad, is within the maximum."""
+        return math.hypot(roll, pitch) <= self._max_tilt + 1e-9
 
     def maps(self, roll: float, pitch: float) -> tuple[MapArray, MapArray]:
-        """Where each pixel of the rectified frame lies in the one that was taken.
+        """Source position of each pixel of the rectified frame.
 
         Args:
-            roll: of the camera as in `rectification.levelling`, rad; beyond the limit it is levelled as far
-                as that.
+            roll: of the camera as in `rectification.levelling`, rad; limited to the maximal tilt.
             pitch: the same.
 
         Returns:
             float32[h, w] columns and rows.
         """
-        excess = math.hypot(roll, pitch) / self._most if self._most > 0 else math.inf
+        excess = math.hypot(roll, pitch) / self._max_tilt if self._max_tilt > 0 else math.inf
         tilt = (roll / excess, pitch / excess) if excess > 1 else (roll, pitch)
         if self._maps is None or tilt != self._tilt:
             to_level = self._to_level(*tilt)
@@ -84,13 +85,13 @@ class Rectifier:
 
 
 def resampled(plane: PixelArray, maps: tuple[MapArray, MapArray]) -> PixelArray:
-    """A plane, uint8[h, w] or uint8[h, w, 3], seen through `Rectifier.maps`."""
+    """Resamples uint8[h, w] or uint8[h, w, 3] by `Rectifier.maps`."""
     warped = cv2.remap(plane, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(warped, dtype=np.uint8)
 
 
 def halved_maps(maps: tuple[MapArray, MapArray]) -> tuple[MapArray, MapArray]:
-    """The maps for planes of half the width and height, as the colours of I420 are."""
+    """The maps for planes of half the width and height, as the chroma of I420."""
     height, width = maps[0].shape
     columns, rows = (
         (cv2.resize(one, (width // 2, height // 2), interpolation=cv2.INTER_AREA) - 0.5) / 2 for one in maps

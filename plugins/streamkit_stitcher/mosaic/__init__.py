@@ -1,1 +1,1 @@
-"""The mosaic: tiles that grow with the flight, seams, exposure, blending, frame files."""
+"""The mosaic: tiled canvas, seams, exposure, blending, image files."""

@@ -1,4 +1,4 @@
-"""A tiled canvas on a plane, which moves with the plane and halves its resolution rather than fail."""
+"""A tiled canvas on a plane, which follows changes of the plane and halves its resolution when full."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -22,16 +22,16 @@ _PREVIEW_WHOLE_PX: Final = 4_000_000
 
 
 class Canvas:
-    """Pixels and their depth over the part of a plane painted so far.
+    """Pixels and their depth over the painted part of a plane.
 
     Canvas pixel c shows the plane at (c + 0.5) / scale - 0.5, so that halving averages whole blocks.
 
     Args:
-        max_px: most pixels kept in memory; sixteen times as many go to a file before the scale is halved.
-        reduction: px of the ground per px of the plane, which bounds how far the canvas reaches.
+        max_px: most pixels in memory; 16 times as many go to a file before the scale is halved.
+        reduction: px of the ground per px of the plane, which limits the canvas's extent.
 
     Attributes:
-        scale: canvas pixels per px of the plane that was the first, 1 or a power of a half.
+        scale: canvas pixels per px of the first plane, 1 or a power of a half.
     """
 
     def __init__(self, max_px: int, reduction: int = 1) -> None:
@@ -51,12 +51,12 @@ class Canvas:
 
     @property
     def channels(self) -> int:
-        """Channels of the pixels: 1 for grey, 3 for colour; 0 before anything was painted."""
+        """Channels of the pixels: 1 for grey, 3 for colour; 0 for an empty canvas."""
         return 0 if self._store is None else self._store.channels
 
     @property
     def box(self) -> tuple[int, int, int, int]:
-        """Left, top, right and bottom of what was asked room for, canvas px, the last two exclusive."""
+        """Left, top, right and bottom of the canvas, px, the last two exclusive."""
         left, top = self._low.tolist()
         right, bottom = self._high.tolist()
         return left, top, right, bottom
@@ -70,7 +70,7 @@ class Canvas:
 
     @property
     def covered_px(self) -> float:
-        """Painted area, in px of the plane, to an eighth of a pixel's step."""
+        """Painted area, px of the plane, sampled at every eighth pixel."""
         if self._store is None:
             return 0.0
         cells = [self._store.coarse_depth(key) for key in self._store.keys]
@@ -78,11 +78,11 @@ class Canvas:
         return painted * _COARSE**2 / self.scale**2
 
     def move_plane(self, change: FloatArray) -> None:
-        """Follows a change of the plane, float64[3, 3] old to new: what is painted stays where it is."""
+        """Follows a change of the plane, float64[3, 3] old to new; painted pixels do not move."""
         self._from_current = normalised(self._from_current @ inverse(change))
 
     def make_room(self, points: FloatArray, channels: int) -> bool:
-        """Lets the canvas enclose points, at half the scale if need be.
+        """Extends the canvas to points, at a lower scale if necessary.
 
         Args:
             points: float64[n, 2], x y in px of a canvas at scale 1.
@@ -113,7 +113,7 @@ class Canvas:
         return True
 
     def from_frame(self, to_plane: FloatArray) -> FloatArray:
-        """A frame's homography to the present plane, float64[3, 3], as one on a canvas at scale 1."""
+        """A frame's homography to a canvas at scale 1, float64[3, 3]."""
         return np.asarray(self._from_current @ to_plane, dtype=np.float64)
 
     def at_scale_one(self, points: FloatArray) -> FloatArray:
@@ -122,7 +122,7 @@ class Canvas:
         return np.asarray(mapped, dtype=np.float64).reshape(-1, 2)
 
     def read(self, left: int, top: int, width: int, height: int) -> tuple[ImageArray, ImageArray]:
-        """A copy of a part: uint8[height, width, c] and its depth, uint8[height, width]."""
+        """Copies a part: uint8[height, width, c] and its depth, uint8[height, width]."""
         pixels = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
         depth = np.zeros((height, width), dtype=np.uint8)
         for key, there, here in _parts(left, top, width, height):
@@ -135,7 +135,7 @@ class Canvas:
         """Replaces a part by uint8[h, w, c] pixels and uint8[h, w] depths.
 
         Raises:
-            OSError: the temporary file takes no more.
+            OSError: the temporary file is full.
         """
         if self._store is None:
             return
@@ -149,7 +149,7 @@ class Canvas:
             self._store.put(key, tile)
 
     def is_painted(self, cells: CellArray) -> npt.NDArray[np.bool_]:
-        """Whether canvas pixels, int64[n, 2] x y, were painted, to the nearest eighth pixel."""
+        """Whether canvas pixels, int64[n, 2] x y, are painted, at every eighth pixel."""
         painted = np.zeros(len(cells), dtype=np.bool_)
         if self._store is None or not len(cells):
             return painted
@@ -171,7 +171,7 @@ class Canvas:
         return painted
 
     def preview(self, width: int, height: int) -> tuple[ImageArray, FloatArray]:
-        """The whole canvas fitted into `width` x `height`, black around it.
+        """The whole canvas fitted into `width` x `height`, with black borders.
 
         Returns:
             uint8[height, width, c], and float64[3, 3] from the present plane to its pixels.
@@ -191,16 +191,12 @@ class Canvas:
         result[y : y + size[1], x : x + size[0]] = shown.reshape(size[1], size[0], -1)
         across, down = size[0] / whole[0], size[1] / whole[1]
         fit = np.array(
-            [
-                [across, 0, x + (0.5 - left) * across - 0.5],
-                [0, down, y + (0.5 - top) * down - 0.5],
-                [0, 0, 1],
-            ]
+            [[across, 0, x + (0.5 - left) * across - 0.5], [0, down, y + (0.5 - top) * down - 0.5], [0, 0, 1]]
         )
         return result, normalised(fit @ self.from_plane)
 
     def close(self) -> None:
-        """Lets go of the tiles."""
+        """Releases the tiles."""
         if self._store is not None:
             self._store.close()
 
@@ -208,7 +204,7 @@ class Canvas:
         return self.read(left, top, width, height)[0]
 
     def _read_reduced(self, left: int, top: int, width: int, height: int) -> ImageArray:
-        """A part of the canvas at a quarter of its sides, in px of that."""
+        """Reads a part at a quarter of the resolution, in px of that."""
         pixels = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
         for key, there, here in _parts(left, top, width, height, TILE // REDUCTION):
             tile = None if self._store is None else self._store.reduced(key)
@@ -225,7 +221,7 @@ class Canvas:
         size: tuple[int, int],
         read: Callable[[int, int, int, int], ImageArray],
     ) -> ImageArray:
-        """A part reduced to `size`, a row of tiles at a time so that little of it is in memory."""
+        """Reduces a part to `size`, a row of tiles at a time to save memory."""
         if width * height <= _PREVIEW_WHOLE_PX:
             return np.asarray(cv2.resize(read(left, top, width, height), size, interpolation=cv2.INTER_AREA))
         result = np.zeros((size[1], size[0], max(1, self.channels)), dtype=np.uint8)
@@ -253,7 +249,7 @@ class Canvas:
             small = cv2.resize(tile.pixels, (half, half), interpolation=cv2.INTER_AREA).reshape(
                 half, half, -1
             )
-            # A block that is painted in part would mix with black: it counts as not painted.
+            # Partly painted blocks would mix with black: they count as not painted.
             depth = tile.depth.reshape(half, 2, half, 2).min(axis=(1, 3))
             small[depth == 0] = 0
             self.write(column * half, row * half, np.asarray(small, dtype=np.uint8), depth)

@@ -1,4 +1,4 @@
-"""The finished mosaic: frames at their adjusted places, one per part of the ground, blended in bands."""
+"""The final mosaic: frames at their adjusted homographies, cut along seams and blended in bands."""
 
 import math
 import tempfile
@@ -26,7 +26,7 @@ from streamkit_stitcher.mosaic.tiles import ImageArray
 
 _BLOCK: Final = 2048
 _BANDS: Final = 5
-# The blender works in whole numbers, level by level: sixteenths keep its rounding out of sight.
+# The blender rounds to integers at each level: sixteenths make that invisible.
 _FINENESS: Final = 16
 _REACH: Final = 3 << _BANDS
 _LARGEST_PX: Final = 1_000_000_000
@@ -35,10 +35,10 @@ _LARGEST_GRID: Final = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class PlacedFrame:
-    """A frame of the finished mosaic.
+    """A frame of the final mosaic.
 
     Attributes:
-        number: of the frame in its store.
+        number: of the frame in its store, -1 if not stored.
         shape: (height, width), px.
         to_plane: float64[3, 3], its pixels to the plane.
         fills_gaps: whether it shows only where no other frame does.
@@ -52,7 +52,7 @@ class PlacedFrame:
 
 @dataclass(frozen=True, eq=False)
 class Composition:
-    """A finished mosaic.
+    """A composed mosaic.
 
     Attributes:
         image: uint8[h, w] or uint8[h, w, 3] BGR, black where there is no frame; may be a memory map.
@@ -68,27 +68,24 @@ class Composition:
 
 
 def compose(
-    frames: Sequence[PlacedFrame],
-    load: Callable[[int], ImageArray],
-    seam: SeamKind,
-    memory_px: int,
+    frames: Sequence[PlacedFrame], load: Callable[[int], ImageArray], seam: SeamKind, memory_px: int
 ) -> Composition | None:
-    """Joins frames: gains first, then seams, then five bands blended across them.
+    """Composes frames, block by block: exposure gains, seams, and five bands blended across the seams.
 
-    Each part of the ground comes from one frame, so that what moved between two of them does not show
-    twice; only the low bands mix across a seam. The work goes block by block.
+    Each part of the ground comes from one frame, so that moving objects show once; only low frequencies mix
+    across a seam.
 
     Args:
-        frames: where they lie.
-        load: gives a frame by its number.
-        seam: how they share the ground.
-        memory_px: a larger mosaic is put together in a temporary file.
+        frames: their homographies.
+        load: returns a frame by its number.
+        seam: how seams are found.
+        memory_px: a larger mosaic goes to a temporary file.
 
     Returns:
         The mosaic, or None where no frame can be placed.
 
     Raises:
-        OSError: a temporary file takes no more.
+        OSError: a temporary file is full.
 
     Source: Burt and Adelson, A multiresolution spline with application to image mosaics, ACM TOG 1983; Brown
     and Lowe, IJCV 2007.
@@ -128,7 +125,7 @@ def _empty(shape: tuple[int, int, int], memory_px: int) -> ImageArray:
     if shape[0] * shape[1] <= memory_px:
         return np.zeros(shape, dtype=np.uint8)
     with tempfile.TemporaryFile(prefix="streamkit-mosaic-") as file:
-        # The map keeps the nameless file alive for as long as it is needed.
+        # The memory map keeps the unlinked file open.
         return np.memmap(file, dtype=np.uint8, mode="w+", shape=shape)
 
 
@@ -139,10 +136,10 @@ def _plan(
     shape: tuple[int, int],
     seam: SeamKind,
 ) -> _Plan:
-    """Seams and gains, found on a coarse grid of the mosaic."""
+    """Finds seams and gains on a coarse grid of the mosaic."""
     factor = thumbnail_factor(max(frame.shape[1] for frame in placed))
     if seam is SeamKind.GRAPHCUT:
-        # A seam that goes round cars needs cells smaller than cars.
+        # Seams around cars need cells smaller than cars.
         factor = max(1, factor // 2)
     factor = max(factor, 2 ** math.ceil(math.log2(max(1.0, shape[0] * shape[1] / _LARGEST_GRID)) / 2))
     grid = -(-shape[0] // factor), -(-shape[1] // factor)
@@ -168,7 +165,7 @@ def _plan(
 
 
 def _fill(block: ImageArray, left: int, top: int, plan: _Plan, load: Callable[[int], ImageArray]) -> None:
-    """Composes one block of the mosaic, with what lies around it so that the bands run on."""
+    """Composes one block of the mosaic, with a margin for the bands."""
     height, width = block.shape[:2]
     rows = slice(max(0, (top - _REACH) // plan.factor), (top + height + _REACH) // plan.factor + 1)
     columns = slice(max(0, (left - _REACH) // plan.factor), (left + width + _REACH) // plan.factor + 1)
@@ -197,21 +194,19 @@ def _blended(
     plan: _Plan,
     load: Callable[[int], ImageArray],
 ) -> ImageArray | None:
-    """The frames of a block joined, uint8[h, w, 3]; a block of one frame is that frame as it is."""
+    """The blended frames of a block, uint8[h, w, 3]."""
     size = labels.shape[1] * plan.factor, labels.shape[0] * plan.factor
     if len(numbers) == 1:
-        return _whole_grey(_warped(int(numbers[0]), corner, size, plan, load))
+        return _rounded(_warped(int(numbers[0]), corner, size, plan, load))
     blender: Any = cv2.detail.MultiBandBlender(0, _BANDS)
     blender.prepare((0, 0, *size))
     for number in numbers:
         _feed(blender, labels == number, int(number), corner, plan, load)
     blended, _ = blender.blend(None, None)
-    if blended is None:
-        return None
-    return _whole_grey(np.asarray(blended))
+    return None if blended is None else _rounded(np.asarray(blended))
 
 
-def _whole_grey(sixteenths: npt.NDArray[np.int16]) -> ImageArray:
+def _rounded(sixteenths: npt.NDArray[np.int16]) -> ImageArray:
     return np.asarray(cv2.convertScaleAbs(np.maximum(sixteenths, 0), alpha=1 / _FINENESS), dtype=np.uint8)
 
 
@@ -222,7 +217,7 @@ def _warped(
     plan: _Plan,
     load: Callable[[int], ImageArray],
 ) -> npt.NDArray[np.int16]:
-    """A frame with its gain in a box of the mosaic, int16[h, w, 3] in sixteenths; its edge goes on."""
+    """A frame with its gain in a box of the mosaic, int16[h, w, 3] in sixteenths; edges repeat."""
     shift = np.array([[1, 0, -corner[0]], [0, 1, -corner[1]], [0, 0, 1.0]])
     frame, matrix = reduced_for(
         with_channels(load(plan.placed[number].number), plan.channels), plan.to_mosaic[number]
@@ -234,16 +229,14 @@ def _warped(
 
 
 def _enlarged(cells: MaskArray, factor: int) -> ImageArray:
-    """Cells of the planning grid as pixels of the mosaic, uint8, 255 where they are set."""
+    """Cells of the planning grid as pixels of the mosaic, uint8, 255 where set."""
     grey = cells.astype(np.uint8) * np.uint8(255)
     size = cells.shape[1] * factor, cells.shape[0] * factor
     return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
 
 
-def _inside(
-    numbers: LabelArray, corner: tuple[int, int], size: tuple[int, int], plan: _Plan
-) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
-    """Where any of the frames reaches; the coarse grid alone would leave steps along the outer border."""
+def _inside(numbers: LabelArray, corner: tuple[int, int], size: tuple[int, int], plan: _Plan) -> MaskArray:
+    """Pixels inside any of the frames; the coarse grid alone would leave a jagged border."""
     mask = np.zeros((size[1], size[0]), dtype=np.uint8)
     for number in numbers:
         outline = project(plan.to_mosaic[number], corners(plan.placed[number].shape)) - np.array(corner)
@@ -253,19 +246,19 @@ def _inside(
 
 def _feed(
     blender: Any,
-    own: np.ndarray[tuple[int, int], np.dtype[np.bool_]],
+    own: MaskArray,
     number: int,
     corner: tuple[int, int],
     plan: _Plan,
     load: Callable[[int], ImageArray],
 ) -> None:
-    """Hands one frame's part of a block, and what lies around it, to the blender."""
+    """Adds one frame's part of a block, with a margin, to the blender."""
     factor = plan.factor
     reach = -(-_REACH // factor)
     rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
     top, bottom = max(0, int(rows[0]) - reach), min(own.shape[0], int(rows[-1]) + 1 + reach)
     left, right = max(0, int(columns[0]) - reach), min(own.shape[1], int(columns[-1]) + 1 + reach)
     mask = _enlarged(own[top:bottom, left:right], factor)
-    place = corner[0] + left * factor, corner[1] + top * factor
-    colours = _warped(number, place, (mask.shape[1], mask.shape[0]), plan, load)
+    origin = corner[0] + left * factor, corner[1] + top * factor
+    colours = _warped(number, origin, (mask.shape[1], mask.shape[0]), plan, load)
     blender.feed(colours, mask, (left * factor, top * factor))

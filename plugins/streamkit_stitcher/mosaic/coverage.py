@@ -1,4 +1,4 @@
-"""Which ground the frames of a plane show, without the frames."""
+"""The ground that the frames of a plane cover, from their outlines."""
 
 from typing import Final
 
@@ -13,12 +13,12 @@ _LEAST_SIDE: Final = 256
 
 
 class Coverage:
-    """The outlines of frames on a plane, reduced by four: a sixteenth of a mosaic's work.
+    """The outlines of frames on a plane reduced by four: a sixteenth of a mosaic's work.
 
     Frames lower or narrower than 256 px are not reduced.
 
     Args:
-        max_px: most px of the plane that are kept in memory.
+        max_px: most px of the plane in memory.
     """
 
     def __init__(self, max_px: int) -> None:
@@ -33,7 +33,7 @@ class Coverage:
 
     @property
     def covered_px(self) -> float:
-        """Covered area, in px of the plane."""
+        """Covered area, px of the plane."""
         return self._outlines.covered_px * self._factor**2
 
     def add(self, shape: tuple[int, int], to_plane: FloatArray) -> bool:
@@ -44,21 +44,21 @@ class Coverage:
             to_plane: float64[3, 3], its pixels to the plane.
 
         Returns:
-            False where a mosaic would not take the frame, either: see `Mosaic.add`.
+            False where a mosaic would refuse the frame, see `Mosaic.add`.
 
         Raises:
-            OSError: a temporary file takes no more.
+            OSError: a temporary file is full.
         """
         if self.is_empty and min(shape) < _LEAST_SIDE:
             self._factor = 1
             self._outlines = Mosaic(self._max_px)
-        outline, place = self._reduced(shape), self._on_grid(shape, to_plane)
+        outline, matrix = self._reduced(shape), self._on_grid(shape, to_plane)
         canvas = self._outlines.canvas
-        if not (is_paintable(place, outline) and is_paintable(canvas.from_frame(place), outline)):
+        if not (is_paintable(matrix, outline) and is_paintable(canvas.from_frame(matrix), outline)):
             return False
-        if not canvas.make_room(canvas.at_scale_one(project(place, corners(outline))), 1):
+        if not canvas.make_room(canvas.at_scale_one(project(matrix, corners(outline))), 1):
             return False
-        points = project(normalised(canvas.from_plane @ place), corners(outline))
+        points = project(normalised(canvas.from_plane @ matrix), corners(outline))
         left, top = np.floor(points.min(axis=0)).astype(int).tolist()
         right, bottom = (np.ceil(points.max(axis=0)).astype(int) + 1).tolist()
         inside = np.zeros((bottom - top, right - left), dtype=np.uint8)
@@ -68,7 +68,7 @@ class Coverage:
         return True
 
     def uncovered(self, shape: tuple[int, int], to_plane: FloatArray) -> float:
-        """Part of a frame that shows ground of no frame added so far, 0 to 1."""
+        """Part of a frame that shows new ground, 0 to 1."""
         return self._outlines.uncovered(self._reduced(shape), self._on_grid(shape, to_plane))
 
     def move_plane(self, change: FloatArray) -> None:
@@ -76,15 +76,15 @@ class Coverage:
         self._outlines.canvas.move_plane(to_reduced(change, self._factor))
 
     def close(self) -> None:
-        """Lets go of everything."""
+        """Releases the canvas."""
         self._outlines.canvas.close()
 
     def _reduced(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Rows and columns that stand for a frame."""
+        """Rows and columns of a reduced frame."""
         return max(1, shape[0] // self._factor), max(1, shape[1] // self._factor)
 
     def _on_grid(self, shape: tuple[int, int], to_plane: FloatArray) -> FloatArray:
-        """float64[3, 3] from those rows and columns to the reduced plane."""
+        """float64[3, 3] from the reduced frame to the reduced plane."""
         height, width = self._reduced(shape)
         across, down = shape[1] / width, shape[0] / height
         enlarged = np.array([[across, 0, (across - 1) / 2], [0, down, (down - 1) / 2], [0, 0, 1]])

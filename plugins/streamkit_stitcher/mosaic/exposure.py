@@ -1,4 +1,4 @@
-"""Gains that make neighbouring frames agree on the brightness of the ground they share."""
+"""Gains that equalise the brightness of overlapping frames."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -16,13 +16,10 @@ _RANGE: Final = (0.5, 2.0)
 
 
 def gains(footprints: Sequence[Footprint]) -> FloatArray:
-    """One gain per frame and channel, near 1.
+    """One gain per frame and channel, near 1, float64[n, c].
 
     Args:
-        footprints: the frames on the planning grid, all of as many channels.
-
-    Returns:
-        float64[n, c].
+        footprints: the frames on the planning grid, with the same number of channels.
 
     Source: Brown and Lowe, Automatic panoramic image stitching, IJCV 2007, section 6.
     """

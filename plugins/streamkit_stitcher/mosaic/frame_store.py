@@ -1,7 +1,6 @@
-"""Frames kept for the final mosaic: as they are in memory, then as JPEG in a temporary file."""
+"""Frames stored for the final mosaic: uncompressed in memory, then as JPEG in a temporary file."""
 
 import tempfile
-from dataclasses import dataclass
 from typing import IO, Final
 
 import cv2
@@ -13,17 +12,14 @@ _THUMBNAIL_WIDTH: Final = 96
 _JPEG_QUALITY: Final = 95
 
 
-@dataclass(frozen=True)
-class _Slot:
-    offset: int
-    size: int
+_Slot = tuple[int, int]  # offset and size in the file
 
 
 class FrameStore:
-    """Frames by the order in which they came.
+    """Frames by number.
 
     Args:
-        memory_bytes: most bytes kept in memory, without loss; the rest goes to a temporary file.
+        memory_bytes: most bytes in memory, lossless; the rest goes to a temporary file.
         file_bytes: most bytes of that file; frames beyond it are refused.
     """
 
@@ -39,13 +35,13 @@ class FrameStore:
         return len(self._kept)
 
     def add(self, frame: ImageArray) -> int | None:
-        """Keeps uint8[h, w] or uint8[h, w, 3]; returns its number, or None where there is no more room.
+        """Stores uint8[h, w] or uint8[h, w, 3]; returns its number, or None when full.
 
         Raises:
-            OSError: the temporary file takes no more.
+            OSError: the temporary file cannot be written.
         """
         if self._in_memory + frame.nbytes <= self._memory:
-            # A copy: the frame may be a view of a frame that somebody else reuses.
+            # A copy: the buffer behind the frame may be reused.
             self._kept.append(frame.copy())
             self._in_memory += frame.nbytes
             return len(self._kept) - 1
@@ -56,7 +52,7 @@ class FrameStore:
             self._file = tempfile.TemporaryFile(prefix="streamkit-frames-")  # noqa: SIM115  see close()
         self._file.seek(self._written)
         self._file.write(encoded.tobytes())
-        self._kept.append(_Slot(self._written, len(encoded)))
+        self._kept.append((self._written, len(encoded)))
         self._written += len(encoded)
         return len(self._kept) - 1
 
@@ -64,17 +60,17 @@ class FrameStore:
         """The frame of that number.
 
         Raises:
-            OSError: it could not be read back.
+            OSError: it cannot be read back.
         """
         kept = self._kept[number]
-        if not isinstance(kept, _Slot):
+        if not isinstance(kept, tuple):
             return kept
         if self._last is not None and self._last[0] == number:
             return self._last[1]
         decoded = None
         if self._file is not None:
-            self._file.seek(kept.offset)
-            data = np.frombuffer(self._file.read(kept.size), dtype=np.uint8)
+            self._file.seek(kept[0])
+            data = np.frombuffer(self._file.read(kept[1]), dtype=np.uint8)
             decoded = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
         if decoded is None:
             raise OSError("a frame of the mosaic could not be read back from the temporary file")
@@ -83,7 +79,7 @@ class FrameStore:
         return frame
 
     def close(self) -> None:
-        """Lets go of everything."""
+        """Releases all frames."""
         self._kept.clear()
         self._last = None
         if self._file is not None:
@@ -92,8 +88,8 @@ class FrameStore:
 
 
 def thumbnail_factor(width: int) -> int:
-    """How often to halve a frame of `width` px for the planning of seams and exposures."""
-    level = 0
-    while width >> (level + 1) >= _THUMBNAIL_WIDTH:
-        level += 1
-    return int(2**level)
+    """Reduction of a frame of `width` px for the planning of seams and exposure."""
+    factor = 1
+    while width // (2 * factor) >= _THUMBNAIL_WIDTH:
+        factor *= 2
+    return factor

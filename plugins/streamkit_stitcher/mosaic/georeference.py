@@ -1,4 +1,4 @@
-"""A mosaic laid onto the earth by the positions of its frames."""
+"""Georeferencing of a mosaic by the GNSS positions of its frames."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _LEAST_SPREAD_M: Final = 1.0
 
 @dataclass(frozen=True)
 class PositionFix:
-    """Where the camera was when it took a frame.
+    """Camera position of a frame.
 
     Attributes:
         latitude: deg, WGS84.
@@ -29,11 +29,11 @@ class PositionFix:
 
 @dataclass(frozen=True, eq=False)
 class Georeference:
-    """How a mosaic lies on the earth.
+    """A mosaic's position on the earth.
 
     Attributes:
         to_local: float64[3, 3], mosaic pixels to metres east and north of the origin.
-        origin: the place that the metres count from.
+        origin: of the metres.
         median_error_m: median distance between the positions and the centres of the frames' footprints.
         fixes: number of positions used.
     """
@@ -43,17 +43,9 @@ class Georeference:
     median_error_m: float
     fixes: int
 
-    @property
-    def metres_per_px(self) -> float:
-        """Ground sampling distance of the mosaic."""
-        return float(np.hypot(self.to_local[0, 0], self.to_local[1, 0]))
-
 
 def local_metres(fixes: Sequence[PositionFix], origin: PositionFix) -> FloatArray:
-    """float64[n, 2], metres east and north of `origin`, good to a few centimetres within ten kilometres.
-
-    The ellipsoid's radii of curvature at the origin turn the angles into lengths.
-    """
+    """float64[n, 2], metres east and north of `origin`, to a few centimetres within ten kilometres."""
     north_m, east_m = metres_per_degree(origin.latitude)
     return np.array(
         [
@@ -66,15 +58,15 @@ def local_metres(fixes: Sequence[PositionFix], origin: PositionFix) -> FloatArra
 def georeference(
     to_mosaic: Sequence[FloatArray], shapes: Sequence[tuple[int, int]], fixes: Sequence[PositionFix]
 ) -> Georeference | None:
-    """Fits a similarity from the mosaic to the earth, so that most frames lie below their positions.
+    """Fits a similarity from the mosaic to the earth, robust against wrong positions.
 
     Args:
         to_mosaic: float64[3, 3] of each frame, its pixels to the mosaic's.
         shapes: (height, width) of each frame, px.
-        fixes: its position; cameras are taken to look straight down.
+        fixes: its position; cameras are assumed to look straight down.
 
     Returns:
-        The fit; None for fewer than 3 positions, or such that lie within a metre of each other.
+        The fit; None for fewer than 3 positions, or positions within a metre of each other.
 
     Source: iteratively reweighted least squares with Cauchy weights, on Umeyama's similarity, PAMI 1991.
     """
@@ -104,7 +96,7 @@ def georeference(
 
 
 def _mirrored_similarity(pixels: FloatArray, metres: FloatArray, weights: FloatArray) -> FloatArray:
-    """The similarity from y-down pixels to y-up metres with the least weighted squares, float64[3, 3]."""
+    """The weighted least-squares similarity from y-down pixels to y-up metres, float64[3, 3]."""
     total = weights.sum()
     flipped = pixels * [1, -1]
     middle = (weights[:, np.newaxis] * flipped).sum(axis=0) / total

@@ -1,4 +1,4 @@
-"""Mosaics as GeoTIFF, in the UTM zone they lie in."""
+"""GeoTIFF files of mosaics, in their UTM zone."""
 
 import math
 from pathlib import Path
@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray
-from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix
+from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix, local_metres
 from streamkit_stitcher.mosaic.tiles import ImageArray
 
 _MODEL_PIXEL_SCALE: Final = 33550
@@ -17,12 +17,12 @@ _MODEL_TRANSFORMATION: Final = 34264
 _GEO_KEY_DIRECTORY: Final = 34735
 _PROJECTED, _PIXEL_IS_AREA, _METRE = 1, 1, 9001
 _BIG_BYTES: Final = 4_000_000_000
-# Of the scale: a turn that moves no pixel of the largest mosaic by a tenth of one.
-_NO_TURN: Final = 1e-6
+# Relative to the scale: moves no pixel of the largest mosaic by a tenth of one.
+_NO_ROTATION: Final = 1e-6
 
 
 def check_geotiff(location: str) -> None:
-    """Refuses a TIFF where the libraries for it are not installed.
+    """Checks that the libraries for GeoTIFF are installed.
 
     Raises:
         OSError: tifffile or pyproj is missing.
@@ -38,7 +38,7 @@ def check_geotiff(location: str) -> None:
 
 
 def utm_code(place: PositionFix) -> int:
-    """The EPSG code of the UTM zone that a place lies in, WGS84."""
+    """The EPSG code of a position's UTM zone, WGS84."""
     zone = min(60, int((place.longitude + 180) // 6) + 1)
     return (32600 if place.latitude >= 0 else 32700) + zone
 
@@ -52,11 +52,9 @@ def to_utm(geo: Georeference) -> tuple[FloatArray, int]:
     step = 1e-4
     longitude, latitude = geo.origin.longitude, geo.origin.latitude
     east, north = projection.transform(longitude, latitude)
-    # The zone's grid turns and stretches against true east and north; its own slopes tell by how much.
+    # Meridian convergence and scale of the grid, by finite differences.
     x0, y0 = projection.transform(longitude, latitude - step)
     x1, y1 = projection.transform(longitude, latitude + step)
-    from streamkit_stitcher.mosaic.georeference import local_metres
-
     metres = float(local_metres([PositionFix(latitude + step, longitude)], geo.origin)[0, 1]) * 2
     scale, angle = math.hypot(x1 - x0, y1 - y0) / metres, math.atan2(x1 - x0, y1 - y0)
     cos, sin = scale * math.cos(angle), scale * math.sin(angle)
@@ -64,9 +62,9 @@ def to_utm(geo: Georeference) -> tuple[FloatArray, int]:
 
 
 def north_up(geo: Georeference) -> FloatArray:
-    """The turn of a mosaic that puts the zone's north on top, float64[3, 3].
+    """The rotation of a mosaic that puts grid north up, float64[3, 3].
 
-    Most programs show a turned image only after resampling it, and some not at all.
+    Most programs resample a rotated GeoTIFF, and some cannot show it.
     """
     matrix, _ = to_utm(geo)
     cos, sin = np.array([matrix[0, 0], matrix[1, 0]]) / np.hypot(matrix[0, 0], matrix[1, 0])
@@ -74,15 +72,15 @@ def north_up(geo: Georeference) -> FloatArray:
 
 
 def write_geotiff(image: ImageArray, path: Path, geo: Georeference | None) -> None:
-    """Writes a tiled TIFF, with its place on the earth where that is known.
+    """Writes a tiled TIFF, georeferenced if possible.
 
     Args:
         image: uint8[h, w] or uint8[h, w, 3] BGR.
         path: the file.
-        geo: how it lies on the earth.
+        geo: the mosaic's position, if known.
 
     Raises:
-        OSError: the disk refuses.
+        OSError: the file cannot be written.
 
     Source: OGC GeoTIFF standard 1.1, 19-008r4: tags 33550, 33922, 34264 and 34735.
     """
@@ -103,7 +101,7 @@ def write_geotiff(image: ImageArray, path: Path, geo: Georeference | None) -> No
 
 def _tags(geo: Georeference) -> list[tuple[int, str, int, Any, bool]]:
     matrix, code = to_utm(geo)
-    # Raster space counts from the corner of the first pixel, ours from its centre.
+    # Raster space starts at the corner of the first pixel, not at its centre.
     half = matrix @ np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
     keys = (
         1, 1, 0, 4,
@@ -112,14 +110,14 @@ def _tags(geo: Georeference) -> list[tuple[int, str, int, Any, bool]]:
         3072, 0, 1, code,
         3076, 0, 1, _METRE,
     )  # fmt: skip
-    return [*_place(half), (_GEO_KEY_DIRECTORY, "H", len(keys), keys, True)]
+    return [*_transformation_tags(half), (_GEO_KEY_DIRECTORY, "H", len(keys), keys, True)]
 
 
-def _place(matrix: FloatArray) -> list[tuple[int, str, int, Any, bool]]:
-    """The tags of float64[3, 3], raster space to the zone: scale and corner, or all where it is turned."""
+def _transformation_tags(matrix: FloatArray) -> list[tuple[int, str, int, Any, bool]]:
+    """The tags of float64[3, 3], raster space to the zone: scale and tie point, or the whole matrix."""
     linear = matrix[:2, :2]
     east, north = (float(value) for value in matrix[:2, 2])
-    if max(abs(linear[0, 1]), abs(linear[1, 0])) < _NO_TURN * abs(linear[0, 0]):
+    if max(abs(linear[0, 1]), abs(linear[1, 0])) < _NO_ROTATION * abs(linear[0, 0]):
         scale = float(linear[0, 0]), float(-linear[1, 1]), 0.0
         tie_point = 0.0, 0.0, 0.0, east, north, 0.0
         return [(_MODEL_PIXEL_SCALE, "d", 3, scale, True), (_MODEL_TIE_POINT, "d", 6, tie_point, True)]

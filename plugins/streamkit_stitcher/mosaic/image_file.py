@@ -1,4 +1,4 @@
-"""Mosaics as image files."""
+"""Image files of mosaics."""
 
 import os
 from contextlib import suppress
@@ -18,13 +18,13 @@ _LONGEST_JPEG_SIDE: Final = 65500
 
 
 def check_location(location: str) -> None:
-    """Refuses a location that could not be written at the end of the flight.
+    """Checks a location before the flight.
 
     Args:
-        location: path of the image, with `%d` where every plane is to have a file of its own.
+        location: path of the image, with `%d` for a file per plane.
 
     Raises:
-        OSError: the suffix is not a image's, the number format is wrong, or the directory takes no files.
+        OSError: the suffix is unknown, the number format is wrong, or the directory is not writable.
     """
     path = location_of(location, 0)
     if path.suffix.lower() not in SUFFIXES:
@@ -45,7 +45,7 @@ def location_of(location: str, reference: int) -> Path:
     """The file of one plane: `location` with its `%d` (or `%03d`) replaced by the number of the plane.
 
     Raises:
-        OSError: `%` stands for something else than one whole number.
+        OSError: `%` is not followed by an integer format.
     """
     if "%" not in location:
         return Path(location)
@@ -65,20 +65,20 @@ def is_numbered(location: str) -> bool:
 
 
 def is_tiff(location: str) -> bool:
-    """Whether `location` names a TIFF, which can tell where it lies."""
+    """Whether `location` names a TIFF, which can be georeferenced."""
     return Path(location).suffix.lower() in TIFF_SUFFIXES
 
 
 def write_image(image: ImageArray, path: Path, geo: Georeference | None = None) -> None:
-    """Writes a image so that the file is either the old one or the whole new one.
+    """Writes an image atomically.
 
     Args:
         image: uint8[h, w] or uint8[h, w, 3] BGR.
-        path: the file, whose suffix picks the format.
-        geo: how it lies on the earth, which a TIFF tells.
+        path: the file, whose suffix is the format.
+        geo: the mosaic's position, for a TIFF.
 
     Raises:
-        OSError: the format cannot hold the image, or the disk refuses.
+        OSError: the image is too large for the format, or the file cannot be written.
     """
     partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
@@ -93,14 +93,14 @@ def write_image(image: ImageArray, path: Path, geo: Georeference | None = None) 
 
 
 def _encode(image: ImageArray, path: Path, partial: Path) -> None:
-    """Writes PNG or JPEG row by row, which keeps a image that lies in a file out of memory."""
+    """Writes PNG or JPEG row by row, so that a memory-mapped image stays on disk."""
     is_jpeg = path.suffix.lower() != ".png"
     if is_jpeg and max(image.shape[:2]) > _LONGEST_JPEG_SIDE:
         height, width = image.shape[:2]
         raise OSError(
             f"{path}: a JPEG side is at most {_LONGEST_JPEG_SIDE} px, got {width} x {height}; write a .png"
         )
-    # Nothing said, PNG is written with run lengths: twice as fast as the lowest level that can be asked for.
+    # PNG's default here is run-length encoding: twice as fast as the lowest compression level.
     options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if is_jpeg else []
     if not path.parent.is_dir() or not cv2.imwrite(str(partial), image, options):
         raise OSError(

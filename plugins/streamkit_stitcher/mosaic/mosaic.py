@@ -1,4 +1,4 @@
-"""A mosaic of the ground that grows frame by frame."""
+"""A mosaic that is painted incrementally, frame by frame."""
 
 from functools import lru_cache
 from typing import Final
@@ -13,21 +13,21 @@ from streamkit_stitcher.plane.frame_registration import depth_ratio
 from streamkit_stitcher.registration.patches import halved
 
 _SCALE_RANGE: Final = (0.25, 4.0)
-# How much farther away the far side of a frame may be than its near side: it is drawn out by the square.
-_MOST_TILT: Final = 2.0
+# Largest depth ratio; the frame is stretched by its square.
+_MAX_DEPTH_RATIO: Final = 2.0
 _SEAM_DEPTH: Final = 12
 
 
 class Mosaic:
-    """Frames of one plane, joined where they lie equally deep inside their borders.
+    """Frames of one plane, joined where they are equally deep inside their borders.
 
-    Each pixel shows the frame in whose middle it lies most, with a short cross-fade along the seams; what
-    only fills gaps gives way to all others. The canvas grows with the flight, from memory into a file, and
-    is halved at its last limit, so a long flight loses resolution and not ground.
+    Each pixel shows the frame in which it is deepest, with a short cross-fade along the seams. The canvas
+    grows with the flight, from memory into a file, and is halved when full: a long flight loses resolution,
+    not ground.
 
     Args:
-        max_px: most pixels of the mosaic kept in memory.
-        reduction: px of the frames per px of the plane, where they come reduced.
+        max_px: most pixels in memory.
+        reduction: px of the frames per px of the plane, for reduced frames.
     """
 
     def __init__(self, max_px: int, reduction: int = 1) -> None:
@@ -46,11 +46,11 @@ class Mosaic:
 
     @property
     def covered_px(self) -> float:
-        """Covered area, in px of the reference plane."""
+        """Covered area, px of the reference plane."""
         return self.canvas.covered_px
 
     def image(self) -> ImageArray | None:
-        """The mosaic so far: uint8[h, w] or uint8[h, w, 3] BGR, black where no frame reached, or None."""
+        """The mosaic so far: uint8[h, w] or uint8[h, w, 3] BGR, black where there is no frame, or None."""
         if self.canvas.is_empty:
             return None
         left, top, right, bottom = self.canvas.box
@@ -58,7 +58,7 @@ class Mosaic:
         return pixels[:, :, 0] if self.canvas.channels == 1 else pixels
 
     def uncovered(self, shape: tuple[int, int], to_reference: FloatArray) -> float:
-        """Part of a frame that lies on no frame added so far, 0 to 1.
+        """Part of a frame that shows new ground, 0 to 1.
 
         Args:
             shape: (height, width) of the frame, px.
@@ -73,20 +73,20 @@ class Mosaic:
         return 1.0 - float(np.count_nonzero(self.canvas.is_painted(cells))) / len(cells)
 
     def add(self, frame: ImageArray, to_reference: FloatArray, fills_gaps: bool = False) -> bool:
-        """Lays a frame into the mosaic.
+        """Paints a frame.
 
         Args:
-            frame: uint8[h, w] grey or uint8[h, w, 3] BGR; it is turned into what the first one was.
+            frame: uint8[h, w] grey or uint8[h, w, 3] BGR; converted to the format of the first one.
             to_reference: float64[3, 3], its pixels to the reference plane.
-            fills_gaps: whether it shows only where no other frame does, which keeps cars that drive along
-                with the camera from being painted again and again.
+            fills_gaps: whether it shows only where no other frame does, so that cars that keep pace with the
+                camera are not painted again and again.
 
         Returns:
-            False, with the mosaic unchanged, where the place is degenerate, more than four times larger or
-            smaller than the reference, or out of the canvas's reach.
+            False, with the mosaic unchanged, where the homography is degenerate, the scale differs from the
+            reference by more than four, or the frame is out of the canvas's reach.
 
         Raises:
-            OSError: the temporary file takes no more.
+            OSError: the temporary file is full.
         """
         shape = (frame.shape[0], frame.shape[1])
         if not is_paintable(self.canvas.from_frame(to_reference), shape):
@@ -122,20 +122,19 @@ class Mosaic:
 
 
 def is_paintable(to_reference: FloatArray, shape: tuple[int, int]) -> bool:
-    """Whether a frame of `shape` at a place is worth painting: neither huge, nor tiny, nor drawn out.
+    """Whether the footprint of a frame of `shape` is neither huge, nor tiny, nor stretched.
 
-    Errors of perspective add up along a strip. One frame of a plane that has bent could cover as much of
-    the canvas as all others together.
+    Perspective errors accumulate along a strip: one frame could cover as much of the canvas as all others.
     """
     if not np.isfinite(to_reference).all():
         return False
-    if not depth_ratio(to_reference, shape) < _MOST_TILT:
+    if not depth_ratio(to_reference, shape) < _MAX_DEPTH_RATIO:
         return False
     return _SCALE_RANGE[0] < scale_change(to_reference, shape) < _SCALE_RANGE[1]
 
 
 def reduced_for(frame: ImageArray, matrix: FloatArray) -> tuple[ImageArray, FloatArray]:
-    """Halves a frame as often as `matrix`, float64[3, 3] from its pixels, shrinks it anyway."""
+    """Halves a frame while `matrix`, float64[3, 3] from its pixels, reduces it anyway."""
     while scale_change(matrix, (frame.shape[0], frame.shape[1])) < 0.6 and min(frame.shape[:2]) > 32:
         frame = halved(frame)
         matrix = normalised(matrix @ np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1]]))
@@ -144,12 +143,12 @@ def reduced_for(frame: ImageArray, matrix: FloatArray) -> tuple[ImageArray, Floa
 
 @lru_cache(maxsize=8)
 def depth_inside(shape: tuple[int, int]) -> ImageArray:
-    """How deep each pixel of a frame lies inside it, uint8 from 1 at the border to 255 in the middle."""
+    """Depth of each pixel inside a frame, uint8 from 1 at the border to 255 in the middle."""
     height, width = shape
     across = np.minimum(np.arange(width), np.arange(width)[::-1])
     down = np.minimum(np.arange(height), np.arange(height)[::-1])
-    # The geometric mean of both distances: the smaller alone is the same for two frames of a straight
-    # flight wherever it is that of the other side, and half of what they share would show both.
+    # The geometric mean of both distances: the smaller one alone is equal for two frames of a straight flight
+    # over half of their overlap, which would show both.
     inward = np.sqrt(across[np.newaxis, :] * down[:, np.newaxis].astype(np.float64))
     depth = np.asarray(1 + inward * (254 / max(1.0, float(inward.max()))), dtype=np.uint8)
     depth.setflags(write=False)
@@ -157,7 +156,7 @@ def depth_inside(shape: tuple[int, int]) -> ImageArray:
 
 
 def with_channels(frame: ImageArray, channels: int) -> ImageArray:
-    """A frame in grey for one channel and in BGR for three."""
+    """Converts a frame to grey for one channel and to BGR for three."""
     if (frame.ndim == 2) == (channels == 1):
         return frame
     code = cv2.COLOR_GRAY2BGR if frame.ndim == 2 else cv2.COLOR_BGR2GRAY

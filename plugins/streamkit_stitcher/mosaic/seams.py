@@ -1,4 +1,4 @@
-"""Which frame each part of the finished mosaic shows."""
+"""Seams: which frame each part of the final mosaic shows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ LabelArray = npt.NDArray[np.int32]
 
 _MOST_CUT_CELLS: Final = 8_000_000
 _BAND: Final = 1 / 8
-_BELOW: Final = 300
+_PRECEDENCE: Final = 300
 
 
 class SeamKind(StrEnum):
-    """How neighbouring frames share the ground that both show.
+    """How overlapping frames are cut.
 
-    `voronoi` has each part from the frame in whose middle it lies most; `graphcut` moves those seams, by up
-    to an eighth of a frame, to where the frames look alike: around cars and trees.
+    `voronoi` shows each part from the frame in which it is deepest; `graphcut` moves those seams, by up to an
+    eighth of a frame, to where the frames look alike: around cars and trees.
     """
 
     VORONOI = "voronoi"
@@ -36,11 +36,11 @@ class Footprint:
     """A frame on the planning grid.
 
     Attributes:
-        left: column of the grid where its box begins.
-        top: row of the grid where its box begins.
+        left: first column of its box.
+        top: first row of its box.
         thumbnail: uint8[h, w, c], the frame warped into its box.
-        depth: int32[h, w], how deep inside the frame each cell lies, 0 outside.
-        fills_gaps: whether it gives way to every other frame.
+        depth: int32[h, w], depth of each cell inside the frame, 0 outside.
+        fills_gaps: whether every other frame has precedence.
     """
 
     left: int
@@ -65,7 +65,7 @@ def footprint(
         thumbnail: uint8[h, w, c].
         to_grid: float64[3, 3], its pixels to cells of the grid.
         grid: (rows, columns).
-        fills_gaps: whether it gives way to every other frame.
+        fills_gaps: whether every other frame has precedence.
     """
     outline = project(to_grid, corners((thumbnail.shape[0], thumbnail.shape[1])))
     left, top = np.clip(np.floor(outline.min(axis=0)).astype(int), 0, np.array(grid[::-1]) - 1).tolist()
@@ -76,15 +76,14 @@ def footprint(
     flat = depth_inside((thumbnail.shape[0], thumbnail.shape[1]))
     depth = cv2.warpPerspective(flat, to_box, size, flags=cv2.INTER_LINEAR).astype(np.int32)
     if not fills_gaps:
-        depth[depth > 0] += _BELOW
+        depth[depth > 0] += _PRECEDENCE
     return Footprint(left, top, np.asarray(warped, np.uint8).reshape(*size[::-1], -1), depth, fills_gaps)
 
 
 def voronoi_labels(footprints: Sequence[Footprint], grid: tuple[int, int]) -> LabelArray:
-    """The frame in which each cell lies deepest, int32[rows, columns], -1 where none reaches.
+    """The frame in which each cell is deepest, int32[rows, columns], -1 where there is none.
 
-    A cell that a frame reaches with an edge only is its own, too, where no other frame covers it: the
-    outline of the mosaic is then that of the frames and not that of the cells.
+    Cells at the outer border of a frame are its own, too, so that the mosaic's outline is not jagged.
     """
     labels = np.full(grid, -1, dtype=np.int32)
     deepest = np.zeros(grid, dtype=np.int32)
@@ -99,47 +98,51 @@ def voronoi_labels(footprints: Sequence[Footprint], grid: tuple[int, int]) -> La
 
 
 def graph_cut_labels(footprints: Sequence[Footprint], grid: tuple[int, int], gains: FloatArray) -> LabelArray:
-    """Seams led along lines where neighbouring frames look alike, around cars and houses that lean.
+    """Seams along lines where overlapping frames look alike, around cars and leaning houses.
 
-    They stay near those of `voronoi_labels`: each part still comes from a frame taken from nearly above it,
-    and only neighbours need be compared. Where there are too many frames for memory those seams are kept.
+    They stay near those of `voronoi_labels`, which are kept where there are too many frames for memory: each
+    part comes from a frame taken from nearly above, and only neighbours are compared.
 
     Args:
         footprints: the frames on the grid.
         grid: (rows, columns).
-        gains: float64[n, c], what makes the frames equally bright.
+        gains: float64[n, c], of the exposure.
 
     Returns:
-        int32[rows, columns], the number of a frame, -1 where none reaches.
+        int32[rows, columns], the number of a frame, -1 where there is none.
 
     Source: Kwatra et al., Graphcut textures, SIGGRAPH 2003, as in cv2.detail.
     """
     labels = voronoi_labels(footprints, grid)
-    wanted = [
-        (number, *found) for number, own in enumerate(footprints) if (found := _wanted(own, number, labels))
+    candidates = [
+        (number, *found)
+        for number, own in enumerate(footprints)
+        if (found := _candidate_mask(own, number, labels))
     ]
-    if len(wanted) < 2 or sum(mask.size for _, _, mask in wanted) > _MOST_CUT_CELLS:
+    if len(candidates) < 2 or sum(mask.size for _, _, mask in candidates) > _MOST_CUT_CELLS:
         return labels
-    images, places = [], []
-    for number, (rows, columns), mask in wanted:
+    images, origins = [], []
+    for number, (rows, columns), mask in candidates:
         own = footprints[number]
         part = np.broadcast_to(own.thumbnail[rows, columns] * gains[number], (*mask.shape, 3))
         images.append(np.ascontiguousarray(part, dtype=np.float32))
-        places.append((own.left + columns.start, own.top + rows.start))
-    on_device: Any = cv2.UMat  # the stubs do not know it takes arrays
-    masks = [on_device(mask) for _, _, mask in wanted]
+        origins.append((own.left + columns.start, own.top + rows.start))
+    on_device: Any = cv2.UMat  # the stubs lack arrays
+    masks = [on_device(mask) for _, _, mask in candidates]
     finder: Any = cv2.detail.GraphCutSeamFinder("COST_COLOR_GRAD")
-    found = finder.find(images, places, masks)
+    found = finder.find(images, origins, masks)
     for (number, _, _), (left, top), cut in zip(
-        wanted, places, masks if found is None else found, strict=True
+        candidates, origins, masks if found is None else found, strict=True
     ):
         shown = np.asarray(cut.get()) > 0
         labels[top : top + shown.shape[0], left : left + shown.shape[1]][shown] = number
     return labels
 
 
-def _wanted(own: Footprint, number: int, labels: LabelArray) -> tuple[tuple[slice, slice], ImageArray] | None:
-    """Where a frame may be shown: rows and columns of its box, and a mask of them; None for nowhere."""
+def _candidate_mask(
+    own: Footprint, number: int, labels: LabelArray
+) -> tuple[tuple[slice, slice], ImageArray] | None:
+    """Where a frame may be shown: rows and columns of its box, and their mask; None for nowhere."""
     cells = labels[own.window] == number
     if not cells.any():
         return None

@@ -1,4 +1,4 @@
-"""Square tiles of a image without bounds: the latest in memory, the others in a temporary file."""
+"""Square tiles of an unbounded image: the latest in memory, the others in a temporary file."""
 
 import tempfile
 from collections import OrderedDict
@@ -23,7 +23,7 @@ class Tile:
 
     Attributes:
         pixels: uint8[512, 512, c].
-        depth: uint8[512, 512], how deep inside its image each pixel lies, 0 where nothing was painted.
+        depth: uint8[512, 512], depth of each pixel inside its frame, 0 where not painted.
     """
 
     pixels: ImageArray
@@ -35,7 +35,7 @@ class TileStore:
 
     Args:
         channels: of the pixels.
-        max_px: most pixels of all tiles kept in memory; what was not used longest goes to the file.
+        max_px: most pixels in memory; the least recently used tiles go to the file.
     """
 
     def __init__(self, channels: int, max_px: int) -> None:
@@ -49,28 +49,15 @@ class TileStore:
 
     @property
     def keys(self) -> tuple[tuple[int, int], ...]:
-        """Column and row of every tile, in order."""
+        """Column and row of every tile, sorted."""
         return tuple(sorted(self._depths))
 
-    @property
-    def in_memory(self) -> int:
-        """Number of tiles in memory."""
-        return len(self._tiles)
-
-    @property
-    def spilled(self) -> int:
-        """Number of tiles that have a place in the file."""
-        return len(self._slots)
-
     def coarse_depth(self, key: tuple[int, int]) -> ImageArray | None:
-        """uint8[64, 64], the depth of every eighth pixel of a tile; None where there is none."""
+        """uint8[64, 64], the depth of every eighth pixel of a tile, or None."""
         return self._depths.get(key)
 
     def reduced(self, key: tuple[int, int]) -> ImageArray | None:
-        """uint8[128, 128, c], a tile's pixels at a quarter of its sides; None where nothing was painted.
-
-        It is kept, a sixteenth of the tile, so that who looks often does not have to read everything again.
-        """
+        """uint8[128, 128, c], a cached tile at a quarter of its sides; None where not painted."""
         found = self._small.get(key)
         if found is None:
             tile = self.get(key)
@@ -82,7 +69,7 @@ class TileStore:
         return found
 
     def get(self, key: tuple[int, int]) -> Tile | None:
-        """A tile, or None where nothing was painted."""
+        """A tile, or None where not painted."""
         tile = self._tiles.get(key)
         if tile is not None:
             self._tiles.move_to_end(key)
@@ -100,14 +87,14 @@ class TileStore:
         """Stores a tile.
 
         Raises:
-            OSError: the temporary file takes no more.
+            OSError: the temporary file is full.
         """
         self._small.pop(key, None)
         self._depths[key] = tile.depth[_CELL // 2 :: _CELL, _CELL // 2 :: _CELL].copy()
         self._keep(key, tile)
 
     def close(self) -> None:
-        """Lets go of all tiles and of the file."""
+        """Releases all tiles and the file."""
         self._tiles.clear()
         self._slots.clear()
         self._depths.clear()

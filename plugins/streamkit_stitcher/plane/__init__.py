@@ -1,1 +1,1 @@
-"""Where the frames of a stream lie on a reference plane: keyframes, their graph, the choice of plane."""
+"""Registration of a stream's frames to a reference plane: keyframes, their graph, the reference."""

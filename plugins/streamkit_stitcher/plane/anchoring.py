@@ -108,10 +108,7 @@ class KeyframeAnchor:
     def recognise(self, small: GreyArray) -> KeyframeMatch | None:
         """Matches a frame of unknown motion with the newest keyframes by features.
 
-        The keyframe that it matches becomes the current one.
-
-        Args:
-            small: uint8[h, w], the frame at working size.
+        `small` is uint8[h, w], at working size. The matching keyframe becomes current.
         """
         active = self.keyframes.active
         if active is None:
@@ -208,8 +205,7 @@ class KeyframeAnchor:
     ) -> tuple[KeyframeMatch | None, FloatArray]:
         """A match that fixes the whole of a recognised frame, and the likeliest homography.
 
-        Returns:
-            The match, None where there is none and the frame is not consecutive; and the homography.
+        Returns the match, None where there is none and the frame is not consecutive, and the homography.
         """
         aligned = self._certain(self._follow(active, images, predicted, self._settings.max_points))
         aligned = aligned or self._match(active, images, predicted, LEVELS - 1)

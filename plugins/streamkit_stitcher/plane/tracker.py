@@ -68,9 +68,7 @@ class PlaneTracker:
         self._settings = settings
         self._reference = 0
         self._previous: FrameRegistration | None = None
-        self._change: FloatArray | None = None
-        self._rebase: FloatArray | None = None
-        self._opens_plane = False
+        self._begin_frame()
         self._closed: KeyframeMap | None = None
         self._anchor: KeyframeAnchor | None = None
         self._reset((0, 0))
@@ -96,11 +94,7 @@ class PlaneTracker:
                 keyframes.close()
 
     def take_plane(self, current: bool = False) -> KeyframeMap | None:
-        """The keyframes of the last finished plane; the caller closes them.
-
-        Args:
-            current: whether to finish the current plane; the tracker then restarts.
-        """
+        """The keyframes of the last finished or of the current plane, which then ends; close them."""
         if current:
             self.restart()
         closed, self._closed = self._closed, None
@@ -132,7 +126,8 @@ class PlaneTracker:
         return self._register(images, self._anchor, self._base)
 
     def _begin_frame(self) -> None:
-        self._change = self._rebase = None
+        self._change: FloatArray | None = None
+        self._rebase: FloatArray | None = None
         self._opens_plane = False
 
     def _reset(self, shape: tuple[int, int]) -> None:
@@ -286,8 +281,7 @@ class PlaneTracker:
     def _add_keyframe(self, images: Sequence[GreyArray], to_reference: FloatArray) -> FloatArray:
         """Changes the reference where a new keyframe makes that due, and begins an adjustment.
 
-        Returns:
-            The keyframe's homography to the present reference plane.
+        Returns its homography to the present reference plane.
         """
         self._since_key = 0
         anchor = self._anchor
@@ -335,9 +329,8 @@ class PlaneTracker:
             return
         self._base_to_reference = normalised(change @ self._base_to_reference)
         if self._previous is not None:
-            self._previous = replace(
-                self._previous, to_reference=normalised(change @ self._previous.to_reference)
-            )
+            moved = normalised(change @ self._previous.to_reference)
+            self._previous = replace(self._previous, to_reference=moved)
         self._change = change if self._change is None else normalised(change @ self._change)
 
     def _predict(self) -> FrameRegistration:

@@ -1,1 +1,1 @@
-"""Registration of a frame to one seen before: corners, Lucas-Kanade, robust motion models, patches."""
+"""Image registration: corners, Lucas-Kanade, robust motion models, patch alignment."""

@@ -15,17 +15,17 @@ _CANDIDATES_PER_POINT: Final = 4
 _MARGIN: Final = 8
 _BLOCK: Final = 7
 _SMALLEST_CELL: Final = 4
-_CLEAR: Final = 2.5
-_FEW: Final = 0.35
-_FAINTEST: Final = 1e-6
-_RIPPLE: Final = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
+_NOISE_FACTOR: Final = 2.5
+_MIN_SHARE: Final = 0.35
+_MIN_STRENGTH: Final = 1e-6
+_LAPLACIAN: Final = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
 
 
 class CornerDetector:
     """FAST corners, the strongest few of each cell of a 16 x 9 grid.
 
-    The FAST threshold follows the frame's contrast: it is kept from call to call and lowered while the grid
-    stays half empty, so a hazy frame gives corners and a busy one does not give thousands.
+    The threshold adapts to the contrast: it is kept from call to call, lowered while half of the grid is
+    empty, and raised where there are too many corners.
 
     Source: Rosten and Drummond, Machine learning for high-speed corner detection, ECCV 2006.
     """
@@ -34,11 +34,7 @@ class CornerDetector:
         self._threshold = 20.0
 
     def detect(self, grey: GreyArray, max_points: int) -> FloatArray:
-        """Finds at most `max_points` corners.
-
-        Args:
-            grey: uint8[h, w].
-            max_points: upper limit of points over the whole image.
+        """Detects at most `max_points` corners of uint8[h, w].
 
         Returns:
             float64[n, 2], x y, ordered by cell, strongest first within a cell; n is 0 for a flat image.
@@ -78,7 +74,7 @@ def _strongest_per_cell(
     columns = (points[:, 0] * (_COLUMNS / shape[1])).astype(np.int64)
     rows = (points[:, 1] * (_ROWS / shape[0])).astype(np.int64)
     cells = rows * _COLUMNS + columns
-    # Responses of FAST are whole numbers below 256, so one key sorts by cell and falling strength.
+    # Responses of FAST are integers below 256, so one key sorts by cell and descending strength.
     order = np.argsort(cells * 256 + (255 - np.minimum(strengths, 255)), kind="stable")
     members = np.bincount(cells, minlength=_COLUMNS * _ROWS)
     starts = np.cumsum(members) - members
@@ -92,15 +88,15 @@ def _strongest_per_cell(
 
 
 def even_corners(grey: GreyArray, columns: int, rows: int) -> FloatArray:
-    """The best corner of each cell of a grid, where it is one.
+    """Detects the best corner of each cell of a grid.
 
     Args:
         grey: uint8[h, w].
-        columns: cells beside each other.
-        rows: cells above each other.
+        columns: of the grid.
+        rows: of the grid.
 
     Returns:
-        float64[n, 2], x y, ordered by cell, n at most `columns` times `rows`; 0 for a flat or tiny image.
+        float64[n, 2], x y, ordered by cell; n is 0 for a flat or tiny image.
 
     Source: Shi and Tomasi, Good features to track, CVPR 1994.
     """
@@ -120,19 +116,19 @@ def even_corners(grey: GreyArray, columns: int, rows: int) -> FloatArray:
         [left + number % columns * across + best % across, top + number // columns * down + best // across],
         axis=1,
     ).astype(np.float64)
-    clear = _CLEAR * _noise_strength(grey)
-    if np.count_nonzero(strongest > clear) < _FEW * len(strongest):
-        # Where all is fine texture, it passes for noise.
-        clear = float(np.quantile(strongest, 1 - _FEW))
-    return np.asarray(points[strongest > max(_FAINTEST, clear)])
+    threshold = _NOISE_FACTOR * _noise_strength(grey)
+    if np.count_nonzero(strongest > threshold) < _MIN_SHARE * len(strongest):
+        # Fine texture everywhere raises the noise estimate.
+        threshold = float(np.quantile(strongest, 1 - _MIN_SHARE))
+    return np.asarray(points[strongest > max(_MIN_STRENGTH, threshold)])
 
 
 def _noise_strength(grey: GreyArray) -> float:
-    """What a corner's strength would be from the frame's noise alone.
+    """The corner strength that the image noise alone would have.
 
     Source: Immerkaer, Fast noise variance estimation, CVIU 1996, with the median for the mean.
     """
-    ripple = cv2.filter2D(grey, cv2.CV_16S, _RIPPLE)[1:-1, 1:-1]
-    typical = float(np.median(np.abs(ripple)))
-    # The median of normal noise is 0.6745 deviations, the mask's norm 6; slopes keep 0.75 of the variance.
+    laplacian = cv2.filter2D(grey, cv2.CV_16S, _LAPLACIAN)[1:-1, 1:-1]
+    typical = float(np.median(np.abs(laplacian)))
+    # The median of Gaussian noise is 0.6745 deviations, the kernel's norm 6; gradients keep 0.75.
     return 0.75 * (typical / (0.6745 * 6)) ** 2 / 255**2

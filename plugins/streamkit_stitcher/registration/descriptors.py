@@ -1,4 +1,4 @@
-"""Registration without a guess: descriptors that are found again after any shift, turn or pause."""
+"""Registration without a prediction, by SIFT features."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -14,20 +14,20 @@ from streamkit_stitcher.registration.wide_baseline import fit_wide_baseline
 _FEATURES: Final = 2500
 _CONTRAST: Final = 0.01
 _RATIO: Final = 0.8
-_LEAST_SHARE: Final = 0.25
-# Enough for that share; more would only take longer to find that there is nothing.
+_MIN_RATIO: Final = 0.25
+# Enough for that share of inliers.
 _ITERATIONS: Final = 1000
-# Wide enough for trees and roofs, which do not lie on the plane.
+# Wide enough for trees and roofs, which are off the plane.
 _THRESHOLD: Final = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """What a frame is recognised by.
+    """The features of a frame.
 
     Attributes:
-        points: float64[n, 2], px of the described image.
-        descriptors: float32[n, 128].
+        points: float64[n, 2], px of the image.
+        descriptors: float32[n, 128], of unit length.
     """
 
     points: FloatArray
@@ -35,13 +35,13 @@ class Description:
 
 
 def describe(grey: GreyArray) -> Description:
-    """Finds the SIFT features of a frame, n of them, 0 for a flat one.
+    """Detects the SIFT features of uint8[h, w]; none on a flat image.
 
     Source: Lowe, Distinctive image features from scale-invariant keypoints, IJCV 2004; Arandjelovic and
     Zisserman, Three things everyone should know, CVPR 2012 (RootSIFT).
     """
-    # OpenCV's plain enlargement puts every feature a quarter of a pixel too far right and down: between
-    # frames of opposite headings, as of neighbouring strips, that is 0.7 px.
+    # OpenCV's default enlargement shifts every feature by a quarter of a pixel right and down: 0.7 px between
+    # frames of opposite headings.
     detector = cv2.SIFT.create(nfeatures=_FEATURES, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
     keypoints, found = detector.detectAndCompute(grey, None)
     if not keypoints or found is None:
@@ -53,13 +53,13 @@ def describe(grey: GreyArray) -> Description:
 
 @dataclass(frozen=True, eq=False)
 class Recognition:
-    """A frame found in another by its descriptors.
+    """A frame matched with another by features.
 
     Attributes:
-        fit: the homography from the source's points to the target's; all pairs below agree with it.
+        fit: the homography from the source's points to the target's; all pairs below are inliers.
         source_points: float64[k, 2], px of the source.
         target_points: float64[k, 2], px of the target.
-        target_indices: int64[k], which of the target's features they are.
+        target_indices: int64[k], numbers of the target's features.
     """
 
     fit: MotionFit
@@ -68,8 +68,10 @@ class Recognition:
     target_indices: npt.NDArray[np.int64]
 
 
-def matched(source: Description, target: Description) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Pairs of features that are each other's nearest and clearly nearer than the second nearest.
+def match_features(
+    source: Description, target: Description
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Pairs of mutually nearest features that pass the ratio test.
 
     Returns:
         int64[k] of the source and int64[k] of the target.
@@ -80,29 +82,29 @@ def matched(source: Description, target: Description) -> tuple[npt.NDArray[np.in
     rows = np.arange(len(products))
     best = products.argmax(axis=1)
     nearest = products[rows, best]
-    # Each other's nearest: the largest of its row is that of its column, too. Along columns the largest value
-    # is found ten times faster than its place.
-    back = nearest >= products.max(axis=0)[best]
+    # Mutually nearest: the maximum of a row is that of its column, too. A maximum along columns is
+    # ten times faster than an argmax.
+    mutual = nearest >= products.max(axis=0)[best]
     products[rows, best] = -1
-    # The descriptors have unit length: the squared distance is 2 - 2 times their product.
-    clear = 1 - nearest < _RATIO**2 * (1 - products.max(axis=1))
-    kept = np.flatnonzero(back & clear)
+    # Of unit vectors the squared distance is 2 - 2 times their product.
+    distinct = 1 - nearest < _RATIO**2 * (1 - products.max(axis=1))
+    kept = np.flatnonzero(mutual & distinct)
     return kept, best[kept]
 
 
 def recognise(source: Description, target: Description, min_inliers: int) -> Recognition | None:
-    """Finds one frame in another, or None where they do not show the same ground.
+    """Matches two frames; None where they do not show the same ground.
 
     Args:
-        source: of the frame to place.
-        target: of the frame to place it on.
+        source: features of the frame to register.
+        target: features of the frame to register to.
         min_inliers: fewest pairs that must agree.
     """
-    own, other = matched(source, target)
+    own, other = match_features(source, target)
     if len(own) < min_inliers:
         return None
     first, second = source.points[own], target.points[other]
     fit = fit_wide_baseline(first, second, _THRESHOLD, _ITERATIONS)
-    if fit is None or fit.count < max(min_inliers, _LEAST_SHARE * len(own)):
+    if fit is None or fit.count < max(min_inliers, _MIN_RATIO * len(own)):
         return None
     return Recognition(fit, first[fit.inliers], second[fit.inliers], other[fit.inliers])

@@ -11,12 +11,12 @@ from streamkit.geometry.homography import FloatArray, corners, normalised, proje
 
 @dataclass(frozen=True, eq=False)
 class Scaling:
-    """Coordinates in which points are of unit size about the origin, which keeps the equations well posed.
+    """Normalised coordinates, in which points are of unit size about the origin.
 
     Attributes:
         middle: float64[2], px.
-        size: half the side of the points' box, px.
-        forth: float64[3, 3], such coordinates to px.
+        size: half the side of the points' bounding box, px.
+        forth: float64[3, 3], normalised coordinates to px.
         back: float64[3, 3], its inverse.
 
     Source: Hartley, In defense of the eight-point algorithm, PAMI 1997.
@@ -29,7 +29,7 @@ class Scaling:
 
     @classmethod
     def of(cls, points: FloatArray) -> "Scaling":
-        """That of float64[n, 2] points, n >= 1."""
+        """Normalises float64[n, 2] points, n >= 1."""
         middle = np.add.reduce(points) / len(points)
         size = max(1.0, float(np.abs(points - middle).max()))
         forth = np.array([[size, 0, middle[0]], [0, size, middle[1]], [0, 0, 1]])
@@ -40,7 +40,7 @@ class Scaling:
 def gauss_newton_step(
     matrix: FloatArray, scaling: Scaling, mapped: FloatArray, residuals: FloatArray, weights: FloatArray
 ) -> FloatArray | None:
-    """The homography that a Gauss-Newton step on weighted squares leads to.
+    """The homography after one weighted Gauss-Newton step.
 
     Args:
         matrix: float64[3, 3], source to target.
@@ -50,7 +50,7 @@ def gauss_newton_step(
         weights: float64[n], 0 or more.
 
     Returns:
-        float64[3, 3], or None where the points do not fix one.
+        float64[3, 3], or None for degenerate points.
     """
     step = _step((mapped - scaling.middle) / scaling.size, residuals / scaling.size, weights)
     return None if step is None else normalised(scaling.forth @ step @ scaling.back @ matrix)
@@ -59,14 +59,12 @@ def gauss_newton_step(
 def corner_deviation(
     matrix: FloatArray, source: FloatArray, rmse: float, shape: tuple[int, int], freedom: int = 8
 ) -> float:
-    """How far off a fitted motion may put the worst corner of a frame, one standard deviation, px.
-
-    Points in one half of a frame may agree to a tenth of a pixel and leave its other half unknown.
+    """Standard deviation of a fitted motion at the worst corner of a frame, px.
 
     Args:
         matrix: float64[3, 3], source to target.
         source: float64[n, 2], the points it was fitted to.
-        rmse: root mean square distance of the targets from where it maps them, px.
+        rmse: root mean square residual, px.
         shape: (height, width) of the source frame, px.
         freedom: parameters of the motion, 8 for a homography, 6 for an affine one.
 
@@ -117,7 +115,7 @@ def monomials(points: FloatArray) -> FloatArray:
 
 
 def _normal(moments: FloatArray) -> FloatArray:
-    """float64[8, 8], the normal matrix: it holds only moments up to the fourth order, float64[6, 6]."""
+    """float64[8, 8], the normal matrix, from moments up to the fourth order, float64[6, 6]."""
     normal = np.zeros((8, 8))
     normal[:3, :3] = normal[3:6, 3:6] = moments[3:, 3:]
     normal[6:, :3] = -moments[:2, 3:]

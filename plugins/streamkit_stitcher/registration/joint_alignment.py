@@ -1,4 +1,4 @@
-"""All patches of a keyframe aligned at once: the homography that suits them, in a few passes."""
+"""Joint alignment: one homography aligns all patches of a keyframe with a frame."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from streamkit_stitcher.registration.patch_steps import improve, settle
 _PASSES: Final = 3
 _SETTLED: Final = 0.3
 _WILD: Final = 10.0
-# How the eight parameters of a homography near the identity move a point in x and in y, by its monomials.
+# Derivatives of a point's x and y by the eight parameters of a homography near the identity, by monomials.
 _ACROSS: Final[FloatArray] = np.zeros((8, 6))
 _ACROSS[[0, 1, 2, 6, 7], [3, 4, 5, 0, 1]] = 1, 1, 1, -1, -1
 _DOWN: Final[FloatArray] = np.zeros((8, 6))
@@ -25,25 +25,21 @@ _DOWN[[3, 4, 5, 6, 7], [3, 4, 5, 1, 2]] = 1, 1, 1, -1, -1
 
 @dataclass(frozen=True, eq=False)
 class JointAlignment:
-    """A keyframe found in a frame.
+    """A keyframe aligned with a frame.
 
     Attributes:
         key_to_frame: float64[3, 3], px of the level.
-        key_points: float64[k, 2], centres of the patches that look alike and lie where the homography tells,
-            px of the keyframe.
-        frame_points: float64[k, 2], where each of them lies in the frame.
-        numbers: int64[k], which of the keyframe's patches they are.
-        variances: float64[k], sum of those of a place's two coordinates, px squared; infinite for patches off
-            the plane.
-        rmse: root mean square distance of their places from those that the homography tells, px.
-        compared: patches that look alike, k or more.
-        sought: patches that should have been in view, as many or more.
-        deviation: how far off the homography may put the worst corner of the frame on the keyframe, one
-            standard deviation, px.
-        likeness: median correlation of the patches where the homography tells, with the keyframe's.
-        off_plane: int64[m], which patches look alike but do not lie where the homography tells, by more than
-            their covariances allow: roofs, cars, what was brought by chance.
-        on_plane: int64[l], which do.
+        key_points: float64[k, 2], centres of the correlated patches within the threshold, px of the keyframe.
+        frame_points: float64[k, 2], their positions in the frame.
+        numbers: int64[k], their numbers in the keyframe.
+        variances: float64[k], sum of both coordinates' variances, px squared; infinite off the plane.
+        rmse: root mean square residual, px.
+        compared: number of correlated patches, k or more.
+        visible_count: number of patches in view, as many or more.
+        deviation: standard deviation of the homography at the worst corner of the frame, px of the keyframe.
+        correlation: median correlation of the patches.
+        off_plane: int64[m], correlated patches whose residuals exceed their covariances: roofs, cars.
+        on_plane: int64[l], the other correlated patches.
     """
 
     key_to_frame: FloatArray
@@ -61,27 +57,22 @@ class JointAlignment:
 
 
 def align_coarsely(
-    level: JointLevel,
-    image: GreyArray,
-    key_to_frame: FloatArray,
-    count: int,
-    passes: int,
-    settled: float,
+    level: JointLevel, image: GreyArray, key_to_frame: FloatArray, count: int, passes: int, settled: float
 ) -> FloatArray | None:
-    """Improves a predicted motion until it hardly changes any more.
+    """Improves a predicted motion until it converges.
 
     Args:
         level: patches of the keyframe.
         image: uint8[h, w], the frame at the same reduction.
         key_to_frame: float64[3, 3], right to a few px of this level.
-        count: of the first patches to use.
-        passes: most passes.
-        settled: the last change of a patch's place, px.
+        count: number of leading patches to use.
+        passes: most iterations.
+        settled: largest displacement of a patch in the last iteration, px.
 
     Returns:
-        float64[3, 3], or None where the patches are not seen or do not settle.
+        float64[3, 3], or None without convergence.
     """
-    patches, matrix = level.patches.first(count), key_to_frame.copy()
+    patches, matrix = level.patches.part(slice(count)), key_to_frame.copy()
     found = settle(
         np.ascontiguousarray(image),
         patches.centres,
@@ -96,32 +87,28 @@ def align_coarsely(
 
 
 def align_jointly(
-    level: JointLevel,
-    image: GreyArray,
-    key_to_frame: FloatArray,
-    threshold: float,
+    level: JointLevel, image: GreyArray, key_to_frame: FloatArray, threshold: float
 ) -> JointAlignment | None:
-    """Finds the keyframe in a frame, to a few hundredths of a pixel.
+    """Aligns the keyframe with a frame, to a few hundredths of a pixel.
 
-    Every patch is compared with the frame through the homography's local affine part; the homography moves to
-    where all of them differ least, each counting by how well its contrast and likeness fix it in either
-    direction. Patches that want to be elsewhere than the others, as cars do, are left out. Which do is told
-    while every patch counts for about as much ground as any other: the corners of a few tall roofs, of more
-    contrast than all the ground, would have the plane through the roofs otherwise.
+    Each patch is compared with the frame through the homography's local affine part; the homography minimises
+    all differences, weighted by each patch's contrast and correlation in both directions. Outliers such as
+    cars are rejected while all patches have about equal weights: otherwise the corners of a few tall roofs,
+    with more contrast than all the ground, would define the plane.
 
     Args:
         level: patches of the keyframe.
         image: uint8[h, w], the frame.
         key_to_frame: float64[3, 3], right to about half a pixel.
-        threshold: largest distance of a patch that agrees, px.
+        threshold: largest residual of an inlier, px.
 
     Returns:
-        The alignment, or None where the patches are not seen or do not settle.
+        The alignment, or None without convergence.
 
     Source: Baker and Matthews, Lucas-Kanade 20 years on, IJCV 2004, section 3.2 (inverse compositional).
     """
-    patches, count, frame = level.patches, len(level.numbers), np.ascontiguousarray(image)
-    seen = _Seen(
+    patches, count, pixels = level.patches, len(level.numbers), np.ascontiguousarray(image)
+    buffers = _Buffers(
         key_to_frame.copy(),
         np.empty((3, count)),
         np.empty((3, count)),
@@ -131,29 +118,29 @@ def align_jointly(
     )
     for _ in range(_PASSES):
         size, visible_count, variance = improve(
-            frame,
+            pixels,
             patches.centres,
             patches.probes,
             patches.usable,
             _numbers(level.scaling),
             patches.inverse_hessian,
-            seen.key_to_frame,
-            seen.products,
-            seen.information,
-            seen.normal,
-            seen.alike,
-            seen.near,
+            buffers.key_to_frame,
+            buffers.products,
+            buffers.information,
+            buffers.normal,
+            buffers.alike,
+            buffers.near,
         )
         if size > _WILD:
             return None
         if size < _SETTLED:
-            return _aligned(level, frame, seen, visible_count, variance, threshold)
+            return _aligned(level, pixels, buffers, visible_count, variance, threshold)
     return None
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
-    """What `improve` works on, and tells of the patches; the names are those of its arguments."""
+class _Buffers:
+    """Output arrays of `improve`, named as its arguments."""
 
     key_to_frame: FloatArray
     products: FloatArray
@@ -168,25 +155,30 @@ def _numbers(scaling: Scaling) -> FloatArray:
 
 
 def _aligned(
-    level: JointLevel, image: GreyArray, seen: _Seen, visible_count: int, variance: float, threshold: float
+    level: JointLevel,
+    image: GreyArray,
+    buffers: _Buffers,
+    visible_count: int,
+    variance: float,
+    threshold: float,
 ) -> JointAlignment:
-    residuals, alike, near = seen.products[:2], seen.alike, seen.near
+    residuals, alike, near = buffers.products[:2], buffers.alike, buffers.near
     squares = np.einsum("in,in->n", residuals, residuals)
     agreeing = np.flatnonzero(alike & (squares < threshold**2))
     key_points = level.patches.centres[agreeing]
-    xx, xy, yy = seen.information[:, agreeing]
-    frame_to_key = inverse(seen.key_to_frame)
+    xx, xy, yy = buffers.information[:, agreeing]
+    frame_to_key = inverse(buffers.key_to_frame)
     return JointAlignment(
-        seen.key_to_frame,
+        buffers.key_to_frame,
         key_points,
-        project(seen.key_to_frame, key_points + residuals[:, agreeing].T),
+        project(buffers.key_to_frame, key_points + residuals[:, agreeing].T),
         level.numbers[agreeing],
         np.where(near[agreeing], (xx + yy) / (xx * yy - xy * xy), np.inf),
         math.sqrt(float(squares[agreeing].sum()) / max(1, len(agreeing))),
         int(np.count_nonzero(alike)),
         visible_count,
-        _deviation(seen.normal, variance, level.scaling, project(frame_to_key, corners(image.shape[:2]))),
-        _median(seen.products[2, near]),
+        _deviation(buffers.normal, variance, level.scaling, project(frame_to_key, corners(image.shape[:2]))),
+        _median(buffers.products[2, near]),
         level.numbers[alike & ~near],
         level.numbers[alike & near],
     )
@@ -197,7 +189,7 @@ def _median(values: FloatArray) -> float:
 
 
 def _deviation(normal: FloatArray, variance: float, scaling: Scaling, outline: FloatArray) -> float:
-    """How far off a motion may put the worst of some points, float64[n, 2] px, one standard deviation, px."""
+    """Standard deviation of a motion at the worst of some points, float64[n, 2] px, in px."""
     solved, covariance = cv2.invert(normal, flags=cv2.DECOMP_CHOLESKY)
     if not solved:
         return math.inf

@@ -1,4 +1,4 @@
-"""Patches of a keyframe in an order of their own, ready to be aligned all at once."""
+"""Patches of a keyframe, prepared for joint alignment."""
 
 from dataclasses import dataclass, replace
 
@@ -12,11 +12,11 @@ from streamkit_stitcher.registration.patches import PatchLevel, prepare
 
 @dataclass(frozen=True, eq=False)
 class JointLevel:
-    """Patches of one pyramid level, each leading part of them spread over the whole frame.
+    """Patches of one pyramid level, in an order whose every leading part covers the whole frame.
 
     Attributes:
         patches: the patches.
-        numbers: int64[n], which of the keyframe's they are.
+        numbers: int64[n], their numbers in the keyframe.
         scaling: of their centres.
     """
 
@@ -25,7 +25,7 @@ class JointLevel:
     scaling: Scaling
 
     def without(self, left_out: MaskArray) -> "JointLevel":
-        """The same, with some patches never seen, bool[n]."""
+        """Marks patches as not usable, bool[n]."""
         return replace(self, patches=replace(self.patches, usable=self.patches.usable & ~left_out))
 
     def part(self, chosen: npt.NDArray[np.int64]) -> "JointLevel":
@@ -34,7 +34,7 @@ class JointLevel:
 
 
 def spread_order(count: int) -> npt.NDArray[np.int64]:
-    """The numbers below `count` so that each leading part is spread evenly over them all, int64[count].
+    """The numbers below `count`, each leading part evenly spread, int64[count].
 
     Source: van der Corput, Verteilungsfunktionen, 1935.
     """
@@ -49,7 +49,7 @@ def joint_level(patches: GreyArray, centres: FloatArray, numbers: npt.NDArray[np
 
     Args:
         patches: uint8[n, 17, 17] from `cut_patches`, n >= 1.
-        centres: float64[n, 2], their centres, px of the level.
-        numbers: int64[n], which of the keyframe's patches they are.
+        centres: float64[n, 2], px of the level.
+        numbers: int64[n], their numbers in the keyframe.
     """
     return JointLevel(prepare(patches, centres), numbers, Scaling.of(centres))

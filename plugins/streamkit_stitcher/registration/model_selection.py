@@ -1,4 +1,4 @@
-"""Which motion model explains matched points without explaining their noise."""
+"""Selection of the motion model that explains matches without fitting their noise."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -21,8 +21,8 @@ def gric(residuals: FloatArray, variance: float, parameters: int) -> float:
 
     Args:
         residuals: float64[n, 2], px.
-        variance: of one coordinate of the residuals of a model that holds, px squared.
-        parameters: of the model.
+        variance: of one coordinate of the residuals under a correct model, px squared.
+        parameters: number of the model.
 
     Source: Torr, Kanatani: Geometric motion segmentation and model selection, Phil. Trans. R. Soc. A 356,
     1998: r = 4 coordinates a pair, d = 2 dimensions of the model's manifold.
@@ -35,24 +35,24 @@ def gric(residuals: FloatArray, variance: float, parameters: int) -> float:
 
 @dataclass(frozen=True)
 class MotionRule:
-    """What a motion may be.
+    """The allowed motion models.
 
     Attributes:
-        model: the motion that is expected.
-        strict: whether it may be nothing else; otherwise a homography stands where the pairs speak for it.
+        model: the expected model.
+        strict: whether no other is allowed; otherwise a homography is kept where the matches support it.
     """
 
     model: MotionModel = MotionModel.HOMOGRAPHY
     strict: bool = True
 
     def apply(self, fit: MotionFit, source: FloatArray, target: FloatArray) -> MotionFit:
-        """A homography's fit turned into one that is allowed.
+        """Restricts a fitted homography to an allowed model.
 
-        Keyframes may happen to be tilted alike, and the frames between them not.
+        Keyframes may all have the same tilt while the frames between them do not.
 
         Args:
             fit: the fitted homography.
-            source: float64[n, 2], as it was fitted to.
+            source: float64[n, 2], the points it was fitted to.
             target: float64[n, 2].
         """
         simple = restrict(fit, self.model, source, target)
@@ -72,13 +72,10 @@ ANY_MOTION: Final = MotionRule()
 
 
 class ModelSelection:
-    """The model that suits the latest pairs of keyframes together.
-
-    One pair decides little; the criteria of the last few are added up, and until there is evidence the
-    homography holds.
+    """Selects the model by the summed criteria of the latest pairs of keyframes, at first the homography.
 
     Args:
-        memory: pairs that count.
+        memory: number of pairs.
     """
 
     def __init__(self, memory: int = 8) -> None:
@@ -86,13 +83,13 @@ class ModelSelection:
 
     @property
     def model(self) -> MotionModel:
-        """The model of the least criterion so far."""
+        """The model with the least criterion."""
         if not self._scores:
             return MotionModel.HOMOGRAPHY
         return _MODELS[int(np.argmin(np.sum(self._scores, axis=0)))]
 
     def add(self, source: FloatArray, target: FloatArray) -> None:
-        """Takes the matches of a pair, float64[n, 2] each, free of gross errors; few points say nothing."""
+        """Adds the inliers of a pair, float64[n, 2] each; fewer than 24 are ignored."""
         if len(source) < _FEWEST:
             return
         residuals = []
@@ -113,7 +110,7 @@ class ModelSelection:
 
 
 def _variance(residuals: FloatArray) -> float:
-    """Of one coordinate of residuals float64[n, 2] that are normal but for some, px squared."""
-    # The median length of a 2-D normal error is 1.1774 deviations.
+    """Robust variance of one coordinate of residuals float64[n, 2], px squared."""
+    # The median length of a 2-D Gaussian error is 1.1774 deviations.
     typical = float(np.median(np.hypot(*residuals.T)))
     return max(_SMALLEST_VARIANCE, (typical / 1.1774) ** 2)

@@ -1,4 +1,4 @@
-"""Robust fits of one image motion to point pairs, from the homography down to the similarity."""
+"""Robust fits of motion models to point pairs, from the homography down to the similarity."""
 
 import math
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ from streamkit_stitcher.registration.gauss_newton import Scaling, gauss_newton_s
 _MAX_ITERATIONS: Final = 500
 _CONFIDENCE: Final = 0.995
 _TRIM: Final = 3.0
-_LEAST_TRIM: Final = 0.1
+_MIN_TRIM: Final = 0.1
 _REFINEMENTS: Final = 2
-_REFINABLE: Final = 12
-_KEPT: Final = 0.9
-_PLAIN_RATIO: Final = 0.6
+_MIN_REFINABLE: Final = 12
+_MIN_KEPT: Final = 0.9
+_MIN_RATIO: Final = 0.6
 
 
 class MotionModel(StrEnum):
-    """Motions in falling order of freedom; the later ones stand in where the earlier ones fail."""
+    """Motion models by decreasing degrees of freedom."""
 
     HOMOGRAPHY = "homography"
     AFFINE = "affine"
@@ -34,13 +34,13 @@ class MotionModel(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class MotionFit:
-    """One motion fitted to point pairs.
+    """A motion fitted to point pairs.
 
     Attributes:
-        matrix: float64[3, 3], maps source points to target points.
-        model: the motion that was fitted.
-        inliers: bool[n], pairs within the threshold of the fit.
-        rmse: root mean square distance of the inliers, in px of the target.
+        matrix: float64[3, 3], source points to target points.
+        model: the motion model.
+        inliers: bool[n], pairs within the threshold.
+        rmse: root mean square residual of the inliers, px of the target.
     """
 
     matrix: FloatArray
@@ -90,62 +90,62 @@ def fit_homography(
     start: FloatArray | None = None,
     weights: FloatArray | None = None,
 ) -> MotionFit | None:
-    """Fits a homography by RANSAC, refined by least squares on the inliers and then on the best of them.
+    """Fits a homography by RANSAC, refined by least squares on the inliers, then on the best of them.
 
-    The last step halves the corner error: slow cars and badly followed points pass RANSAC's threshold, but
-    not three times the median distance.
+    The last step halves the corner error: slow cars and poorly tracked points pass RANSAC's threshold, but
+    not three times the median residual.
 
     Args:
         source: float64[n, 2].
         target: float64[n, 2].
-        threshold: largest distance of an inlier in px of the target.
-        refinements: steps of that refinement.
-        start: float64[3, 3], a guess; where most pairs agree with it, it is refined without RANSAC.
-        weights: float64[n], how much each pair counts in the refinement, such as one over its variance.
+        threshold: largest residual of an inlier, px of the target.
+        refinements: iterations of the refinement.
+        start: float64[3, 3], a prediction; refined without RANSAC where most pairs are its inliers.
+        weights: float64[n], of the pairs in the refinement, such as inverse variances.
 
     Returns:
         The fit, or None for fewer than 4 pairs or degenerate ones.
 
     Source: Fischler and Bolles, Random sample consensus, CACM 1981. cv2.USAC_MAGSAC is five times less
-    accurate here when its result is not refitted.
+    accurate here without refinement.
     """
     if len(source) < 4:
         return None
     fit = None if start is None else evaluate(start, MotionModel.HOMOGRAPHY, source, target, threshold)
-    if fit is None or fit.ratio < _PLAIN_RATIO:
+    if fit is None or fit.ratio < _MIN_RATIO:
         matrix, _ = cv2.findHomography(
             source, target, cv2.USAC_FAST, threshold, maxIters=_MAX_ITERATIONS, confidence=_CONFIDENCE
         )
         fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
-    if fit is None or fit.count < _REFINABLE or not refinements:
+    if fit is None or fit.count < _MIN_REFINABLE or not refinements:
         return fit
     matrix = _refined(fit.matrix, source, target, threshold, refinements, weights)
     refined = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
-    return refined if refined is not None and refined.count >= _KEPT * fit.count else fit
+    return refined if refined is not None and refined.count >= _MIN_KEPT * fit.count else fit
 
 
 def fit_affine(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
-    """Fits an affine motion as `fit_homography` fits a homography; None for fewer than 3 pairs."""
+    """Fits an affine motion as `fit_homography` does; None for fewer than 3 pairs."""
     if len(source) < 3:
         return None
     matrix, _ = cv2.estimateAffine2D(source, target, **_linear_options(threshold))
-    return _judged_linear(matrix, MotionModel.AFFINE, source, target, threshold)
+    return _evaluate_linear(matrix, MotionModel.AFFINE, source, target, threshold)
 
 
 def fit_similarity(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
-    """Fits shift, rotation and one scale as `fit_homography` does; None for fewer than 2 pairs."""
+    """Fits translation, rotation and scale as `fit_homography` does; None for fewer than 2 pairs."""
     if len(source) < 2:
         return None
     matrix, _ = cv2.estimateAffinePartial2D(source, target, **_linear_options(threshold))
-    return _judged_linear(matrix, MotionModel.SIMILARITY, source, target, threshold)
+    return _evaluate_linear(matrix, MotionModel.SIMILARITY, source, target, threshold)
 
 
 def least_squares(model: MotionModel, source: FloatArray, target: FloatArray) -> FloatArray | None:
-    """The motion of one model that fits all pairs best, or None for degenerate ones.
+    """Fits a homography, affine motion or similarity to all pairs; None for degenerate ones.
 
     Args:
-        model: homography, affine or similarity.
-        source: float64[n, 2], free of gross errors.
+        model: the motion model.
+        source: float64[n, 2], without outliers.
         target: float64[n, 2].
 
     Returns:
@@ -173,16 +173,16 @@ def least_squares(model: MotionModel, source: FloatArray, target: FloatArray) ->
 
 
 def restrict(fit: MotionFit, model: MotionModel, source: FloatArray, target: FloatArray) -> MotionFit:
-    """A homography's fit turned into one of a simpler model, on the pairs it agreed with.
+    """Refits a homography's inliers with a simpler model.
 
     Args:
         fit: the fitted homography.
-        model: what the motion may be.
-        source: float64[n, 2], as it was fitted to.
+        model: the motion model.
+        source: float64[n, 2], the points it was fitted to.
         target: float64[n, 2].
 
     Returns:
-        The simpler fit with the same inliers, or `fit` where the model allows it or the pairs do not.
+        The simpler fit with the same inliers; `fit` where that fails or nothing is simpler.
     """
     if model is MotionModel.HOMOGRAPHY or fit.model is not MotionModel.HOMOGRAPHY:
         return fit
@@ -191,7 +191,7 @@ def restrict(fit: MotionFit, model: MotionModel, source: FloatArray, target: Flo
     if matrix is None:
         return fit
     lengths = np.hypot(*(project(matrix, first) - second).T)
-    near = lengths <= max(_TRIM * float(np.median(lengths)), _LEAST_TRIM)
+    near = lengths <= max(_TRIM * float(np.median(lengths)), _MIN_TRIM)
     matrix = least_squares(model, first[near], second[near])
     if matrix is None:
         return fit
@@ -205,16 +205,16 @@ _LADDER: Final = ((fit_homography, 1.0), (fit_affine, 0.6), (fit_similarity, 0.4
 def fit_motion(
     source: FloatArray, target: FloatArray, shape: tuple[int, int], limits: FitLimits
 ) -> tuple[MotionFit | None, MotionFit]:
-    """Fits the richest motion that can be believed.
+    """Fits the motion model with the most parameters that can be accepted.
 
     Args:
         source: float64[n, 2].
         target: float64[n, 2].
-        shape: (height, width) of both images, for the plausibility of the motion.
+        shape: (height, width) of both images, px.
         limits: what the fit must reach.
 
     Returns:
-        The accepted fit or None, and the fit with the most inliers whether accepted or not.
+        The accepted fit or None, and the fit with the most inliers.
     """
     best = NO_FIT
     for fit_model, share in _LADDER:
@@ -237,10 +237,10 @@ def _refined(
     steps: int,
     weights: FloatArray | None = None,
 ) -> FloatArray:
-    """Gauss-Newton steps on the pairs near `matrix`, on all if `threshold` is infinite.
+    """Gauss-Newton iterations on the inliers of `matrix`, on all pairs if `threshold` is infinite.
 
-    Before the last step no pair counts more than the median: a few of much weight, such as the corners of
-    roofs, would draw the motion to them before they could be told from the rest.
+    Before the last iteration weights are capped at the median: a few large ones, such as the corners of
+    roofs, would otherwise bias the motion before outliers are rejected.
     """
     scaling = Scaling.of(target)
     full = np.ones(len(target)) if weights is None else weights
@@ -251,7 +251,7 @@ def _refined(
         residuals = target - mapped
         if not math.isinf(threshold):
             own = full if step == steps - 1 else even
-            counted = own * _kept(np.einsum("ni,ni->n", residuals, residuals), own, threshold)
+            counted = own * _inlier_mask(np.einsum("ni,ni->n", residuals, residuals), own, threshold)
         better = gauss_newton_step(matrix, scaling, mapped, residuals, counted)
         if better is None:
             break
@@ -259,15 +259,15 @@ def _refined(
     return matrix
 
 
-def _kept(squares: FloatArray, weights: FloatArray, threshold: float) -> MaskArray:
-    """Which pairs lie no farther off than most, by their squared distances and what they count."""
+def _inlier_mask(squares: FloatArray, weights: FloatArray, threshold: float) -> MaskArray:
+    """Pairs whose weighted residual is below a multiple of the median."""
     close = squares < threshold**2
     if not close.any():
-        return np.asarray(squares < (_LEAST_TRIM * threshold) ** 2)
+        return np.asarray(squares < (_MIN_TRIM * threshold) ** 2)
     counted = squares * weights
     near = counted[close]
     typical = float(np.partition(near, len(near) // 2)[len(near) // 2])
-    return np.asarray((counted < _TRIM**2 * typical) | (squares < (_LEAST_TRIM * threshold) ** 2))
+    return np.asarray((counted < _TRIM**2 * typical) | (squares < (_MIN_TRIM * threshold) ** 2))
 
 
 def _linear_options(threshold: float) -> dict[str, Any]:
@@ -279,7 +279,7 @@ def _linear_options(threshold: float) -> dict[str, Any]:
     }
 
 
-def _judged_linear(
+def _evaluate_linear(
     matrix: Any, model: MotionModel, source: FloatArray, target: FloatArray, threshold: float
 ) -> MotionFit | None:
     if matrix is None:
@@ -290,7 +290,7 @@ def _judged_linear(
 def evaluate(
     matrix: Any, model: MotionModel, source: FloatArray, target: FloatArray, threshold: float
 ) -> MotionFit | None:
-    """A motion with the pairs within `threshold` px of it, or None where it is none or not finite."""
+    """A motion with the pairs within `threshold` px as inliers; None where it is degenerate."""
     if matrix is None or abs(matrix[2, 2]) < 1e-12 or not math.isfinite(sum(matrix.ravel().tolist())):
         return None
     matrix = np.asarray(matrix / matrix[2, 2], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Registration of a frame to the one before it, at working size."""
+"""Registration of a frame to the previous one, at working size."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ _CRITERIA: Final = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.02)
 _THUMBNAIL: Final = (80, 45)
 _BLANK_DEVIATION: Final = 2.0
 _BLANK_POINTS: Final = 8
-_NEIGHBOURLY: Final = 0.1
+_MIN_CORRELATION: Final = 0.1
 _LEAST_HEIGHT: Final = 64
 _PHASE_WIDTH: Final = 320
 _PHASE_RESPONSE: Final = 0.1
@@ -50,7 +50,7 @@ class WorkingImage:
         grey: uint8[h, w], reduced by `factor` on both sides.
         factor: the reduction, a power of two.
         points: float64[n, 2], corners in reduced px.
-        thumbnail: float64[45, 80], for the detection of cuts.
+        thumbnail: float64[45, 80], for cut detection.
     """
 
     grey: GreyArray
@@ -60,7 +60,7 @@ class WorkingImage:
 
     @property
     def is_blank(self) -> bool:
-        """Whether there is nothing to register: black, flat, hardly a corner, or only noise."""
+        """Whether the frame is black, flat, almost without corners, or noise."""
         return (
             len(self.points) < _BLANK_POINTS
             or float(self.thumbnail.std()) < _BLANK_DEVIATION
@@ -70,16 +70,15 @@ class WorkingImage:
 
 @dataclass(frozen=True, eq=False)
 class PairwiseMotion:
-    """How a frame lies on an earlier one.
+    """The motion of a frame relative to an earlier one.
 
     Attributes:
-        matrix: float64[3, 3], maps full-size pixels of the frame to those of the earlier one; identity when
-            nothing could be measured.
-        model: the motion that was accepted, or None.
+        matrix: float64[3, 3], full-size pixels of the frame to those of the earlier one; identity if unknown.
+        model: the accepted motion model, or None.
         is_cut: whether the two frames show different scenes.
-        matches: points followed from the earlier frame.
+        matches: points tracked from the earlier frame.
         inliers: matches that agree with the motion.
-        rmse: root mean square distance of the inliers, in full-size px.
+        rmse: root mean square residual of the inliers, full-size px.
     """
 
     matrix: FloatArray
@@ -100,34 +99,33 @@ def working_level(shape: tuple[int, int], working_width: int) -> int:
 
 
 def is_flat(grey: GreyArray) -> bool:
-    """Whether a frame, reduced to its thumbnail, shows hardly any difference in brightness."""
+    """Whether the thumbnail of a frame has almost no contrast."""
     thumbnail = cv2.resize(grey, _THUMBNAIL, interpolation=cv2.INTER_AREA)
     return float(cv2.meanStdDev(thumbnail)[1][0, 0]) < _BLANK_DEVIATION
 
 
 def is_noise(thumbnail: FloatArray) -> bool:
-    """Whether neighbours in a thumbnail, float64[h, w], have nothing in common.
+    """Whether neighbouring pixels of a thumbnail, float64[h, w], are uncorrelated.
 
-    Each of its pixels is the mean of many. Of ground, however fine its texture, something is left that is
-    larger than that; of a receiver's noise nothing is.
+    Each is the mean of many pixels: terrain of any texture stays correlated, noise does not.
     """
     apart = thumbnail - thumbnail.mean()
     power = float((apart**2).mean())
     across = float((apart[:, 1:] * apart[:, :-1]).mean())
     down = float((apart[1:] * apart[:-1]).mean())
-    return max(across, down) < _NEIGHBOURLY * power
+    return max(across, down) < _MIN_CORRELATION * power
 
 
 def working_image(
     images: Sequence[GreyArray], level: int, detector: CornerDetector, most: int
 ) -> WorkingImage:
-    """Finds the corners of a frame at working size.
+    """Detects the corners of a frame at working size.
 
     Args:
         images: the frame and its halvings, more than `level` of them.
-        level: which of them to work on.
-        detector: keeps the corner threshold from frame to frame.
-        most: upper limit of corners.
+        level: which of them is at working size.
+        detector: keeps its threshold from frame to frame.
+        most: most corners.
     """
     reduced = images[level]
     thumbnail = cv2.resize(reduced, _THUMBNAIL, interpolation=cv2.INTER_AREA).astype(np.float64)
@@ -137,28 +135,28 @@ def working_image(
 def register(
     earlier: WorkingImage, current: WorkingImage, guess: FloatArray, limits: FitLimits
 ) -> PairwiseMotion:
-    """Measures how `current` lies on `earlier`: homography, else affine, similarity, translation, nothing.
+    """Registers `current` to `earlier`: homography, else affine, similarity, translation, nothing.
 
-    A doubtful result is tried once more with the brightness and contrast of `earlier` matched to `current`
-    and with the motion started from phase correlation, which recovers gain steps and large jumps.
+    A doubtful result is tried again with the exposure of `earlier` matched to `current` and the motion
+    started from phase correlation, for gain steps and large shifts.
 
     Args:
         earlier: the frame to register to, of the same size.
         current: the frame to register.
-        guess: float64[3, 3], expected motion of full-size pixels, `current` to `earlier`.
-        limits: what a motion must reach; the threshold counts in px of the reduced images.
+        guess: float64[3, 3], predicted motion of full-size pixels, `current` to `earlier`.
+        limits: what a motion must reach; the threshold is in px of the reduced images.
 
     Source: Lucas and Kanade 1981, Bouguet's pyramidal form; Kuglin and Hines, The phase correlation image
     alignment method, 1975.
     """
     start = inverse(to_reduced(guess, current.factor))
-    fit, best, matches = _follow_and_fit(earlier.grey, current.grey, earlier.points, start, limits)
+    fit, best, matches = _track_and_fit(earlier.grey, current.grey, earlier.points, start, limits)
     if fit is not None and fit.model is MotionModel.HOMOGRAPHY:
         return _motion(fit, matches, current.factor)
     shift, response = _phase_shift(earlier.grey, current.grey)
     restart = translation(shift) if response > _PHASE_RESPONSE else IDENTITY
     matched = _with_exposure_of(earlier.grey, current.grey)
-    second, second_best, second_matches = _follow_and_fit(
+    second, second_best, second_matches = _track_and_fit(
         matched, current.grey, earlier.points, restart, limits
     )
     if second is not None and (fit is None or second.count > fit.count):
@@ -173,13 +171,9 @@ def register(
 
 
 def _unfitted(
-    earlier: WorkingImage,
-    current: WorkingImage,
-    best: MotionFit,
-    back: FloatArray | None,
-    limits: FitLimits,
+    earlier: WorkingImage, current: WorkingImage, best: MotionFit, back: FloatArray | None, limits: FitLimits
 ) -> PairwiseMotion:
-    """What is left when no fit is accepted: a cut, the shift `back` of phase correlation, or nothing."""
+    """The result without an accepted fit: a cut, the shift `back` of phase correlation, or nothing."""
     matches, factor = len(best.inliers), current.factor
     shape = (current.grey.shape[0], current.grey.shape[1])
     candidates = [best.matrix] if back is None else [best.matrix, back]
@@ -195,7 +189,7 @@ def _unfitted(
 
 
 def thumbnail_correlation(earlier: WorkingImage, current: WorkingImage, matrix: FloatArray) -> float:
-    """Normalised cross-correlation of two thumbnails where they overlap under a motion, -1 to 1.
+    """Normalised cross-correlation of two thumbnails over their overlap, -1 to 1.
 
     Args:
         earlier: the frame registered to.
@@ -206,7 +200,8 @@ def thumbnail_correlation(earlier: WorkingImage, current: WorkingImage, matrix: 
         The correlation; 0 where less than a tenth overlaps or one side is flat.
     """
     width, height = _THUMBNAIL
-    shrink = np.diag([width / _full_width(current), height / _full_height(current), 1.0])
+    rows, columns = current.grey.shape
+    shrink = np.diag([width / (columns * current.factor), height / (rows * current.factor), 1.0])
     small = normalised(shrink @ matrix @ np.linalg.inv(shrink))
     moved = cv2.warpPerspective(current.thumbnail, small, _THUMBNAIL, borderValue=float("nan"))
     shared = np.isfinite(moved)
@@ -218,33 +213,26 @@ def thumbnail_correlation(earlier: WorkingImage, current: WorkingImage, matrix: 
     return float((first * second).sum()) / power if power > 1e-9 else 0.0
 
 
-def _full_width(image: WorkingImage) -> int:
-    return int(image.grey.shape[1]) * image.factor
-
-
-def _full_height(image: WorkingImage) -> int:
-    return int(image.grey.shape[0]) * image.factor
-
-
 def _motion(fit: MotionFit, matches: int, factor: int) -> PairwiseMotion:
     matrix = from_reduced(fit.matrix, factor)
     return PairwiseMotion(matrix, fit.model, False, matches, fit.count, fit.rmse * factor)
 
 
-def _follow_and_fit(
+def _track_and_fit(
     earlier: GreyArray, current: GreyArray, points: FloatArray, start: FloatArray, limits: FitLimits
 ) -> tuple[MotionFit | None, MotionFit, int]:
-    old, new = _follow(earlier, current, points, start)
+    """Tracks points and fits a motion: the accepted fit, the best fit, and the number of points."""
+    old, new = _track(earlier, current, points, start)
     if not len(old):
         return None, NO_FIT, 0
     fit, best = fit_motion(new, old, (current.shape[0], current.shape[1]), limits)
     return fit, best, len(old)
 
 
-def _follow(
+def _track(
     earlier: GreyArray, current: GreyArray, points: FloatArray, start: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Pyramidal Lucas-Kanade from where `start` (earlier to current) expects each point."""
+    """Pyramidal Lucas-Kanade from the predictions of `start` (earlier to current)."""
     if not len(points):
         return points, points
     expected = project(start, points)
@@ -268,7 +256,7 @@ def _follow(
 
 
 def _phase_shift(earlier: GreyArray, current: GreyArray) -> tuple[FloatArray, float]:
-    """Shift of the frame content from `earlier` to `current` in their px, and its peak response."""
+    """Shift of the content from `earlier` to `current` in their px, and its peak response."""
     height, width = current.shape
     scale = min(1.0, _PHASE_WIDTH / width)
     size = (max(16, round(width * scale)), max(16, round(height * scale)))

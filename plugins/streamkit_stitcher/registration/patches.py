@@ -1,4 +1,4 @@
-"""Sub-pixel alignment of small patches of a keyframe in a later frame of the same ground."""
+"""Sub-pixel alignment of small patches of a keyframe, one by one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,15 +35,15 @@ _EVEN: Final[_SingleArray] = np.full(_PIXELS, 1 / _PIXELS, dtype=np.float32)
 
 
 def pyramid(images: Sequence[GreyArray], levels: int) -> tuple[GreyArray, ...]:
-    """Continues a series of halvings of an image by block averages.
+    """Extends an image pyramid by 2 x 2 block averages.
 
     Args:
-        images: uint8[h, w] and the halvings there are already, one or more in all.
+        images: uint8[h, w] and its existing halvings.
         levels: number of images to return.
 
     Returns:
-        The image itself and its halvings, fewer where a side would fall below 1 px. An odd last row or column
-        is dropped on the way, so that pixel x of level k stays at full-size x * 2**k + (2**k - 1) / 2.
+        The image and its halvings, fewer where a side would fall below 1 px. An odd last row or column is
+        dropped, so that pixel x of level k stays at full-size x * 2**k + (2**k - 1) / 2.
     """
     result = list(images)
     while len(result) < levels and min(result[-1].shape) >= 2:
@@ -60,13 +60,13 @@ def halved(grey: GreyArray) -> GreyArray:
 
 @dataclass(frozen=True, eq=False)
 class PatchLevel:
-    """Patches of one pyramid level, ready for alignment.
+    """Patches of one pyramid level, prepared for alignment.
 
     Attributes:
-        centres: float64[n, 2], patch centres in px of this level.
-        probes: float32[n, 3, 225], what a sampled patch is multiplied with; divided by its deviation this
-            gives the Gauss-Newton step in x and in y, px, and the correlation with the key patch.
-        inverse_hessian: float64[n, 2, 2], inverse of the slopes' normal matrix at unit deviation.
+        centres: float64[n, 2], px of this level.
+        probes: float32[n, 3, 225]; their products with a sampled patch, divided by its deviation, are the
+            Gauss-Newton step in x and in y, px, and the correlation.
+        inverse_hessian: float64[n, 2, 2], of the gradients at unit deviation.
         usable: bool[n], patches with contrast in both directions.
     """
 
@@ -75,34 +75,22 @@ class PatchLevel:
     inverse_hessian: FloatArray
     usable: MaskArray
 
-    def part(self, chosen: npt.NDArray[np.int64]) -> "PatchLevel":
-        """Some of the patches, by their indices."""
+    def part(self, chosen: npt.NDArray[np.int64] | slice) -> "PatchLevel":
+        """Some of the patches, by their indices or a slice."""
         return PatchLevel(
-            self.centres[chosen],
-            self.probes[chosen],
-            self.inverse_hessian[chosen],
-            self.usable[chosen],
-        )
-
-    def first(self, count: int) -> "PatchLevel":
-        """The first `count` patches, without a copy."""
-        return PatchLevel(
-            self.centres[:count],
-            self.probes[:count],
-            self.inverse_hessian[:count],
-            self.usable[:count],
+            self.centres[chosen], self.probes[chosen], self.inverse_hessian[chosen], self.usable[chosen]
         )
 
 
 def cut_patches(image: GreyArray, centres: FloatArray) -> GreyArray:
-    """Cuts 17 x 17 px around each centre.
+    """Cuts 17 x 17 px around each centre; edge pixels repeat beyond the border.
 
     Args:
         image: uint8[h, w].
         centres: float64[n, 2], x y, whole pixels.
 
     Returns:
-        uint8[n, 17, 17]; beyond the border the edge pixels repeat.
+        uint8[n, 17, 17].
     """
     reach = RADIUS + 1
     bordered = cv2.copyMakeBorder(image, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
@@ -113,11 +101,11 @@ def cut_patches(image: GreyArray, centres: FloatArray) -> GreyArray:
 
 
 def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
-    """Works out the slopes and normal matrices of patches once, for any number of alignments.
+    """Computes gradients and Hessians of patches, for any number of alignments.
 
     Args:
         patches: uint8[n, 17, 17] from `cut_patches`.
-        centres: float64[n, 2], their centres.
+        centres: float64[n, 2].
 
     Source: Baker and Matthews, Lucas-Kanade 20 years on, IJCV 2004, section 3.2 (inverse compositional).
     """
@@ -128,15 +116,14 @@ def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
     deviation = np.sqrt((appearance**2).mean(axis=2, keepdims=True))
     scale = np.maximum(deviation, 1e-3)
     appearance /= scale
-    # Sobel's slopes: those of two neighbours alone are half noise where contrast is poor, and the steps then
-    # fall short.
+    # Sobel gradients: with low contrast, plain differences are half noise, and the steps fall short.
     across = grey[:, :, 2:] - grey[:, :, :-2]
     down = grey[:, 2:] - grey[:, :-2]
     steepest = np.empty((count, 2, _PIXELS), dtype=np.float32)
     steepest[:, 0] = (across[:, :-2] + 2 * across[:, 1:-1] + across[:, 2:]).reshape(count, _PIXELS)
     steepest[:, 1] = (down[:, :, :-2] + 2 * down[:, :, 1:-1] + down[:, :, 2:]).reshape(count, _PIXELS)
     steepest /= 8 * scale
-    # What another brightness or contrast would change, too, says nothing about the place.
+    # Remove what a change of brightness or contrast explains as well.
     steepest -= steepest.mean(axis=2, keepdims=True)
     steepest -= np.matmul(steepest, appearance.transpose(0, 2, 1)) / _PIXELS * appearance
     hessian = np.matmul(steepest, steepest.transpose(0, 2, 1)).astype(np.float64)
@@ -153,15 +140,14 @@ def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Patches of a keyframe that were found in a frame.
+    """Patches of a keyframe found in a frame.
 
     Attributes:
-        key_points: float64[k, 2], their positions in the keyframe.
-        frame_points: float64[k, 2], the same ground in the frame.
+        key_points: float64[k, 2], in the keyframe.
+        frame_points: float64[k, 2], in the frame.
         patches: int64[k], their indices.
-        variances: float64[k], of one coordinate of a position, px squared, by what is left of the difference
-            of the frames and by the contrast that fixes the position.
-        sought: patches that should have been in view, k or more.
+        variances: float64[k], of one coordinate of a position, px squared, by correlation and contrast.
+        visible_count: number of patches in view, k or more.
     """
 
     key_points: FloatArray
@@ -174,21 +160,21 @@ class Alignment:
 def align(
     level: PatchLevel, image: GreyArray, key_to_frame: FloatArray, tolerance: float = _CONVERGED
 ) -> Alignment:
-    """Finds where patches of the keyframe lie in a frame, to a few hundredths of a pixel.
+    """Aligns patches of the keyframe with a frame, to a few hundredths of a pixel.
 
-    Each patch is compared with the frame resampled through the homography's local affine part, so rotation,
-    scale and perspective cost no accuracy; brightness and contrast are normalised patch by patch.
+    Each patch is compared with the frame resampled through the homography's local affine part; brightness
+    and contrast are normalised patch by patch.
 
     Args:
         level: patches of the keyframe.
         image: uint8[h, w], the frame at the same reduction.
         key_to_frame: float64[3, 3], predicted motion in px of this level, right to about 3 px.
-        tolerance: the last step that most patches may still make, px.
+        tolerance: largest last step of most patches, px.
 
     Returns:
         The patches that converged.
     """
-    visible = level.usable & _visible(_affine_parts(key_to_frame, level.centres), image.shape)
+    visible = level.usable & _inside(_affine_parts(key_to_frame, level.centres)[:, :, 2], image.shape)
     chosen = np.flatnonzero(visible)
     visible_count = len(chosen)
     if not visible_count:
@@ -196,29 +182,29 @@ def align(
     if len(chosen) < _MOSTLY * len(visible):
         level, visible = level.part(chosen), visible[chosen]
     else:
-        # Copying most of the patches costs more than aligning the few that cannot be seen.
+        # Copying most of the patches costs more than aligning the few that are out of view.
         chosen = np.arange(len(visible))
     shift, correlation, step = _iterate(level, image, key_to_frame, visible, tolerance)
     settled = visible & (step < _SETTLED * tolerance) & (correlation > _MIN_CORRELATION)
     good = settled & (np.hypot(shift[:, 0], shift[:, 1]) < _MAX_SHIFT)
     key_points = level.centres[good]
-    # Frames of unit deviation that correlate by c differ by 2 - 2 c.
+    # Images of unit deviation with correlation c differ by 2 - 2 c.
     variances = (1 - correlation[good]) * np.trace(level.inverse_hessian[good], axis1=1, axis2=2)
     frame_points = project(key_to_frame, key_points + shift[good])
     return Alignment(key_points, frame_points, chosen[good], np.maximum(variances, 0.0), visible_count)
 
 
 def in_view(level: PatchLevel, key_to_frame: FloatArray, shape: Sequence[int]) -> MaskArray:
-    """Which patches are usable and lie inside an image of a shape under a motion, bool[n]."""
+    """Usable patches inside an image of `shape` under a motion, bool[n]."""
     return level.usable & _inside(project(key_to_frame, level.centres), shape)
 
 
 def _iterate(
     level: PatchLevel, image: GreyArray, key_to_frame: FloatArray, visible: MaskArray, tolerance: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Gauss-Newton on each patch's shift: (shift, correlation, size of the last step)."""
+    """Gauss-Newton iterations of each patch's shift: (shift, correlation, length of the last step)."""
     parts = _affine_parts(key_to_frame, level.centres)
-    # Shifts of the patches go through the same affine parts.
+    # The patches' shifts are mapped by the same affine parts.
     local, places = parts[:, :, :2], parts[:, :, 2].copy()
     shift = np.zeros((2, len(visible)))
     enough = _ENOUGH * np.count_nonzero(visible)
@@ -234,9 +220,9 @@ def _iterate(
 
 
 def _probed(level: PatchLevel, image: GreyArray, parts: _SingleArray) -> FloatArray:
-    """Steps and correlations of the patches at some places, float64[3, n]."""
+    """Steps and correlations of the patches at some positions, float64[3, n]."""
     maps = (parts.reshape(-1, 3) @ _OFFSETS).reshape(-1, 2, _PIXELS)
-    # Patches in view keep off the border, so that nothing needs to stand beyond it.
+    # Patches in view are off the border: no border mode is needed.
     resampled = cv2.remap(image, maps[:, 0], maps[:, 1], cv2.INTER_LINEAR)
     sampled = np.asarray(resampled, dtype=np.float32)
     mean = sampled @ _EVEN
@@ -246,7 +232,7 @@ def _probed(level: PatchLevel, image: GreyArray, parts: _SingleArray) -> FloatAr
 
 
 def _affine_parts(matrix: FloatArray, points: FloatArray) -> _SingleArray:
-    """A homography's affine part at each of some points, float32[n, 2, 3]: slopes, and where it maps them."""
+    """A homography's affine part at each of some points, float32[n, 2, 3]."""
     (a, b, _), (d, e, _), (g, h, _) = matrix.tolist()
     mapped = points @ matrix[:, :2].T
     mapped += matrix[:, 2]
@@ -266,13 +252,8 @@ def _affine_parts(matrix: FloatArray, points: FloatArray) -> _SingleArray:
     return np.asarray(terms @ factors, dtype=np.float32).reshape(-1, 2, 3)
 
 
-def _visible(parts: _SingleArray, shape: Sequence[int]) -> MaskArray:
-    """Which patches lie inside an image of a shape, by their affine parts."""
-    return _inside(parts[:, :, 2], shape)
-
-
 def _inside(centres: FloatArray | _SingleArray, shape: Sequence[int]) -> MaskArray:
-    """Which patches lie inside an image of a shape, by their centres there."""
+    """Patches inside an image of `shape`, by their centres there."""
     margin = RADIUS + 3
     middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2], dtype=np.float32)
     apart = np.abs(centres - middle) < middle + (0.5 - margin)

@@ -1,4 +1,4 @@
-"""Homographies of matches of which few may be right, as those of descriptors are."""
+"""Homographies from matches with few inliers, such as those of features."""
 
 import math
 from typing import Final
@@ -27,16 +27,16 @@ _NEAR: Final = 16.0
 def fit_wide_baseline(
     source: FloatArray, target: FloatArray, threshold: float, iterations: int = _ITERATIONS
 ) -> MotionFit | None:
-    """Fits the homography that explains matches best, right ones and wrong ones together.
+    """Fits the homography with the maximum likelihood over inliers and outliers.
 
-    OpenCV's estimators propose at several thresholds, as none of them suits a plane and a street at once.
-    The proposals that most pairs support are polished by maximum likelihood, and the likeliest is taken.
+    OpenCV's estimators propose homographies at several thresholds; the best supported proposals are refined
+    by expectation maximisation.
 
     Args:
         source: float64[n, 2].
         target: float64[n, 2].
-        threshold: distance of an inlier and largest deviation of the right matches, px of the target.
-        iterations: most draws of each estimator; 1000 find a fit that a quarter of the matches support.
+        threshold: largest residual of an inlier and largest deviation of the inliers, px of the target.
+        iterations: most samples of each estimator; 1000 find a fit that a quarter of the matches support.
 
     Returns:
         The fit, or None for fewer than 4 pairs or degenerate ones.
@@ -53,7 +53,7 @@ def fit_wide_baseline(
 
 
 def _proposals(source: FloatArray, target: FloatArray, threshold: float, iterations: int) -> list[MotionFit]:
-    """The best supported homographies that the estimators find; one where most pairs agree at once."""
+    """The best supported homographies of the estimators; only one where most pairs agree at once."""
     plain = fit_homography(source, target, threshold)
     if plain is not None and plain.ratio >= _PLAIN_RATIO:
         return [plain]
@@ -70,7 +70,7 @@ def _proposals(source: FloatArray, target: FloatArray, threshold: float, iterati
 
 
 def _support(matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float) -> float:
-    """How much pairs agree with a motion, summed over bounds from half the threshold to four times it."""
+    """Truncated quadratic support, summed over thresholds from half to four times the given one."""
     residuals = project(matrix, source) - target
     squares = np.einsum("ni,ni->n", residuals, residuals)
     bounds = (threshold * np.array([0.5, 1.0, 2.0, 4.0])) ** 2
@@ -82,10 +82,9 @@ def _polished(
 ) -> tuple[FloatArray, float]:
     """Expectation maximisation from a homography: the likeliest one near it, and its log-likelihood.
 
-    Right matches scatter by Student's t distribution, the sum over normal ones of many widths: features are
-    placed to tenths of a pixel or to several, by their size. Of the others some lie near, being right about
-    another plane, and must not widen that scatter; the rest lie anywhere among the targets. The shares of the
-    three and the deviation of the right ones, which no threshold could tell beforehand, are found, too.
+    Inliers follow Student's t distribution, as features differ in precision. Some outliers are near, being
+    right about another plane; the others are uniform. The shares of the three and the inliers' deviation are
+    estimated, too.
 
     Source: Torr and Zisserman, MLESAC, CVIU 2000; Lange, Little and Taylor, Robust statistical modeling using
     the t distribution, JASA 1989.

@@ -1,4 +1,4 @@
-"""Synthetic flights over a known ground, with the exact place of every frame."""
+"""Synthetic flights over a known ground, with the exact homography of every frame."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -83,7 +83,7 @@ class Flight:
         return matrix / matrix[2, 2]
 
     def error(self, measured: FloatArray, index: int, first: int = 0) -> float:
-        """Worst distance in px between measured and true places of the corners of frame `index`."""
+        """Worst distance in px between measured and true positions of the corners of frame `index`."""
         height, width = self.shape
         corners = np.array([[[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]]], float)
         true = cv2.perspectiveTransform(corners, self.to_first(index, first))

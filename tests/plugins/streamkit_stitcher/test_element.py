@@ -63,8 +63,8 @@ def test_frames_pass_untouched_with_registration(flight):
 
 
 @pytest.mark.parametrize("pixel_format", ["I420", "NV12"])
-def test_colour_frames_are_placed_by_their_luma_and_mosaicked_in_colour(flight, pixel_format, tmp_path):
-    """The luma plane is used in place; the mosaic takes the chroma along."""
+def test_colour_frames_are_registered_by_luma_and_mosaicked_in_colour(flight, pixel_format, tmp_path):
+    """Registration uses the luma plane; the mosaic is in colour."""
     location = tmp_path / "m.png"
     data = np.full((540, 640), 90, np.uint8)
     data[:360] = flight.frame(0)
@@ -77,7 +77,7 @@ def test_colour_frames_are_placed_by_their_luma_and_mosaicked_in_colour(flight, 
 
 
 def test_photographs_of_odd_sizes_keep_their_colours(tmp_path):
-    """An odd width or height has no I420; the mosaic is in colour all the same, and placed as exactly."""
+    """An odd width or height has no I420; the mosaic is in colour and as precise all the same."""
     random = np.random.default_rng(3)
     ground = cv2.resize(random.integers(0, 255, (90, 120, 3), dtype=np.uint8), (960, 720))
     for number in range(3):
@@ -99,8 +99,8 @@ def test_photographs_of_odd_sizes_keep_their_colours(tmp_path):
     assert found.max() > 0.99
 
 
-def test_corrupt_frames_are_lost_and_teach_nothing(flight):
-    """A corrupt frame is not looked at; the next good one is placed as if it had not been."""
+def test_corrupt_frames_are_lost_and_ignored(flight):
+    """A corrupt frame is skipped; the next good one is registered as if it were absent."""
     with Harness("stitch") as harness:
         for index in range(3):
             push(harness, grey(flight.frame(index), index))
@@ -112,7 +112,7 @@ def test_corrupt_frames_are_lost_and_teach_nothing(flight):
 
 
 def test_a_new_epoch_or_size_opens_a_plane(flight):
-    """The plane's number goes up, the status is cut and the place the identity."""
+    """The plane's number goes up, the status is cut and the homography the identity."""
     with Harness("stitch") as harness:
         _, first = push(harness, grey(flight.frame(0)))
         _, second = push(harness, grey(flight.frame(1), 1, epoch=1))
@@ -124,7 +124,7 @@ def test_a_new_epoch_or_size_opens_a_plane(flight):
 
 
 def test_the_mosaic_is_written_at_eos_and_announced(flight, tmp_path):
-    """A message tells path and size; stopping afterwards does not write again."""
+    """A message reports path and size; stopping afterwards does not write again."""
     location = tmp_path / "m.png"
     harness = Harness("stitch", location=str(location))
     for index in range(0, 60, 4):
@@ -186,7 +186,7 @@ def test_a_disk_that_fails_at_eos_is_an_error(flight, tmp_path):
 
 
 def test_a_pipeline_registers_a_drone_to_the_truth(tmp_path):
-    """The source tells the exact homographies: the median corner error is far below a pixel."""
+    """The source knows the exact homographies: the median corner error is far below a pixel."""
     width, height = 960, 540
     corners = np.array([[[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]]], dtype=float)
     text = (
@@ -215,7 +215,7 @@ def test_the_example_line_runs():
 
 
 def test_the_plane_moves_to_the_middle_and_says_so(flight):
-    """Whatever moves the plane is told: change @ before @ step is the place, on every frame."""
+    """Each change of the plane is reported: change @ before @ step is `to_reference`."""
     with Harness("stitch", reference="center") as harness:
         before, planes = None, set()
         for index in range(60):
@@ -248,7 +248,7 @@ def test_the_mosaic_pad_shows_the_mosaic_as_it_grows():
 
 
 def test_the_end_of_the_mosaic_pad_comes_after_the_file(tmp_path):
-    """Whoever stops the pipeline when the pad ends has the mosaic."""
+    """At EOS of the pad the file is complete."""
     text = (
         "dronetestsrc num-buffers=3 ! video/x-raw, width=320, height=240 "
         f"! stitch name=s location={tmp_path}/m.png "
@@ -272,7 +272,7 @@ def test_a_mosaic_asks_for_colour(tmp_path):
     assert np.ptp(cv2.imread(str(tmp_path / "m.png")).astype(int), axis=2).max() > 20
 
 
-def test_a_strip_tells_its_length(flight):
+def test_a_strip_sets_its_length(flight):
     """The flight plan is posted, and keyframes come at its interval."""
     pytest.importorskip("pyproj")
     caps = raw_video_caps("GRAY8", 640, 360, Fraction(10))

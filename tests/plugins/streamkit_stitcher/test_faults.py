@@ -107,7 +107,7 @@ def place(harness, frame, seq):
     ],
 )
 def test_a_fault_has_its_status_and_the_second_good_frame_is_ok(flight, fault, repeats, statuses):
-    """Nothing raises, nothing is NaN, no wrong place is called ok, and plane and accuracy survive."""
+    """Nothing raises, nothing is NaN, no wrong homography is called ok, and plane and accuracy survive."""
     random = np.random.default_rng(7)
     with Harness("stitch") as harness:
         for index in range(SOUND):
@@ -125,7 +125,7 @@ def test_a_fault_has_its_status_and_the_second_good_frame_is_ok(flight, fault, r
         assert flight.error(found.to_reference, index) < 0.6
 
 
-def test_one_frame_is_placed(flight):
+def test_one_frame_is_registered(flight):
     """A stream of a single frame: ok, on its own plane."""
     with Harness("stitch") as harness:
         found = place(harness, flight.frame(0), 0)
@@ -145,7 +145,7 @@ def test_a_new_size_is_a_cut_and_ok_at_once(flight):
 
 
 def test_another_scene_is_a_cut_and_ok_at_once(ground, flight):
-    """A cut opens a plane; a step of the gain and a blur, which look as unlike, did not."""
+    """A cut opens a plane; a gain step and a blur, as different, do not."""
     with Harness("stitch") as harness:
         for index in range(3):
             place(harness, flight.frame(index), index)

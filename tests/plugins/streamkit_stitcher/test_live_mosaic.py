@@ -1,4 +1,4 @@
-"""The mosaic beside the path, in pipelines."""
+"""The live mosaic in pipelines."""
 
 import threading
 
@@ -19,7 +19,7 @@ def keyframes(frames):
 
 
 def mosaic_message(pipeline):
-    """The fields of the message that tells of the mosaic."""
+    """The fields of the message `mosaic`."""
     while (message := pipeline.bus.pop(0.0)) is not None:
         if message.kind is MessageKind.ELEMENT and message.fields["name"] == "mosaic":
             return message.fields
@@ -40,8 +40,8 @@ def worker_threads():
     return [thread for thread in threading.enumerate() if thread.name.endswith(" mosaic")]
 
 
-def test_whoever_does_not_look_holds_up_nobody(tmp_path):
-    """All frames pass while nobody takes a frame of the mosaic; then the last one shows all of it."""
+def test_a_slow_preview_consumer_delays_no_frame(tmp_path):
+    """All frames pass while no preview is taken; the last preview shows the whole mosaic."""
     branch = f"s.mosaic ! {SMALL} ! appsink name=slow max-buffers=1"
     with play(tmp_path / "m.png", branch=branch) as pipeline:
         passed = list(pipeline["out"])
@@ -54,8 +54,8 @@ def test_whoever_does_not_look_holds_up_nobody(tmp_path):
     assert places[-1][0, 0] == pytest.approx(max(whole.shape[1] / 160, whole.shape[0] / 120), rel=0.05)
 
 
-def test_the_path_goes_on_while_the_mosaic_is_painted(tmp_path, monkeypatch):
-    """Painting that takes for ever holds up no frame; stopped then, the mosaic has every keyframe."""
+def test_the_stream_goes_on_while_the_mosaic_is_painted(tmp_path, monkeypatch):
+    """Blocked painting delays no frame; after a stop the mosaic has every keyframe."""
     paint, begun = Mosaic.add, threading.Event()
     with Pipeline.parse(
         f"{SOURCE} ! stitch name=s location={tmp_path}/m.png final=false ! appsink name=out"
@@ -81,7 +81,7 @@ def test_the_path_goes_on_while_the_mosaic_is_painted(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("final", ["true", "false"])
 def test_the_same_frames_give_the_same_mosaic(tmp_path, final):
-    """Whoever looks at it as it grows, and however slowly, the file is the same to the bit."""
+    """With or without a preview consumer, however slow, the file is the same bit for bit."""
     files = []
     for number, look in enumerate(("", f"s.mosaic ! {SMALL} ! appsink max-buffers=1 drop=true")):
         path = tmp_path / f"{number}.png"
@@ -91,8 +91,8 @@ def test_the_same_frames_give_the_same_mosaic(tmp_path, final):
     assert files[0] == files[1]
 
 
-def test_a_fault_of_the_worker_is_the_pipelines(tmp_path, monkeypatch):
-    """What goes wrong beside the stream ends it with an error that names the element."""
+def test_a_failure_of_the_background_thread_fails_the_pipeline(tmp_path, monkeypatch):
+    """A failure of the background thread ends the stream with an error that names the element."""
 
     def add(self, frame, *place):
         raise ValueError("no paint")
@@ -104,7 +104,7 @@ def test_a_fault_of_the_worker_is_the_pipelines(tmp_path, monkeypatch):
     assert not worker_threads()
 
 
-def test_who_comes_later_sees_the_mosaic_and_may_go(tmp_path):
+def test_a_preview_branch_can_be_added_and_removed(tmp_path):
     """A branch that is linked to the pad while frames pass gets frames; without it the rest goes on."""
     with play(tmp_path / "m.png", "max-buffers=2") as pipeline:
         frames = iter(pipeline["out"])
@@ -134,7 +134,7 @@ def test_after_a_flush_the_mosaic_goes_on(tmp_path):
     assert cv2.imread(str(tmp_path / "m.png")).shape[1] > 520
 
 
-def test_each_plane_is_written_beside_the_path(tmp_path):
+def test_each_plane_is_written_in_the_background(tmp_path):
     """Where the scene is cut the stream does not wait for the file; by EOS there is one of each plane."""
     random = np.random.default_rng(5)
     for number in range(6):

@@ -1,4 +1,4 @@
-"""The thread that serves the pad `mosaic`."""
+"""The sender of the pad `mosaic`."""
 
 import threading
 
@@ -23,7 +23,7 @@ CAPS = raw_video_caps("GRAY8", 8, 8)
 
 
 class Pad:
-    """A src pad whose consumer takes each frame when it is let to."""
+    """A src pad whose consumer takes each frame when the gate opens."""
 
     def __init__(self):
         self.caps = None
@@ -53,7 +53,7 @@ def frame(number):
 
 @pytest.fixture
 def served():
-    """A pad, what is lined up for it, the thread that serves it, and the skipped frames."""
+    """A pad, its sender, the thread, and the dropped frames."""
     pad, skipped, stopping = Pad(), [], threading.Event()
     shown = MosaicPad(lambda: pad, lambda: skipped.append(1))
     thread = threading.Thread(target=shown.serve, args=(stopping,))
@@ -67,7 +67,7 @@ def served():
 
 
 def test_a_slow_consumer_gets_the_newest(served):
-    """Of the frames that come while it is busy it gets the last; the others are told as skipped."""
+    """Of the frames that come while it is busy it gets the last; the others are counted as dropped."""
     pad, shown, thread, skipped = served
     shown.put(frame(0))
     assert pad.begun.wait(10)
@@ -127,8 +127,8 @@ def test_after_a_flush_comes_nothing_from_before_it(served):
     assert not {1, 2} & set(pad.got)
 
 
-def test_a_consumer_that_wants_no_more_gets_no_more(served):
-    """It is told the end at once, and the thread ends."""
+def test_after_end_of_stream_from_downstream_nothing_is_pushed(served):
+    """EOS is sent at once, and the thread ends."""
     pad, shown, thread, _ = served
     pad.ends_at = 1
     pad.gate.set()

@@ -30,7 +30,7 @@ def taken(ground, pose):
 
 
 def posed(pitch, roll, **more):
-    """A pose of an aircraft whose camera looks down from it."""
+    """A pose of an aircraft whose camera looks straight down."""
     return Pose(0.0, 0.0, pitch=pitch, roll=roll, sensor_angles=(0.0, -math.pi / 2, 0.0), **more)
 
 
@@ -41,7 +41,7 @@ def grey_frame(data, pose):
 
 
 def correlation(frame, ground):
-    """The best correlation of a frame with some place of the ground, without turning or scaling it."""
+    """The best correlation of a frame with the ground over all shifts."""
     middle = ground[400:1100, 550:1450]
     return float(cv2.matchTemplate(middle, np.ascontiguousarray(frame), cv2.TM_CCOEFF_NORMED).max())
 
@@ -62,7 +62,7 @@ def test_frames_come_out_as_a_level_camera_sees_them(ground):
 
 
 def test_a_frame_without_a_fresh_pose_is_only_undistorted(ground):
-    """No pose, or a stale one, is no reason to fail; it is told once."""
+    """No pose, or a stale one, is no failure; it is reported once."""
     level = taken(ground, posed(0.0, 0.0))
     harness = Harness("rectify", **LENS)
     for pose in (None, posed(0.08, 0.0, is_stale=True)):
@@ -101,6 +101,6 @@ def test_the_camera_must_be_known():
 
 
 def test_stitch_follows_rectified_frames():
-    """The element stands in a pipeline before `stitch`, which places what it makes."""
+    """In a pipeline before `stitch`, which registers its frames."""
     text = "dronetestsrc num-buffers=3 ! rectify field-of-view=60 level=false ! stitch ! fakesink"
     Pipeline.parse(text).run(timeout_s=60)

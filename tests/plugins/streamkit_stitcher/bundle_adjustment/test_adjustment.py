@@ -188,7 +188,7 @@ def test_contradictions_are_refused(changes, reason):
 
 
 def test_an_index_out_of_range_is_refused():
-    """The error tells the range and what came."""
+    """The error names the range and the value."""
     problem, _ = strip(3)
     with pytest.raises(ValueError, match="camera_index must lie in 0 to 2, got 1 to 3"):
         adjust(replace(problem, camera_index=problem.camera_index + 1))

@@ -32,7 +32,7 @@ def test_a_gimbal_makes_up_for_its_platform():
         (-0.2, 0.1, (2.5, -1.7, -0.05)),
     ],
 )
-def test_levelling_brings_the_place_below_to_the_middle(pitch, roll, sensor):
+def test_levelling_brings_the_nadir_to_the_centre(pitch, roll, sensor):
     """What lies straight below the camera comes to the principal point."""
     world = rotation(pitch, roll, 0.3) @ rotation(sensor[1], sensor[2], sensor[0])
     forward, right, down = world[2]

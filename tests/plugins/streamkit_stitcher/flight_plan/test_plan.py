@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from streamkit_stitcher.flight_plan.plan import CameraView, GeodeticPoint, footprint, parse_strip, plan_strip
+from streamkit_stitcher.flight_plan.plan import CameraView, GeodeticPoint, parse_strip, plan_strip
 
 pytest.importorskip("pyproj")
 
@@ -20,13 +20,6 @@ def test_a_strip_along_the_equator():
     assert plan.images == math.ceil(1113.2 / 22.5) + 1
     assert plan.interval_s == pytest.approx(2.25)
     assert plan.sampling_m == pytest.approx(100 / 1280)
-
-
-def test_a_lens_and_its_sensor():
-    """The field of view is that of the focal length."""
-    view = CameraView.of_lens(4.73, (6.17, 3.47))
-    assert math.degrees(view.horizontal) == pytest.approx(66.2, abs=0.1)
-    assert footprint(50.0, view)[0] == pytest.approx(50 * 6.17 / 4.73)
 
 
 def test_the_ends_are_read_longitude_first():

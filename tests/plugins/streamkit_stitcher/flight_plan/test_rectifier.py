@@ -43,7 +43,7 @@ def test_too_much_tilt_is_levelled_as_far_as_the_limit():
 
 
 def test_a_lens_that_leaves_nothing_is_refused():
-    """The error tells the size and what to check."""
+    """The error names the size and what to check."""
     with pytest.raises(ValueError, match=r"nothing can be cut out of 4 x 4 px .* focal length"):
         Rectifier(Camera(600.0), (4, 4), 4.0, 0.0)
 

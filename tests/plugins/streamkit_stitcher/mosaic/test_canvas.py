@@ -8,7 +8,7 @@ from streamkit_stitcher.mosaic.canvas import Canvas
 
 
 def paint(canvas, left, top, value, channels=1):
-    """Paints 40 x 30 px of the plane at a whole-pixel place, at full scale."""
+    """Paints 40 x 30 px of the plane at a whole-pixel position, at full scale."""
     assert canvas.make_room(np.array([[left, top], [left + 39, top + 29]], dtype=float), channels)
     pixels = np.full((30, 40, canvas.channels), value, np.uint8)
     canvas.write(left, top, pixels, np.full((30, 40), 200, np.uint8))
@@ -38,14 +38,14 @@ def test_tiles_beyond_the_limit_go_to_a_file_and_come_back():
     for left, value in values.items():
         paint(canvas, left, 0, value)
     store = canvas._store
-    assert store.in_memory <= 7
-    assert store.spilled > 0
+    assert len(store._tiles) <= 7
+    assert len(store._slots) > 0
     assert {left: value_at(canvas, left + 20, 15) for left in values} == values
     canvas.close()
 
 
 def test_at_the_last_limit_the_canvas_is_halved():
-    """The box never has more pixels than allowed, and places stay right to a canvas pixel."""
+    """The box never has more pixels than allowed, and positions stay right to a canvas pixel."""
     canvas = Canvas(10_000 // 16)
     paint(canvas, 1, 3, 50)
     assert canvas.make_room(np.array([[300.0, 200.0]]), 1)
@@ -76,7 +76,7 @@ def test_halving_does_not_mix_in_the_unpainted():
 
 @pytest.mark.parametrize("channels", [1, 3])
 def test_the_first_image_decides_the_colours(channels):
-    """Grey stays grey and colour stays colour whatever is asked for later."""
+    """Grey stays grey and colour stays colour whatever comes later."""
     canvas = Canvas(1_000_000)
     paint(canvas, 0, 0, 50, channels)
     paint(canvas, 90, 0, 60, 4 - channels)
@@ -85,7 +85,7 @@ def test_the_first_image_decides_the_colours(channels):
 
 
 def test_a_change_of_plane_leaves_the_painting_where_it_is():
-    """After the plane moved by a shift, the same ground is found at its shifted place."""
+    """After the plane moved by a shift, the same ground is at its shifted position."""
     canvas = Canvas(1_000_000)
     paint(canvas, 0, 0, 50)
     canvas.move_plane(translation(np.array([1000.0, -500.0])))
@@ -95,7 +95,7 @@ def test_a_change_of_plane_leaves_the_painting_where_it_is():
 
 @pytest.mark.parametrize("step", [200, 3000])
 def test_a_preview_shows_the_whole_in_any_size(step):
-    """Small or large, the preview holds everything, in proportion, and tells where it lies."""
+    """Small or large, the preview shows everything, in proportion, with its homography."""
     canvas = Canvas(64_000_000)
     for number in range(3):
         paint(canvas, step * number, step * number // 2, 100 + 50 * number)
@@ -109,7 +109,7 @@ def test_a_preview_shows_the_whole_in_any_size(step):
 
 
 def test_a_preview_shows_what_was_painted_since_the_last():
-    """What is kept from look to look is not old: new paint shows, at its place, in a far larger canvas."""
+    """Cached tiles are refreshed: new paint shows in a far larger canvas."""
     canvas = Canvas(64_000_000)
     paint(canvas, 0, 0, 100)
     paint(canvas, 4000, 1001, 100)

@@ -26,8 +26,8 @@ def row(ground, gains=(1.0, 1.0, 1.0), moved=0):
 
 
 @pytest.mark.parametrize("seam", list(SeamKind))
-def test_right_places_give_the_ground(ground, seam):
-    """Blended frames at their places are the ground, to a grey level or two."""
+def test_exact_homographies_give_the_ground(ground, seam):
+    """The blended frames are the ground, to a grey level or two."""
     views, places, truth = row(ground)
     whole = compose(places, views.__getitem__, seam, 64_000_000)
     assert whole.frames == 3
@@ -57,7 +57,7 @@ def test_each_part_shows_one_frame(ground):
 
 
 def test_a_cut_seam_goes_round_what_leans(ground):
-    """A tall thing that two frames show at different places is whole, as one of them shows it."""
+    """A tall object with parallax is whole, as one of the frames shows it."""
     views, places, _ = row(ground // 2, (1.0, 1.25, 1.0))
     for view, left in zip(views, (450, 470 - 300), strict=False):
         view[150:200, left : left + 40] = 250
@@ -78,8 +78,8 @@ def test_a_large_mosaic_is_put_together_in_a_file(ground):
     assert np.array_equal(mapped.image, small.image)
 
 
-def test_degenerate_places_are_left_out(ground):
-    """What cannot be placed does not smear the mosaic; if nothing can, there is none."""
+def test_degenerate_homographies_are_left_out(ground):
+    """A frame that cannot be placed does not smear the mosaic; without any there is none."""
     view = ground[:360, :640]
     wrong = PlacedFrame(0, SMALL, np.diag([-1.0, 1.0, 1.0]))
     assert compose([wrong], lambda _: view, SeamKind.VORONOI, 1_000_000) is None

@@ -1,4 +1,4 @@
-"""Which ground frames show."""
+"""Covered ground."""
 
 import numpy as np
 import pytest
@@ -57,8 +57,8 @@ def test_any_size_of_frame_has_an_outline(shape):
     [np.full((3, 3), np.nan), np.diag([9.0, 9.0, 1.0]), np.diag([-1.0, 1.0, 1.0]), shift(600_000)],
     ids=["nan", "huge", "mirrored", "far"],
 )
-def test_what_a_mosaic_would_refuse_is_refused(place):
-    """Degenerate places cover nothing."""
+def test_frames_that_a_mosaic_refuses_are_refused(place):
+    """Degenerate homographies cover nothing."""
     ground = Coverage(64_000_000)
     ground.add(SMALL, np.eye(3))
     before = ground.covered_px

@@ -1,4 +1,4 @@
-"""Frames kept for the end."""
+"""Frames stored for the final mosaic."""
 
 import numpy as np
 
@@ -35,6 +35,6 @@ def test_beyond_the_limit_frames_are_refused(ground):
 
 
 def test_thumbnails_are_about_a_hundred_pixels_wide():
-    """Planning needs no more."""
+    """That is enough for planning."""
     assert 1280 // thumbnail_factor(1280) in range(96, 192)
     assert thumbnail_factor(64) == 1

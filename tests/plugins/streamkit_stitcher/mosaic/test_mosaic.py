@@ -24,7 +24,7 @@ def difference_to_ground(mosaic, flight):
     return np.median(error), np.percentile(error, 95)
 
 
-def test_a_mosaic_of_measured_places_shows_the_true_ground(ground, make_flight, make_tracker):
+def test_a_mosaic_of_measured_homographies_shows_the_true_ground(ground, make_flight, make_tracker):
     """Placed and joined, the frames match the ground: the error is that of noise, not of doubled edges."""
     flight = make_flight(ground, 24, SMALL, cars=0, laps=0.3)
     tracker, mosaic = make_tracker(reference=ReferenceChoice.FIRST, window=0), Mosaic(64_000_000)
@@ -42,7 +42,7 @@ def test_a_mosaic_of_measured_places_shows_the_true_ground(ground, make_flight, 
 
 
 def test_a_wrong_place_would_show(ground, make_flight):
-    """The measure of the test above tells a mosaic that is 3 px off in one of its frames."""
+    """The measure of the test above detects an error of 3 px in one frame."""
     flight = make_flight(ground, 240, SMALL, cars=0, noise=0.0)
     mosaic = Mosaic(64_000_000)
     mosaic.add(flight.frame(0), translation(np.array([3.0, 2.0])))
@@ -50,7 +50,7 @@ def test_a_wrong_place_would_show(ground, make_flight):
 
 
 def test_a_long_flight_loses_resolution_and_not_ground(ground):
-    """At its last limit the mosaic is halved and still covers everything, in the right place."""
+    """At its last limit the mosaic is halved and still covers everything, at the right position."""
     mosaic = Mosaic(20_000)
     for begin in range(0, 1300, 200):
         assert mosaic.add(ground[400:760, begin : begin + 640], translation(np.array([float(begin), 0.0])))
@@ -86,7 +86,7 @@ def test_gaps_are_filled_without_painting_over(ground):
     ],
     ids=["nan", "huge", "mirrored", "far"],
 )
-def test_degenerate_places_are_refused(ground, place):
+def test_degenerate_homographies_are_refused(ground, place):
     """A frame that cannot be placed never smears the mosaic."""
     mosaic = Mosaic(64_000_000)
     mosaic.add(ground[:360, :640], np.eye(3))
@@ -133,7 +133,7 @@ def test_what_drives_shows_once_on_a_straight_flight():
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_frame_of_a_bent_plane_is_not_painted(ground, make_flight, sign):
-    """One whose far side is drawn out over ground that it shows as a streak leaves the mosaic as it was."""
+    """A frame whose far side is stretched leaves the mosaic as it was."""
     flight = make_flight(ground, 2, SMALL, cars=0, noise=0.0)
     mosaic = Mosaic(64_000_000)
     assert mosaic.add(flight.frame(0), np.eye(3))

@@ -1,4 +1,4 @@
-"""Which frames are recorded, and when."""
+"""Selection of frames, and writing."""
 
 import cv2
 import numpy as np
@@ -21,7 +21,7 @@ def registered(left=0.0, reference=0, **fields):
 
 
 def add(recorder, where, frame, position=None):
-    """Offers a frame; whether it was asked for."""
+    """Offers a frame; whether its pixels were loaded."""
     asked = []
     recorder.add(where, SMALL, lambda: asked.append(1) or frame, position)
     return bool(asked)
@@ -40,7 +40,7 @@ def recorder(tmp_path):
 
 
 def test_new_ground_and_keyframes_go_in(recorder, frame):
-    """A frame of known ground is not even asked for."""
+    """A frame of covered ground is not even loaded."""
     assert add(recorder, registered(keyframe=True), frame)
     assert not add(recorder, registered(20.0), frame)
     assert add(recorder, registered(90.0), frame)
@@ -54,7 +54,7 @@ def test_a_place_that_was_not_measured_never_goes_in(recorder, frame):
 
 
 def test_the_mosaic_is_written_once(recorder, frame, tmp_path):
-    """finish() writes what there is and tells its size; a second call has nothing left."""
+    """finish() writes the mosaic and returns its size; a second call has nothing left."""
     add(recorder, registered(keyframe=True), frame)
     written = recorder.finish()
     assert (written.width, written.height, written.pictures, written.reference) == (640, 360, 1, 0)
@@ -92,7 +92,7 @@ def test_frames_out_of_reach_are_counted(recorder, frame):
 
 
 def test_a_plane_that_moves_takes_its_mosaic_along(recorder, ground, tmp_path):
-    """After a change of plane the next frame lands beside the first, not on it."""
+    """After a change of plane the next frame is painted next to the first, not on it."""
     add(recorder, registered(keyframe=True), ground[:360, :640])
     step = translation(np.array([-1000.0, 0.0]))
     moved = registered(-700.0, 1, keyframe=True, change=step, rebase=step)
@@ -104,7 +104,7 @@ def test_a_plane_that_moves_takes_its_mosaic_along(recorder, ground, tmp_path):
 
 
 def test_what_is_painted_stays_where_keyframes_are_put_right(recorder, ground, tmp_path):
-    """Where only what lies about a frame moves, it is painted where it belongs beside all the others."""
+    """A local correction does not move painted frames."""
     add(recorder, registered(keyframe=True), ground[:360, :640])
     step = translation(np.array([-50.0, 0.0]))
     add(recorder, registered(300.0, keyframe=True, change=step), ground[:360, 300:940])
@@ -113,8 +113,8 @@ def test_what_is_painted_stays_where_keyframes_are_put_right(recorder, ground, t
     assert np.abs(found.astype(int) - ground[:360, :940]).max() <= 1
 
 
-def test_a_plane_that_cannot_be_drawn_on_begins_another_mosaic(frame, tmp_path):
-    """Though it is related to the one before, each has its file, and lies as it lies on its own plane."""
+def test_a_frame_that_opens_a_plane_begins_another_mosaic(frame, tmp_path):
+    """Though `change` relates both planes, each has its file."""
     recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m-%d.png"), final=False))
     add(recorder, registered(keyframe=True), frame)
     step = translation(np.array([-1000.0, 0.0]))
@@ -127,8 +127,8 @@ def test_a_plane_that_cannot_be_drawn_on_begins_another_mosaic(frame, tmp_path):
     assert cv2.imread(str(tmp_path / "m-0.png")).shape[1] == 640
 
 
-def test_the_final_mosaic_takes_the_adjusted_places(ground, tmp_path):
-    """Frames follow the keyframe they were measured against; the misfit to positions is told."""
+def test_the_final_mosaic_uses_the_adjusted_homographies(ground, tmp_path):
+    """Frames follow the keyframe they were measured against; the error to the positions is reported."""
     recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png")))
     # 0.1 m a pixel on the equator, flown east.
     fixes = [PositionFix(0.0, left * 0.1 / 111_319.49) for left in (0, 300, 600)]
@@ -142,8 +142,8 @@ def test_the_final_mosaic_takes_the_adjusted_places(ground, tmp_path):
     assert np.abs(found[4:-4, 4:-4] - ground[4:356, 4:1236]).max() <= 2
 
 
-def test_a_mosaic_that_somebody_asks_for_is_painted_from_then_on(ground, tmp_path):
-    """What came before is laid out as it lay, on the plane of today; what comes after is added."""
+def test_a_mosaic_is_painted_from_its_first_use_on(ground, tmp_path):
+    """Earlier frames are painted on the present plane; later ones are added."""
     recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png")))
     assert recorder.is_empty
     add(recorder, registered(keyframe=True), ground[:360, :640])

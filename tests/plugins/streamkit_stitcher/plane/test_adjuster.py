@@ -1,4 +1,4 @@
-"""The worker beside the stream."""
+"""The background adjustment."""
 
 import threading
 from typing import Any
@@ -9,7 +9,7 @@ WORKER = "adjuster"
 
 
 class Held(BackgroundAdjuster):
-    """Its jobs last until they are let go."""
+    """Its jobs last until the gate opens."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -21,7 +21,7 @@ class Held(BackgroundAdjuster):
 
 
 def test_a_retired_worker_has_ended_when_closed() -> None:
-    """A plane is left while its last adjustment runs: closing it waits for that, and no thread is left."""
+    """Closing waits for the last adjustment, and no thread is left."""
     adjuster = Held()
     adjuster.submit(None)  # type: ignore[arg-type]
     adjuster.forget_features()

@@ -1,4 +1,4 @@
-"""Choosing keyframes and falling back on earlier ones."""
+"""Choice of keyframes, and return to earlier ones."""
 
 import cv2
 import numpy as np
@@ -28,8 +28,8 @@ def anchor(ground):
     anchor.keyframes.close()
 
 
-def test_a_carried_place_is_corrected(anchor, ground):
-    """A place 2 px off is measured right."""
+def test_a_prediction_is_corrected(anchor, ground):
+    """A prediction 2 px off is corrected."""
     placed = anchor.register(view(ground, 60), shift(62.0), trusted=True)
     assert placed.measured
     assert not placed.keyframe
@@ -37,7 +37,7 @@ def test_a_carried_place_is_corrected(anchor, ground):
 
 
 def test_leaving_the_keyframe_makes_another(anchor, ground):
-    """Below 65 % overlap the frame becomes a keyframe, placed by the one it leaves."""
+    """Below 65 % overlap the frame becomes a keyframe, registered to the previous one."""
     placed = anchor.register(view(ground, 260), shift(261.0), trusted=True)
     assert placed.keyframe
     assert placed.to_reference == pytest.approx(shift(260.0), abs=0.1)
@@ -45,7 +45,7 @@ def test_leaving_the_keyframe_makes_another(anchor, ground):
 
 @pytest.mark.parametrize(("lean", "key"), [(3e-4, False), (7e-4, True)])
 def test_a_frame_seen_much_more_aslant_is_a_keyframe(anchor, ground, lean, key):
-    """A camera that looks aslant and turns shows all the ground of the last one, and ever less like it."""
+    """An oblique camera that turns keeps its overlap, but the perspective changes."""
     middle = translation(np.array([320.0, 180.0]))
     across = np.array([[1.0, 0, 0], [0, 1.0, 0], [lean, 0, 1.0]])
     there = normalised(middle @ across @ np.linalg.inv(middle))
@@ -98,8 +98,8 @@ def test_a_keyframe_is_not_made_where_the_way_there_was_a_guess(anchor, ground):
 
 
 @pytest.fixture
-def told_by_a_corner(ground):
-    """An anchor, a frame that shares only a corner with its keyframe, and the match of that."""
+def matched_in_a_corner(ground):
+    """An anchor, a frame that overlaps its keyframe in a corner, and the match."""
     black = np.zeros((360, 640), np.uint8)
     key, frame = black.copy(), black.copy()
     key[237:, 420:] = ground[620:743, 380:600]
@@ -114,9 +114,9 @@ def told_by_a_corner(ground):
 
 
 @pytest.mark.parametrize("consecutive", [False, True])
-def test_a_frame_told_by_a_corner_is_placed_only_after_a_leap(told_by_a_corner, consecutive):
+def test_a_frame_matched_in_a_corner_is_registered_only_if_consecutive(matched_in_a_corner, consecutive):
     """The corner leaves the rest unknown: of a video it is not measured, of photographs in a row not sure."""
-    anchor, frame, seen = told_by_a_corner
+    anchor, frame, seen = matched_in_a_corner
     placed = anchor.register((frame,), shift(0.0), trusted=True, recognised=seen, consecutive=consecutive)
     assert placed.measured is consecutive
     assert not placed.certain

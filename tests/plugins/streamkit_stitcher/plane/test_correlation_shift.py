@@ -1,4 +1,4 @@
-"""Steps too wide to be followed."""
+"""Shifts too large for optical flow."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from streamkit_stitcher.plane.tracker import Status
 
 @pytest.mark.parametrize("step", [(200, 0), (-240, 10), (0, 150)])
 def test_the_shift_is_found(aerial_ground, step):
-    """The middle of the later frame goes to its place in the earlier one, in full-size px."""
+    """The shift is in full-size px, later frame to earlier one."""
     x, y = 700, 500
     earlier, current = (
         aerial_ground[b : b + 360, a : a + 640] for a, b in ((x, y), (x + step[0], y + step[1]))
@@ -21,8 +21,8 @@ def test_the_shift_is_found(aerial_ground, step):
     assert project(found, np.zeros((1, 2)))[0] == pytest.approx(np.array(step) * 2.0, abs=8)
 
 
-def test_leaps_of_a_third_are_placed_without_features(aerial_ground, monkeypatch, make_tracker):
-    """Photographs of a survey are measured to a fraction of a pixel where SIFT is never asked."""
+def test_shifts_of_a_third_are_registered_without_features(aerial_ground, monkeypatch, make_tracker):
+    """Photographs of a survey are measured to a fraction of a pixel without SIFT."""
 
     def refuse(grey):
         raise AssertionError("features were looked for")

@@ -1,4 +1,4 @@
-"""Following a keyframe from frame to frame."""
+"""Fast registration to the current keyframe."""
 
 import cv2
 import numpy as np
@@ -35,7 +35,7 @@ def follow(flight, index, wrong, **options):
     return KeyframeFollower().follow(key, images, guess, LIMITS, 220, **options)
 
 
-def test_a_frame_is_placed_to_a_tenth_of_a_pixel(flight):
+def test_a_frame_is_registered_to_a_tenth_of_a_pixel(flight):
     """From 8 px off at 720p, three frames on; points of the match lie where the truth says."""
     match = follow(flight, 3, (7.0, -4.0))
     assert flight.error(match.fit.matrix, 3) < 0.1
@@ -73,8 +73,8 @@ def test_a_keyframe_without_corners_is_not_followed(flight):
     assert KeyframeFollower().follow(key, images, IDENTITY, LIMITS, 220) is None
 
 
-def test_what_was_worked_out_beside_gives_the_same_match(flight):
-    """A keyframe that was expected is followed to the bit as one that was not."""
+def test_background_preparation_gives_the_same_match(flight):
+    """A keyframe prepared in the background gives the same match bit for bit."""
     key, background, matches = stored(flight.frame(0), 1), executor_for("keyframes"), []
     for expected in (True, False):
         follower = KeyframeFollower()
@@ -97,7 +97,7 @@ def test_frames_are_followed_at_half_size_or_less(shape, level):
 
 
 def test_roofs_seen_off_the_plane_are_left_out(ground, make_flight):
-    """Tall roofs that drift over the ground are told from it by the third frame, and asked no more."""
+    """Tall roofs with parallax are left out from the third frame on."""
     flight = make_flight(ground, 100, cars=0, noise=3.0)
     follower = KeyframeFollower()
     stored_key, asked = stored(with_roofs(flight, 0), 1), []

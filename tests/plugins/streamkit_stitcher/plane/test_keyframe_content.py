@@ -1,4 +1,4 @@
-"""What is kept of a keyframe, worked out beside the stream."""
+"""What is kept of a keyframe's pixels, and background work."""
 
 import threading
 
@@ -21,8 +21,8 @@ def test_patches_lie_around_corners_on_whole_pixels(ground):
     assert np.array_equal(kept.small, images[1])
 
 
-def test_the_caller_goes_on_and_waits_only_for_the_result():
-    """Work goes on in another thread, in the order it was begun, and is done when the worker is closed."""
+def test_the_caller_waits_for_the_result_only():
+    """Work runs in another thread, in order."""
     executor, gate, done = executor_for("keyframes"), threading.Event(), []
 
     def work(number):
@@ -40,7 +40,7 @@ def test_the_caller_goes_on_and_waits_only_for_the_result():
     assert not thread.is_alive()
 
 
-def test_a_fault_of_the_work_is_told_to_whoever_needs_its_result():
+def test_a_failure_of_the_work_is_raised_where_its_result_is_used():
     """It does not end the worker."""
     executor = executor_for("keyframes")
     failed, sound = deferred(executor, int, "x"), deferred(executor, int, "7")

@@ -22,7 +22,7 @@ def tie(host, observer, step=100.0, first=0, count=30):
 
 @pytest.fixture
 def graph():
-    """Four keyframes 100 px apart, placed 3 px wrong each."""
+    """Four keyframes 100 px apart, each with an error of 3 px."""
     graph = KeyframeGraph(max_tied=100)
     graph.add(0, np.eye(3), [])
     graph.add(1, shift(103), [tie(0, 1)])
@@ -54,14 +54,14 @@ def test_outside_the_window_nothing_moves(graph):
 
 
 def test_a_plane_can_be_the_one_of_another_frame(graph):
-    """After a change of plane that frame's place is the identity, and distances stay."""
+    """After a rebase that keyframe has the identity, and distances stay."""
     graph.rebase(np.linalg.inv(graph.homographies[2]))
     assert graph.homographies[2] == pytest.approx(np.eye(3))
     assert graph.homographies[3] == pytest.approx(shift(103))
 
 
 def test_ties_are_bounded():
-    """Old ties go, their places stay."""
+    """Old ties are dropped, the homographies stay."""
     graph = KeyframeGraph(max_tied=3)
     for index in range(6):
         graph.add(index, shift(index), [tie(index - 1, index)] if index else [])
@@ -85,7 +85,7 @@ def test_without_ties_there_is_nothing_to_adjust():
     assert graph.problem([0], 0) is None
 
 
-def test_the_oldest_places_are_forgotten_but_for_those_that_are_needed():
+def test_the_oldest_homographies_are_dropped_unless_needed():
     """Places are bounded; what was named or has ties stays; the count goes on."""
     graph = KeyframeGraph(max_tied=3)
     for index in range(50):

@@ -1,4 +1,4 @@
-"""Book-keeping of a plane's keyframes."""
+"""The keyframes of a plane."""
 
 import numpy as np
 import pytest
@@ -33,14 +33,14 @@ def keyframes(ground):
 
 
 def test_finishing_moves_keyframes_to_where_their_ties_agree(keyframes):
-    """A keyframe put down 3 px off comes to its place, and the residual is nothing."""
+    """A keyframe 3 px off is corrected, and the residual vanishes."""
     assert keyframes.finish() == pytest.approx(0.0, abs=1e-3)
     assert keyframes.homographies[3] == pytest.approx(shift(3 * STEP), abs=1e-2)
     assert np.array_equal(keyframes.homographies[0], IDENTITY)
 
 
-def test_an_adjustment_tells_how_the_plane_moved_under_the_active_keyframe(keyframes, ground):
-    """What is adopted takes the active keyframe from its old place to its new one."""
+def test_an_adjustment_reports_the_change_of_the_active_keyframe(keyframes, ground):
+    """The adopted change maps the active keyframe's old homography to the new one."""
     before = keyframes.active.to_reference
     keyframes.begin_adjustment((ground[400:760, 300:940],))
     assert keyframes.is_adjusting
@@ -51,7 +51,7 @@ def test_an_adjustment_tells_how_the_plane_moved_under_the_active_keyframe(keyfr
 
 
 def test_rebasing_puts_a_keyframe_at_the_origin_and_all_others_with_it(keyframes):
-    """The chosen keyframe has the identity; places keep their relation; stored ones follow."""
+    """The chosen keyframe has the identity; relations stay; stored keyframes follow."""
     change = keyframes.rebase(1)
     assert change == pytest.approx(shift(-STEP))
     assert keyframes.homographies[1] == pytest.approx(IDENTITY)

@@ -1,4 +1,4 @@
-"""Keyframes and the placing of frames against them."""
+"""Keyframes, and registration of frames to them."""
 
 import numpy as np
 import pytest
@@ -21,8 +21,8 @@ def stored(store, frame, to_reference=IDENTITY):
 
 
 @pytest.mark.parametrize(("offset", "top_level"), [(1.5, 0), (12.0, 3)])
-def test_a_frame_is_placed_to_a_tenth_of_a_pixel(ground, make_flight, offset, top_level):
-    """From a place that is 1.5 px off at full size, or 12 px off from coarse to fine."""
+def test_a_frame_is_registered_to_a_tenth_of_a_pixel(ground, make_flight, offset, top_level):
+    """From a prediction 1.5 px off at full size, or 12 px off from coarse to fine."""
     flight = make_flight(ground, 100, (360, 640), cars=4)
     store = KeyframeStore()
     key = stored(store, flight.frame(0))
@@ -78,7 +78,7 @@ def test_the_store_is_bounded_and_drops_what_is_seen_twice(ground):
 
 
 def test_pooled_matches_place_a_frame_better_than_the_worst_of_them(ground, make_flight):
-    """Two keyframes with exact places give the place of a third frame to a tenth of a pixel."""
+    """Two exact keyframes register a third frame to a tenth of a pixel."""
     flight = make_flight(ground, 100, (360, 640), cars=0)
     store = KeyframeStore()
     keys = [stored(store, flight.frame(index), flight.to_first(index)) for index in (0, 6)]

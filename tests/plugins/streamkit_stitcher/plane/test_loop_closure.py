@@ -1,4 +1,4 @@
-"""Ties to ground that was not followed, and photographs."""
+"""Loop closure, and photographs."""
 
 from functools import partial
 
@@ -19,8 +19,8 @@ def views(ground, places):
     return [ground[y : y + SHAPE[0], x : x + SHAPE[1]] for x, y in places]
 
 
-def test_photographs_with_half_their_ground_in_common_are_placed(aerial_ground, make_tracker):
-    """Strips there and back: every photograph is placed to a pixel, and the strips are tied together."""
+def test_photographs_with_half_overlap_are_registered(aerial_ground, make_tracker):
+    """Strips there and back: every photograph is registered to a pixel, and the strips are tied together."""
     places = [(200 + 300 * n, 300) for n in range(4)] + [(1100 - 300 * n, 560) for n in range(4)]
     tracker = make_tracker(reference=ReferenceChoice.FIRST)
     for frame, (x, y) in zip(views(aerial_ground, places), places, strict=True):
@@ -48,7 +48,7 @@ def test_a_photograph_of_elsewhere_is_a_cut(aerial_ground, make_tracker):
     assert tracker.track(second).status is Status.CUT
 
 
-def test_frames_look_alike_at_their_true_place_and_nowhere_else(ground):
+def test_frames_correlate_at_their_true_shift_only(ground):
     """In other light, at another scale and a pixel off, too; with nothing in common there is no likeness."""
     store = KeyframeStore()
     one, other = (

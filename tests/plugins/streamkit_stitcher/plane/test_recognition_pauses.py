@@ -1,4 +1,4 @@
-"""How often frames are looked for by what they show, while keyframes are not seen."""
+"""How often frames are relocalised while no keyframe matches."""
 
 import pytest
 
@@ -11,7 +11,7 @@ SHAPE = (360, 640)
 
 
 class Blindness:
-    """Switched on, no keyframe is seen in any other, and every look for one is noted.
+    """While on, no keyframe matches, and every relocalisation is recorded.
 
     Attributes:
         on: whether it is.
@@ -51,9 +51,7 @@ def tracker(make_tracker):
     return make_tracker()
 
 
-def test_keyframes_are_looked_for_ever_more_rarely_while_the_motion_is_known(
-    ground, make_flight, blindness, tracker
-):
+def test_relocalisation_becomes_rarer_while_the_motion_is_known(ground, make_flight, blindness, tracker):
     """Every other frame at first, then after 8, 16 and every 16 more; all are weak, and none is lost."""
     flight = make_flight(ground, 400, SHAPE, cars=0)
     tracker.track(flight.frame(0))
@@ -66,7 +64,7 @@ def test_keyframes_are_looked_for_ever_more_rarely_while_the_motion_is_known(
 
 
 def test_a_keyframe_that_is_seen_again_ends_the_pauses(ground, make_flight, blindness, tracker):
-    """The first frame that shows it is placed on it; once it is unseen again, looks are frequent again."""
+    """The first frame that matches is registered; after that, tries are frequent again."""
     flight = make_flight(ground, 400, SHAPE, cars=0)
     tracker.track(flight.frame(0))
     for blindness.number in range(1, 30):

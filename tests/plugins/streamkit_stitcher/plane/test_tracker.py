@@ -1,4 +1,4 @@
-"""Placing the frames of a stream on a plane."""
+"""Registration of a stream's frames to a plane."""
 
 from concurrent.futures import Future
 from dataclasses import replace
@@ -50,8 +50,8 @@ def test_drift_over_a_flight_stays_below_a_pixel(ground, make_flight, tracker):
     assert {registered.status for registered in registrations} <= {Status.OK, Status.STILL}
 
 
-def test_the_places_are_the_same_however_the_workers_run(ground, make_flight, monkeypatch, make_tracker):
-    """What is worked out beside the stream changes nothing but the time: the same to the bit without it."""
+def test_homographies_do_not_depend_on_the_threads(ground, make_flight, monkeypatch, make_tracker):
+    """Background work changes nothing but the time: the same bit for bit without it."""
     flight = make_flight(ground, 400, SMALL, cars=6, laps=4.0)
     threaded = make_tracker()
     measured = [threaded.track(flight.frame(index)).to_reference for index in range(30)]
@@ -78,7 +78,7 @@ def test_drift_over_a_photograph_stays_below_a_pixel(aerial_ground, make_flight,
     assert max(errors) < 2.0
 
 
-def test_steps_and_changes_add_up_to_the_place(flight, make_tracker):
+def test_steps_and_changes_compose_to_the_reference(flight, make_tracker):
     """Change @ previous.to_reference @ to_previous is to_reference, whatever moves the plane meanwhile."""
     tracker = make_tracker(reference=ReferenceChoice.CENTER)
     registrations = [tracker.track(flight.frame(index)) for index in range(64)]
@@ -105,10 +105,8 @@ def test_the_plane_moves_to_the_middle_keyframe(flight, make_tracker):
     assert flight.error(registered.to_reference, index, keys[2]) < 0.5
 
 
-def test_a_frame_that_its_plane_stretches_opens_a_related_plane(
-    ground, make_flight, make_tracker
-):
-    """A camera that descends to a fifth: whoever follows the changes never notices."""
+def test_a_frame_that_its_plane_stretches_opens_a_related_plane(ground, make_flight, make_tracker):
+    """A camera that descends to a fifth: the changes relate both planes."""
     flight = make_flight(ground, 60, SMALL, cars=0)
     middle = np.array([[1, 0, -319.5], [0, 1, -179.5], [0, 0, 1]])
     scales = np.geomspace(3.0, 0.6, len(flight))
@@ -142,7 +140,7 @@ def test_the_first_frame_is_the_plane(flight, tracker):
 
 
 @pytest.mark.parametrize("level", [0, 90, 255])
-def test_flat_frames_are_lost_and_the_next_good_one_is_placed(flight, tracker, level):
+def test_flat_frames_are_lost_and_the_next_good_one_is_registered(flight, tracker, level):
     """Five black or flat frames carry the motion on; the plane and its accuracy survive them."""
     for index in range(6):
         tracker.track(flight.frame(index))
@@ -179,7 +177,7 @@ def test_black_before_anything_is_lost(flight, tracker):
 
 
 def test_a_cut_opens_a_plane_and_the_next_frame_is_ok(ground, flight, tracker):
-    """After a cut the number of the plane goes up and the place is the identity."""
+    """After a cut the number of the plane goes up and the homography is the identity."""
     for index in range(3):
         tracker.track(flight.frame(index))
     cut = tracker.track(ground[1100:1460, 60:700])
@@ -190,7 +188,7 @@ def test_a_cut_opens_a_plane_and_the_next_frame_is_ok(ground, flight, tracker):
 
 
 def test_a_step_of_the_gain_is_not_noticed(flight, tracker):
-    """A frame 1.35 times as bright is placed as well as the others."""
+    """A frame 1.35 times as bright is registered as well as the others."""
     tracker.track(flight.frame(0))
     brighter = np.clip(flight.frame(1) * 1.35, 0, 255).astype(np.uint8)
     registered = tracker.track(brighter)
@@ -210,14 +208,14 @@ def test_another_size_opens_a_plane(flight, tracker):
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 3000), (17, 17), (40, 40), (64, 5000)])
 def test_odd_sizes_are_no_error(shape, tracker):
-    """Whatever the size, noise is placed or lost with finite matrices."""
+    """At any size noise is registered or lost with finite matrices."""
     random = np.random.default_rng(1)
     for _ in range(3):
         assert is_finite(tracker.track(random.integers(0, 255, shape, dtype=np.uint8)))
 
 
 def test_a_standing_camera_is_still(flight, tracker):
-    """Noise does not move the place: still, and exactly the identity."""
+    """Noise does not move the frame: still, and exactly the identity."""
     tracker.track(flight.frame(0))
     random = np.random.default_rng(0)
     for _ in range(4):
@@ -229,7 +227,7 @@ def test_a_standing_camera_is_still(flight, tracker):
 
 
 def test_a_slow_drift_is_not_held_for_ever(ground, tracker):
-    """A camera that creeps 0.1 px a frame stays within 0.3 px of its true place."""
+    """A camera that creeps 0.1 px a frame stays within 0.3 px of the truth."""
     wide = ground[400:770, 400:1060].astype(np.float32)
     for index in range(25):
         moved = cv2.warpAffine(
@@ -239,8 +237,8 @@ def test_a_slow_drift_is_not_held_for_ever(ground, tracker):
         assert registered.to_reference[0, 2] == pytest.approx(0.1 * index, abs=0.3)
 
 
-def test_skipped_frames_teach_nothing(flight, tracker):
-    """A corrupt frame is lost, and the next good one is placed from the one before it."""
+def test_skipped_frames_are_ignored(flight, tracker):
+    """A corrupt frame is lost, and the next good one is registered to the one before it."""
     for index in range(4):
         tracker.track(flight.frame(index))
     assert tracker.skip().status is Status.LOST
@@ -268,7 +266,7 @@ def test_unplaceable_frames_open_a_plane_in_the_end(flight, ground, tracker):
     assert registrations[-1].status in {Status.OK, Status.STILL}
 
 
-def test_the_same_frames_give_the_same_places(flight, make_tracker):
+def test_the_same_frames_give_the_same_homographies(flight, make_tracker):
     """Two runs agree bit for bit."""
     runs = []
     for _ in range(2):

@@ -23,7 +23,7 @@ def test_a_frame_is_recognised_after_a_long_way_and_a_turn(aerial_ground):
 
 
 def test_features_lie_where_they_are(ground):
-    """Upside down, as the next strip of a survey, a frame is placed without an offset."""
+    """Rotated by 180 degrees, as in the next strip of a survey, features have no offset."""
     view = np.ascontiguousarray(ground[300:660, 300:940])
     found = recognise(describe(view), describe(np.ascontiguousarray(view[::-1, ::-1])), 20)
     outline = corners((360, 640))

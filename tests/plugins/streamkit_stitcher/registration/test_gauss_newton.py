@@ -16,7 +16,7 @@ def points(seed, box=((0, 0), (640, 360)), count=80):
 
 
 def worst(matrix):
-    """Worst distance of the corners from their true places, px."""
+    """Worst distance of the corners from their true positions, px."""
     outline = corners(SHAPE)
     return float(np.hypot(*(project(matrix, outline) - project(TRUE, outline)).T).max())
 
@@ -53,7 +53,7 @@ def test_points_on_a_line_fix_no_homography():
 
 @pytest.mark.parametrize("box", [((0, 0), (640, 360)), ((0, 0), (200, 360))])
 def test_the_deviation_of_the_corners_is_what_draws_of_noise_show(box):
-    """Over 200 draws the error of the worst corner is the foretold one, for spread and crowded points."""
+    """Over 200 draws the error of the worst corner is the predicted one, for spread and crowded points."""
     random = np.random.default_rng(2)
     source, noise = points(3, box), 0.2
     errors, foretold = [], []

@@ -44,7 +44,7 @@ def test_a_far_guess_is_improved(ground):
 
 
 def test_all_patches_together_place_a_frame_to_a_twentieth_of_a_pixel(ground):
-    """With 3 grey levels of noise on both frames; the deviation that is told is of the error's size."""
+    """With 3 grey levels of noise on both frames; the reported deviation is of the error's size."""
     level = key_level(seen_through(ground, np.eye(3), 1))
     errors, told = [], []
     for seed in range(2, 8):
@@ -97,7 +97,7 @@ def test_nothing_is_found_in_a_flat_frame(ground, brightness):
 
 
 def test_a_frame_out_of_view_is_not_found(ground):
-    """A guess that puts every patch beside the frame gives None."""
+    """A prediction that puts every patch outside the frame gives None."""
     level = key_level(seen_through(ground, np.eye(3), 1))
     background = translation(np.array([5000.0, 0.0]))
     assert align_jointly(level, seen_through(ground, np.eye(3), 2), background, 1.0) is None

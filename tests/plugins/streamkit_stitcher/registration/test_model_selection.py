@@ -71,7 +71,7 @@ def test_least_squares_finds_an_exact_motion(model):
     assert found / found[2, 2] == pytest.approx(SIMILARITY, abs=1e-6)
 
 
-def test_least_squares_refuses_one_place():
+def test_least_squares_refuses_coincident_points():
     """Coincident points have no motion."""
     assert least_squares(MotionModel.AFFINE, np.ones((9, 2)), np.ones((9, 2))) is None
 

@@ -1,4 +1,4 @@
-"""Compiled steps of a homography to where patches look like a frame."""
+"""Compiled Gauss-Newton steps of a homography."""
 
 import cv2
 import numpy as np
@@ -17,12 +17,12 @@ TURN = np.array([[0.9, -0.3, 60.0], [0.25, 1.3, -40.0], [2e-4, -1e-4, 1.0]])
 
 @pytest.fixture
 def centres():
-    """A hundred places all over a frame of 640 x 360."""
+    """A hundred positions all over a frame of 640 x 360."""
     return np.rint(np.random.default_rng(4).uniform([10, 10], [630, 350], (100, 2)))
 
 
 def solved(centres, shift, information):
-    """How the best step moves the places, float64[2, n]; its homography; its normal matrix."""
+    """Displacement by the best step, float64[2, n]; its homography; its normal matrix."""
     scaling = Scaling.of(centres)
     normal, parameters = np.empty((8, 8)), np.empty(8)
     assert solve(centres, np.array([*scaling.middle, scaling.size]), shift, information, normal, parameters)
@@ -30,13 +30,13 @@ def solved(centres, shift, information):
     return (project(step, centres) - centres).T, step / step[2, 2], normal
 
 
-@pytest.mark.parametrize("told", ["evenly", "by covariances"])
-def test_the_step_moves_the_patches_as_they_were_shifted(centres, told):
+@pytest.mark.parametrize("weights", ["even", "covariances"])
+def test_the_step_moves_the_patches_as_they_were_shifted(centres, weights):
     """Shifts of a small homography are explained to a thousandth of a pixel, whatever counts how much."""
     shift = (project(STEP, centres) - centres).T.copy()
     information = np.random.default_rng(5).uniform(0.5, 2.0, (3, 100))
     information[1] *= 0.2
-    if told == "evenly":
+    if weights == "even":
         information[1], information[2] = 0.0, information[0]
     moves, step, normal = solved(centres, shift, information)
     assert moves == pytest.approx(shift, abs=2e-3)
@@ -45,7 +45,7 @@ def test_the_step_moves_the_patches_as_they_were_shifted(centres, told):
 
 
 def test_what_counts_more_is_followed_more(centres):
-    """One patch in x and another in y, told for certain: the step goes to them."""
+    """One patch in x and another in y have most weight: the step follows them."""
     shift = np.zeros((2, 100))
     shift[0, 3], shift[1, 7] = 0.5, -0.4
     information = np.full((3, 100), 1e-6)

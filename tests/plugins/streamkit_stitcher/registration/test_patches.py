@@ -34,7 +34,7 @@ def test_patches_are_found_in_a_turned_and_dimmed_frame(ground, gain):
 
 
 def test_patches_of_other_ground_are_not_found(ground):
-    """A frame of something else yields no more than a few chance matches."""
+    """Other ground yields a few chance matches only."""
     level = level_of(ground[:360, :640])
     found = align(level, ground[900:1260, 1000:1640], np.eye(3))
     assert len(found.patches) < 0.1 * found.visible_count

@@ -25,7 +25,7 @@ def matches(seed, right=120, wrong=180, deviation=0.7):
 
 
 def error(matrix):
-    """Worst distance of the frame's corners from their true places, px."""
+    """Worst distance of the frame's corners from their true positions, px."""
     outline = corners(SHAPE)
     return float(np.hypot(*(project(matrix, outline) - project(TRUE, outline)).T).max())
 
