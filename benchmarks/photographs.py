@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit.geometry.homography import corners, project
-from streamkit_stitcher.mosaic.georeference import PositionFix
+from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
@@ -52,7 +52,7 @@ KEPT = 0.85
 SIDES = (1200.0, 900.0)
 
 
-def position(path: Path) -> PositionFix | None:
+def position(path: Path) -> GeodeticPoint | None:
     """Latitude and longitude of a photograph's EXIF data."""
     try:
         from PIL import Image
@@ -66,7 +66,7 @@ def position(path: Path) -> PositionFix | None:
         * (-1 if gps[tag - 1] in "SW" else 1)
         for tag in (2, 4)
     )
-    return PositionFix(north, east)
+    return GeodeticPoint(north, east)
 
 
 def survey(location: Path) -> None:

@@ -36,9 +36,8 @@ from streamkit import (
     luma,
 )
 from streamkit_kernels import COMPILING, telling
-from streamkit_stitcher.flight_plan.plan import CameraView, FlightPlan, parse_strip, plan_strip
+from streamkit_stitcher.flight_plan.plan import CameraView, FlightPlan, GeodeticPoint, parse_strip, plan_strip
 from streamkit_stitcher.live_mosaic import PREVIEW_CAPS, LiveMosaic, linked_pad
-from streamkit_stitcher.mosaic.georeference import PositionFix
 from streamkit_stitcher.mosaic.image_file import check_location
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.tiles import ImageArray
@@ -260,7 +259,7 @@ def mosaic_image(frame: Frame) -> ImageArray:
     return np.asarray(cv2.cvtColor(frame.data, code), dtype=np.uint8)
 
 
-def position_fix(frame: Frame) -> PositionFix | None:
+def position_fix(frame: Frame) -> GeodeticPoint | None:
     """The camera's position, or None where telemetry is missing or stale."""
     pose = frame.get(Pose)
-    return None if pose is None or pose.is_stale else PositionFix(pose.latitude, pose.longitude)
+    return None if pose is None or pose.is_stale else GeodeticPoint(pose.latitude, pose.longitude)

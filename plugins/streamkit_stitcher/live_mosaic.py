@@ -15,7 +15,7 @@ import numpy as np
 from streamkit import Caps, Frame, Pad, Registration, Transform
 from streamkit.geometry.homography import inverse
 from streamkit.handoff.background_executor import BackgroundExecutor
-from streamkit_stitcher.mosaic.georeference import PositionFix
+from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings, WrittenMosaic
 from streamkit_stitcher.mosaic.recorder import AdjustedHomographies, MosaicRecorder
 from streamkit_stitcher.mosaic.tiles import ImageArray
@@ -75,7 +75,7 @@ class LiveMosaic:
         registered: FrameRegistration,
         shape: tuple[int, int],
         load: Callable[[], ImageArray],
-        position: PositionFix | None,
+        position: GeodeticPoint | None,
     ) -> None:
         """Adds a keyframe or a frame that shows new ground; the background thread calls `load`.
 

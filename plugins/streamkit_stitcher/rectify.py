@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit import Caps, Frame, IntRange, NotNegotiated, Pose, Property, ResourceError, Transform
-from streamkit_stitcher.flight_plan.attitude import STRAIGHT_DOWN, camera_tilt
-from streamkit_stitcher.flight_plan.rectification import Camera
+from streamkit_stitcher.flight_plan.rectification import STRAIGHT_DOWN, Camera, camera_tilt
 from streamkit_stitcher.flight_plan.rectifier import Rectifier, halved_maps, resampled
 
 _SIDE = IntRange(2, 32766, 2)

@@ -1,4 +1,4 @@
-"""Removal of lens distortion and camera tilt from frames."""
+"""Removal of lens distortion and camera tilt from frames, by the attitude of aircraft and gimbal."""
 
 import math
 from dataclasses import dataclass, field
@@ -8,12 +8,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit.geometry.homography import FloatArray, corners, normalised, project
+from streamkit.geometry.homography import FloatArray, corners, normalised, project, translation
 
 MapArray = npt.NDArray[np.float32]
 
 _BORDER_STEPS: Final = 64
 _LARGEST_TILT: Final = math.radians(45)
+STRAIGHT_DOWN = (0.0, -math.pi / 2, 0.0)
+"""Azimuth, elevation and roll of a sensor that looks straight down."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,36 @@ class Camera:
         """The camera matrix for frames of `shape` (height, width), float64[3, 3]."""
         x, y = self.principal or ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
         return np.array([[self.focal_px, 0, x], [0, self.focal_px, y], [0, 0, 1.0]])
+
+
+def camera_tilt(pitch: float, roll: float, sensor_angles: tuple[float, float, float]) -> tuple[float, float]:
+    """The tilt of a camera about its image axes, as `levelling` removes it.
+
+    Args:
+        pitch: of the platform, nose up positive, rad.
+        roll: of the platform, right wing down positive, rad.
+        sensor_angles: azimuth, elevation and roll of the sensor relative to the platform, rad.
+
+    Returns:
+        Roll and pitch of the camera, rad: zero for one that looks straight down, at any heading.
+
+    Source: MISB ST 0601, tags 6, 7 and 18 to 20, for the signs of the angles.
+    """
+    azimuth, elevation, turn = sensor_angles
+    # The axes of both bodies are forward, right, down; the camera's forward is its optical axis.
+    sensor = rotation(pitch, roll, 0.0) @ rotation(elevation, turn, azimuth)
+    forward, right, down = sensor[2]
+    along = math.atan2(down, forward)
+    return math.atan2(-right, math.hypot(down, forward)), along
+
+
+def rotation(pitch: float, roll: float, yaw: float) -> FloatArray:
+    """float64[3, 3], a body's axes (forward, right, down) to its parent's: roll, then pitch, then yaw."""
+    (cp, sp), (cr, sr), (cy, sy) = ((math.cos(angle), math.sin(angle)) for angle in (pitch, roll, yaw))
+    about_forward = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    about_right = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    about_down = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    return np.asarray(about_down @ about_right @ about_forward, dtype=np.float64)
 
 
 def levelling(camera: Camera, shape: tuple[int, int], roll: float, pitch: float) -> FloatArray:
@@ -65,21 +97,17 @@ def levelling(camera: Camera, shape: tuple[int, int], roll: float, pitch: float)
 def rectification_maps(
     camera: Camera, shape: tuple[int, int], to_level: FloatArray, size: tuple[int, int], shift: FloatArray
 ) -> tuple[MapArray, MapArray]:
-    """Source position of each pixel of the rectified frame.
+    """Source position of each pixel of the rectified frame, float32[h, w] columns and rows for `cv2.remap`.
 
     Args:
         camera: the intrinsic parameters.
-        shape: (height, width) of the source frame.
-        to_level: float64[3, 3] from the undistorted frame to the levelled one.
+        shape: of the source frame.
+        to_level: the undistorted frame to the levelled one.
         size: (width, height) of the rectified frame.
         shift: float64[2], x y of its first pixel in the levelled frame.
-
-    Returns:
-        float32[h, w] columns and rows, for `cv2.remap`.
     """
     inner = camera.matrix(shape)
-    offset = np.array([[1, 0, -shift[0]], [0, 1, -shift[1]], [0, 0, 1.0]])
-    whole = offset @ to_level @ inner
+    whole = translation(-shift) @ to_level @ inner
     columns, rows = cv2.initUndistortRectifyMap(
         inner, np.array(camera.distortion), np.eye(3), whole, size, cv2.CV_32FC1
     )
@@ -99,14 +127,9 @@ def rectified_border(camera: Camera, shape: tuple[int, int], to_level: FloatArra
 
 
 def inscribed_rectangle(border: FloatArray, aspect: float) -> tuple[float, float, float, float]:
-    """The largest upright rectangle of an aspect ratio, about the centre of a border, that lies inside it.
+    """The largest upright rectangle inside a border, about its centre: left, top, width and height.
 
-    Args:
-        border: float64[n, 2], star-shaped about its centre.
-        aspect: width over height.
-
-    Returns:
-        Left, top, width and height, px.
+    `border` is star-shaped about its centre; `aspect` is width over height.
     """
     middle = (border.max(axis=0) + border.min(axis=0)) / 2
     arms = border - middle

@@ -58,14 +58,9 @@ class Rectifier:
         return math.hypot(roll, pitch) <= self._max_tilt + 1e-9
 
     def maps(self, roll: float, pitch: float) -> tuple[MapArray, MapArray]:
-        """Source position of each pixel of the rectified frame.
+        """Source position of each pixel of the rectified frame, float32[h, w] columns and rows.
 
-        Args:
-            roll: of the camera as in `rectification.levelling`, rad; limited to the maximal tilt.
-            pitch: the same.
-
-        Returns:
-            float32[h, w] columns and rows.
+        Roll and pitch are as in `rectification.levelling`, rad, limited to the maximal tilt.
         """
         excess = math.hypot(roll, pitch) / self._max_tilt if self._max_tilt > 0 else math.inf
         tilt = (roll / excess, pitch / excess) if excess > 1 else (roll, pitch)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit.geometry.homography import FloatArray, MaskArray, corners, normalised, project
+from streamkit.geometry.homography import FloatArray, MaskArray, corners, normalised, project, translation
 from streamkit_stitcher.mosaic.exposure import gains
 from streamkit_stitcher.mosaic.frame_store import thumbnail_factor
 from streamkit_stitcher.mosaic.mosaic import is_paintable, reduced_for, with_channels
@@ -73,16 +73,7 @@ def compose(
     """Composes frames, block by block: exposure gains, seams, and five bands blended across the seams.
 
     Each part of the ground comes from one frame, so that moving objects show once; only low frequencies mix
-    across a seam.
-
-    Args:
-        frames: their homographies.
-        load: returns a frame by its number.
-        seam: how seams are found.
-        memory_px: a larger mosaic goes to a temporary file.
-
-    Returns:
-        The mosaic, or None where no frame can be placed.
+    across a seam. A mosaic above `memory_px` goes to a temporary file. None where no frame can be placed.
 
     Raises:
         OSError: a temporary file is full.
@@ -218,7 +209,7 @@ def _warped(
     load: Callable[[int], ImageArray],
 ) -> npt.NDArray[np.int16]:
     """A frame with its gain in a box of the mosaic, int16[h, w, 3] in sixteenths; edges repeat."""
-    shift = np.array([[1, 0, -corner[0]], [0, 1, -corner[1]], [0, 0, 1.0]])
+    shift = translation(-np.array(corner))
     frame, matrix = reduced_for(
         with_channels(load(plan.placed[number].number), plan.channels), plan.to_mosaic[number]
     )

@@ -37,14 +37,7 @@ class Coverage:
         return self._outlines.covered_px * self._factor**2
 
     def add(self, shape: tuple[int, int], to_plane: FloatArray) -> bool:
-        """Adds a frame's outline.
-
-        Args:
-            shape: (height, width) of the frame, px.
-            to_plane: float64[3, 3], its pixels to the plane.
-
-        Returns:
-            False where a mosaic would refuse the frame, see `Mosaic.add`.
+        """Adds a frame's outline; False where a mosaic would refuse the frame, see `Mosaic.add`.
 
         Raises:
             OSError: a temporary file is full.

@@ -8,23 +8,11 @@ import numpy as np
 
 from streamkit.geometry.earth import metres_per_degree
 from streamkit.geometry.homography import FloatArray, centre, project
+from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 
 _FEWEST: Final = 3
 _ITERATIONS: Final = 20
 _LEAST_SPREAD_M: Final = 1.0
-
-
-@dataclass(frozen=True)
-class PositionFix:
-    """Camera position of a frame.
-
-    Attributes:
-        latitude: deg, WGS84.
-        longitude: deg, WGS84.
-    """
-
-    latitude: float
-    longitude: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +27,12 @@ class Georeference:
     """
 
     to_local: FloatArray
-    origin: PositionFix
+    origin: GeodeticPoint
     median_error_m: float
     fixes: int
 
 
-def local_metres(fixes: Sequence[PositionFix], origin: PositionFix) -> FloatArray:
+def local_metres(fixes: Sequence[GeodeticPoint], origin: GeodeticPoint) -> FloatArray:
     """float64[n, 2], metres east and north of `origin`, to a few centimetres within ten kilometres."""
     north_m, east_m = metres_per_degree(origin.latitude)
     return np.array(
@@ -56,17 +44,12 @@ def local_metres(fixes: Sequence[PositionFix], origin: PositionFix) -> FloatArra
 
 
 def georeference(
-    to_mosaic: Sequence[FloatArray], shapes: Sequence[tuple[int, int]], fixes: Sequence[PositionFix]
+    to_mosaic: Sequence[FloatArray], shapes: Sequence[tuple[int, int]], fixes: Sequence[GeodeticPoint]
 ) -> Georeference | None:
     """Fits a similarity from the mosaic to the earth, robust against wrong positions.
 
-    Args:
-        to_mosaic: float64[3, 3] of each frame, its pixels to the mosaic's.
-        shapes: (height, width) of each frame, px.
-        fixes: its position; cameras are assumed to look straight down.
-
-    Returns:
-        The fit; None for fewer than 3 positions, or positions within a metre of each other.
+    Cameras are assumed to look straight down. None for fewer than 3 positions, or positions within a metre of
+    each other.
 
     Source: iteratively reweighted least squares with Cauchy weights, on Umeyama's similarity, PAMI 1991.
     """
@@ -78,7 +61,7 @@ def georeference(
             for matrix, shape in zip(to_mosaic, shapes, strict=True)
         ]
     )
-    origin = PositionFix(
+    origin = GeodeticPoint(
         float(np.median([fix.latitude for fix in fixes])), float(np.median([fix.longitude for fix in fixes]))
     )
     metres = local_metres(fixes, origin)

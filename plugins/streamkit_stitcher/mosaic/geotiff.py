@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray
-from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix, local_metres
+from streamkit_stitcher.flight_plan.plan import GeodeticPoint
+from streamkit_stitcher.mosaic.georeference import Georeference, local_metres
 from streamkit_stitcher.mosaic.tiles import ImageArray
 
 _MODEL_PIXEL_SCALE: Final = 33550
@@ -37,7 +38,7 @@ def check_geotiff(location: str) -> None:
         ) from error
 
 
-def utm_code(place: PositionFix) -> int:
+def utm_code(place: GeodeticPoint) -> int:
     """The EPSG code of a position's UTM zone, WGS84."""
     zone = min(60, int((place.longitude + 180) // 6) + 1)
     return (32600 if place.latitude >= 0 else 32700) + zone
@@ -55,7 +56,7 @@ def to_utm(geo: Georeference) -> tuple[FloatArray, int]:
     # Meridian convergence and scale of the grid, by finite differences.
     x0, y0 = projection.transform(longitude, latitude - step)
     x1, y1 = projection.transform(longitude, latitude + step)
-    metres = float(local_metres([PositionFix(latitude + step, longitude)], geo.origin)[0, 1]) * 2
+    metres = float(local_metres([GeodeticPoint(latitude + step, longitude)], geo.origin)[0, 1]) * 2
     scale, angle = math.hypot(x1 - x0, y1 - y0) / metres, math.atan2(x1 - x0, y1 - y0)
     cos, sin = scale * math.cos(angle), scale * math.sin(angle)
     return np.array([[cos, sin, east], [-sin, cos, north], [0, 0, 1.0]]) @ geo.to_local, code
@@ -73,11 +74,6 @@ def north_up(geo: Georeference) -> FloatArray:
 
 def write_geotiff(image: ImageArray, path: Path, geo: Georeference | None) -> None:
     """Writes a tiled TIFF, georeferenced if possible.
-
-    Args:
-        image: uint8[h, w] or uint8[h, w, 3] BGR.
-        path: the file.
-        geo: the mosaic's position, if known.
 
     Raises:
         OSError: the file cannot be written.

@@ -70,12 +70,7 @@ def is_tiff(location: str) -> bool:
 
 
 def write_image(image: ImageArray, path: Path, geo: Georeference | None = None) -> None:
-    """Writes an image atomically.
-
-    Args:
-        image: uint8[h, w] or uint8[h, w, 3] BGR.
-        path: the file, whose suffix is the format.
-        geo: the mosaic's position, for a TIFF.
+    """Writes an image atomically, in the format of the suffix; a TIFF is georeferenced.
 
     Raises:
         OSError: the image is too large for the format, or the file cannot be written.

@@ -6,7 +6,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from streamkit.geometry.homography import FloatArray, corners, normalised, project, scale_change
+from streamkit.geometry.homography import FloatArray, corners, normalised, project, scale_change, translation
 from streamkit_stitcher.mosaic.canvas import Canvas
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.plane.frame_registration import depth_ratio
@@ -58,12 +58,7 @@ class Mosaic:
         return pixels[:, :, 0] if self.canvas.channels == 1 else pixels
 
     def uncovered(self, shape: tuple[int, int], to_reference: FloatArray) -> float:
-        """Part of a frame that shows new ground, 0 to 1.
-
-        Args:
-            shape: (height, width) of the frame, px.
-            to_reference: float64[3, 3], its pixels to the reference plane.
-        """
+        """Part of a frame that shows new ground, 0 to 1."""
         height, width = shape
         columns = (np.arange(32) + 0.5) * width / 32 - 0.5
         rows = (np.arange(18) + 0.5) * height / 18 - 0.5
@@ -73,13 +68,10 @@ class Mosaic:
         return 1.0 - float(np.count_nonzero(self.canvas.is_painted(cells))) / len(cells)
 
     def add(self, frame: ImageArray, to_reference: FloatArray, fills_gaps: bool = False) -> bool:
-        """Paints a frame.
+        """Paints a frame, converted to the format of the first one.
 
-        Args:
-            frame: uint8[h, w] grey or uint8[h, w, 3] BGR; converted to the format of the first one.
-            to_reference: float64[3, 3], its pixels to the reference plane.
-            fills_gaps: whether it shows only where no other frame does, so that cars that keep pace with the
-                camera are not painted again and again.
+        With `fills_gaps` it shows only where no other frame does, so that cars that keep pace with the camera
+        are not painted again and again.
 
         Returns:
             False, with the mosaic unchanged, where the homography is degenerate, the scale differs from the
@@ -107,7 +99,7 @@ class Mosaic:
         left, top = np.floor(footprint.min(axis=0)).astype(int).tolist()
         right, bottom = (np.ceil(footprint.max(axis=0)).astype(int) + 1).tolist()
         pixels, depth = self.canvas.read(left, top, right - left, bottom - top)
-        to_box = normalised(np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]]) @ to_canvas)
+        to_box = normalised(translation(-np.array([left, top])) @ to_canvas)
         size = (right - left, bottom - top)
         warped = cv2.warpPerspective(frame, to_box, size, borderMode=cv2.BORDER_REPLICATE)
         flat = np.minimum(depth_inside((frame.shape[0], frame.shape[1])), np.uint8(deepest))

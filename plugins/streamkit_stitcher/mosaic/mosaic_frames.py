@@ -7,20 +7,22 @@ from typing import Final
 
 import numpy as np
 
-from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised
+from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised, translation
 from streamkit.settings import setting
+from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.composition import Composition, PlacedFrame, compose
 from streamkit_stitcher.mosaic.frame_store import FrameStore
-from streamkit_stitcher.mosaic.georeference import Georeference, PositionFix, georeference
+from streamkit_stitcher.mosaic.georeference import Georeference, georeference
 from streamkit_stitcher.mosaic.geotiff import north_up
 from streamkit_stitcher.mosaic.image_file import is_numbered, is_tiff, location_of, write_image
 from streamkit_stitcher.mosaic.mosaic import Mosaic
 from streamkit_stitcher.mosaic.seams import SeamKind
 from streamkit_stitcher.mosaic.tiles import ImageArray
+from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
 # As many as homographies of keyframes are kept.
 _MAX_STORED: Final = 20_000
-_PositionedFrame = tuple[PlacedFrame, PositionFix]
+_PositionedFrame = tuple[PlacedFrame, GeodeticPoint]
 
 
 @dataclass(frozen=True)
@@ -74,27 +76,6 @@ class RecorderSettings:
         return round(self.max_canvas_mpx * 1e6)
 
 
-@dataclass(frozen=True, eq=False)
-class ChosenFrame:
-    """A frame that goes into the mosaic.
-
-    Attributes:
-        shape: (height, width), px.
-        to_reference: float64[3, 3], its pixels to the plane at this time.
-        fills_gaps: whether it shows only where no other frame does.
-        key: the keyframe that places it in the final mosaic.
-        to_key: float64[3, 3], its pixels to those of that keyframe.
-        position: of the camera, or None.
-    """
-
-    shape: tuple[int, int]
-    to_reference: FloatArray
-    fills_gaps: bool
-    key: int
-    to_key: FloatArray
-    position: PositionFix | None = None
-
-
 class MosaicFrames:
     """The frames of the current plane, and the mosaic that is painted incrementally.
 
@@ -130,7 +111,7 @@ class MosaicFrames:
         self._mosaic = None if self._is_stored else Mosaic(self._settings.memory_px)
         self._store = FrameStore()
         # Where each frame lay on the first plane, and what places it at the end.
-        self._frames: list[tuple[PlacedFrame, ChosenFrame]] = []
+        self._frames: list[tuple[PlacedFrame, FrameRegistration, GeodeticPoint | None]] = []
         self.reference = reference
         self._to_first = IDENTITY
 
@@ -141,24 +122,30 @@ class MosaicFrames:
         if self._mosaic is not None:
             self._mosaic.canvas.move_plane(change)
 
-    def add(self, chosen: ChosenFrame, load: Callable[[], ImageArray]) -> None:
-        """Adds a frame; `load` returns uint8[h, w] or uint8[h, w, 3] BGR.
+    def add(
+        self,
+        registered: FrameRegistration,
+        shape: tuple[int, int],
+        load: Callable[[], ImageArray],
+        position: GeodeticPoint | None,
+    ) -> None:
+        """Adds a frame, whose pixels `load` returns; all but keyframes only fill gaps.
 
         Raises:
             OSError: a temporary file is full.
         """
         self._report_progress()
-        pixels = load()
+        pixels, fills_gaps = load(), not registered.keyframe
         if self._is_stored and len(self._frames) <= _MAX_STORED:
             number = self._store.add(pixels) if len(self._frames) < _MAX_STORED else None
             if number is None:
                 # Frames that do not fit in the store can only be painted, on top of the earlier ones.
                 _ = self.mosaic
-            matrix = normalised(self._to_first @ chosen.to_reference)
-            placed = PlacedFrame(-1 if number is None else number, chosen.shape, matrix, chosen.fills_gaps)
-            self._frames.append((placed, chosen))
+            matrix = normalised(self._to_first @ registered.to_reference)
+            placed = PlacedFrame(-1 if number is None else number, shape, matrix, fills_gaps)
+            self._frames.append((placed, registered, position))
         if self._mosaic is not None:
-            self._mosaic.add(pixels, chosen.to_reference, chosen.fills_gaps)
+            self._mosaic.add(pixels, registered.to_reference, fills_gaps)
 
     def write(
         self, covered_px: float, homographies: Mapping[int, FloatArray] | None, rmse: float
@@ -216,7 +203,7 @@ class MosaicFrames:
     def _painted(self) -> Mosaic:
         """The frames stored so far, painted as they came."""
         mosaic = Mosaic(self._settings.memory_px)
-        for placed, _ in self._frames:
+        for placed, _, _ in self._frames:
             if placed.number >= 0:
                 mosaic.add(self._load(placed.number), placed.to_plane, placed.fills_gaps)
         mosaic.canvas.move_plane(inverse(self._to_first))
@@ -227,12 +214,12 @@ class MosaicFrames:
     ) -> tuple[list[PlacedFrame], list[_PositionedFrame]]:
         """The frames by the adjusted homographies of their keyframes, and those with a known position."""
         frames, positioned = [], []
-        for placed, chosen in self._frames:
-            if chosen.key in homographies:
-                frame = replace(placed, to_plane=normalised(homographies[chosen.key] @ chosen.to_key))
-                frames.append(frame)
-                if chosen.position is not None:
-                    positioned.append((frame, chosen.position))
+        for placed, registered, position in self._frames:
+            if registered.key_index in homographies:
+                matrix = normalised(homographies[registered.key_index] @ registered.to_key)
+                frames.append(replace(placed, to_plane=matrix))
+                if position is not None:
+                    positioned.append((frames[-1], position))
         return frames, positioned
 
     def _composed(
@@ -253,8 +240,8 @@ def _incremental(mosaic: Mosaic) -> Composition | None:
     if image is None:
         return None
     left, top, _, _ = mosaic.canvas.box
-    shift = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]])
-    return Composition(image, normalised(shift @ mosaic.canvas.from_plane), mosaic.scale, mosaic.frames)
+    from_plane = normalised(translation(-np.array([left, top])) @ mosaic.canvas.from_plane)
+    return Composition(image, from_plane, mosaic.scale, mosaic.frames)
 
 
 def _georeferenced(from_plane: FloatArray, positioned: Sequence[_PositionedFrame]) -> Georeference | None:

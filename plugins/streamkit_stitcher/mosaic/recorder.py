@@ -8,10 +8,10 @@ from typing import Final
 
 from streamkit.geometry.homography import FloatArray
 from streamkit.handoff.background_executor import BackgroundExecutor
+from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.coverage import Coverage
-from streamkit_stitcher.mosaic.georeference import PositionFix
 from streamkit_stitcher.mosaic.mosaic import Mosaic
-from streamkit_stitcher.mosaic.mosaic_frames import ChosenFrame, MosaicFrames, RecorderSettings, WrittenMosaic
+from streamkit_stitcher.mosaic.mosaic_frames import MosaicFrames, RecorderSettings, WrittenMosaic
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
@@ -75,20 +75,12 @@ class MosaicRecorder:
         registered: FrameRegistration,
         shape: tuple[int, int],
         load: Callable[[], ImageArray],
-        position: PositionFix | None = None,
+        position: GeodeticPoint | None = None,
     ) -> bool:
-        """Adds a registered frame where the mosaic needs it.
+        """Adds a registered frame where the mosaic needs it; whether the mosaic changes.
 
-        A frame of a new plane starts another mosaic: `finish` the previous one first.
-
-        Args:
-            registered: its homographies.
-            shape: (height, width), px.
-            load: returns uint8[h, w] or uint8[h, w, 3] BGR; called only for frames that are added.
-            position: of the camera, if known.
-
-        Returns:
-            Whether the mosaic changes.
+        A frame of a new plane starts another mosaic: `finish` the previous one first. `load` returns the
+        pixels and is called only for frames that are added.
 
         Raises:
             OSError: a temporary file is full.
@@ -108,15 +100,8 @@ class MosaicRecorder:
         if not self._coverage.add(shape, registered.to_reference):
             self.refused += 1
             return False
-        chosen = ChosenFrame(
-            shape,
-            registered.to_reference,
-            not registered.keyframe,
-            registered.key_index,
-            registered.to_key,
-            position,
-        )
-        self._do(partial(self.frames.add, chosen, load), shape[0] * shape[1] * _BYTES_PER_PIXEL)
+        work = partial(self.frames.add, registered, shape, load, position)
+        self._do(work, shape[0] * shape[1] * _BYTES_PER_PIXEL)
         return True
 
     def start_writing(

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit.geometry.homography import FloatArray, corners, normalised, project
+from streamkit.geometry.homography import FloatArray, corners, normalised, project, translation
 from streamkit_stitcher.mosaic.mosaic import depth_inside
 from streamkit_stitcher.mosaic.tiles import ImageArray
 
@@ -59,19 +59,12 @@ class Footprint:
 def footprint(
     thumbnail: ImageArray, to_grid: FloatArray, grid: tuple[int, int], fills_gaps: bool
 ) -> Footprint:
-    """Warps a frame onto the planning grid.
-
-    Args:
-        thumbnail: uint8[h, w, c].
-        to_grid: float64[3, 3], its pixels to cells of the grid.
-        grid: (rows, columns).
-        fills_gaps: whether every other frame has precedence.
-    """
+    """Warps a frame's thumbnail, uint8[h, w, c], onto the planning grid of (rows, columns)."""
     outline = project(to_grid, corners((thumbnail.shape[0], thumbnail.shape[1])))
     left, top = np.clip(np.floor(outline.min(axis=0)).astype(int), 0, np.array(grid[::-1]) - 1).tolist()
     right, bottom = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 1, 1, grid[::-1]).tolist()
     size = max(1, right - left), max(1, bottom - top)
-    to_box = normalised(np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]]) @ to_grid)
+    to_box = normalised(translation(-np.array([left, top])) @ to_grid)
     warped = cv2.warpPerspective(thumbnail, to_box, size, borderMode=cv2.BORDER_REPLICATE)
     flat = depth_inside((thumbnail.shape[0], thumbnail.shape[1]))
     depth = cv2.warpPerspective(flat, to_box, size, flags=cv2.INTER_LINEAR).astype(np.int32)
@@ -101,15 +94,8 @@ def graph_cut_labels(footprints: Sequence[Footprint], grid: tuple[int, int], gai
     """Seams along lines where overlapping frames look alike, around cars and leaning houses.
 
     They stay near those of `voronoi_labels`, which are kept where there are too many frames for memory: each
-    part comes from a frame taken from nearly above, and only neighbours are compared.
-
-    Args:
-        footprints: the frames on the grid.
-        grid: (rows, columns).
-        gains: float64[n, c], of the exposure.
-
-    Returns:
-        int32[rows, columns], the number of a frame, -1 where there is none.
+    part comes from a frame taken from nearly above, and only neighbours are compared. `gains` float64[n, c]
+    equalise the exposure.
 
     Source: Kwatra et al., Graphcut textures, SIGGRAPH 2003, as in cv2.detail.
     """

@@ -1,65 +1,26 @@
 """Background adjustment of keyframes: loop closure, then bundle adjustment."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 import numpy as np
 
-from streamkit.geometry.homography import FloatArray, GreyArray, inverse, scale_change
+from streamkit.geometry.homography import FloatArray, inverse, scale_change
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings, adjust
 from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem
 from streamkit_stitcher.plane.keyframe_content import TIMEOUT_S, executor_for
 from streamkit_stitcher.plane.keyframe_graph import Tie
-from streamkit_stitcher.plane.keyframes import Keyframe
 from streamkit_stitcher.plane.loop_closure import LoopCloser
-from streamkit_stitcher.registration.descriptors import Description
 
 _LARGEST_SCALE: Final = 50.0
 
 
-@dataclass(frozen=True, eq=False)
-class AdjustmentJob:
-    """The background work for one new keyframe.
-
-    Attributes:
-        problem: the adjustment, or None where nothing can move.
-        indices: the keyframe of each of its cameras.
-        settings: of the adjustment.
-        keyframe: the new keyframe.
-        images: its frame and halvings.
-        candidates: keyframes that may show the same ground, without a tie to it.
-        near: keyframes whose homography to the new one is known to a few px.
-        description: features of the new keyframe, if they were computed before.
-    """
-
-    problem: PlaneProblem | None
-    indices: tuple[int, ...]
-    settings: AdjustmentSettings
-    keyframe: Keyframe
-    images: Sequence[GreyArray]
-    candidates: Sequence[Keyframe]
-    near: Collection[int] = ()
-    description: Description | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Adjusted:
-    """The result of a job.
-
-    Attributes:
-        homographies: float64[3, 3] of each adjusted keyframe, its pixels to the plane.
-        ties: ties found to earlier keyframes.
-    """
-
-    homographies: Mapping[int, FloatArray]
-    ties: Sequence[Tie]
-
-
-NOTHING: Final = Adjusted({}, ())
+# Homographies of the adjusted keyframes to the plane, and the ties found to earlier keyframes.
+Adjusted = tuple[Mapping[int, FloatArray], Sequence[Tie]]
+NOTHING: Final[Adjusted] = ({}, ())
 
 
 def adjust_homographies(
@@ -96,9 +57,20 @@ class BackgroundAdjuster:
         """Whether a job was submitted whose result was not taken."""
         return self._pending is not None
 
-    def submit(self, job: AdjustmentJob) -> None:
-        """Begins a job; the result of the previous one must have been taken."""
-        self._pending = self._executor.ask(partial(self._run, job))
+    def submit(
+        self,
+        found: tuple[PlaneProblem, tuple[int, ...]] | None,
+        settings: AdjustmentSettings,
+        close_loops: Callable[[LoopCloser], Sequence[Tie]],
+    ) -> None:
+        """Begins a job; the result of the previous one must have been taken.
+
+        Args:
+            found: the problem and the keyframe of each of its cameras, or None where nothing can move.
+            settings: of the adjustment.
+            close_loops: returns the ties of the new keyframe.
+        """
+        self._pending = self._executor.ask(partial(self._run, found, settings, close_loops))
 
     def take(self) -> Adjusted:
         """Waits for the job's result; empty where there is none, it fails, or it takes longer than 20 s."""
@@ -119,8 +91,11 @@ class BackgroundAdjuster:
         self._pending = None
         self._executor.close(TIMEOUT_S)
 
-    def _run(self, job: AdjustmentJob) -> Adjusted:
-        ties = self._closer.close(job.keyframe, job.images, job.candidates, job.near, job.description)
-        if job.problem is None:
-            return Adjusted({}, ties)
-        return Adjusted(adjust_homographies(job.problem, job.indices, job.settings)[0], ties)
+    def _run(
+        self,
+        found: tuple[PlaneProblem, tuple[int, ...]] | None,
+        settings: AdjustmentSettings,
+        close_loops: Callable[[LoopCloser], Sequence[Tie]],
+    ) -> Adjusted:
+        ties = close_loops(self._closer)
+        return ({} if found is None else adjust_homographies(*found, settings)[0]), ties

@@ -73,13 +73,7 @@ class KeyframeAnchor:
     def add(
         self, images: Sequence[GreyArray], to_reference: FloatArray, ties: Sequence[Tie] = ()
     ) -> Keyframe:
-        """Makes a frame the current keyframe.
-
-        Args:
-            images: the frame and its halvings.
-            to_reference: float64[3, 3], its pixels to the reference plane.
-            ties: to earlier keyframes, with any observer.
-        """
+        """Makes a frame the current keyframe; the ties to earlier keyframes may name any observer."""
         keyframe = self.keyframes.add(images, to_reference, self._level, ties)
         self._follower.prepare(keyframe, self.keyframes.executor)
         if self._description is not None:
@@ -89,12 +83,7 @@ class KeyframeAnchor:
         return keyframe
 
     def follow(self, images: Sequence[GreyArray], expected: FloatArray) -> KeyframeMatch | None:
-        """Matches a frame with the current keyframe near the prediction.
-
-        Args:
-            images: the frame and its halvings.
-            expected: float64[3, 3], predicted homography to the reference plane.
-        """
+        """Matches a frame with the current keyframe near the predicted homography to the plane."""
         active = self.keyframes.active
         if active is None:
             return None
@@ -135,8 +124,8 @@ class KeyframeAnchor:
         """Registers a frame, and makes it a keyframe where one is needed.
 
         Args:
-            images: the frame and its halvings.
-            predicted: float64[3, 3], its homography by the motion since the previous frame.
+            images: the frame.
+            predicted: its homography by the motion since the previous frame.
             trusted: whether that motion is a measured homography; otherwise the search is wider and the
                 prediction is not good enough for a keyframe.
             followed: the result of `follow`, which saves the search.
@@ -240,10 +229,7 @@ class KeyframeAnchor:
     ) -> AnchoredFrame:
         """Makes the frame a keyframe, registered to all keyframes that it overlaps.
 
-        Args:
-            images: the frame and its halvings.
-            found: its registration so far.
-            known: the keyframe it was measured against, and the match.
+        `found` is its registration so far, `known` the keyframe it was measured against, and the match.
         """
         certain = found.certain
         change = self.keyframes.adopt() if self.keyframes.is_adjusting else None

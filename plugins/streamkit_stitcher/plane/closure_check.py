@@ -50,9 +50,9 @@ class ClosureCheck:
 
         Args:
             ties: of one newest keyframe.
-            homographies: float64[3, 3] of the keyframes, their pixels to the plane.
+            homographies: of the keyframes, to the plane.
             steps: length of the path of ties from the newest keyframe; absent where there is none.
-            shape: (height, width) of the newest, px.
+            shape: of the newest keyframe.
         """
         found: list[Tie] = []
         self._is_far = False

@@ -18,18 +18,11 @@ _Index = npt.NDArray[np.int64]
 
 
 def search_shift(earlier: GreyArray, current: GreyArray, factor: int) -> FloatArray | None:
-    """Estimates the shift between two images by normalised cross-correlation of their overlap.
+    """Estimates a shift by normalised cross-correlation of the overlap; None without a clear maximum.
 
     Finds shifts of up to four fifths of an image without much rotation, to a few pixels; a match must confirm
-    them. Phase correlation, which wraps around, fails at a third.
-
-    Args:
-        earlier: uint8[h, w], reduced by `factor`.
-        current: uint8[h, w], the same.
-        factor: the reduction.
-
-    Returns:
-        float64[3, 3], full-size pixels of `current` to those of `earlier`; None without a clear maximum.
+    them. Phase correlation, which wraps around, fails at a third. Both images are reduced by `factor`; the
+    result maps full-size pixels of `current` to those of `earlier`.
 
     Source: Lewis, Fast normalized cross-correlation, 1995; Padfield, Masked object registration in the
     Fourier domain, IEEE TIP 2012, with rectangular masks.

@@ -10,8 +10,14 @@ from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.plane.keyframe_content import LEVELS, at_level, deferred
 from streamkit_stitcher.plane.keyframe_matcher import ANY_STEP
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
-from streamkit_stitcher.registration.joint_alignment import JointAlignment, align_coarsely, align_jointly
-from streamkit_stitcher.registration.joint_level import JointLevel, joint_level, spread_order
+from streamkit_stitcher.registration.joint_alignment import (
+    JointAlignment,
+    JointLevel,
+    align_coarsely,
+    align_jointly,
+    joint_level,
+    spread_order,
+)
 from streamkit_stitcher.registration.model_selection import ANY_MOTION, MotionRule
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit, MotionModel
 from streamkit_stitcher.registration.patches import in_view, reduced_motion
@@ -72,18 +78,15 @@ class KeyframeFollower:
         max_points: int,
         rule: MotionRule = ANY_MOTION,
     ) -> KeyframeMatch | None:
-        """Registers a frame to a keyframe with sub-pixel accuracy.
+        """Registers a frame to a keyframe with sub-pixel accuracy; None unless half of the patches agree.
 
         Args:
             keyframe: the keyframe.
-            images: the frame and its halvings, down to the coarse level.
-            frame_to_key: float64[3, 3], predicted motion, right to about 3 px of the coarsest.
+            images: the frame, down to the coarse level.
+            frame_to_key: prediction, right to about 3 px of the coarsest level.
             limits: what the homography must reach; the threshold is in full-size px.
             max_points: patches to use, spread evenly over the overlap.
             rule: motion model.
-
-        Returns:
-            The match, or None unless half of the patches in view agree.
         """
         if not len(keyframe.points):
             return None

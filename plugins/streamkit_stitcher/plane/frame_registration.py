@@ -27,13 +27,13 @@ class AnchoredFrame:
     """The result of matching a frame with keyframes.
 
     Attributes:
-        to_reference: float64[3, 3], the frame's pixels to the reference plane.
+        to_reference: the frame to the reference plane.
         measured: whether a keyframe was matched; otherwise `to_reference` is the predicted one.
-        change: float64[3, 3], old plane to new, where another keyframe took over or was adjusted, else None.
+        change: old plane to new, where another keyframe took over or was adjusted, else None.
         keyframe: whether the frame became a keyframe.
         matches: patches compared.
         inliers: patches that agree with `to_reference`.
-        rmse: root mean square residual of the inliers, px.
+        rmse: root mean square residual of the inliers.
         certain: whether the measurement fixes the whole frame, not only a part of it.
     """
 
@@ -52,20 +52,19 @@ class FrameRegistration:
     """The homographies of one frame.
 
     Attributes:
-        to_previous: float64[3, 3], its pixels to those of the previous frame of the stream.
-        to_reference: float64[3, 3], its pixels to the reference plane.
+        to_previous: the frame to the previous frame of the stream.
+        to_reference: the frame to the reference plane.
         reference: number of the reference plane; goes up with each restart and each change of the plane.
         status: how reliable the matrices are.
-        change: float64[3, 3], old plane to new where the plane moved under this frame, else None.
+        change: old plane to new where the plane moved under this frame, else None.
         keyframe: whether the frame became a keyframe.
         matches: points compared.
         inliers: matches that agree with the motion.
-        rmse: root mean square residual of the inliers, px.
+        rmse: root mean square residual of the inliers.
         anchored: whether `to_reference` was measured against a keyframe.
         key_index: the keyframe it was measured against, or that it became.
-        to_key: float64[3, 3], its pixels to those of that keyframe.
-        rebase: float64[3, 3], the part of `change` that moves the whole plane, as another keyframe became the
-            reference; None where none did.
+        to_key: the frame to that keyframe.
+        rebase: the part of `change` that moves the whole plane to another reference keyframe, else None.
         opens_plane: whether the frame starts a plane that needs another mosaic, though `change` relates them.
     """
 
@@ -88,12 +87,7 @@ class FrameRegistration:
 def depth_ratio(to_plane: FloatArray, shape: tuple[int, int]) -> float:
     """Ratio of the farthest to the nearest corner's depth; the frame is stretched by its square.
 
-    Args:
-        to_plane: float64[3, 3], the frame's pixels to the plane.
-        shape: (height, width) of the frame, px.
-
-    Returns:
-        1 for a camera that looks straight down on the plane; infinite where the horizon is in view.
+    1 for a camera that looks straight down on the plane; infinite where the horizon is in view.
     """
     depths = to_plane[2, :2] @ corners(shape).T + to_plane[2, 2]
     near, far = float(np.min(depths)), float(np.max(depths))

@@ -34,12 +34,7 @@ class KeyframeContent:
 
 
 def keyframe_content(images: Sequence[GreyArray], level: int) -> KeyframeContent:
-    """Cuts patches around the best corners of an even grid.
-
-    Args:
-        images: the frame and its halvings.
-        level: which of them is at working size; corners are detected there.
-    """
+    """Cuts patches around the best corners of an even grid of the image `level`, at working size."""
     factor = 2**level
     points = even_corners(images[level], *_GRID) * factor + (factor - 1) / 2
     return patches_around(points, pyramid(images, max(LEVELS, level + 1)), level)

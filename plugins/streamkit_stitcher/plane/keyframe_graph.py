@@ -119,16 +119,12 @@ class KeyframeGraph:
             del self._homographies[index]
 
     def rebase(self, change: FloatArray) -> None:
-        """Moves every keyframe to another plane by float64[3, 3], old plane to new."""
+        """Moves every keyframe to another plane, old to new."""
         for index, matrix in self._homographies.items():
             self._homographies[index] = normalised(change @ matrix)
 
     def problem(self, free: Collection[int], reference: int) -> tuple[PlaneProblem, tuple[int, ...]] | None:
-        """The adjustment of some keyframes; those they are tied to are fixed.
-
-        Args:
-            free: the keyframes to adjust.
-            reference: the keyframe that is the plane; always fixed.
+        """The adjustment of some keyframes, except the reference; those they are tied to are fixed.
 
         Returns:
             The problem and the keyframe of each of its cameras, or None where nothing can move.

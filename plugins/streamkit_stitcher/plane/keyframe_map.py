@@ -6,7 +6,7 @@ from typing import Final
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, GreyArray, inverse, normalised
 from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings
-from streamkit_stitcher.plane.adjuster import AdjustmentJob, BackgroundAdjuster, adjust_homographies
+from streamkit_stitcher.plane.adjuster import BackgroundAdjuster, adjust_homographies
 from streamkit_stitcher.plane.closure_check import FEW_STEPS, ClosureCheck
 from streamkit_stitcher.plane.keyframe_content import (
     LEVELS,
@@ -106,14 +106,7 @@ class KeyframeMap:
     def add(
         self, images: Sequence[GreyArray], to_reference: FloatArray, level: int, ties: Sequence[Tie]
     ) -> Keyframe:
-        """Makes a frame a keyframe, and the active one.
-
-        Args:
-            images: the frame and its halvings down to working size.
-            to_reference: float64[3, 3], its pixels to the reference plane.
-            level: which of the images is at working size.
-            ties: to earlier keyframes, with any observer.
-        """
+        """Makes a frame a keyframe, and the active one; the ties may name any observer."""
         shape = (images[0].shape[0], images[0].shape[1])
         # Copies: the buffer behind the frame may be reused.
         own = tuple(image.copy() for image in images[: level + 1])
@@ -132,7 +125,7 @@ class KeyframeMap:
         """Begins adjusting the newest keyframes; the previous result must have been adopted.
 
         Args:
-            images: the newest keyframe and its halvings.
+            images: the newest keyframe.
             description: its features, if they were computed before.
             whole: whether up to 60 keyframes are adjusted, as after a loop closure.
         """
@@ -143,33 +136,30 @@ class KeyframeMap:
         free = tied[-_WHOLE_LIMIT:] if whole or self._loop_closed else tied[-self._settings.window :]
         steps = self._graph.steps_from(self.active.index) if candidates else {}
         near = frozenset(index for index, count in steps.items() if count <= FEW_STEPS)
-        problem, indices = self._graph.problem(free, self._reference) or (None, ())
+        found = self._graph.problem(free, self._reference)
         self._loop_closed = False
-        if problem is None and not candidates:
+        if found is None and not candidates:
             return
         # Copies: the buffer behind the frame may be reused.
         own = pyramid(tuple(image.copy() for image in images), LEVELS) if candidates else ()
+        keyframe = self.active
         self._adjuster.submit(
-            AdjustmentJob(
-                problem, indices, self._adjustment(), self.active, own, candidates, near, description
-            )
+            found,
+            self._adjustment(),
+            lambda closer: closer.close(keyframe, own, candidates, near, description),
         )
 
     def adopt(self) -> FloatArray | None:
-        """Waits for the adjustment and takes over its result.
-
-        Returns:
-            How the plane moved under the active keyframe, float64[3, 3] old to new, or None.
-        """
-        result = self._adjuster.take()
-        ties = self._accepted_ties(result.ties)
+        """Waits for the adjustment; returns the change of the plane under the active keyframe, or None."""
+        homographies, found = self._adjuster.take()
+        ties = self._accepted_ties(found)
         for tie in ties:
             self._graph.tie(tie)
         self._loop_closed = self._loop_closed or (bool(ties) and self._closures.is_far)
-        return self._move(result.homographies)
+        return self._move(homographies)
 
     def rebase(self, reference: int) -> FloatArray:
-        """Makes a keyframe's plane the reference; returns float64[3, 3], old plane to new."""
+        """Makes a keyframe's plane the reference; returns the homography from the old plane to the new."""
         change = inverse(self._graph.homographies.get(reference, IDENTITY))
         self._graph.rebase(change)
         self._reference = reference

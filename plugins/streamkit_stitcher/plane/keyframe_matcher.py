@@ -56,20 +56,17 @@ class KeyframeMatcher:
         rule: MotionRule = ANY_MOTION,
         coarse_points: int = _COARSE_POINTS,
     ) -> KeyframeMatch | None:
-        """Registers a frame to a keyframe with sub-pixel accuracy.
+        """Registers a frame to a keyframe with sub-pixel accuracy; None where too few patches agree.
 
         Args:
             keyframe: the keyframe.
-            images: the frame and its halvings.
-            frame_to_key: float64[3, 3], predicted motion, right to about 3 * 2**top_level px.
+            images: the frame.
+            frame_to_key: prediction, right to about 3 * 2**top_level px.
             limits: what the homography must reach; the threshold is in full-size px.
             top_level: coarsest level to start from, 0 for full size only.
             max_points: patches to use, spread evenly over the keyframe.
             rule: motion model.
             coarse_points: patches to use at half size.
-
-        Returns:
-            The match, or None when too few patches agree.
         """
         top_level = min(top_level, len(images) - 1, len(keyframe.patches) - 1)
         key_to_frame = inverse(frame_to_key)
@@ -117,17 +114,9 @@ def pooled_fit(
     limits: FitLimits,
     rule: MotionRule = ANY_MOTION,
 ) -> MotionFit | None:
-    """Fits a frame's homography to its matches with several keyframes at once.
+    """Fits a frame's homography to the plane to its matches with several keyframes; None where they disagree.
 
-    Args:
-        matches: keyframes with the frame's match on each.
-        shape: (height, width) of the frame, px.
-        limits: what the homography must reach; the threshold is in px of the frame.
-        rule: motion model.
-
-    Returns:
-        The homography from the frame's pixels to the reference plane, with residuals in the frame, or None
-        when the matches do not agree.
+    Residuals and the threshold are in px of the frame.
     """
     plane = np.concatenate([project(keyframe.to_reference, match.key_points) for keyframe, match in matches])
     frame = np.concatenate([match.frame_points for _, match in matches])

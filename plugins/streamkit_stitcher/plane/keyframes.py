@@ -30,8 +30,8 @@ class Keyframe:
 
     Attributes:
         index: number of the keyframe, never reused.
-        to_reference: float64[3, 3], full-size pixels to the reference plane.
-        shape: (height, width) of the frame, px.
+        to_reference: full-size pixels to the reference plane.
+        shape: of the frame.
         factor: the reduction of `small`.
         content: returns what is kept of its pixels; waits until that is computed.
     """
@@ -130,14 +130,7 @@ class KeyframeStore:
         shape: tuple[int, int],
         level: int,
     ) -> Keyframe:
-        """Stores a keyframe.
-
-        Args:
-            content: returns what is kept of its pixels.
-            to_reference: float64[3, 3], its full-size pixels to the reference plane.
-            shape: (height, width) of the frame, px.
-            level: how often it was halved to working size.
-        """
+        """Stores a keyframe that was halved `level` times to working size."""
         keyframe = Keyframe(self._next_index, to_reference, shape, 2**level, content)
         self._next_index += 1
         self._keyframes.append(keyframe)
@@ -148,13 +141,7 @@ class KeyframeStore:
     def overlapping(
         self, to_reference: FloatArray, shape: tuple[int, int], least: float
     ) -> list[tuple[float, Keyframe]]:
-        """Keyframes that overlap a frame at a similar scale, greatest overlap first.
-
-        Args:
-            to_reference: float64[3, 3], expected homography of the frame.
-            shape: (height, width) of the frame, px.
-            least: smallest overlap to report, 0 to 1.
-        """
+        """Keyframes that overlap a frame by `least` (0 to 1) at a similar scale, greatest overlap first."""
         found = []
         for keyframe in self._near(to_reference, shape, least):
             to_key = inverse(keyframe.to_reference) @ to_reference

@@ -104,11 +104,11 @@ class LoopCloser:
         near: Collection[int] = (),
         description: Description | None = None,
     ) -> tuple[Tie, ...]:
-        """The ties to those of `candidates` that match the keyframe.
+        """The ties to those of `candidates` that match the new keyframe.
 
         Args:
             keyframe: the new keyframe.
-            images: its frame and halvings.
+            images: its frame.
             candidates: keyframes to match with.
             near: those whose homography is known to a few px; they are not searched by features, unless the
                 new one had to be relocalised itself.
@@ -151,17 +151,10 @@ class LoopCloser:
 
 
 def correlation(keyframe: Keyframe, other: Keyframe, matrix: FloatArray) -> float:
-    """Normalised correlation of two keyframes' textures over all their shared ground, -1 to 1.
+    """Normalised correlation of two keyframes' textures over their overlap, -1 to 1; 0 without overlap.
 
-    Houses in a row match well enough at a false shift, but their surroundings do not.
-
-    Args:
-        keyframe: the first keyframe.
-        other: the second, of the same working size.
-        matrix: float64[3, 3], full-size pixels of the first to those of the second.
-
-    Returns:
-        The correlation; 0 without overlap.
+    Houses in a row match well enough at a false shift, but their surroundings do not. `matrix` maps full-size
+    pixels of the first keyframe to those of the other, of the same working size.
     """
     first = _texture(keyframe.small)
     size = first.shape[1], first.shape[0]
@@ -184,14 +177,7 @@ def _texture(small: GreyArray) -> npt.NDArray[np.float32]:
 def better(
     features: KeyframeMatch, patches: KeyframeMatch | None, keyframe: Keyframe, max_points: int
 ) -> KeyframeMatch:
-    """The match of patches, ten times as precise, where they agree over the frame; else that of features.
-
-    Args:
-        features: the match of features on `keyframe`.
-        patches: the match of at most `max_points` of its patches.
-        keyframe: the keyframe.
-        max_points: see `patches`.
-    """
+    """The match of patches, ten times as precise, where they agree over the frame; else that of features."""
     return patches if patches is not None and _is_wide(patches, keyframe, max_points) else features
 
 

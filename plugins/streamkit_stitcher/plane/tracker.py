@@ -73,11 +73,6 @@ class PlaneTracker:
         self._anchor: KeyframeAnchor | None = None
         self._reset((0, 0))
 
-    @property
-    def model(self) -> MotionModel:
-        """The motion model between frames, as selected so far."""
-        return MotionModel.HOMOGRAPHY if self._anchor is None else self._anchor.keyframes.model
-
     def restart(self) -> None:
         """Starts a new plane with the next frame, unrelated to the previous ones."""
         if self._previous is not None:
@@ -106,10 +101,9 @@ class PlaneTracker:
         return self._predict()
 
     def track(self, grey: GreyArray) -> FrameRegistration:
-        """Registers the next frame of the stream; every matrix is finite.
+        """Registers the next frame; every matrix is finite.
 
-        Args:
-            grey: uint8[h, w]; a view is copied unless it is narrower than the registration width.
+        Frames no wider than the registration width are kept without a copy, and must not change.
         """
         self._begin_frame()
         shape = (int(grey.shape[0]), int(grey.shape[1]))

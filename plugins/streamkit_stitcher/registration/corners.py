@@ -34,11 +34,7 @@ class CornerDetector:
         self._threshold = 20.0
 
     def detect(self, grey: GreyArray, max_points: int) -> FloatArray:
-        """Detects at most `max_points` corners of uint8[h, w].
-
-        Returns:
-            float64[n, 2], x y, ordered by cell, strongest first within a cell; n is 0 for a flat image.
-        """
+        """At most `max_points` corners by cell, strongest first within a cell; none for a flat image."""
         while True:
             points, strengths = _fast(grey, round(self._threshold))
             chosen = _strongest_per_cell(points, strengths, grey.shape, max_points)
@@ -88,15 +84,7 @@ def _strongest_per_cell(
 
 
 def even_corners(grey: GreyArray, columns: int, rows: int) -> FloatArray:
-    """Detects the best corner of each cell of a grid.
-
-    Args:
-        grey: uint8[h, w].
-        columns: of the grid.
-        rows: of the grid.
-
-    Returns:
-        float64[n, 2], x y, ordered by cell; n is 0 for a flat or tiny image.
+    """The best corner of each cell of a grid, ordered by cell; none for a flat or tiny image.
 
     Source: Shi and Tomasi, Good features to track, CVPR 1994.
     """

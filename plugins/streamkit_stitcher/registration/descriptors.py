@@ -93,13 +93,7 @@ def match_features(
 
 
 def recognise(source: Description, target: Description, min_inliers: int) -> Recognition | None:
-    """Matches two frames; None where they do not show the same ground.
-
-    Args:
-        source: features of the frame to register.
-        target: features of the frame to register to.
-        min_inliers: fewest pairs that must agree.
-    """
+    """Matches two frames by features; None where fewer than `min_inliers` pairs agree on a homography."""
     own, other = match_features(source, target)
     if len(own) < min_inliers:
         return None

@@ -40,17 +40,14 @@ class Scaling:
 def gauss_newton_step(
     matrix: FloatArray, scaling: Scaling, mapped: FloatArray, residuals: FloatArray, weights: FloatArray
 ) -> FloatArray | None:
-    """The homography after one weighted Gauss-Newton step.
+    """The homography after one weighted Gauss-Newton step, or None for degenerate points.
 
     Args:
-        matrix: float64[3, 3], source to target.
+        matrix: source to target.
         scaling: of the target points.
-        mapped: float64[n, 2], the source points under `matrix`.
-        residuals: float64[n, 2], the target points less `mapped`.
+        mapped: the source points under `matrix`.
+        residuals: the target points less `mapped`.
         weights: float64[n], 0 or more.
-
-    Returns:
-        float64[3, 3], or None for degenerate points.
     """
     step = _step((mapped - scaling.middle) / scaling.size, residuals / scaling.size, weights)
     return None if step is None else normalised(scaling.forth @ step @ scaling.back @ matrix)
@@ -59,13 +56,13 @@ def gauss_newton_step(
 def corner_deviation(
     matrix: FloatArray, source: FloatArray, rmse: float, shape: tuple[int, int], freedom: int = 8
 ) -> float:
-    """Standard deviation of a fitted motion at the worst corner of a frame, px.
+    """Standard deviation of a fitted motion at the worst corner of a frame.
 
     Args:
-        matrix: float64[3, 3], source to target.
-        source: float64[n, 2], the points it was fitted to.
-        rmse: root mean square residual, px.
-        shape: (height, width) of the source frame, px.
+        matrix: source to target.
+        source: the points it was fitted to.
+        rmse: root mean square residual.
+        shape: of the source frame.
         freedom: parameters of the motion, 8 for a homography, 6 for an affine one.
 
     Source: Hartley and Zisserman, Multiple View Geometry, section 5.2.

@@ -1,7 +1,7 @@
 """Joint alignment: one homography aligns all patches of a keyframe with a frame."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray, corners, inverse, project
 from streamkit_stitcher.registration.gauss_newton import Scaling, monomials
-from streamkit_stitcher.registration.joint_level import JointLevel
 from streamkit_stitcher.registration.patch_steps import improve, settle
+from streamkit_stitcher.registration.patches import PatchLevel, prepare
 
 _PASSES: Final = 3
 _SETTLED: Final = 0.3
@@ -21,6 +21,45 @@ _ACROSS: Final[FloatArray] = np.zeros((8, 6))
 _ACROSS[[0, 1, 2, 6, 7], [3, 4, 5, 0, 1]] = 1, 1, 1, -1, -1
 _DOWN: Final[FloatArray] = np.zeros((8, 6))
 _DOWN[[3, 4, 5, 6, 7], [3, 4, 5, 1, 2]] = 1, 1, 1, -1, -1
+
+
+@dataclass(frozen=True, eq=False)
+class JointLevel:
+    """Patches of one pyramid level, in an order whose every leading part covers the whole frame.
+
+    Attributes:
+        patches: the patches.
+        numbers: int64[n], their numbers in the keyframe.
+        scaling: of their centres.
+    """
+
+    patches: PatchLevel
+    numbers: npt.NDArray[np.int64]
+    scaling: Scaling
+
+    def without(self, left_out: MaskArray) -> "JointLevel":
+        """Marks patches as not usable, bool[n]."""
+        return replace(self, patches=replace(self.patches, usable=self.patches.usable & ~left_out))
+
+    def part(self, chosen: npt.NDArray[np.int64]) -> "JointLevel":
+        """Some of the patches, by their indices."""
+        return JointLevel(self.patches.part(chosen), self.numbers[chosen], self.scaling)
+
+
+def spread_order(count: int) -> npt.NDArray[np.int64]:
+    """The numbers below `count`, each leading part evenly spread, int64[count].
+
+    Source: van der Corput, Verteilungsfunktionen, 1935.
+    """
+    numbers, reversed_bits = np.arange(count), np.zeros(count, dtype=np.int64)
+    for bit in range(max(1, count - 1).bit_length()):
+        reversed_bits = reversed_bits << 1 | numbers >> bit & 1
+    return np.argsort(reversed_bits, kind="stable")
+
+
+def joint_level(patches: GreyArray, centres: FloatArray, numbers: npt.NDArray[np.int64]) -> JointLevel:
+    """Prepares n >= 1 patches from `cut_patches`, their centres, and their numbers in the keyframe."""
+    return JointLevel(prepare(patches, centres), numbers, Scaling.of(centres))
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,18 +98,15 @@ class JointAlignment:
 def align_coarsely(
     level: JointLevel, image: GreyArray, key_to_frame: FloatArray, count: int, passes: int, settled: float
 ) -> FloatArray | None:
-    """Improves a predicted motion until it converges.
+    """Improves a predicted motion until it converges, else None.
 
     Args:
         level: patches of the keyframe.
-        image: uint8[h, w], the frame at the same reduction.
-        key_to_frame: float64[3, 3], right to a few px of this level.
+        image: the frame at the same reduction.
+        key_to_frame: prediction, right to a few px of this level.
         count: number of leading patches to use.
         passes: most iterations.
-        settled: largest displacement of a patch in the last iteration, px.
-
-    Returns:
-        float64[3, 3], or None without convergence.
+        settled: largest displacement of a patch in the last iteration.
     """
     patches, matrix = level.patches.part(slice(count)), key_to_frame.copy()
     found = settle(
@@ -89,21 +125,13 @@ def align_coarsely(
 def align_jointly(
     level: JointLevel, image: GreyArray, key_to_frame: FloatArray, threshold: float
 ) -> JointAlignment | None:
-    """Aligns the keyframe with a frame, to a few hundredths of a pixel.
+    """Aligns the keyframe with a frame, to a few hundredths of a pixel; None without convergence.
 
     Each patch is compared with the frame through the homography's local affine part; the homography minimises
     all differences, weighted by each patch's contrast and correlation in both directions. Outliers such as
     cars are rejected while all patches have about equal weights: otherwise the corners of a few tall roofs,
-    with more contrast than all the ground, would define the plane.
-
-    Args:
-        level: patches of the keyframe.
-        image: uint8[h, w], the frame.
-        key_to_frame: float64[3, 3], right to about half a pixel.
-        threshold: largest residual of an inlier, px.
-
-    Returns:
-        The alignment, or None without convergence.
+    with more contrast than all the ground, would define the plane. `key_to_frame` must be right to about half
+    a pixel; `threshold` is the largest residual of an inlier.
 
     Source: Baker and Matthews, Lucas-Kanade 20 years on, IJCV 2004, section 3.2 (inverse compositional).
     """

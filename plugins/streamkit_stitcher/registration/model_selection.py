@@ -46,14 +46,9 @@ class MotionRule:
     strict: bool = True
 
     def apply(self, fit: MotionFit, source: FloatArray, target: FloatArray) -> MotionFit:
-        """Restricts a fitted homography to an allowed model.
+        """Restricts a homography fitted to `source` and `target` to an allowed model.
 
         Keyframes may all have the same tilt while the frames between them do not.
-
-        Args:
-            fit: the fitted homography.
-            source: float64[n, 2], the points it was fitted to.
-            target: float64[n, 2].
         """
         simple = restrict(fit, self.model, source, target)
         if simple is fit or self.strict:

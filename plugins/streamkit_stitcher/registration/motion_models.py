@@ -96,11 +96,11 @@ def fit_homography(
     not three times the median residual.
 
     Args:
-        source: float64[n, 2].
-        target: float64[n, 2].
+        source: points.
+        target: points.
         threshold: largest residual of an inlier, px of the target.
         refinements: iterations of the refinement.
-        start: float64[3, 3], a prediction; refined without RANSAC where most pairs are its inliers.
+        start: a prediction; refined without RANSAC where most pairs are its inliers.
         weights: float64[n], of the pairs in the refinement, such as inverse variances.
 
     Returns:
@@ -141,16 +141,7 @@ def fit_similarity(source: FloatArray, target: FloatArray, threshold: float) -> 
 
 
 def least_squares(model: MotionModel, source: FloatArray, target: FloatArray) -> FloatArray | None:
-    """Fits a homography, affine motion or similarity to all pairs; None for degenerate ones.
-
-    Args:
-        model: the motion model.
-        source: float64[n, 2], without outliers.
-        target: float64[n, 2].
-
-    Returns:
-        float64[3, 3], source to target.
-    """
+    """Fits a homography, affine motion or similarity to pairs without outliers; None for degenerate ones."""
     middle, goal = source.mean(axis=0), target.mean(axis=0)
     inner, outer = source - middle, target - goal
     power = float((inner**2).sum())
@@ -173,17 +164,7 @@ def least_squares(model: MotionModel, source: FloatArray, target: FloatArray) ->
 
 
 def restrict(fit: MotionFit, model: MotionModel, source: FloatArray, target: FloatArray) -> MotionFit:
-    """Refits a homography's inliers with a simpler model.
-
-    Args:
-        fit: the fitted homography.
-        model: the motion model.
-        source: float64[n, 2], the points it was fitted to.
-        target: float64[n, 2].
-
-    Returns:
-        The simpler fit with the same inliers; `fit` where that fails or nothing is simpler.
-    """
+    """Refits a homography's inliers with a simpler model; `fit` where that fails or nothing is simpler."""
     if model is MotionModel.HOMOGRAPHY or fit.model is not MotionModel.HOMOGRAPHY:
         return fit
     first, second = source[fit.inliers], target[fit.inliers]
@@ -205,17 +186,7 @@ _LADDER: Final = ((fit_homography, 1.0), (fit_affine, 0.6), (fit_similarity, 0.4
 def fit_motion(
     source: FloatArray, target: FloatArray, shape: tuple[int, int], limits: FitLimits
 ) -> tuple[MotionFit | None, MotionFit]:
-    """Fits the motion model with the most parameters that can be accepted.
-
-    Args:
-        source: float64[n, 2].
-        target: float64[n, 2].
-        shape: (height, width) of both images, px.
-        limits: what the fit must reach.
-
-    Returns:
-        The accepted fit or None, and the fit with the most inliers.
-    """
+    """The fit of the most general model that meets the limits, or None, and the fit with the most inliers."""
     best = NO_FIT
     for fit_model, share in _LADDER:
         fit = fit_model(source, target, limits.ransac_threshold)

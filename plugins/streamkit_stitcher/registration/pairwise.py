@@ -119,14 +119,7 @@ def is_noise(thumbnail: FloatArray) -> bool:
 def working_image(
     images: Sequence[GreyArray], level: int, detector: CornerDetector, most: int
 ) -> WorkingImage:
-    """Detects the corners of a frame at working size.
-
-    Args:
-        images: the frame and its halvings, more than `level` of them.
-        level: which of them is at working size.
-        detector: keeps its threshold from frame to frame.
-        most: most corners.
-    """
+    """Detects at most `most` corners of the image at working size, which is `level`."""
     reduced = images[level]
     thumbnail = cv2.resize(reduced, _THUMBNAIL, interpolation=cv2.INTER_AREA).astype(np.float64)
     return WorkingImage(reduced, 2**level, detector.detect(reduced, most), thumbnail)
@@ -138,13 +131,8 @@ def register(
     """Registers `current` to `earlier`: homography, else affine, similarity, translation, nothing.
 
     A doubtful result is tried again with the exposure of `earlier` matched to `current` and the motion
-    started from phase correlation, for gain steps and large shifts.
-
-    Args:
-        earlier: the frame to register to, of the same size.
-        current: the frame to register.
-        guess: float64[3, 3], predicted motion of full-size pixels, `current` to `earlier`.
-        limits: what a motion must reach; the threshold is in px of the reduced images.
+    started from phase correlation, for gain steps and large shifts. `guess` predicts the motion of full-size
+    pixels, `current` to `earlier`; the threshold of `limits` is in px of the reduced images.
 
     Source: Lucas and Kanade 1981, Bouguet's pyramidal form; Kuglin and Hines, The phase correlation image
     alignment method, 1975.
@@ -191,13 +179,8 @@ def _unfitted(
 def thumbnail_correlation(earlier: WorkingImage, current: WorkingImage, matrix: FloatArray) -> float:
     """Normalised cross-correlation of two thumbnails over their overlap, -1 to 1.
 
-    Args:
-        earlier: the frame registered to.
-        current: the registered frame.
-        matrix: float64[3, 3], full-size pixels of `current` to those of `earlier`.
-
-    Returns:
-        The correlation; 0 where less than a tenth overlaps or one side is flat.
+    0 where less than a tenth overlaps or one side is flat. `matrix` maps full-size pixels of `current` to
+    those of `earlier`.
     """
     width, height = _THUMBNAIL
     rows, columns = current.grey.shape

@@ -35,15 +35,10 @@ _EVEN: Final[_SingleArray] = np.full(_PIXELS, 1 / _PIXELS, dtype=np.float32)
 
 
 def pyramid(images: Sequence[GreyArray], levels: int) -> tuple[GreyArray, ...]:
-    """Extends an image pyramid by 2 x 2 block averages.
+    """Extends an image pyramid by 2 x 2 block averages to `levels`, fewer where a side would fall below 1 px.
 
-    Args:
-        images: uint8[h, w] and its existing halvings.
-        levels: number of images to return.
-
-    Returns:
-        The image and its halvings, fewer where a side would fall below 1 px. An odd last row or column is
-        dropped, so that pixel x of level k stays at full-size x * 2**k + (2**k - 1) / 2.
+    An odd last row or column is dropped, so that pixel x of level k stays at full-size
+    x * 2**k + (2**k - 1) / 2.
     """
     result = list(images)
     while len(result) < levels and min(result[-1].shape) >= 2:
@@ -83,15 +78,7 @@ class PatchLevel:
 
 
 def cut_patches(image: GreyArray, centres: FloatArray) -> GreyArray:
-    """Cuts 17 x 17 px around each centre; edge pixels repeat beyond the border.
-
-    Args:
-        image: uint8[h, w].
-        centres: float64[n, 2], x y, whole pixels.
-
-    Returns:
-        uint8[n, 17, 17].
-    """
+    """Cuts uint8[n, 17, 17] around centres at whole pixels; edge pixels repeat beyond the border."""
     reach = RADIUS + 1
     bordered = cv2.copyMakeBorder(image, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
     windows = np.lib.stride_tricks.sliding_window_view(bordered, (2 * reach + 1, 2 * reach + 1))
@@ -101,11 +88,7 @@ def cut_patches(image: GreyArray, centres: FloatArray) -> GreyArray:
 
 
 def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
-    """Computes gradients and Hessians of patches, for any number of alignments.
-
-    Args:
-        patches: uint8[n, 17, 17] from `cut_patches`.
-        centres: float64[n, 2].
+    """Computes gradients and Hessians of patches from `cut_patches`, for any number of alignments.
 
     Source: Baker and Matthews, Lucas-Kanade 20 years on, IJCV 2004, section 3.2 (inverse compositional).
     """
@@ -167,12 +150,9 @@ def align(
 
     Args:
         level: patches of the keyframe.
-        image: uint8[h, w], the frame at the same reduction.
-        key_to_frame: float64[3, 3], predicted motion in px of this level, right to about 3 px.
-        tolerance: largest last step of most patches, px.
-
-    Returns:
-        The patches that converged.
+        image: the frame at the same reduction.
+        key_to_frame: prediction in px of this level, right to about 3 px.
+        tolerance: largest last step of most patches.
     """
     visible = level.usable & _inside(_affine_parts(key_to_frame, level.centres)[:, :, 2], image.shape)
     chosen = np.flatnonzero(visible)

@@ -8,8 +8,7 @@ import pytest
 
 from streamkit import ElementFailure, Frame, Pipeline, Pose, raw_video_caps
 from streamkit.testing import Harness
-from streamkit_stitcher.flight_plan.attitude import camera_tilt
-from streamkit_stitcher.flight_plan.rectification import Camera, levelling
+from streamkit_stitcher.flight_plan.rectification import Camera, camera_tilt, levelling
 
 SHAPE = (480, 640)
 CAMERA = Camera(600.0, distortion=(-0.2, 0.05, 0.0, 0.0))

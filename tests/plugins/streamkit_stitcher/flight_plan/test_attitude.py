@@ -5,8 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from streamkit_stitcher.flight_plan.attitude import STRAIGHT_DOWN, camera_tilt, rotation
-from streamkit_stitcher.flight_plan.rectification import Camera, levelling
+from streamkit_stitcher.flight_plan.rectification import (
+    STRAIGHT_DOWN,
+    Camera,
+    camera_tilt,
+    levelling,
+    rotation,
+)
 
 SHAPE = (480, 640)
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
-from streamkit_stitcher.mosaic.georeference import PositionFix, georeference, local_metres
+from streamkit_stitcher.flight_plan.plan import GeodeticPoint
+from streamkit_stitcher.mosaic.georeference import georeference, local_metres
 from streamkit_stitcher.mosaic.geotiff import north_up, to_utm, utm_code, write_geotiff
 
-ORIGIN = PositionFix(46.8, -92.1)
+ORIGIN = GeodeticPoint(46.8, -92.1)
 SHAPE = (200, 300)
 
 
@@ -17,13 +18,14 @@ def fixes_of(pixels, wrong=()):
     """Positions of image middles: 0.1 m a pixel, mosaic turned by 30 degrees; some 40 m off."""
     turn = math.radians(30)
     fixes = []
+    near = GeodeticPoint(ORIGIN.latitude + 1e-4, ORIGIN.longitude + 1e-4)
     for number, (x, y) in enumerate(pixels):
         east = 0.1 * (x * math.cos(turn) + y * math.sin(turn))
         north = 0.1 * (x * math.sin(turn) - y * math.cos(turn))
-        scale = local_metres([PositionFix(ORIGIN.latitude + 1e-4, ORIGIN.longitude + 1e-4)], ORIGIN)[0] / 1e-4
+        scale = local_metres([near], ORIGIN)[0] / 1e-4
         shift = 40.0 if number in wrong else 0.0
         fixes.append(
-            PositionFix(ORIGIN.latitude + (north + shift) / scale[1], ORIGIN.longitude + east / scale[0])
+            GeodeticPoint(ORIGIN.latitude + (north + shift) / scale[1], ORIGIN.longitude + east / scale[0])
         )
     return fixes
 
@@ -48,7 +50,7 @@ def test_too_few_positions_say_nothing():
 
 @pytest.mark.parametrize(
     ("place", "code"),
-    [(ORIGIN, 32615), (PositionFix(-23.5, -46.8), 32723), (PositionFix(10.0, 180.0), 32660)],
+    [(ORIGIN, 32615), (GeodeticPoint(-23.5, -46.8), 32723), (GeodeticPoint(10.0, 180.0), 32660)],
 )
 def test_the_zone_of_a_position(place, code):
     """North and south, east and west, and the last meridian."""

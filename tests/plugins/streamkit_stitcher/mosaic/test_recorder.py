@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
+from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.frame_store import FrameStore
-from streamkit_stitcher.mosaic.georeference import PositionFix
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
 from streamkit_stitcher.plane.frame_registration import FrameRegistration, Status
@@ -131,7 +131,7 @@ def test_the_final_mosaic_uses_the_adjusted_homographies(ground, tmp_path):
     """Frames follow the keyframe they were measured against; the error to the positions is reported."""
     recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png")))
     # 0.1 m a pixel on the equator, flown east.
-    fixes = [PositionFix(0.0, left * 0.1 / 111_319.49) for left in (0, 300, 600)]
+    fixes = [GeodeticPoint(0.0, left * 0.1 / 111_319.49) for left in (0, 300, 600)]
     for number, left in enumerate((0.0, 340.0, 560.0)):
         where = registered(left, keyframe=True, key_index=number)
         add(recorder, where, ground[:360, 300 * number : 300 * number + 640], fixes[number])
@@ -183,7 +183,7 @@ def test_a_geotiff_has_north_on_top(ground, tmp_path):
         recorder = MosaicRecorder(RecorderSettings(str(tmp_path / name)))
         for number in range(4):
             # Flown north, to the right of the plane: 0.1 m a pixel.
-            fix = PositionFix(number * 30.0 / 110_574.0, 3.0)
+            fix = GeodeticPoint(number * 30.0 / 110_574.0, 3.0)
             where = registered(300.0 * number, keyframe=True, key_index=number)
             add(recorder, where, ground[:360, 300 * number : 300 * number + 640], fix)
         recorder.finish({n: translation(np.array([300.0 * n, 0.0])) for n in range(4)})

@@ -3,6 +3,7 @@
 import threading
 from typing import Any
 
+from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings
 from streamkit_stitcher.plane.adjuster import NOTHING, BackgroundAdjuster
 
 WORKER = "adjuster"
@@ -15,7 +16,7 @@ class Held(BackgroundAdjuster):
         super().__init__()
         self.gate = threading.Event()
 
-    def _run(self, job: Any) -> Any:
+    def _run(self, *job: Any) -> Any:
         self.gate.wait(30)
         return NOTHING
 
@@ -23,7 +24,7 @@ class Held(BackgroundAdjuster):
 def test_a_retired_worker_has_ended_when_closed() -> None:
     """Closing waits for the last adjustment, and no thread is left."""
     adjuster = Held()
-    adjuster.submit(None)  # type: ignore[arg-type]
+    adjuster.submit(None, AdjustmentSettings(), lambda closer: ())
     adjuster.forget_features()
     opener = threading.Timer(0.2, adjuster.gate.set)
     opener.start()

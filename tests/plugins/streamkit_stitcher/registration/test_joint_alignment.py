@@ -6,8 +6,12 @@ import pytest
 
 from streamkit.geometry.homography import corners, project, translation
 from streamkit_stitcher.registration.corners import even_corners
-from streamkit_stitcher.registration.joint_alignment import align_coarsely, align_jointly
-from streamkit_stitcher.registration.joint_level import joint_level, spread_order
+from streamkit_stitcher.registration.joint_alignment import (
+    align_coarsely,
+    align_jointly,
+    joint_level,
+    spread_order,
+)
 from streamkit_stitcher.registration.patches import cut_patches
 
 SHAPE = (360, 640)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.registration.joint_level import joint_level, spread_order
+from streamkit_stitcher.registration.joint_alignment import joint_level, spread_order
 
 
 @pytest.fixture

@@ -6,8 +6,7 @@ import pytest
 
 from streamkit.geometry.homography import project, translation
 from streamkit_stitcher.registration.gauss_newton import Scaling
-from streamkit_stitcher.registration.joint_alignment import align_coarsely
-from streamkit_stitcher.registration.joint_level import joint_level
+from streamkit_stitcher.registration.joint_alignment import align_coarsely, joint_level
 from streamkit_stitcher.registration.patch_steps import probe, solve
 from streamkit_stitcher.registration.patches import cut_patches, prepare
 
