@@ -110,14 +110,9 @@ class LiveMosaic:
             self._executor.do(partial(self._show, None, self._element.flushes))
 
     def finish(self, plane: KeyframeMap | None, stopping: threading.Event | None = None) -> bool:
-        """Writes the mosaic of the current plane, and waits for it.
+        """Writes the mosaic of the current plane, and waits for it; returns whether it is done.
 
-        Args:
-            plane: its keyframes.
-            stopping: ends the wait; call again to continue it.
-
-        Returns:
-            Whether it is done.
+        `stopping` ends the wait; call again to continue it.
 
         Raises:
             OSError: the mosaic could not be written, or there was no progress for two minutes.

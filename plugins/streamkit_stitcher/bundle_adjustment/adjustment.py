@@ -52,13 +52,9 @@ class Adjustment:
 
 
 def adjust(problem: PlaneProblem, settings: AdjustmentSettings | None = None) -> Adjustment:
-    """Minimises the reprojection error over homographies and plane points.
+    """Minimises the reprojection error over homographies and plane points, from near the solution.
 
     Points without observations are unchanged.
-
-    Args:
-        problem: the frames, points and observations, near the solution.
-        settings: of the iteration.
 
     Raises:
         ValueError: the problem is inconsistent.

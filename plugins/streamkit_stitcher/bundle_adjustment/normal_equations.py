@@ -65,11 +65,8 @@ def solve(
 ) -> tuple[FloatArray, FloatArray]:
     """One damped step by the Schur complement: cameras first, then points.
 
-    Args:
-        equations: the normal equations.
-        layout: the order of the observations.
-        basis: float64[8, c], from a camera's free parameters to its matrix elements.
-        damping: factor of the diagonal that is added to it.
+    `basis` float64[8, c] maps a camera's free parameters to its matrix elements; `damping` is the factor of
+    the diagonal that is added to it.
 
     Returns:
         float64[f, 8] changes of the free cameras' elements and float64[2, m] of the points.
@@ -108,15 +105,9 @@ def solve(
 
 
 def _camera_rows(views: Views, layout: Layout, mixture: FloatArray) -> FloatArray:
-    """Mixed derivatives of x and y by the camera's elements, with a column for a right-hand side.
+    """Mixed derivatives of x and y by the free cameras' elements, float64[k', 2, 9], the last column not set.
 
-    Args:
-        views: in the layout's order.
-        layout: the order of the observations.
-        mixture: float64[2, 2, k], weights of x and y in each of the two rows, divided by the depth.
-
-    Returns:
-        float64[k', 2, 9] of the free cameras' observations, the last column not set.
+    `mixture` float64[2, 2, k] holds the weights of x and y in each of the two rows, divided by the depth.
     """
     count = int(layout.camera_bounds[-1])
     x, y = views.points[:, :count]

@@ -11,29 +11,16 @@ from streamkit.geometry.homography import FloatArray
 
 
 def projected(cameras: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Projects each point through its own homography.
-
-    Args:
-        cameras: float64[k, 3, 3].
-        points: float64[k, 2].
-
-    Returns:
-        float64[k, 2] and the third homogeneous coordinate, float64[k].
-    """
+    """Projects points by a homography each: points, and the third homogeneous coordinate, float64[k]."""
     x, y = points.T[:, :, np.newaxis]
     mapped = cameras[:, :, 0] * x + cameras[:, :, 1] * y + cameras[:, :, 2]
     return mapped[:, :2] / mapped[:, 2:], mapped[:, 2]
 
 
 def robust_cost(residuals: FloatArray, huber: float) -> tuple[float, FloatArray | None]:
-    """Half the sum of Huber's function of the residuals' lengths, and their weights.
+    """Half the sum of Huber's function of residuals float64[2, k], and their weights, None where all are 1.
 
-    Args:
-        residuals: float64[2, k].
-        huber: length from which the cost grows linearly.
-
-    Returns:
-        The cost and float64[k] weights; None where all are 1.
+    The cost grows linearly from a length of `huber` on.
     """
     squares = residuals[0] * residuals[0]
     squares += residuals[1] * residuals[1]

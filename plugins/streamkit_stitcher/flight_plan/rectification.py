@@ -69,16 +69,13 @@ def rotation(pitch: float, roll: float, yaw: float) -> FloatArray:
 
 
 def levelling(camera: Camera, shape: tuple[int, int], roll: float, pitch: float) -> FloatArray:
-    """The homography to a frame of the same camera looking straight down.
+    """The homography from an undistorted frame to one of the same camera looking straight down.
 
     Args:
         camera: the intrinsic parameters.
-        shape: (height, width), px.
+        shape: of the frame.
         roll: about the image's y axis, right side down positive, rad.
         pitch: about the image's x axis, top of the frame up positive, rad.
-
-    Returns:
-        float64[3, 3], pixels of the undistorted frame to pixels of the levelled one.
 
     Raises:
         ValueError: the tilt exceeds 45 degrees, where the horizon may be in view.

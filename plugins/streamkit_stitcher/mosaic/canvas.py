@@ -82,14 +82,10 @@ class Canvas:
         self._from_current = normalised(self._from_current @ inverse(change))
 
     def make_room(self, points: FloatArray, channels: int) -> bool:
-        """Extends the canvas to points, at a lower scale if necessary.
+        """Extends the canvas to points in px at scale 1, at a lower scale if necessary.
 
-        Args:
-            points: float64[n, 2], x y in px of a canvas at scale 1.
-            channels: of the pixels; only the first call decides.
-
-        Returns:
-            False, with nothing changed, where a sixteenth of the resolution would not be enough.
+        Only the first call decides the channels. False, with nothing changed, where a sixteenth of the
+        resolution would not be enough.
         """
         if float(np.abs(points).max()) > self._longest:
             return False

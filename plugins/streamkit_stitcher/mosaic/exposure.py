@@ -16,10 +16,7 @@ _RANGE: Final = (0.5, 2.0)
 
 
 def gains(footprints: Sequence[Footprint]) -> FloatArray:
-    """One gain per frame and channel, near 1, float64[n, c].
-
-    Args:
-        footprints: the frames on the planning grid, with the same number of channels.
+    """One gain per frame and channel, near 1, float64[n, c], for frames on the planning grid.
 
     Source: Brown and Lowe, Automatic panoramic image stitching, IJCV 2007, section 6.
     """

@@ -18,10 +18,7 @@ _LONGEST_JPEG_SIDE: Final = 65500
 
 
 def check_location(location: str) -> None:
-    """Checks a location before the flight.
-
-    Args:
-        location: path of the image, with `%d` for a file per plane.
+    """Checks the path of an image, with `%d` for a file per plane, before the flight.
 
     Raises:
         OSError: the suffix is unknown, the number format is wrong, or the directory is not writable.

@@ -150,15 +150,12 @@ class MosaicFrames:
     def write(
         self, covered_px: float, homographies: Mapping[int, FloatArray] | None, rmse: float
     ) -> WrittenMosaic | None:
-        """Writes the mosaic of the current plane.
+        """Writes the mosaic of the current plane; None for nothing, or where a larger one was written before.
 
         Args:
             covered_px: area covered by the frames; of planes that share one file the largest is kept.
             homographies: of the keyframes after adjustment; None for the incremental mosaic.
-            rmse: of the tie points of the adjustment, px.
-
-        Returns:
-            What was written; None where there is nothing, or a larger one was written before.
+            rmse: of the tie points of the adjustment.
 
         Raises:
             OSError: it could not be written.

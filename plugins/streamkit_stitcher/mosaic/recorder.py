@@ -111,12 +111,9 @@ class MosaicRecorder:
     ) -> "Future[None]":
         """Writes the current mosaic after everything added before, and starts another.
 
-        Args:
-            adjust: returns the adjusted homographies of the keyframes.
-            written: called with the result, unless there is nothing or a larger one was written before.
-
-        Returns:
-            Done when the file is; has an OSError where it could not be written.
+        `adjust` returns the adjusted homographies of the keyframes; `written` is called with the result,
+        unless there is nothing or a larger one was written before. The future is done when the file is; it
+        has an OSError where it could not be written.
         """
         work = partial(
             self._write, self._coverage.covered_px, self.is_empty, self._reference, adjust, written

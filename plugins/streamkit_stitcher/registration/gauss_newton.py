@@ -14,10 +14,10 @@ class Scaling:
     """Normalised coordinates, in which points are of unit size about the origin.
 
     Attributes:
-        middle: float64[2], px.
-        size: half the side of the points' bounding box, px.
-        forth: float64[3, 3], normalised coordinates to px.
-        back: float64[3, 3], its inverse.
+        middle: float64[2].
+        size: half the side of the points' bounding box.
+        forth: normalised coordinates to px.
+        back: its inverse.
 
     Source: Hartley, In defense of the eight-point algorithm, PAMI 1997.
     """

@@ -30,16 +30,13 @@ def fit_wide_baseline(
     """Fits the homography with the maximum likelihood over inliers and outliers.
 
     OpenCV's estimators propose homographies at several thresholds; the best supported proposals are refined
-    by expectation maximisation.
+    by expectation maximisation. None for fewer than 4 pairs or degenerate ones.
 
     Args:
-        source: float64[n, 2].
-        target: float64[n, 2].
-        threshold: largest residual of an inlier and largest deviation of the inliers, px of the target.
+        source: points.
+        target: points.
+        threshold: largest residual of an inlier and largest deviation of the inliers.
         iterations: most samples of each estimator; 1000 find a fit that a quarter of the matches support.
-
-    Returns:
-        The fit, or None for fewer than 4 pairs or degenerate ones.
     """
     if len(source) < 4:
         return None
