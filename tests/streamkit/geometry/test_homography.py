@@ -88,3 +88,16 @@ def test_scale_change_is_linear_magnification():
     """Twice as large in both directions is 2, a mirror is degenerate."""
     assert h.scale_change(np.diag([2.0, 2.0, 1.0]), SHAPE) == pytest.approx(2.0)
     assert h.scale_change(np.diag([-1.0, 1.0, 1.0]), SHAPE) == 0.0
+
+
+def test_few_and_many_points_are_projected_to_the_same_bits() -> None:
+    """However many are mapped at once; a point at infinity comes out as zeros."""
+    matrix = np.array([[1.1, 0.02, 3.0], [-0.01, 0.9, 5.0], [1e-4, -2e-4, 1.0]])
+    points = np.random.default_rng(4).uniform(-900, 900, (40, 2))
+    many = h.project(matrix, points)
+    assert np.array_equal(
+        np.concatenate([h.project(matrix, points[n : n + 4]) for n in range(0, 40, 4)]), many
+    )
+    flat = np.array([[1.0, 0, 0], [0, 1, 0], [1, 0, 0]])
+    assert h.project(flat, np.array([[0.0, 1.0]])).tolist() == [[0.0, 0.0]]
+    assert h.project(flat, np.zeros((20, 2))).tolist() == [[0.0, 0.0]] * 20
