@@ -61,7 +61,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--frames", type=int, default=50_000)
     frames = parser.parse_args().frames
-    tracker = MultiTargetTracker(TrackerSettings(coast_s=1.0))
+    tracker = MultiTargetTracker(TrackerSettings(coast=1.0))
     costs, last_id = [], 0
     print("| frames | ms of CPU, median | 99th percentile | resident MB | ids given |\n|---|---|---|---|---|")
     for index, (image, boxes) in zip(range(1, frames + 1), scene(), strict=False):

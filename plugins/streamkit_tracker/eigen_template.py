@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from streamkit.settings import setting
 from streamkit_kernels import compiled, product
 from streamkit_tracker.frame_crops import Float32Array
 from streamkit_tracker.principal_rows import principal_rows
@@ -19,17 +20,11 @@ NOISE_SHARE = 0.02  # residual a pixel has anyway; directions that vary less are
 
 @dataclass(frozen=True)
 class EigenSettings:
-    """How an eigen template learns.
+    """How an eigen template learns."""
 
-    Attributes:
-        components: largest number of eigenvectors kept.
-        batch: patches gathered before the basis is updated.
-        forgetting: weight of the past at each update, 0 to 1.
-    """
-
-    components: int = 16
-    batch: int = 5
-    forgetting: float = 0.95
+    eigenvectors: int = setting(16, min=0, max=128, doc="Largest size of a template's eigen basis.")
+    batch: int = setting(5, min=1, max=100, unit="frames", doc="Patches learnt at once.")
+    forgetting: float = setting(0.95, min=0.01, max=1.0, doc="Weight of the past at each update.")
 
 
 class EigenTemplate:
@@ -88,7 +83,7 @@ class EigenTemplate:
             rows,
             mean,
         )
-        most = min(self._settings.components, len(rows))
+        most = min(self._settings.eigenvectors, len(rows))
         basis, singular_values = np.empty((most, len(mean)), np.float32), np.empty(most, np.float32)
         kept = principal_rows(rows, basis, singular_values)
         self.basis, self.singular_values = basis[:kept], singular_values[:kept]
@@ -97,7 +92,7 @@ class EigenTemplate:
 
     def _stack(self) -> None:
         """Prepares float32[components + 2, p]: the basis as far as it is forgiven, the mean and ones."""
-        components, pixels = self._settings.components, self.mean.size
+        components, pixels = self._settings.eigenvectors, self.mean.size
         self.rows = np.empty((components + 2, pixels), np.float32)
         self.constants = np.empty((2, components + 1), np.float32)
         noise = NOISE_SHARE * pixels * self._count

@@ -13,6 +13,7 @@ from streamkit import (
     Property,
     PropertyError,
     Provenance,
+    SettingsOf,
     Track,
     Tracks,
     TrackState,
@@ -20,9 +21,7 @@ from streamkit import (
     luma,
 )
 from streamkit_kernels import COMPILING, telling
-from streamkit_tracker.eigen_template import EigenSettings
 from streamkit_tracker.frame_link import FrameLink
-from streamkit_tracker.layered_filter import LayerSettings
 from streamkit_tracker.observation import TargetReport
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.tracker import MultiTargetTracker
@@ -59,64 +58,21 @@ class ParticleTrack(Transform):
         live=True,
         doc="x,y,w,h[,angle in rad]: left, top, size of a target in the next frame; each new one adds one.",
     )
-    auto_start: bool = Property(True, doc="Whether detections start targets.")
-    max_targets: int = Property(
-        64, min=1, max=1000, doc="Confirmed targets at once; 4 times as many tentative."
-    )
+    settings = SettingsOf(TrackerSettings)
     given_up: int = Property(
         0, read=lambda element: element._given_up(), doc="Targets that had to make room for others."
     )
-    budget_ms: float = Property(
-        0.0,
-        min=0.0,
-        max=10_000.0,
-        unit="ms",
-        doc="Time for a frame before particles and looks become fewer; 0 is no limit, and repeatable.",
-    )
-    birth_hits: int = Property(3, min=1, max=100, doc="Detections that confirm a target.")
-    birth_window: int = Property(5, min=1, max=100, unit="frames", doc="The frames they have to lie in.")
-    min_travel: float = Property(
-        4.0, min=0.0, unit="px", doc="Way over the ground before a target is confirmed."
-    )
-    max_speed: float = Property(500.0, min=1.0, unit="px/s", doc="Fastest target expected, in frame pixels.")
-    coast: float = Property(3.0, min=0.0, unit="s", doc="Longest time without a detection.")
-    lost_threshold: float = Property(0.6, min=0.0, max=1.0, doc="Similarity below which a target is unseen.")
-    lost_frames: int = Property(
-        3, min=1, max=1000, unit="frames", doc="Unseen frames from which only a detection finds it."
-    )
-    update_threshold: float = Property(
-        0.85, min=0.0, max=1.0, doc="Similarity from which the template learns; low values learn the ground."
-    )
-    particles: int = Property(220, min=1, max=8000, doc="Positions in layer 1, for a target not detected.")
-    keep: int = Property(12, min=1, max=200, doc="Positions that go on to layers 2 and 3.")
-    size_particles: int = Property(6, min=0, max=50, doc="Sizes tried in layer 2 for each position kept.")
-    angle_particles: int = Property(6, min=0, max=50, doc="Angles tried in layer 3 for each position kept.")
-    std_position: float = Property(
-        0.125, min=0.001, max=5.0, doc="Wide position noise, relative to the target's mean side."
-    )
-    std_size: float = Property(0.02, min=0.0, max=1.0, doc="Relative noise of length and width.")
-    std_angle: float = Property(0.03, min=0.0, max=3.2, unit="rad", doc="Noise of the angle.")
-    sigma: float = Property(
-        0.09, min=0.001, max=10.0, doc="Standard deviation of the residual in the likelihood."
-    )
-    patch: int = Property(
-        32, min=8, max=128, unit="samples", doc="Largest side of the compared patches; 16 in a crowd."
-    )
-    eigenvectors: int = Property(16, min=0, max=128, doc="Largest size of a template's eigen basis.")
-    batch: int = Property(5, min=1, max=100, unit="frames", doc="Patches learnt at once.")
-    forgetting: float = Property(0.95, min=0.01, max=1.0, doc="Weight of the past at each update.")
     compare: Compare = Property(
         Compare.TEMPLATE,
         doc="template: the target's own eigen template; features: the feature space that comes with frames.",
     )
-    seed: int = Property(0, min=0, doc="Same seed and same frames give the same tracks.")
 
     def start(self) -> None:
         """Begins without targets."""
         with telling(lambda: self.post_warning(COMPILING)):
             warm_up()
         self._start_window = None if self.window is None else parse_window(self.window, self.name)
-        self._tracker = MultiTargetTracker(self._settings())
+        self._tracker = MultiTargetTracker(self.settings)
         self._link = FrameLink(self.compare is Compare.FEATURES)
         self._spaceless = False
 
@@ -158,35 +114,6 @@ class ParticleTrack(Transform):
     def _given_up(self) -> int:
         tracker: MultiTargetTracker | None = self.__dict__.get("_tracker")
         return 0 if tracker is None else tracker.given_up
-
-    def _settings(self) -> TrackerSettings:
-        layers = LayerSettings(
-            self.particles,
-            self.keep,
-            self.size_particles,
-            self.angle_particles,
-            self.std_size,
-            self.std_angle,
-        )
-        return TrackerSettings(
-            layers=layers,
-            eigen=EigenSettings(self.eigenvectors, self.batch, self.forgetting),
-            patch=self.patch,
-            std_position=self.std_position,
-            sigma=self.sigma,
-            update_threshold=self.update_threshold,
-            lost_threshold=self.lost_threshold,
-            lost_frames=self.lost_frames,
-            birth_hits=min(self.birth_hits, self.birth_window),
-            birth_window=self.birth_window,
-            min_travel=self.min_travel,
-            coast_s=self.coast,
-            max_speed=self.max_speed,
-            max_targets=self.max_targets,
-            budget_s=self.budget_ms / 1e3,
-            auto_start=self.auto_start,
-            seed=self.seed,
-        )
 
 
 def parse_window(text: str, element: str) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from streamkit.settings import setting
 from streamkit_tracker.particle_layers import (
     collapse,
     estimate,
@@ -24,23 +25,16 @@ POLISH = 0.4
 
 @dataclass(frozen=True)
 class LayerSettings:
-    """How many particles each layer has, and how far they spread.
+    """How many particles each layer has, and how far they spread."""
 
-    Attributes:
-        particles: positions in layer 1.
-        keep: survivors of layer 1.
-        size_particles: sizes tried for each survivor in layer 2.
-        angle_particles: angles tried for each survivor in layer 3.
-        std_size: relative standard deviation of length and width.
-        std_angle: standard deviation of the angle, rad.
-    """
-
-    particles: int = 220
-    keep: int = 12
-    size_particles: int = 6
-    angle_particles: int = 6
-    std_size: float = 0.02
-    std_angle: float = 0.03
+    particles: int = setting(
+        220, min=1, max=8000, doc="Positions in layer 1, for a target without a detection."
+    )
+    keep: int = setting(12, min=1, max=200, doc="Positions that go on to layers 2 and 3.")
+    size_particles: int = setting(6, min=0, max=50, doc="Sizes tried in layer 2 for each position kept.")
+    angle_particles: int = setting(6, min=0, max=50, doc="Angles tried in layer 3 for each position kept.")
+    std_size: float = setting(0.02, min=0.0, max=1.0, doc="Relative noise of length and width.")
+    std_angle: float = setting(0.03, min=0.0, max=3.2, unit="rad", doc="Noise of the angle.")
 
     @property
     def draws(self) -> tuple[int, int, int]:

@@ -1,10 +1,12 @@
-"""Every number the tracker works with, in one frozen record."""
+"""Settings of the tracker: each is a property of particletrack, too."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
+from streamkit.settings import setting
 from streamkit_tracker.eigen_template import EigenSettings
 from streamkit_tracker.layered_filter import LayerSettings
 
@@ -18,51 +20,54 @@ class TrackerSettings:
     """Settings of the multi-target tracker.
 
     Attributes:
-        layers: particles of a target that is searched by its appearance alone.
         seen_layers: particles of a target whose detection was found in the frame.
+        layers: particles of a target that is searched by its appearance alone.
         eigen: how templates learn.
-        patch: largest side of the patches, samples.
-        crowd_patch: the same for targets that start while more than six others are followed.
-        std_position: position noise of the wide part of layer 1, relative to the window's mean side.
-        sigma: standard deviation of the residual in the likelihood exp(-distance / (2 sigma^2)).
+        crowd_patch: largest side of the patches of targets that start while more than six are followed.
         context: side of the sampled window relative to the target, for targets started by detections.
-        update_threshold: least similarity at which a patch is learnt.
-        lost_threshold: similarity below which the target is not seen.
-        lost_frames: frames not seen, neither by appearance nor by detection, from which only a detection
-            finds the target again.
-        birth_hits: detections that confirm a target ...
-        birth_window: ... within so many frames.
-        min_travel: ground distance a target has moved before it is confirmed, px of the frame.
-        coast_s: longest time without a detection, s; a target never coasts for longer than it was detected.
-        max_speed: fastest target expected, px/s of the frame.
-        max_targets: most confirmed targets at once; four times as many may be tentative.
-        budget_s: what a frame may take before there are fewer particles and looks; 0 is no limit.
-        auto_start: whether detections start targets.
-        seed: of every target's random generator, together with its id.
     """
 
-    layers: LayerSettings = field(default_factory=LayerSettings)
-    seen_layers: LayerSettings = field(
-        default_factory=lambda: LayerSettings(particles=32, keep=6, size_particles=2, angle_particles=2)
+    seen_layers: ClassVar = LayerSettings(particles=32, keep=6, size_particles=2, angle_particles=2)
+
+    auto_start: bool = setting(True, doc="Whether detections start targets.")
+    max_targets: int = setting(
+        64, min=1, max=1000, doc="Confirmed targets at once; 4 times as many tentative."
     )
-    eigen: EigenSettings = field(default_factory=EigenSettings)
-    patch: int = 32
+    budget_ms: float = setting(
+        0.0,
+        min=0.0,
+        max=10_000.0,
+        unit="ms",
+        doc="Time for a frame before particles and searches become fewer; 0 is no limit, and repeatable.",
+    )
+    birth_hits: int = setting(3, min=1, max=100, doc="Detections that confirm a target.")
+    birth_window: int = setting(5, min=1, max=100, unit="frames", doc="The frames they have to lie in.")
+    min_travel: float = setting(
+        4.0, min=0.0, unit="px", doc="Distance over the ground before a target is confirmed."
+    )
+    max_speed: float = setting(500.0, min=1.0, unit="px/s", doc="Fastest target expected, in frame pixels.")
+    coast: float = setting(3.0, min=0.0, unit="s", doc="Longest time without a detection.")
+    lost_threshold: float = setting(0.6, min=0.0, max=1.0, doc="Similarity below which a target is unseen.")
+    lost_frames: int = setting(
+        3, min=1, max=1000, unit="frames", doc="Unseen frames from which only a detection finds it."
+    )
+    update_threshold: float = setting(
+        0.85, min=0.0, max=1.0, doc="Similarity from which the template learns; low values learn the ground."
+    )
+    layers: LayerSettings = field(default_factory=LayerSettings)
+    std_position: float = setting(
+        0.125, min=0.001, max=5.0, doc="Wide position noise, relative to the target's mean side."
+    )
+    sigma: float = setting(
+        0.09, min=0.001, max=10.0, doc="Standard deviation of the residual in the likelihood."
+    )
+    patch: int = setting(
+        32, min=8, max=128, unit="samples", doc="Largest side of the compared patches; 16 in a crowd."
+    )
     crowd_patch: int = 16
-    std_position: float = 0.125
-    sigma: float = 0.09
     context: float = 1.15
-    update_threshold: float = 0.85
-    lost_threshold: float = 0.6
-    lost_frames: int = 3
-    birth_hits: int = 3
-    birth_window: int = 5
-    min_travel: float = 4.0
-    coast_s: float = 3.0
-    max_speed: float = 500.0
-    max_targets: int = 64
-    budget_s: float = 0.0
-    auto_start: bool = True
-    seed: int = 0
+    eigen: EigenSettings = field(default_factory=EigenSettings)
+    seed: int = setting(0, min=0, doc="Same seed and same frames give the same tracks.")
 
     def patch_for(self, longest_side: float, followed: int) -> int:
         """Side of the patches of a target that starts now: no more samples than its pixels call for.

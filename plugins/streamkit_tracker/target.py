@@ -135,7 +135,7 @@ class Target:
         self._seen.append(detected)
         self.frames_undetected = 0 if detected else self.frames_undetected + 1
         gain = CREDIT_RATE if detected else -1.0
-        self._credit_s = min(self._credit_s + gain * step_s, self._settings.coast_s)
+        self._credit_s = min(self._credit_s + gain * step_s, self._settings.coast)
 
     def coast(self) -> None:
         """Takes the prediction for this frame, which could not be looked at."""
@@ -278,7 +278,7 @@ class Target:
         elif not hidden:
             self._frames_unseen += 1
         if self.manual and self._alike:
-            self._credit_s = self._settings.coast_s
+            self._credit_s = self._settings.coast
         if self._share > LEAST_SHARE and self.appearance.discriminator is not None:
             self.appearance.discriminator.learn(sampler, self.window, self._share)
         if visible < LEAST_VISIBLE or self._credit_s <= 0:
@@ -339,7 +339,7 @@ class Target:
             self.lose("not detected again before it was confirmed")
         elif (
             sighting is not None
-            and hits >= self._settings.birth_hits
+            and hits >= min(self._settings.birth_hits, self._settings.birth_window)
             and followed < self._settings.max_targets
         ):
             travels = (

@@ -82,7 +82,7 @@ class MultiTargetTracker:
         self._next_id = 1
         self._shape: tuple[int, int] | None = None
         self._close: dict[tuple[int, int], int] = {}
-        self._budget = Budget(self.settings.budget_s)
+        self._budget = Budget(self.settings.budget_ms / 1e3)
         self._frames = 0
         self.given_up = 0
 

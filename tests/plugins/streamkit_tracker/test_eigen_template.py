@@ -27,7 +27,7 @@ def test_unrelated_patches_are_at_distance_two():
 
 def test_folded_normalisation_equals_the_plain_formula():
     """The product with [basis, mean, 1] gives the residual of normalised patches."""
-    template = EigenTemplate(patches(1)[0], EigenSettings(components=4, batch=3))
+    template = EigenTemplate(patches(1)[0], EigenSettings(eigenvectors=4, batch=3))
     for patch in patches(9, seed=2):
         template.update(patch)
     others = patches(5, seed=3)
@@ -53,7 +53,7 @@ def test_the_basis_is_that_of_batch_pca():
         (60, 100)
     )
     template = EigenTemplate(
-        samples[0].astype(np.float32), EigenSettings(components=8, batch=10, forgetting=1.0)
+        samples[0].astype(np.float32), EigenSettings(eigenvectors=8, batch=10, forgetting=1.0)
     )
     for sample in samples.astype(np.float32):
         template.update(sample)

@@ -81,7 +81,7 @@ def test_cars_under_a_moving_camera_are_followed(scenes: ModuleType, seed: int):
 def test_late_frames_look_at_detected_targets_in_turn(scenes: ModuleType):
     """With no time at all, detections alone mostly keep targets in place; all stay followed, under one id."""
     flight = scenes.Flight(some_cars(scenes, 0, 6), frames=70, seed=0)
-    rows = follow(flight, TrackerSettings(budget_s=1e-9))
+    rows = follow(flight, TrackerSettings(budget_ms=1e-6))
     found, false = matches(rows)
     assert len(found) >= 0.85 * sum(len(seen.truth) for seen, _ in rows)
     assert false <= 0.1 * len(rows)
@@ -130,7 +130,7 @@ def test_a_stopped_car_coasts_and_then_ends(scenes: ModuleType):
     car = scenes.Car((100, 100), (70, 20), scenes.car_texture(np.random.default_rng(3)), stops_at=50)
     rows = follow(
         scenes.Flight([car], frames=130, seed=3, miss=0.0, false_alarms=0),
-        TrackerSettings(coast_s=2.0),
+        TrackerSettings(coast=2.0),
     )
     states = [[report.state for report in reports] for _, reports in rows]
     undetected = 61
@@ -148,7 +148,7 @@ def test_what_blinks_in_place_is_never_confirmed(scenes: ModuleType):
 def test_a_car_that_vanishes_leaves_no_ghost(scenes: ModuleType):
     """Where there is only ground left, nothing is confirmed after five frames, and the track ends."""
     car = scenes.Car((100, 100), (70, 20), scenes.car_texture(np.random.default_rng(3)), gone_at=40)
-    settings = TrackerSettings(coast_s=0.8)
+    settings = TrackerSettings(coast=0.8)
     rows = follow(scenes.Flight([car], frames=70, seed=3, miss=0.0, false_alarms=0), settings)
     assert len(confirmed(rows[39][1])) == 1
     assert all(not confirmed(reports) for _, reports in rows[46:])
@@ -172,7 +172,7 @@ def test_doubt_grows_while_nothing_is_seen(scenes: ModuleType):
 def test_an_identity_survives_a_gap(scenes: ModuleType, unseen: int):
     """A car under a roof for half a second or a whole one comes out under the number it had."""
     car = scenes.Car((80, 120), (80, 10), scenes.car_texture(np.random.default_rng(9)))
-    tracker = MultiTargetTracker(TrackerSettings(coast_s=2.0))
+    tracker = MultiTargetTracker(TrackerSettings(coast=2.0))
     roof = scenes.ground(np.random.default_rng(4), 360, 480).astype(np.uint8)
     ids = []
     for index, seen in enumerate(scenes.Flight([car], frames=75, seed=7, miss=0.0, false_alarms=0)):

@@ -48,8 +48,8 @@ def test_a_turning_growing_blinking_target_is_followed(scenes: ModuleType, seed:
 
 
 def test_a_removed_target_is_lost_soon_and_once(scenes: ModuleType):
-    """A target that vanishes coasts within five frames, ends after `coast_s`, once, and never comes back."""
-    rows = follow(scenes.TurningScene(seed=1, frames=40, gone_from=25), TrackerSettings(coast_s=0.3))
+    """A target that vanishes coasts within five frames, ends after `coast`, once, and never comes back."""
+    rows = follow(scenes.TurningScene(seed=1, frames=40, gone_from=25), TrackerSettings(coast=0.3))
     states = [None if report is None else report.state for _, report in rows]
     assert states.count(TargetState.LOST) == 1
     assert 24 <= states.index(TargetState.COASTING) <= 24 + 5
