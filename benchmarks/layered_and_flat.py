@@ -7,10 +7,10 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from streamkit_tracker.eigen_template import EigenTemplate, eigen_distances
-from streamkit_tracker.layered_filter import Cloud, LayerSettings, Proposal, Score, layered_step
+from streamkit_tracker.appearance.eigen_template import EigenTemplate, eigen_distances
+from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
+from streamkit_tracker.update.layered_filter import LayerSettings, Particles, Proposal, Score, layered_step
 from streamkit_tracker.window_geometry import FloatArray, half_turn
-from streamkit_tracker.window_sampling import WindowSampler, shrink_factor
 
 PATCH = (32, 32)
 SETTINGS = LayerSettings()
@@ -24,11 +24,11 @@ GreyStep = tuple[NDArray[np.uint8], FloatArray, FloatArray]
 class Layered:
     """Position, then size, then angle."""
 
-    cloud: Cloud
+    particles: Particles
 
     def carry(self, camera: FloatArray) -> None:
         """Moves the particles with the camera, float64[2]."""
-        self.cloud.positions = self.cloud.positions + camera
+        self.particles.positions = self.particles.positions + camera
 
     def step(self, window: FloatArray, motion: FloatArray, score: Score, generator: Generator) -> FloatArray:
         """The window, float64[5], after one frame."""
@@ -40,8 +40,8 @@ class Layered:
             np.full((1, 2), np.nan),
             np.zeros(1),
         )
-        result = layered_step([self.cloud], [generator], proposal, score, SETTINGS)
-        self.cloud = result.clouds[0]
+        result = layered_step([self.particles], [generator], proposal, score, SETTINGS)
+        self.particles = result.particles[0]
         return np.asarray(result.windows[0])
 
 
@@ -85,7 +85,7 @@ def follow(steps: Iterable[GreyStep], *, layered: bool, seed: int) -> tuple[floa
     window, motion = truth.copy(), np.zeros(5)
     factor = shrink_factor(window, PATCH, sampler.shape)
     template = EigenTemplate(sampler.sample(window[None], PATCH, factor)[0].copy())
-    method: Layered | Flat = Layered(Cloud.at(window)) if layered else Flat(window[None].copy())
+    method: Layered | Flat = Layered(Particles.at(window)) if layered else Flat(window[None].copy())
 
     def score(windows: FloatArray) -> FloatArray:
         patches = sampler.sample(windows.reshape(-1, 5), PATCH, factor)[None]

@@ -21,8 +21,9 @@ import cv2
 import numpy as np
 from tracking_sequences import GONE_FROM, KINDS, FloatArray, Scores, Step, rendered, score, sequences, upright
 
-from streamkit_tracker.observation import Observation, TargetState
+from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker
 from streamkit_tracker.window_geometry import half_turn
 

@@ -22,11 +22,14 @@ from streamkit import (
 )
 from streamkit_kernels import COMPILING, telling
 from streamkit_tracker.frame_link import FrameLink
-from streamkit_tracker.observation import TargetReport
+from streamkit_tracker.report.reports import TargetReport
 from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker
 from streamkit_tracker.warm_up import warm_up
 from streamkit_tracker.window_geometry import FloatArray
+
+STATES = {state: TrackState(state) for state in TargetState}
 
 
 class Compare(enum.StrEnum):
@@ -143,7 +146,7 @@ def track(report: TargetReport) -> Track:
     across, down = report.velocity.tolist()
     return Track(
         id=report.id,
-        state=TrackState(report.state),
+        state=STATES[report.state],
         x=x,
         y=y,
         length=length,

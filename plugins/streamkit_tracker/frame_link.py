@@ -7,8 +7,8 @@ from typing import cast
 import numpy as np
 
 from streamkit import Detections, Features, FeatureSpace, Frame, FrameFlags, Registration, RegistrationStatus
-from streamkit_tracker.feature_template import Space
-from streamkit_tracker.observation import Observation, Placement
+from streamkit_tracker.appearance.feature_template import Space
+from streamkit_tracker.observation import Continuity, Observation
 from streamkit_tracker.window_geometry import FloatArray, invertible
 
 USUAL_STEP_S = 1 / 25
@@ -40,7 +40,7 @@ class FrameLink:
         paired = features is not None and space is not None and len(features.vectors) == len(centroids)
         observation = Observation(
             step_s=self._step(frame),
-            placement=self._placement(frame),
+            continuity=self._continuity(frame),
             to_previous=self._to_previous(frame, registration),
             to_reference=registration.to_reference,
             centroids=centroids,
@@ -60,26 +60,26 @@ class FrameLink:
         step = (frame.pts - last.pts) / 1e9
         return min(step, LONGEST_STEP_S) if step > 0 else USUAL_STEP_S
 
-    def _placement(self, frame: Frame) -> Placement:
+    def _continuity(self, frame: Frame) -> Continuity:
         registration, last = frame.get(Registration), self._last
         if last is None:
-            return Placement.KNOWN
+            return Continuity.KNOWN
         if registration is None:
             known = frame.epoch == last.epoch and not frame.flags & FrameFlags.CORRUPT
-            return Placement.KNOWN if known else self._without_registration(frame, last)
+            return Continuity.KNOWN if known else self._without_registration(frame, last)
         before = last.get(Registration)
         new_plane = before is not None and registration.reference != before.reference
         if registration.status == RegistrationStatus.CUT or (
             new_plane and registration.reference_change is None
         ):
-            return Placement.NEW
+            return Continuity.NEW
         if registration.status == RegistrationStatus.LOST or frame.flags & FrameFlags.CORRUPT:
-            return Placement.LOST
-        return Placement.KNOWN
+            return Continuity.LOST
+        return Continuity.KNOWN
 
     @staticmethod
-    def _without_registration(frame: Frame, last: Frame) -> Placement:
-        return Placement.NEW if frame.epoch != last.epoch else Placement.LOST
+    def _without_registration(frame: Frame, last: Frame) -> Continuity:
+        return Continuity.NEW if frame.epoch != last.epoch else Continuity.LOST
 
     def _to_previous(self, frame: Frame, registration: Registration) -> FloatArray:
         """This frame's pixels to those of the last frame tracked, over the plane where frames are missing."""

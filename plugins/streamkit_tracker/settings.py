@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from streamkit.settings import setting
-from streamkit_tracker.eigen_template import EigenSettings
-from streamkit_tracker.layered_filter import LayerSettings
+from streamkit_tracker.appearance.eigen_template import EigenSettings
+from streamkit_tracker.update.layered_filter import LayerSettings
 
 CROWD = 6
 SMALLEST_PATCH = 16

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from streamkit_kernels import prepare
-from streamkit_tracker.eigen_template import EigenSettings
+from streamkit_tracker.appearance.eigen_template import EigenSettings
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.tracker import MultiTargetTracker

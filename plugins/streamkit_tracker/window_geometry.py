@@ -6,8 +6,6 @@ towards +y. `length` lies along the angle, `width` across it.
 
 from __future__ import annotations
 
-import math
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 from streamkit_kernels import compiled
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 X, Y, LENGTH, WIDTH, ANGLE = range(5)
 MINIMUM_SIDE = 2.0
@@ -23,14 +22,10 @@ IDENTITY: FloatArray = np.eye(2)
 IDENTITY.setflags(write=False)
 
 
-def window_sides(windows: FloatArray) -> FloatArray:
-    """Geometric means of the sides of windows float64[n, 5]: float64[n], px."""
-    return np.asarray(np.sqrt(windows[:, LENGTH] * windows[:, WIDTH]))
-
-
-def half_turn(angle: FloatArray | float) -> FloatArray:
-    """Wraps angles of a direction without sign into [-pi/2, pi/2)."""
-    return np.asarray((np.asarray(angle, np.float64) + np.pi / 2) % np.pi - np.pi / 2)
+@compiled
+def half_turn(angle: float) -> float:
+    """Wraps the angle of a direction without sign into [-pi/2, pi/2)."""
+    return (angle + np.pi / 2) % np.pi - np.pi / 2
 
 
 def invertible(homography: FloatArray) -> FloatArray | None:
@@ -76,46 +71,6 @@ def _map(homography: FloatArray, points: FloatArray, mapped: FloatArray, jacobia
                 jacobians[index, axis, side] = slope if usable else (1.0 if axis == side else 0.0)
 
 
-def map_windows(homography: FloatArray, windows: FloatArray) -> FloatArray:
-    """Moves windows by a homography, to first order around their centres.
-
-    Args:
-        homography: float64[3, 3].
-        windows: float64[n, 5].
-
-    Returns:
-        float64[n, 5]: the length follows its own direction, the width keeps the mapped area.
-    """
-    centres, jacobians = map_points(homography, windows[:, :2])
-    mapped = np.empty_like(windows)
-    mapped[:, :2] = centres
-    _reshape(jacobians, windows, mapped)
-    return mapped
-
-
-@compiled
-def _reshape(jacobians: FloatArray, windows: FloatArray, mapped: FloatArray) -> None:
-    """Fills in the sides and angles of mapped windows."""
-    for index in range(len(windows)):
-        jacobian, angle = jacobians[index], windows[index, ANGLE]
-        x = jacobian[0, 0] * np.cos(angle) + jacobian[0, 1] * np.sin(angle)
-        y = jacobian[1, 0] * np.cos(angle) + jacobian[1, 1] * np.sin(angle)
-        stretch = max(np.hypot(x, y), NO_SCALE)
-        area_ratio = abs(jacobian[0, 0] * jacobian[1, 1] - jacobian[0, 1] * jacobian[1, 0])
-        mapped[index, LENGTH] = max(windows[index, LENGTH] * stretch, MINIMUM_SIDE)
-        mapped[index, WIDTH] = max(windows[index, WIDTH] * area_ratio / stretch, MINIMUM_SIDE)
-        mapped[index, ANGLE] = (np.arctan2(y, x) + np.pi / 2) % np.pi - np.pi / 2
-
-
-def window_boxes(windows: FloatArray) -> FloatArray:
-    """Upright boxes around windows: float64[n, 4], x0 y0 x1 y1."""
-    cosine, sine = np.abs(np.cos(windows[:, ANGLE])), np.abs(np.sin(windows[:, ANGLE]))
-    half_x = 0.5 * (windows[:, LENGTH] * cosine + windows[:, WIDTH] * sine)
-    half_y = 0.5 * (windows[:, LENGTH] * sine + windows[:, WIDTH] * cosine)
-    x, y = windows[:, X], windows[:, Y]
-    return np.column_stack([x - half_x, y - half_y, x + half_x, y + half_y])
-
-
 def inside_windows(points: FloatArray, windows: FloatArray, scale: float) -> NDArray[np.bool_]:
     """Which points lie inside which windows.
 
@@ -136,30 +91,30 @@ def inside_windows(points: FloatArray, windows: FloatArray, scale: float) -> NDA
 def _find_inside(points: FloatArray, windows: FloatArray, scale: float, inside: NDArray[np.bool_]) -> None:
     """Fills in which points lie inside."""
     for column in range(len(windows)):
-        x, y, length, width, angle = windows[column]
-        cosine, sine = np.cos(angle), np.sin(angle)
         for row in range(len(points)):
-            right, down = points[row, 0] - x, points[row, 1] - y
-            along, across = abs(right * cosine + down * sine), abs(down * cosine - right * sine)
-            inside[row, column] = along < 0.5 * scale * length and across < 0.5 * scale * width
+            inside[row, column] = is_inside(points[row, 0], points[row, 1], windows[column], scale)
 
 
-def extent(windows: FloatArray) -> tuple[float, float, float, float]:
-    """x0, y0, x1, y1 of an upright box that surely holds every window."""
-    largest = windows.max(axis=0).tolist()
-    x0, y0 = windows[:, :2].min(axis=0).tolist()
-    reach = 0.5 * math.hypot(largest[LENGTH], largest[WIDTH])
-    return x0 - reach, y0 - reach, largest[X] + reach, largest[Y] + reach
+@compiled
+def is_inside(x: float, y: float, window: FloatArray, scale: float) -> bool:
+    """Whether a point lies inside a window, float64[5], that is taken `scale` times as large."""
+    cosine, sine = np.cos(window[ANGLE]), np.sin(window[ANGLE])
+    right, down = x - window[X], y - window[Y]
+    along, across = abs(right * cosine + down * sine), abs(down * cosine - right * sine)
+    return bool(along < 0.5 * scale * window[LENGTH] and across < 0.5 * scale * window[WIDTH])
 
 
 def visible_fraction(windows: FloatArray, image_shape: tuple[int, int]) -> FloatArray:
     """Part of each window's upright box that lies inside the image: float64[n], 0 to 1."""
-    height, width = image_shape
-    x0, y0, x1, y1 = extent(windows)
-    if x0 >= -0.5 and y0 >= -0.5 and x1 <= width - 0.5 and y1 <= height - 0.5:
-        return np.ones(len(windows))
-    boxes = window_boxes(windows)
-    low = np.maximum(boxes[:, :2], -0.5)
-    high = np.minimum(boxes[:, 2:], np.array([width - 0.5, height - 0.5]))
-    inside = np.prod(np.maximum(high - low, 0.0), axis=1)
-    return np.asarray(inside / np.maximum(np.prod(boxes[:, 2:] - boxes[:, :2], axis=1), 1e-9))
+    return np.array([visible_part(window, *image_shape) for window in windows])
+
+
+@compiled
+def visible_part(window: FloatArray, height: int, width: int) -> float:
+    """Part of a window's upright box that lies inside the frame, 0 to 1."""
+    cosine, sine = abs(np.cos(window[ANGLE])), abs(np.sin(window[ANGLE]))
+    half_x = 0.5 * (window[LENGTH] * cosine + window[WIDTH] * sine)
+    half_y = 0.5 * (window[LENGTH] * sine + window[WIDTH] * cosine)
+    inside_x = min(window[0] + half_x, width - 0.5) - max(window[0] - half_x, -0.5)
+    inside_y = min(window[1] + half_y, height - 0.5) - max(window[1] - half_y, -0.5)
+    return float(max(inside_x, 0.0) * max(inside_y, 0.0) / max(4 * half_x * half_y, 1e-9))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_tracker.association import assign
+from streamkit_tracker.associate.assignment import assign
 from streamkit_tracker.evaluation.boxes import overlaps
 from streamkit_tracker.window_geometry import FloatArray
 

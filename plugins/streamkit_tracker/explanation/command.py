@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple, NoReturn
 
 import typer
 
-from streamkit_tracker.association import GATE
+from streamkit_tracker.associate.gated_pairs import GATE
 from streamkit_tracker.explanation.life import life, moment_at, moment_in
 from streamkit_tracker.explanation.moment import Moment
 from streamkit_tracker.explanation.reading import TrackFile, read_track

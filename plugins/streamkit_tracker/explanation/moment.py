@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from streamkit_tracker.provenance import TargetProvenance
+from streamkit_tracker.report.reports import TargetProvenance
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from streamkit import StreamError, TrackRecord, decode_record
 from streamkit_tracker.explanation.moment import FramePlace, Match, Moment
-from streamkit_tracker.provenance import TargetProvenance
+from streamkit_tracker.report.reports import TargetProvenance
 
 
 @dataclass

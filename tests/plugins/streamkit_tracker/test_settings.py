@@ -1,7 +1,7 @@
 """How many particles and samples a target gets."""
 
-from streamkit_tracker.layered_filter import LayerSettings
 from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.update.layered_filter import LayerSettings
 
 
 def test_a_crowd_and_a_detection_need_fewer_particles():

@@ -6,8 +6,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from streamkit_tracker.observation import Observation, Placement, TargetReport, TargetState
+from streamkit_tracker.observation import Continuity, Observation
+from streamkit_tracker.report.reports import TargetReport
 from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker
 from streamkit_tracker.window_geometry import half_turn
 
@@ -112,7 +114,7 @@ def test_a_lost_registration_lets_the_target_coast(scenes: ModuleType):
         if index == 0:
             tracker.start_target(image, truth, STEP)
             continue
-        report = tracker.step(image, Observation(0.04, Placement.LOST) if lost else STEP)[0]
+        report = tracker.step(image, Observation(0.04, Continuity.LOST) if lost else STEP)[0]
         states.append(report.state)
         error = float(np.hypot(*(report.window[:2] - truth[:2])))
     assert states[14:17] == [TargetState.COASTING] * 3
@@ -128,8 +130,8 @@ def test_a_cut_or_a_new_size_ends_every_target(scenes: ModuleType, how: str):
     tracker.start_target(*frames[0], STEP)
     tracker.step(frames[1][0], STEP)
     image = frames[2][0] if how == "cut" else frames[2][0][:-10]
-    placement = Placement.NEW if how == "cut" else Placement.KNOWN
-    reports = tracker.step(image, Observation(0.04, placement))
+    continuity = Continuity.NEW if how == "cut" else Continuity.KNOWN
+    reports = tracker.step(image, Observation(0.04, continuity))
     assert [report.state for report in reports] == [TargetState.LOST]
     assert tracker.step(image, STEP) == ()
 

@@ -1,0 +1,329 @@
+"""Reads many rotated windows out of an image at once."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from streamkit_kernels import LARGEST_PRODUCT, compiled
+from streamkit_tracker.appearance.eigen_template import DEVIATION_FLOOR
+from streamkit_tracker.appearance.frame_crops import (
+    ACROSS,
+    DOWN,
+    LEFT,
+    MIDDLE_GREY,
+    START,
+    TOP,
+    ByteArray,
+    Crops,
+    Float32Array,
+    FrameCrops,
+    IntArray,
+    QuadArray,
+)
+from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
+
+MOST_TOGETHER = 32  # patches that are compared at once
+
+
+@cache
+def unit_grid(patch: tuple[int, int]) -> Float32Array:
+    """Sampling points of a patch in its own unit square.
+
+    Args:
+        patch: samples across and along the window (rows, columns).
+
+    Returns:
+        float32[2, rows * columns]: u (along the length) and v (across); row by row from -0.5 to 0.5.
+    """
+    rows, columns = patch
+    steps_across = (np.arange(rows, dtype=np.float32) + 0.5) / rows - 0.5
+    steps_along = (np.arange(columns, dtype=np.float32) + 0.5) / columns - 0.5
+    across, along = np.meshgrid(steps_across, steps_along, indexing="ij")
+    return np.stack([along.ravel(), across.ravel()])
+
+
+class WindowSampler:
+    """Resamples rotated windows of one frame to patches, with a buffer that is used again and again.
+
+    The parts of the frame that the windows lie in are cut out first, so that the cost does not grow with the
+    frame. Windows several times larger than the patch are averaged down first. Outside the image its edge
+    pixels continue.
+    """
+
+    def __init__(self) -> None:
+        self._crops = FrameCrops()
+        self._patches = self._templates = np.zeros(0, np.float32)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the frame, px."""
+        return self._crops.image.shape[0], self._crops.image.shape[1]
+
+    def look_at(self, image: ByteArray) -> None:
+        """Takes the next frame, uint8[h, w] grey levels.
+
+        Raises:
+            ValueError: the image is not grey or has no pixels.
+        """
+        if image.ndim != 2 or image.size == 0:
+            raise ValueError(f"look_at needs a grey image with pixels, got shape {image.shape}")
+        self._crops.look_at(image)
+
+    def crop(self, windows: FloatArray, factor: int, groups: int = 1, margin: float = 0.0) -> Crops:
+        """The parts of the frame around windows float64[n, 5], for several samples; see `FrameCrops`.
+
+        Raises:
+            ValueError: a window is not finite.
+        """
+        if not np.isfinite(windows).all():
+            raise ValueError("sample needs finite windows; a state has become NaN or infinite")
+        return self._crops.around(windows, groups, factor, margin)
+
+    def sample(
+        self, windows: FloatArray, patch: tuple[int, int], factor: int = 1, crops: Crops | None = None
+    ) -> Float32Array:
+        """Resamples every window.
+
+        Args:
+            windows: float64[n, 5], finite.
+            patch: samples across and along each window (rows, columns).
+            factor: by how much the image is averaged down first, see `shrink_factor`.
+            crops: that hold the windows, if they are known already; then `factor` is theirs.
+
+        Returns:
+            float32[n, rows * columns], grey levels minus 128; a view that the next call overwrites.
+
+        Raises:
+            ValueError: a window is not finite.
+        """
+        crops = crops or self.crop(windows, factor)
+        count, pixels = len(windows), patch[0] * patch[1]
+        if self._patches.size < count * pixels:
+            self._patches = np.empty(count * pixels, np.float32)
+        patches = self._patches[: count * pixels].reshape(count, pixels)
+        _resample(
+            crops.quads, crops.places, crops.factor, np.ascontiguousarray(windows), unit_grid(patch), patches
+        )
+        return patches
+
+    def read(self, window: FloatArray, patch: tuple[int, int], context: float) -> Float32Array:
+        """Patch float32[p] of one window, float64[5], widened by `context`: a template starts from it."""
+        wider = window[None].copy()
+        wider[:, LENGTH : WIDTH + 1] *= context
+        return np.array(self.sample(wider, patch, shrink_factor(wider[0], patch, self.shape))[0])
+
+    def side_by_side(self, arrays: list[Float32Array]) -> Float32Array:
+        """Arrays of one shape along a new first axis; a view that the next call overwrites."""
+        size = sum(array.size for array in arrays)
+        if self._templates.size < size:
+            self._templates = np.empty(size, np.float32)
+        rows = self._templates[:size].reshape(-1, arrays[0].shape[1])
+        return np.concatenate(arrays, out=rows).reshape(len(arrays), *arrays[0].shape)
+
+    def distances(
+        self,
+        windows: FloatArray,
+        patch: tuple[int, int],
+        crops: Crops,
+        rows: Float32Array,
+        constants: Float32Array,
+    ) -> tuple[FloatArray, Float32Array]:
+        """Compares windows with templates without ever holding all samples, see `eigen_distances`.
+
+        Args:
+            windows: float64[t, n, 5], n for each template.
+            patch: samples across and along each window (rows, columns), p in all.
+            crops: that hold the windows, t parts.
+            rows: float32[t, k + 2, p], see `EigenTemplate.rows`.
+            constants: float32[t, 2, k + 1], see `EigenTemplate.constants`.
+
+        Returns:
+            Mean squared residuals float64[t, n], and the first patch of each template, float32[t, p], grey
+            levels minus 128.
+        """
+        results = np.empty(windows.shape[:2])
+        first_patches = np.empty((len(windows), rows.shape[2]), np.float32)
+        _compare(
+            crops.quads,
+            crops.places,
+            crops.factor,
+            np.ascontiguousarray(windows),
+            unit_grid(patch),
+            rows,
+            constants,
+            results,
+            first_patches,
+        )
+        return results, first_patches
+
+
+def shrink_factor(window: FloatArray, patch: tuple[int, int], image_shape: tuple[int, int]) -> int:
+    """By how much the image is averaged down for a window, float64[5], so that its patch does not alias."""
+    side = float(min(window[LENGTH], window[WIDTH]))
+    return max(1, min(int(side // max(patch)), *image_shape))
+
+
+@compiled
+def _resample(
+    quads: QuadArray,
+    places: IntArray,
+    factor: int,
+    windows: FloatArray,
+    grid: Float32Array,
+    patches: Float32Array,
+) -> None:
+    """Bilinear samples; each step in a loop of its own over a window, so that only the reading is scalar."""
+    each, pixels = len(windows) // len(places), grid.shape[1]
+    near, between = np.empty(pixels, np.int32), np.empty((2, pixels), np.float32)
+    for index in range(len(windows)):
+        _read(quads, places[index // each], factor, windows[index], grid, near, between, patches[index])
+
+
+@compiled
+def _compare(
+    quads: QuadArray,
+    places: IntArray,
+    factor: int,
+    windows: FloatArray,
+    grid: Float32Array,
+    rows: Float32Array,
+    constants: Float32Array,
+    results: FloatArray,
+    first_patches: Float32Array,
+) -> None:
+    """Reads as many windows as stay in the cache, multiplies them with their template, and so on."""
+    pixels, columns = grid.shape[1], rows.shape[1]
+    together = max(1, min(LARGEST_PRODUCT // (columns * pixels), MOST_TOGETHER, windows.shape[1]))
+    near, between = np.empty(pixels, np.int32), np.empty((2, pixels), np.float32)
+    patches, products = np.empty((together, pixels), np.float32), np.empty((together, columns), np.float32)
+    powers, moments = np.empty(together, np.float32), np.empty((3, together))
+    for target in range(len(windows)):
+        template = rows[target].T
+        for start in range(0, windows.shape[1], together):
+            count = min(together, windows.shape[1] - start)
+            for index in range(count):
+                window = windows[target, start + index]
+                _read(quads, places[target], factor, window, grid, near, between, patches[index])
+            if start == 0:
+                first_patches[target] = patches[0]
+            np.dot(patches[:count], template, products[:count])
+            for index in range(count):
+                powers[index] = np.dot(patches[index], patches[index])
+            sums, along_mean = constants[target]
+            outside = results[target, start : start + count]
+            _find_residuals(products, powers, sums, along_mean, pixels, moments, outside)
+
+
+@compiled
+def _find_residuals(
+    products: Float32Array,
+    powers: Float32Array,
+    sums: Float32Array,
+    along_mean: Float32Array,
+    pixels: int,
+    moments: FloatArray,
+    residuals: FloatArray,
+) -> None:
+    """What of normalised patches lies outside an eigen space, mean squares; all patches side by side.
+
+    Args:
+        products: float32[n or more, k + 2], the patches times [basis, mean, 1].
+        powers: float32[n or more], their sums of squares.
+        sums: float32[k + 1], of basis and mean.
+        along_mean: float32[k + 1], products of basis and mean with the mean.
+        pixels: of a patch.
+        moments: float64[3, n or more], is overwritten.
+        residuals: float64[n], is filled.
+    """
+    known, count = products.shape[1] - 2, len(residuals)
+    averages, deviations, along = moments
+    for patch in range(count):
+        average = products[patch, known + 1] / pixels
+        variance = max(powers[patch] / pixels - average**2, 0.0)
+        deviation = max(np.sqrt(variance), DEVIATION_FLOOR)
+        like_mean = (products[patch, known] - average * sums[known]) / deviation
+        residuals[patch] = pixels * variance / deviation**2 - 2 * like_mean + along_mean[known]
+        averages[patch], deviations[patch] = average, deviation
+    for component in range(known):
+        total, middle = sums[component], along_mean[component]
+        for patch in range(count):
+            along[patch] = products[patch, component]
+        for patch in range(count):
+            share = (along[patch] - averages[patch] * total) / deviations[patch] - middle
+            residuals[patch] -= share * share
+    for patch in range(count):
+        residuals[patch] = max(residuals[patch], 0.0) / pixels
+
+
+@compiled
+def _read(
+    quads: QuadArray,
+    place: IntArray,
+    factor: int,
+    window: FloatArray,
+    grid: Float32Array,
+    near: QuadArray,
+    between: Float32Array,
+    patch: Float32Array,
+) -> None:
+    """Bilinear samples of one window; `near` int32[p] and `between` float32[2, p] are overwritten."""
+    cosine, sine = np.cos(window[ANGLE]) / factor, np.sin(window[ANGLE]) / factor
+    x_map = (
+        np.float32(window[LENGTH] * cosine),
+        np.float32(-window[WIDTH] * sine),
+        np.float32((window[0] - place[LEFT] + 0.5) / factor - 0.5),
+    )
+    y_map = (
+        np.float32(window[LENGTH] * sine),
+        np.float32(window[WIDTH] * cosine),
+        np.float32((window[1] - place[TOP] + 0.5) / factor - 0.5),
+    )
+    across, down = np.int32(place[ACROSS]), np.int32(place[DOWN])
+    right, below = between[0], between[1]
+    _aim(grid, x_map, y_map, across, down, near, right, below)
+    part = quads[place[START] : place[START] + place[ACROSS] * place[DOWN]]
+    for pixel in range(len(near)):
+        near[pixel] = part[np.uint32(near[pixel])]
+    _blend(near, right, below, patch)
+
+
+@compiled
+def _aim(
+    grid: Float32Array,
+    x_map: tuple[np.float32, np.float32, np.float32],
+    y_map: tuple[np.float32, np.float32, np.float32],
+    across: np.int32,
+    down: np.int32,
+    near: QuadArray,
+    right: Float32Array,
+    below: Float32Array,
+) -> None:
+    """Index of the pixel at or before each sample, held inside the part, and the rest of the way."""
+    u, v = grid[0], grid[1]
+    x_u, x_v, x_0 = x_map
+    y_u, y_v, y_0 = y_map
+    nothing = np.float32(0)
+    last_x, last_y = np.float32(across - 1), np.float32(down - 1)
+    for pixel in range(len(near)):
+        x = min(max(x_u * u[pixel] + x_v * v[pixel] + x_0, nothing), last_x)
+        y = min(max(y_u * u[pixel] + y_v * v[pixel] + y_0, nothing), last_y)
+        column, row = np.int32(x), np.int32(y)
+        right[pixel], below[pixel] = x - np.float32(column), y - np.float32(row)
+        near[pixel] = np.int32(np.int32(row * across) + column)
+
+
+@compiled
+def _blend(quads: QuadArray, right: Float32Array, below: Float32Array, patch: Float32Array) -> None:
+    """Grey levels minus 128 between the four pixels of each quad."""
+    byte = np.int32(255)
+    for pixel in range(len(quads)):
+        quad = quads[pixel]
+        here = np.float32(np.int32(quad & byte))
+        beside = np.float32(np.int32(np.int32(quad >> np.int32(8)) & byte))
+        under = np.float32(np.int32(np.int32(quad >> np.int32(16)) & byte))
+        across = np.float32(np.int32(np.int32(quad >> np.int32(24)) & byte))
+        upper = here + right[pixel] * (beside - here)
+        lower = under + right[pixel] * (across - under)
+        patch[pixel] = upper + below[pixel] * (lower - upper) - MIDDLE_GREY

@@ -1,0 +1,228 @@
+"""Gated global nearest neighbour: detections go to the targets at the least total cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit_kernels import compiled, product
+from streamkit_tracker.appearance.feature_template import unit_rows
+from streamkit_tracker.associate.assignment import CountArray, assign
+from streamkit_tracker.observation import Observation
+from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.targets import IndexArray, TargetModel, TargetRows, TargetTable, dormant, followed
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, X, Y
+
+GATE = 16.0  # squared standard deviations
+LEAST_OVERLAP, LAST_CHOICE = 0.15, 100.0
+SMALLEST_SIZE = 4.0
+TOUCHING = 0.05
+MISMATCH_STD = 0.12
+CROWDED_MISMATCH_STD = 0.5
+FEATURE_WEIGHT, FEATURE_RATE = 2.0, 0.2
+SHARED_AREA = 1.4
+LEFT, TOP, RIGHT, BOTTOM = range(2, 6)  # of a detection; X and Y are its centroid
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Comparison of t targets with d detections.
+
+    Attributes:
+        costs: float64[t, d], infinite for pairs that are not allowed.
+        distances: float64[t, d], squared, of the centroids from the targets, standard deviations.
+        mismatch: float64[t, d], difference of the boxes' sizes, px.
+        held: int64[d], targets with their centre in the box.
+        touched: int64[d], targets with a part of themselves in the box.
+    """
+
+    costs: FloatArray
+    distances: FloatArray
+    mismatch: FloatArray
+    held: CountArray
+    touched: CountArray
+
+
+def associate(table: TargetTable, observation: Observation, settings: TrackerSettings) -> IndexArray:
+    """Assigns detections to followed targets, then to dormant ones, and what is left to tentative ones.
+
+    Args:
+        table: predicted for this frame; the fields of its detections are filled.
+        observation: of this frame.
+        settings: of the tracker.
+
+    Returns:
+        Rows of the usable detections that no target was given.
+    """
+    rows, detected = table.rows, observation.detected
+    usable = np.isfinite(detected).all(axis=1) & (detected[:, 4:] > detected[:, 2:4]).all(axis=1)
+    free = np.flatnonzero(usable)
+    known, asleep = followed(rows), dormant(rows, settings.lost_frames)
+    for is_known, is_awake in ((True, True), (True, False), (False, True)):
+        members = np.flatnonzero((known & (asleep != is_awake)) if is_known else ~known)
+        if not len(members) or not len(free):
+            continue
+        unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
+        found = compare(rows, members, detected[free], unlike, settings.max_speed * observation.step_s)
+        pairs = assign(found.costs, np.isfinite(found.costs))
+        left = np.ones(len(free), np.bool_)
+        if pairs:
+            taken, columns = np.array(pairs).T
+            left[columns] = False
+            owners, mismatch = rows[members[taken]], found.mismatch[taken, columns]
+            crowded = (found.touched[columns] > 1) & is_known
+            owners["detection"], owners["crowded"] = free[columns], crowded
+            owners["detection_std"] += np.where(crowded, CROWDED_MISMATCH_STD, MISMATCH_STD) * mismatch
+            owners["gate"] = np.sqrt(np.maximum(found.distances[taken, columns], 0.0))
+            rows[members[taken]] = owners
+        if is_known and is_awake:
+            mark_shared(rows, members, detected)
+            # a detection upon a followed target must not start another one there
+            left &= found.held == 0
+        free = free[left]
+    return free
+
+
+def compare(
+    targets: TargetRows, members: IndexArray, detected: FloatArray, unlike: FloatArray, reach_px: float
+) -> Comparison:
+    """Compares targets with detections.
+
+    A pair is allowed within the gate and within reach; and, as a last choice, where the boxes overlap: a
+    covariance that is too small must not make a second target of what lies upon the first.
+
+    Args:
+        targets: the table, of which the expected `detection_std` is filled.
+        members: intp[t], rows that are compared.
+        detected: float64[d, 6], centroid x, y and box x0 y0 x1 y1, px.
+        unlike: float64[t, d], added to the costs.
+        reach_px: farthest distance a target moves in one frame, px.
+    """
+    shape, count = (len(members), len(detected)), len(detected)
+    found = Comparison(
+        np.empty(shape),
+        np.empty(shape),
+        np.empty(shape),
+        np.zeros(count, np.int64),
+        np.zeros(count, np.int64),
+    )
+    _compare(
+        targets,
+        members,
+        detected,
+        unlike,
+        reach_px,
+        found.costs,
+        found.distances,
+        found.mismatch,
+        found.held,
+        found.touched,
+    )
+    return found
+
+
+def remember_features(table: TargetTable, observation: Observation) -> None:
+    """Lets the feature vectors of detected targets follow those of their detections."""
+    if observation.features is None:
+        return
+    for model, detection in zip(table.models, table.rows["detection"].tolist(), strict=True):
+        if detection < 0:
+            continue
+        vector = np.asarray(observation.features[detection], np.float64)
+        if model.feature is not None and model.feature_version == observation.features_version:
+            vector = (1 - FEATURE_RATE) * model.feature + FEATURE_RATE * vector
+        model.feature, model.feature_version = vector, observation.features_version
+
+
+def _feature_costs(models: Sequence[TargetModel], free: IndexArray, observation: Observation) -> FloatArray:
+    """Costs of the feature vectors: 0 for the same direction, up to 4 for the opposite."""
+    costs = np.zeros((len(models), len(free)))
+    if observation.features is None:
+        return costs
+    version = observation.features_version
+    known = [(row, model.feature) for row, model in enumerate(models) if model.feature_version == version]
+    rows = [row for row, feature in known if feature is not None]
+    if rows:
+        vectors = unit_rows(np.nan_to_num(observation.features[free]))
+        features = unit_rows(np.array([f for _, f in known if f is not None], np.float32))
+        costs[rows] = FEATURE_WEIGHT * (1.0 - product(features, vectors.T))
+    return costs
+
+
+@compiled
+def mark_shared(targets: TargetRows, members: IndexArray, detected: FloatArray) -> None:
+    """Marks undetected targets within the box of another that is too large for that one alone."""
+    for index in members:
+        target = targets[index]
+        if target["detection"] >= 0:
+            continue
+        x, y = target["mean"][0], target["mean"][1]
+        for other in members:
+            if targets[other]["detection"] < 0:
+                continue
+            seen, box = detected[targets[other]["detection"]], targets[other]["box"]
+            area = (seen[RIGHT] - seen[LEFT]) * (seen[BOTTOM] - seen[TOP])
+            holds = seen[LEFT] <= x <= seen[RIGHT] and seen[TOP] <= y <= seen[BOTTOM]
+            if holds and area > SHARED_AREA * (box[0] * box[1]):
+                targets[index]["shared"] = True
+
+
+@compiled
+def _compare(
+    targets: TargetRows,
+    members: IndexArray,
+    detected: FloatArray,
+    unlike: FloatArray,
+    reach_px: float,
+    costs: FloatArray,
+    distances: FloatArray,
+    mismatch: FloatArray,
+    held: CountArray,
+    touched: CountArray,
+) -> None:
+    """Fills in a `Comparison`, whose counts are 0 before."""
+    for row in range(len(members)):
+        target = targets[members[row]]
+        mean, covariance, box, window = target["mean"], target["covariance"], target["box"], target["window"]
+        std = 1.0 + 0.04 * np.sqrt(window[LENGTH] * window[WIDTH])  # `centroid_std`
+        targets[members[row]]["detection_std"] = std
+        reach = reach_px * (1 + target["frames_undetected"])
+        for column in range(len(detected)):
+            seen = detected[column]
+            distance = _distance(mean, covariance, std, seen)
+            missed = max(abs(seen[RIGHT] - seen[LEFT] - box[0]), abs(seen[BOTTOM] - seen[TOP] - box[1]))
+            overlap, held_here, touched_here = _overlap(mean, box, seen)
+            apart = np.hypot(seen[X] - mean[0], seen[Y] - mean[1])
+            size = max(box[0], box[1], SMALLEST_SIZE)
+            cost = distance + (missed / size) ** 2 + unlike[row, column]
+            if distance > GATE or apart > reach + 4 * std:
+                cost = LAST_CHOICE + GATE * (1.0 - overlap) if overlap > LEAST_OVERLAP else np.inf
+            costs[row, column], distances[row, column], mismatch[row, column] = cost, distance, missed
+            held[column] += held_here
+            touched[column] += touched_here
+
+
+@compiled
+def _distance(mean: FloatArray, covariance: FloatArray, std: float, seen: FloatArray) -> float:
+    """Squared distance of a centroid from where a target is expected, in standard deviations."""
+    variance = std**2
+    xx, yy, xy = covariance[0, 0] + variance, covariance[1, 1] + variance, covariance[0, 1]
+    across, down = seen[X] - mean[0], seen[Y] - mean[1]
+    determinant = max(xx * yy - xy**2, 1e-12)
+    return float((yy * across**2 - 2 * xy * across * down + xx * down**2) / determinant)
+
+
+@compiled
+def _overlap(mean: FloatArray, box: FloatArray, seen: FloatArray) -> tuple[float, bool, bool]:
+    """Intersection over union of the boxes; whether the detection's holds, and touches, the target."""
+    half_width, half_height = box[0] / 2, box[1] / 2
+    across = min(mean[0] + half_width, seen[RIGHT]) - max(mean[0] - half_width, seen[LEFT])
+    down = min(mean[1] + half_height, seen[BOTTOM]) - max(mean[1] - half_height, seen[TOP])
+    common = max(across, 0.0) * max(down, 0.0)
+    area = (seen[RIGHT] - seen[LEFT]) * (seen[BOTTOM] - seen[TOP])
+    size = box[0] * box[1]
+    holds = seen[LEFT] <= mean[0] <= seen[RIGHT] and seen[TOP] <= mean[1] <= seen[BOTTOM]
+    touches = holds or common > TOUCHING * min(area, size)
+    return common / (size + area - common), holds, touches

@@ -1,0 +1,104 @@
+"""Gives targets a template: when they are confirmed, and again where detections contradict their window."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter
+from streamkit_tracker.appearance.eigen_template import EigenTemplate
+from streamkit_tracker.appearance.feature_template import FeatureTemplate, Space
+from streamkit_tracker.appearance.window_sampling import WindowSampler
+from streamkit_tracker.observation import Observation
+from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.targets import CONFIRMED, LOST, TENTATIVE, Appearance, TargetTable
+from streamkit_tracker.update.detected_box import KEEP, motion_heading, window_turn
+from streamkit_tracker.update.layered_filter import Particles
+from streamkit_tracker.window_geometry import IntArray
+
+STRAIGHT = 0.5
+
+
+def start_appearances(
+    table: TargetTable,
+    observation: Observation,
+    sampler: WindowSampler,
+    settings: TrackerSettings,
+    crowd: IntArray,
+) -> None:
+    """Restarts templates and confirms tentative targets that have moved, in order of the ids.
+
+    Args:
+        table: updated, with the targets that end in this frame already lost.
+        observation: of this frame.
+        sampler: holds the frame.
+        settings: of the tracker.
+        crowd: int64[n], for each row how many targets are followed that keep their place.
+    """
+    rows, confirmed = table.rows, 0
+    hits_needed = min(settings.birth_hits, settings.birth_window)
+    restarted = (rows["restart"] != KEEP) & (rows["state"] != LOST)
+    candidates = (rows["state"] == TENTATIVE) & (rows["detection"] >= 0)
+    for index in np.flatnonzero(restarted | candidates).tolist():
+        model, count = table.models[index], int(crowd[index]) + confirmed
+        if restarted[index]:
+            assert model.appearance is not None
+            in_space = isinstance(model.appearance.template, FeatureTemplate)
+            patch = model.appearance.patch if in_space else None
+            start_appearance(
+                table, index, observation.space if in_space else None, sampler, settings, count, patch
+            )
+            continue
+        trail = model.trail
+        x, y = observation.centroids[rows["detection"][index]].tolist()
+        trail.add((x, y))
+        if sum(model.hits) < hits_needed or count >= settings.max_targets:
+            continue
+        if trail.travelled >= settings.min_travel and trail.straightness >= STRAIGHT:
+            _turn_window(table, index)
+            start_appearance(table, index, observation.space, sampler, settings, count)
+            rows["state"][index], model.cause = CONFIRMED, "confirmed"
+            confirmed += 1
+
+
+def start_appearance(
+    table: TargetTable,
+    index: int,
+    space: Space | None,
+    sampler: WindowSampler,
+    settings: TrackerSettings,
+    count: int,
+    patch: tuple[int, int] | None = None,
+) -> None:
+    """Learns the appearance of a target at its window.
+
+    Args:
+        table: of the targets.
+        index: the target's row.
+        space: feature space to compare in, or None for a template of the target's own.
+        sampler: holds the frame.
+        settings: of the tracker.
+        count: number of targets followed.
+        patch: samples of a patch, or None for the size that suits the window or the space.
+    """
+    target, manual = table.rows[index], bool(table.rows["manual"][index])
+    window, context = target["window"].copy(), 1.0 if manual else settings.context
+    if patch is None:
+        side = settings.patch_for(context * max(window[2:4].tolist()), count)
+        patch = (side, side) if space is None else space.patch_size
+    pixels = sampler.read(window, patch, context)
+    template = EigenTemplate(pixels, settings.eigen) if space is None else FeatureTemplate(pixels, space)
+    discriminator = CorrelationFilter(sampler, window) if manual else None
+    table.models[index].appearance = Appearance(template, Particles.at(window), patch, context, discriminator)
+    target["score"], target["recognised"] = 1.0, True
+
+
+def _turn_window(table: TargetTable, index: int) -> None:
+    """Turns the box of a tentative target into its direction of motion."""
+    target = table.rows[index]
+    side = math.sqrt(target["window"].item(2) * target["window"].item(3))
+    heading, _ = motion_heading(target["mean"], target["covariance"], side)
+    if math.isnan(heading):
+        heading = table.models[index].trail.heading
+    target["window"][2:] = window_turn(target["box"].item(0), target["box"].item(1), heading)

@@ -1,0 +1,4 @@
+"""Reports: what the tracker publishes of each target.
+
+Contract: `report(table, ...)` reads the table and changes nothing.
+"""

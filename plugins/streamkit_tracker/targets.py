@@ -1,0 +1,196 @@
+"""The table of targets: one row for each, with named fields, and the objects that one target alone needs."""
+
+from __future__ import annotations
+
+import enum
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
+from streamkit_tracker.appearance.eigen_template import EigenTemplate
+from streamkit_tracker.appearance.feature_template import FeatureTemplate
+from streamkit_tracker.initiate.trail import Trail
+from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.update.evidence import Evidence
+from streamkit_tracker.update.layered_filter import Particles
+from streamkit_tracker.window_geometry import FloatArray
+
+BoolArray = NDArray[np.bool_]
+IndexArray = NDArray[np.intp]
+TargetRows = NDArray[Any]
+
+TENTATIVE, CONFIRMED, COASTING, LOST = range(4)
+INITIAL_CREDIT_S = 0.2
+INITIAL_STEP_S = 0.04
+SPEED_SHARE = 1 / 3  # of the fastest speed: standard deviation of the velocity before it is known
+
+# Positions are pixels of the latest frame; x right, y down.
+TARGET = np.dtype(
+    [
+        ("id", np.int64),
+        ("state", np.int64),  # TENTATIVE, CONFIRMED, COASTING or LOST
+        ("manual", np.bool_),  # drawn by hand: neither shape nor heading follow detections
+        ("window", np.float64, 5),  # x y length width, px, and angle, rad
+        ("mean", np.float64, 4),  # x y, px, and velocity, px/s, with the camera's motion taken out
+        ("covariance", np.float64, (4, 4)),
+        ("drawn_angle", np.float64),  # rad, of the drawn window had the target not turned
+        ("age_s", np.float64),
+        ("credit_s", np.float64),  # how much longer the target may coast
+        ("frames_undetected", np.int64),
+        ("frames_unseen", np.int64),
+        ("score", np.float64),  # similarity to the template, kept from the last comparison
+        # what detections have shown
+        ("box", np.float64, 2),  # width and height of the upright box, px
+        ("detected_s", np.float64),  # time it was detected by itself
+        ("step_s", np.float64),  # the last of these steps
+        ("offset", np.float64, 2),  # of the detections from the window on average, px
+        ("unrecognised", np.float64),  # frames detected, but unlike the template
+        ("misfits", np.float64),  # frames in which window and detection did not overlap enough
+        # of this frame
+        ("predicted", np.float64, 2),  # x y before the frame was searched, px; NaN in the first
+        ("detection", np.int64),  # row of the frame's detections; -1 is none
+        ("gate", np.float64),  # distance of the detection, standard deviations
+        ("detection_std", np.float64),  # of its centroid, px
+        ("crowded", np.bool_),  # the detection's box holds other targets, too
+        ("shared", np.bool_),  # another target's detection covers this one
+        ("similarity", np.float64),  # of the best window to the template, 0 to 1; NaN where not compared
+        ("recognised", np.bool_),
+        ("learnt", np.bool_),  # the template has learnt this frame
+        ("filter_share", np.float64),  # how far the correlation filter learns this frame, 0 to 1
+        ("measured", np.bool_),
+        ("measurement", np.float64, 2),  # x y, px
+        ("noise", np.float64, (2, 2)),  # covariance of the measurement, px squared
+        ("hidden", np.bool_),  # another target lies upon it
+        ("visible", np.float64),  # part of the window inside the frame, 0 to 1
+        ("restart", np.int64),  # KEEP, RESTART or RESTART_MOVED, see `detected_box`
+        ("restart_window", np.float64, 5),
+    ]
+)
+
+
+class TargetState(enum.StrEnum):
+    """State of a target, in the order of the codes in the table."""
+
+    TENTATIVE = "tentative"
+    CONFIRMED = "confirmed"
+    COASTING = "coasting"
+    LOST = "lost"
+
+
+@dataclass(eq=False)
+class Appearance:
+    """Appearance of a confirmed target.
+
+    Attributes:
+        template: windows are compared with it.
+        particles: of the layered filter.
+        patch: samples of a patch (rows, columns).
+        context: side of the sampled window relative to the target's.
+        discriminator: correlation filter against the background, for targets drawn by hand.
+        response: of the discriminator in this frame, or None.
+    """
+
+    template: EigenTemplate | FeatureTemplate
+    particles: Particles
+    patch: tuple[int, int]
+    context: float
+    discriminator: CorrelationFilter | None = None
+    response: Response | None = None
+
+
+@dataclass(eq=False)
+class TargetModel:
+    """Objects of one target.
+
+    Attributes:
+        generator: its only source of chance.
+        evidence: when it counts as seen.
+        trail: its detected positions.
+        hits: whether it was detected in its last frames before it was confirmed.
+        appearance: None before the target is confirmed.
+        feature: float64[k], mean of its detections' feature vectors, or None.
+        feature_version: of the space they are in.
+        cause: why the target began, was confirmed or ended in this frame; else empty.
+    """
+
+    generator: np.random.Generator
+    evidence: Evidence
+    trail: Trail
+    hits: deque[bool]
+    appearance: Appearance | None = None
+    feature: FloatArray | None = None
+    feature_version: int = 0
+    cause: str = ""
+
+
+@dataclass(eq=False)
+class TargetTable:
+    """All targets, in order of their ids.
+
+    Attributes:
+        rows: structured array of `TARGET`, one for each.
+        models: their objects, in the same order.
+    """
+
+    rows: TargetRows = field(default_factory=lambda: np.zeros(0, TARGET))
+    models: list[TargetModel] = field(default_factory=list)
+    next_id: int = 1
+
+    def __len__(self) -> int:
+        return len(self.models)
+
+    def add(self, window: FloatArray, settings: TrackerSettings, *, manual: bool, cause: str) -> int:
+        """Appends a tentative target at a window, float64[5]; returns its row."""
+        row = np.zeros(1, TARGET)
+        side = float(np.sqrt(window[2] * window[3]))
+        position_std, speed_std = centroid_std(side), settings.max_speed * SPEED_SHARE
+        row["id"], row["manual"], row["window"], row["drawn_angle"] = self.next_id, manual, window, window[4]
+        row["mean"][0, :2], row["box"] = window[:2], window[2:4]
+        row["covariance"] = np.diag([position_std**2, position_std**2, speed_std**2, speed_std**2])
+        row["credit_s"], row["step_s"], row["score"] = INITIAL_CREDIT_S, INITIAL_STEP_S, 1.0
+        row["predicted"] = row["gate"] = row["similarity"] = np.nan
+        row["detection"] = -1
+        self.rows = np.concatenate([self.rows, row])
+        self.models.append(
+            TargetModel(
+                np.random.default_rng((settings.seed, self.next_id)),
+                Evidence(settings.lost_threshold, settings.update_threshold),
+                Trail((float(window[0]), float(window[1]))),
+                deque([True], maxlen=settings.birth_window),
+                cause=cause,
+            )
+        )
+        self.next_id += 1
+        return len(self.models) - 1
+
+    def lose(self, index: int, cause: str) -> None:
+        """Ends the target in a row."""
+        self.rows["state"][index] = LOST
+        self.models[index].cause = cause
+
+    def drop_lost(self) -> None:
+        """Removes the rows of lost targets."""
+        kept = self.rows["state"] != LOST
+        if not kept.all():
+            self.rows = self.rows[kept]
+            self.models = [model for model, keep in zip(self.models, kept.tolist(), strict=True) if keep]
+
+
+def followed(rows: TargetRows) -> BoolArray:
+    """bool[n]: targets that have left the tentative state and go on."""
+    state = rows["state"]
+    return np.asarray((state == CONFIRMED) | (state == COASTING))
+
+
+def dormant(rows: TargetRows, lost_frames: int) -> BoolArray:
+    """bool[n]: targets that only a detection finds again, unseen for `lost_frames`."""
+    return np.asarray(~rows["manual"] & (rows["frames_unseen"] >= lost_frames))
+
+
+def centroid_std(side: float) -> float:
+    """Standard deviation expected of a detection's centroid, px, for a target of a given side, px."""
+    return 1.0 + 0.04 * side

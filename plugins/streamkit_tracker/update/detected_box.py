@@ -1,0 +1,359 @@
+"""Size, position and angle of windows from upright detection boxes, once the direction of motion is known.
+
+A detection shows where a target is and how large, but is noisy; the window, led by the target's appearance,
+is steady but may sit on a part of the target or creep. The window is kept while both agree, and restarts on
+the detections where they contradict it for some frames.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from streamkit_kernels import compiled
+from streamkit_tracker.targets import COASTING, CONFIRMED, TENTATIVE, IndexArray, TargetRows
+from streamkit_tracker.window_geometry import (
+    ANGLE,
+    LENGTH,
+    MINIMUM_SIDE,
+    WIDTH,
+    FloatArray,
+    X,
+    Y,
+    half_turn,
+    is_inside,
+    visible_part,
+)
+
+SearchRows = NDArray[np.void]
+
+KEEP, RESTART, RESTART_MOVED = range(3)
+LEFT, TOP, RIGHT, BOTTOM = range(2, 6)  # of a detection; X and Y are its centroid
+
+KNOWN_SPEED = 3.0  # standard deviations of the speed from which its direction is known
+LEAST_SPEED = 0.3  # sides per second, likewise
+LEAST_HEADING_STD = 0.08  # rad
+
+YOUNG_S = 1.0  # first detections often show a part only: until then size and position follow at once
+RATED_S = 0.04  # the step that the rates are for
+BOX_RATE, SHRINK_RATE = 0.15, 0.5
+OFFSET_RATE = 0.12
+YOUNG_OFFSET, YOUNG_RESIZED = 0.1, 0.1  # relative to the side, and as a log ratio
+RESIZED = 0.18  # log ratio of a side beyond which the window restarts
+LEAST_OVERLAP, HARDLY_ANY_OVERLAP = 0.6, 0.35  # of window and detection, below which one of them is wrong
+SAME_SIZE = 1.5
+PATIENCE, ODD_SIZE_PATIENCE_S = 2, 0.32
+UNRECOGNISED_BEFORE_RESTART = 3
+TRUSTED = 0.3
+
+USUAL_ASPECT = 2.0
+ASPECT_WEIGHT = 0.3
+LARGEST_ASPECT = 5.0
+LEAST_AGREEMENT = 0.8
+REACH_PER_FRAME = 0.3
+LONGEST_REACH = 3.0
+HIDDEN_SCALE = 2.0
+
+# Expectations of one target before the frame is searched; infinite deviations and zero precisions are none.
+SEARCH = np.dtype(
+    [
+        ("window", np.float64, 5),  # of the previous frame in the pixels of this one
+        ("displacement", np.float64, 2),  # predicted motion, px
+        ("spread", np.float64),  # standard deviation of the prediction, px
+        ("reach", np.float64),  # how much wider than usual to search, 1 or more
+        ("seed", np.float64, 2),  # x y where it was detected, px
+        ("seed_std", np.float64),  # px
+        ("sides", np.float64, 2),  # length and width, px
+        ("heading", np.float64),  # rad
+        ("heading_std", np.float64),  # rad
+        ("position_precision", np.float64),
+        ("sides_precision", np.float64),
+        ("heading_precision", np.float64),
+        ("tolerance", np.float64),  # factor on the variance of the residual
+    ]
+)
+
+
+@compiled
+def window_shape(box_width: float, box_height: float, heading: float) -> tuple[float, float]:
+    """Length along the heading and width across it, of a rectangle that fills an upright box.
+
+    Box width = length |cos| + width |sin|, box height = length |sin| + width |cos|. Near 45 degrees the
+    two equations are one; there a weak pull towards a length of twice the width decides.
+
+    Args:
+        box_width: of the upright box, px.
+        box_height: likewise, px.
+        heading: direction of the length, rad.
+
+    Returns:
+        Length and width, px.
+    """
+    cosine, sine = abs(math.cos(heading)), abs(math.sin(heading))
+    pull = ASPECT_WEIGHT**2
+    diagonal_length, diagonal_width = 1 + pull, 1 + pull * USUAL_ASPECT**2
+    mixed = 2 * cosine * sine - pull * USUAL_ASPECT
+    along = cosine * box_width + sine * box_height
+    across = sine * box_width + cosine * box_height
+    determinant = diagonal_length * diagonal_width - mixed**2
+    length = (diagonal_width * along - mixed * across) / determinant
+    width = (diagonal_length * across - mixed * along) / determinant
+    side = max(math.sqrt(max(box_width * box_height, 1.0)), MINIMUM_SIDE)
+    length = min(max(length, 0.3 * side, MINIMUM_SIDE), LARGEST_ASPECT * side)
+    width = min(max(width, length / LARGEST_ASPECT, MINIMUM_SIDE), 2.0 * side)
+    return length, width
+
+
+@compiled
+def window_turn(box_width: float, box_height: float, heading: float) -> tuple[float, float, float]:
+    """Length, width and angle of the window in an upright box: turned into the motion, where that can be.
+
+    A car from above fills its box turned; a person who walks upright through a slanted view does not: no
+    rectangle along the motion has that box. Then the box itself is the window.
+
+    Args:
+        box_width: of the upright box, px.
+        box_height: likewise, px.
+        heading: direction of motion, rad.
+
+    Returns:
+        Length and width, px, and the angle, rad.
+    """
+    length, width = window_shape(box_width, box_height, heading)
+    cosine, sine = abs(math.cos(heading)), abs(math.sin(heading))
+    sides = (length * cosine + width * sine, length * sine + width * cosine)
+    common = min(sides[0], box_width) * min(sides[1], box_height)
+    if common < LEAST_AGREEMENT * (sides[0] * sides[1] + box_width * box_height - common):
+        return box_width, box_height, 0.0
+    return length, width, half_turn(heading)
+
+
+@compiled
+def motion_heading(mean: FloatArray, covariance: FloatArray, side: float) -> tuple[float, float]:
+    """Direction of motion in the frame and its standard deviation, rad; NaN and infinite while unknown.
+
+    Args:
+        mean: float64[4] of one state.
+        covariance: float64[4, 4].
+        side: of the target, px: what moves slowly for its size may turn on the spot.
+    """
+    across, down = mean[2], mean[3]
+    speed = np.hypot(across, down)
+    deviation = np.sqrt((covariance[2, 2] + covariance[3, 3]) / 2)
+    if speed < KNOWN_SPEED * deviation or speed < LEAST_SPEED * side:
+        return np.nan, np.inf
+    return np.arctan2(down, across), max(LEAST_HEADING_STD, 1.5 * deviation / speed)
+
+
+@compiled
+def follow_detections(targets: TargetRows, detected: FloatArray, step_s: float) -> None:
+    """Lets the boxes of detected targets follow detections, float64[d, 6], that show no other target.
+
+    While a target is young its box is as long as was ever seen, or nearly.
+    """
+    for index in range(len(targets)):
+        target = targets[index]
+        if target["detection"] < 0:
+            continue
+        targets[index]["step_s"] = step_s
+        if target["crowded"]:
+            continue
+        seen, box = detected[target["detection"]], target["box"]
+        for side in range(2):
+            known, now = box[side], max(seen[RIGHT + side] - seen[LEFT + side], 1.0)
+            rate = 1.0 if now > known else SHRINK_RATE
+            if target["detected_s"] >= YOUNG_S:
+                rate = _rate_for(BOX_RATE, step_s)
+            box[side] = known * (now / known) ** rate
+        targets[index]["detected_s"] = target["detected_s"] + step_s
+
+
+@compiled
+def expect(
+    targets: TargetRows, searched: IndexArray, detected: FloatArray, step_s: float, searches: SearchRows
+) -> None:
+    """Fills in what is expected of targets that detections lead, but for the precisions.
+
+    Args:
+        targets: predicted for this frame.
+        searched: intp[n], their rows.
+        detected: float64[d, 6].
+        step_s: s.
+        searches: n rows of `SEARCH`.
+    """
+    for row in range(len(searched)):
+        target, search = targets[searched[row]], searches[row]
+        mean, covariance, window, box = target["mean"], target["covariance"], target["window"], target["box"]
+        search["window"][:] = window
+        seed, sides = search["seed"], search["sides"]
+        for axis in range(2):
+            search["displacement"][axis] = mean[2 + axis] * step_s
+            seed[axis] = 0.0
+        searches[row]["seed_std"] = np.inf
+        if target["detection"] >= 0:
+            seen = detected[target["detection"]]
+            seed[0], seed[1] = seen[X], seen[Y]
+            searches[row]["seed_std"] = target["detection_std"]
+        searches[row]["spread"] = np.sqrt((covariance[0, 0] + covariance[1, 1]) / 2)
+        searches[row]["reach"] = min(1 + REACH_PER_FRAME * target["frames_unseen"], LONGEST_REACH)
+        side = np.sqrt(window[LENGTH] * window[WIDTH])
+        heading, deviation = motion_heading(mean, covariance, side)
+        if np.isnan(heading):
+            heading = window[ANGLE]
+        sides[0], sides[1], searches[row]["heading"] = window_turn(box[0], box[1], heading)
+        searches[row]["heading_std"] = deviation
+
+
+@compiled
+def find_hidden(targets: TargetRows, lost_frames: int, height: int, width: int) -> None:
+    """Fills in how much of each window is visible, and whether another target lies upon it.
+
+    Args:
+        targets: the table.
+        lost_frames: unseen frames from which a target hides no other.
+        height: of the frame, px.
+        width: of the frame, px.
+    """
+    for index in range(len(targets)):
+        window = targets[index]["window"]
+        targets[index]["visible"] = visible_part(window, height, width)
+        targets[index]["hidden"] = False
+        for other in range(len(targets)):
+            above = targets[other]
+            known = above["state"] == CONFIRMED or above["state"] == COASTING
+            if other == index or not known or (not above["manual"] and above["frames_unseen"] >= lost_frames):
+                continue
+            if is_inside(window[0], window[1], above["window"], HIDDEN_SCALE):
+                targets[index]["hidden"] = True
+
+
+@compiled
+def settle_windows(targets: TargetRows, detected: FloatArray) -> None:
+    """Decides which windows restart, for recognised or unrecognised targets with a detection of their own.
+
+    Fills `restart` and `restart_window`: KEEP, RESTART at the state's position where the target was not
+    recognised, or RESTART_MOVED where the state moves along.
+
+    Args:
+        targets: the table; `drawn by hand`, tentative and undetected rows are left alone.
+        detected: float64[d, 6].
+    """
+    window = np.empty(5)
+    for index in range(len(targets)):
+        target = targets[index]
+        targets[index]["restart"] = KEEP
+        tentative = target["state"] == TENTATIVE
+        if target["manual"] or tentative or target["detection"] < 0 or target["crowded"]:
+            continue
+        mean, box, better = target["mean"], target["box"], target["restart_window"]
+        seen = detected[target["detection"]]
+        window[:] = target["window"]
+        if not target["recognised"]:
+            window[:2] = mean[:2]
+        side = np.sqrt(window[LENGTH] * window[WIDTH])
+        heading, deviation = motion_heading(mean, target["covariance"], side)
+        if np.isnan(heading):
+            heading = window[ANGLE]
+        trust = min(1.0, (1.0 + 0.04 * side) / target["detection_std"]) ** 2
+        if target["recognised"]:
+            targets[index]["unrecognised"] = 0.0
+        elif not np.isnan(target["similarity"]):
+            if trust > TRUSTED:
+                targets[index]["unrecognised"] = target["unrecognised"] + 1.0
+            if targets[index]["unrecognised"] >= UNRECOGNISED_BEFORE_RESTART:
+                targets[index]["restart"] = RESTART
+                better[0], better[1] = mean[0], mean[1]
+                better[2], better[3], better[4] = window_turn(box[0], box[1], heading)
+                continue
+        if correct_window(targets[index : index + 1], window, seen, heading, deviation, trust):
+            targets[index]["restart"] = RESTART_MOVED
+
+
+@compiled
+def correct_window(
+    target: TargetRows,
+    window: FloatArray,
+    seen: FloatArray,
+    heading: float,
+    deviation: float,
+    trust: float,
+) -> bool:
+    """Whether a window is wrong; then `restart_window` is filled.
+
+    Args:
+        target: its row, one of a table.
+        window: float64[5].
+        seen: float64[6], its detection.
+        heading: direction of motion, rad.
+        deviation: its standard deviation, rad.
+        trust: in the detection, 0 to 1.
+    """
+    wrong = _is_wrong(target, window, seen, heading, deviation, trust)
+    if wrong:
+        target[0]["offset"][:] = 0.0
+        target[0]["unrecognised"] = 0.0
+        target[0]["misfits"] = 0.0
+    return wrong
+
+
+@compiled
+def _is_wrong(
+    target: TargetRows, window: FloatArray, seen: FloatArray, heading: float, deviation: float, trust: float
+) -> bool:
+    """Whether the window is wrong, and fills in where it would be right."""
+    box, offset, better = target[0]["box"], target[0]["offset"], target[0]["restart_window"]
+    x, y, length, width, angle = window
+    side = math.sqrt(length * width)
+    better[0], better[1] = (seen[LEFT] + seen[RIGHT]) / 2, (seen[TOP] + seen[BOTTOM]) / 2
+    better[2], better[3], better[4] = window_turn(box[0], box[1], heading)
+    resized = max(abs(math.log(better[LENGTH] / length)), abs(math.log(better[WIDTH] / width)))
+    if target[0]["detected_s"] < YOUNG_S:
+        off = np.hypot(better[0] - x, better[1] - y)
+        return bool(off > YOUNG_OFFSET * side or resized > YOUNG_RESIZED)
+    if _is_contradicted(target, window, seen):
+        for axis in range(2):
+            box[axis] = max(seen[RIGHT + axis] - seen[LEFT + axis], 1.0)
+        better[2], better[3], better[4] = window_turn(box[0], box[1], heading)
+        return True
+    rate = trust * _rate_for(OFFSET_RATE, target[0]["step_s"])
+    offset[0] += rate * (seen[X] - x - offset[0])
+    offset[1] += rate * (seen[Y] - y - offset[1])
+    better[0], better[1] = x + offset[0], y + offset[1]
+    return bool(
+        np.hypot(offset[0], offset[1]) > max(0.8, 0.06 * side)
+        or abs(half_turn(better[ANGLE] - angle)) > max(0.25, 2.5 * deviation)
+        or resized > RESIZED
+    )
+
+
+@compiled
+def _is_contradicted(target: TargetRows, window: FloatArray, seen: FloatArray) -> bool:
+    """Whether window and detection have been apart for so long that the window must be wrong."""
+    box = target[0]["box"]
+    width, height = max(seen[RIGHT] - seen[LEFT], 1.0), max(seen[BOTTOM] - seen[TOP], 1.0)
+    ratio = width * height / (box[0] * box[1])
+    overlap = _overlap(window, (seen[LEFT] + seen[RIGHT]) / 2, (seen[TOP] + seen[BOTTOM]) / 2, width, height)
+    target[0]["misfits"] = 0.0 if overlap >= LEAST_OVERLAP else target[0]["misfits"] + 1.0
+    usual = 1 / SAME_SIZE < ratio < SAME_SIZE
+    patience = PATIENCE if usual else max(PATIENCE, np.rint(ODD_SIZE_PATIENCE_S / target[0]["step_s"]))
+    return bool(target[0]["misfits"] >= patience or (usual and overlap < HARDLY_ANY_OVERLAP))
+
+
+@compiled
+def _overlap(window: FloatArray, middle_x: float, middle_y: float, width: float, height: float) -> float:
+    """Intersection over union of a window's upright box and a detection's."""
+    x, y, length, breadth, angle = window
+    cosine, sine = abs(math.cos(angle)), abs(math.sin(angle))
+    across, down = length * cosine + breadth * sine, length * sine + breadth * cosine
+    shared_x = min((across + width) / 2 - abs(x - middle_x), across, width)
+    shared_y = min((down + height) / 2 - abs(y - middle_y), down, height)
+    common = max(shared_x, 0.0) * max(shared_y, 0.0)
+    return float(common / (across * down + width * height - common))
+
+
+@compiled
+def _rate_for(rate: float, step_s: float) -> float:
+    """A rate for steps of `RATED_S`, converted to another step."""
+    return float(1.0 - (1.0 - rate) ** (step_s / RATED_S))

@@ -1,0 +1,106 @@
+"""The filter that tells a target from the ground around it."""
+
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter
+from streamkit_tracker.appearance.window_sampling import WindowSampler
+from streamkit_tracker.update.evidence import LEAST_SHARPNESS
+
+SIZE = (240, 320)
+
+
+def seen(scenes: ModuleType, window: np.ndarray | None, light: float = 1.0) -> np.ndarray:
+    """One textured ground with one textured target, or without."""
+    generator = np.random.default_rng(4)
+    backdrop = scenes.ground(generator, *SIZE)
+    texture = scenes.blob_texture(generator)
+    picture = backdrop if window is None else scenes.paint(backdrop, texture, window)
+    return scenes.grey(light * picture, generator, 2.0)
+
+
+def trained(scenes: ModuleType, window: np.ndarray) -> tuple[WindowSampler, CorrelationFilter]:
+    """A filter that has seen the target once."""
+    sampler = WindowSampler()
+    sampler.look_at(seen(scenes, window))
+    return sampler, CorrelationFilter(sampler, window)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, -1.2])
+@pytest.mark.parametrize("step", [(3.3, -2.6), (17.0, 11.0)])
+def test_a_shift_is_found(scenes: ModuleType, angle: float, step: tuple[float, float]):
+    """Within a pixel, whatever the turn of the window, up to a good part of its side."""
+    window = np.array([150.0, 120, 48, 34, angle])
+    sampler, discriminator = trained(scenes, window)
+    moved = window + np.array([*step, 0, 0, 0])
+    sampler.look_at(seen(scenes, moved))
+    response = discriminator.respond(sampler, window[None])
+    assert np.hypot(*(np.array(response.position) - moved[:2])) < 1.0
+    assert response.sharpness > 9
+
+
+def test_light_does_not_count(scenes: ModuleType):
+    """Half the light gives nearly the same response."""
+    window = np.array([150.0, 120, 48, 34, 0.3])
+    sampler, discriminator = trained(scenes, window)
+    bright = discriminator.respond(sampler, window[None])
+    sampler.look_at(seen(scenes, window, light=0.5))
+    dark = discriminator.respond(sampler, window[None])
+    assert dark.peak > 0.7 * bright.peak
+    np.testing.assert_allclose(dark.position, window[:2], atol=0.5)
+
+
+def test_ground_without_the_target_responds_faintly(scenes: ModuleType):
+    """A third of what the target gives at most."""
+    window = np.array([150.0, 120, 48, 34, 0.0])
+    sampler, discriminator = trained(scenes, window)
+    there = discriminator.respond(sampler, window[None])
+    sampler.look_at(seen(scenes, None))
+    gone = discriminator.respond(sampler, window[None])
+    assert gone.peak < there.peak / 3
+
+
+def test_the_right_size_responds_best(scenes: ModuleType):
+    """A target that has grown answers loudest at its new size."""
+    window = np.array([150.0, 120, 48, 34, 0.0])
+    sampler, discriminator = trained(scenes, window)
+    grown = window * [1, 1, 1.15, 1.15, 1]
+    sampler.look_at(seen(scenes, grown))
+    found = discriminator.respond(sampler, np.stack([window, grown, window * [1, 1, 0.87, 0.87, 1]]))
+    assert found.sides == (grown[2], grown[3])
+
+
+def test_the_first_size_is_kept_unless_another_is_clearly_better(scenes: ModuleType):
+    """A lead of the first window is enough for it to win, so that the size does not tremble."""
+    window = np.array([150.0, 120, 48, 34, 0.0])
+    sampler, discriminator = trained(scenes, window)
+    grown = window * [1, 1, 1.15, 1.15, 1]
+    sampler.look_at(seen(scenes, grown))
+    found = discriminator.respond(sampler, np.stack([window, grown]), lead=0.1)
+    assert found.sides == (window[2], window[3])
+
+
+def test_learning_follows_a_new_look(scenes: ModuleType):
+    """After some frames of another texture the filter answers to that one better than before."""
+    window = np.array([150.0, 120, 48, 34, 0.0])
+    sampler, discriminator = trained(scenes, window)
+    generator = np.random.default_rng(9)
+    other = scenes.paint(scenes.ground(generator, *SIZE), scenes.blob_texture(generator), window)
+    sampler.look_at(scenes.grey(other, generator, 2.0))
+    before = discriminator.respond(sampler, window[None])
+    for _ in range(30):
+        discriminator.learn(sampler, window)
+    after = discriminator.respond(sampler, window[None])
+    assert after.peak > before.peak + 0.2
+
+
+def test_a_flat_patch_gives_no_peak():
+    """Nothing divides by the contrast of a constant."""
+    sampler = WindowSampler()
+    sampler.look_at(np.full((60, 80), 90, np.uint8))
+    window = np.array([40.0, 30, 20, 10, 0])
+    response = CorrelationFilter(sampler, window).respond(sampler, window[None])
+    assert abs(response.peak) < 1e-4
+    assert response.sharpness < LEAST_SHARPNESS

@@ -1,0 +1,102 @@
+"""Gated assignment."""
+
+import numpy as np
+import pytest
+from scipy.optimize import linear_sum_assignment
+
+from streamkit_tracker.associate import gated_pairs
+from streamkit_tracker.associate.assignment import FORBIDDEN, assign
+from streamkit_tracker.associate.gated_pairs import Comparison
+from streamkit_tracker.targets import TARGET, TargetRows
+
+
+def test_the_total_cost_counts_not_the_nearest():
+    """Two targets claim one detection: the pairing with the least total cost wins."""
+    costs = np.array([[1.0, 2.0], [1.5, 9.0]])
+    assert assign(costs, np.ones((2, 2), bool)) == [(0, 1), (1, 0)]
+
+
+def test_pairs_outside_the_gate_stay_apart():
+    """What is not allowed is not paired, even when nothing else is left."""
+    allowed = np.array([[True, False], [False, False]])
+    assert assign(np.where(allowed, 1.0, np.inf), allowed) == [(0, 0)]
+    assert assign(np.zeros((0, 3)), np.zeros((0, 3), bool)) == []
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (6, 6), (20, 19), (19, 40), (40, 13)])
+def test_no_pairing_is_cheaper(shape: tuple[int, int]):
+    """The total is that of scipy's assignment, whichever side has more, with few or many forbidden pairs."""
+    generator = np.random.default_rng(shape)
+    for share in (0.0, 0.5, 0.95):
+        costs = generator.uniform(0.0, 20.0, shape)
+        allowed = generator.random(shape) >= share
+        pairs = assign(costs, allowed)
+        finite = np.where(allowed, costs, FORBIDDEN)
+        rows, columns = linear_sum_assignment(finite)
+        kept = allowed[rows, columns]
+        assert pairs == list(zip(rows[kept].tolist(), columns[kept].tolist(), strict=True))
+
+
+def test_equal_costs_are_no_trouble():
+    """Where every pairing is as good as any other each row still gets a column of its own."""
+    pairs = assign(np.ones((5, 4)), np.ones((5, 4), bool))
+    assert len({row for row, _ in pairs}) == len({column for _, column in pairs}) == len(pairs) == 4
+
+
+def test_costs_beyond_all_measure_end_nothing():
+    """A cost near the largest float, or none at all, is the last choice."""
+    costs = np.array([[1e308, np.nan, 2.0], [1e308, np.inf, 1.0]])
+    assert (1, 2) in assign(costs, np.ones((2, 3), bool))
+
+
+def expected(*, variances: tuple[float, float] = (8.0, 3.0)) -> TargetRows:
+    """One target of 20 by 10 px at the origin, whose detections scatter by 1 px."""
+    rows = np.zeros(1, TARGET)
+    rows["covariance"] = np.diag([*variances, 0.0, 0.0])
+    rows["box"] = 20.0, 10.0
+    return rows
+
+
+def compare(rows: TargetRows, detected: np.ndarray, unlike: np.ndarray, reach: float = 100.0) -> Comparison:
+    """All rows compared with all detections."""
+    return gated_pairs.compare(rows, np.arange(len(rows)), detected, unlike, reach)
+
+
+def detected(x: float, y: float, width: float = 20.0, height: float = 10.0) -> list[float]:
+    """A detection with its centroid in the middle of its box."""
+    return [x, y, x - width / 2, y - height / 2, x + width / 2, y + height / 2]
+
+
+def test_distance_is_in_standard_deviations():
+    """A 3 px offset along an axis of variance 8 + 1 is one standard deviation."""
+    seen = np.array([detected(3.0, 0.0), detected(0.0, 4.0)])
+    np.testing.assert_allclose(compare(expected(), seen, np.zeros((1, 2))).distances, [[1.0, 4.0]])
+
+
+def test_a_pair_costs_its_distance_its_size_and_what_it_is_unlike():
+    """One standard deviation, half the longer side too wide, and 0.25 for the look."""
+    seen = np.array([detected(3.0, 0.0, width=30.0)])
+    found = compare(expected(), seen, np.full((1, 1), 0.25))
+    np.testing.assert_allclose(found.costs, [[1.0 + 0.25 + 0.25]])
+    np.testing.assert_allclose(found.mismatch, [[10.0]])
+
+
+def test_outside_the_gate_only_overlapping_boxes_pair_and_they_come_last():
+    """A covariance that is too small does not free what lies upon the target; farther detections are free."""
+    sure = expected(variances=(0.01, 0.01))
+    found = compare(sure, np.array([detected(8.0, 0.0), detected(19.0, 0.0)]), np.zeros((1, 2)))
+    assert np.isfinite(found.costs[0, 0])
+    assert found.costs[0, 0] > 100
+    assert np.isinf(found.costs[0, 1])
+    near = compare(expected(), np.array([detected(7.0, 9.0)]), np.zeros((1, 1)), reach=1.0)
+    assert near.distances[0, 0] > 16
+    assert np.isinf(near.costs[0, 0])
+
+
+def test_a_box_holds_centres_and_touches_bodies():
+    """Of two targets in reach of one box, the one with its centre outside is only touched."""
+    pair = np.concatenate([expected(), expected()])
+    pair["mean"][1, :2] = 15.0, 0.0
+    found = compare(pair, np.array([detected(0.0, 0.0), detected(200.0, 0.0)]), np.zeros((2, 2)))
+    np.testing.assert_array_equal(found.held, [1, 0])
+    np.testing.assert_array_equal(found.touched, [2, 0])

@@ -1,0 +1,150 @@
+"""How a window follows detections."""
+
+import math
+
+import numpy as np
+import pytest
+
+from streamkit_tracker.targets import CONFIRMED, TARGET, TargetRows
+from streamkit_tracker.update.detected_box import (
+    KEEP,
+    RESTART,
+    RESTART_MOVED,
+    correct_window,
+    follow_detections,
+    settle_windows,
+)
+from streamkit_tracker.window_geometry import FloatArray
+
+STEP_S = 0.04
+
+
+def sighting(x: float, y: float, width: float = 30.0, height: float = 14.0) -> FloatArray:
+    """A detection with its centroid in the middle of its box."""
+    return np.array([x, y, x - width / 2, y - height / 2, x + width / 2, y + height / 2])
+
+
+def row(width: float, height: float) -> TargetRows:
+    """A confirmed target that was detected once, and is detected in this frame by the first detection."""
+    target = np.zeros(1, TARGET)
+    target["box"], target["step_s"], target["state"] = (width, height), STEP_S, CONFIRMED
+    target["detection_std"] = 2.0
+    return target
+
+
+def remember(target: TargetRows, seen: FloatArray, step_s: float) -> None:
+    """Lets the box follow one detection."""
+    follow_detections(target, seen[None], step_s)
+
+
+def window_at(x: float, y: float) -> FloatArray:
+    """The window of a settled target that moves to the right."""
+    return np.array([x, y, 30.0, 14.0, 0.0])
+
+
+def better(
+    target: TargetRows, window: FloatArray, seen: FloatArray, heading: float, deviation: float, trust: float
+) -> FloatArray | None:
+    """Where one window restarts, or None."""
+    wrong = correct_window(target, window, seen, heading, deviation, trust)
+    return target["restart_window"][0].copy() if wrong else None
+
+
+def settled() -> TargetRows:
+    """The row of a target that was detected for more than a second."""
+    shape = row(30.0, 14.0)
+    for _ in range(30):
+        remember(shape, sighting(0, 0), STEP_S)
+    return shape
+
+
+def test_a_young_target_is_as_large_as_was_ever_seen():
+    """First detections show a part: the box grows at once, and shrinks slowly."""
+    shape = row(10.0, 8.0)
+    remember(shape, sighting(0, 0, 24, 12), STEP_S)
+    assert shape["box"][0].tolist() == [24.0, 12.0]
+    remember(shape, sighting(0, 0, 6, 12), STEP_S)
+    assert shape["box"][0].tolist() == [12.0, 12.0]
+
+
+def test_a_detection_that_shows_others_too_teaches_nothing():
+    """A blob of two cars is not the size of one."""
+    shape = settled()
+    shape["crowded"], shape["detection_std"] = True, 20.0
+    remember(shape, sighting(0, 0, 80, 60), STEP_S)
+    np.testing.assert_allclose(shape["box"][0], (30, 14))
+
+
+def test_a_window_that_agrees_is_left_alone():
+    """Detections that tremble by a pixel do not move the window of a settled target."""
+    shape = settled()
+    window = window_at(100, 100)
+    noise = np.random.default_rng(0).normal(0, 0.7, (50, 2))
+    assert all(
+        better(shape, window, sighting(100 + dx, 100 + dy), 0.0, math.inf, 1.0) is None for dx, dy in noise
+    )
+
+
+def test_a_window_far_off_begins_again_on_the_detection():
+    """Where the detection lies for the most part beside it, at once; where it lies half beside it, soon."""
+    shape = settled()
+    far = better(shape, window_at(100, 100), sighting(120, 100), 0.0, math.inf, 0.0)
+    assert far is not None
+    np.testing.assert_allclose(far[:2], (120, 100))
+    window = window_at(100, 100)
+    answers = [better(shape, window, sighting(109, 102), 0.0, math.inf, 0.0) for _ in range(2)]
+    assert answers[0] is None
+    assert answers[1] is not None
+
+
+def test_a_detection_of_an_odd_size_has_to_last():
+    """One blob twice as large changes nothing; after eight the target is that large."""
+    shape = settled()
+    window = window_at(100, 100)
+    answers = [better(shape, window, sighting(100, 100, 44, 40), 0.0, math.inf, 0.0) for _ in range(8)]
+    assert answers[:7] == [None] * 7
+    assert answers[7] is not None
+    assert answers[7][3] > 35
+
+
+@pytest.mark.parametrize("per_second", [5, 10, 50])
+def test_the_box_follows_by_the_clock(per_second: int):
+    """Half a second after a target was seen larger its box is as large, whatever the rate of frames."""
+    usual, other = settled(), settled()
+    for _ in range(12):
+        remember(usual, sighting(0, 0, 45, 21), STEP_S)
+    for _ in range(round(0.48 * per_second)):
+        remember(other, sighting(0, 0, 45, 21), 0.48 / round(0.48 * per_second))
+    np.testing.assert_allclose(other["box"], usual["box"], rtol=1e-9)
+
+
+def test_an_odd_size_lasts_by_the_clock():
+    """With ten frames a second three odd detections are as long as eight with 25."""
+    shape = row(30.0, 14.0)
+    for _ in range(12):
+        remember(shape, sighting(0, 0), 0.1)
+    window = window_at(100, 100)
+    answers = [better(shape, window, sighting(100, 100, 44, 40), 0.0, math.inf, 0.0) for _ in range(3)]
+    assert answers[:2] == [None] * 2
+    assert answers[2] is not None
+
+
+def test_many_targets_are_judged_as_each_alone():
+    """What is unlike itself for three frames restarts where it is detected, and what agrees goes on."""
+    targets = np.concatenate([settled(), settled(), settled()])
+    targets["window"] = window_at(100.0, 100.0)
+    targets["mean"] = [[100.0, 100, 0, 0], [101.0, 100, 0, 0], [100.0, 100, 0, 0]]
+    targets["covariance"], targets["similarity"] = np.eye(4), 0.5
+    targets["recognised"], targets["detection"] = [True, False, True], [0, 1, 2]
+    seen = np.array([sighting(100, 100), sighting(100, 100), sighting(130, 100)])
+    settle_windows(targets, seen)
+    assert targets["restart"].tolist() == [KEEP, KEEP, RESTART_MOVED]
+    np.testing.assert_allclose(targets["restart_window"][2, :2], (130, 100))
+    still = targets[:2]
+    for compared in (True, False, True):
+        still["similarity"] = 0.5 if compared else np.nan
+        settle_windows(still, seen)
+        # a frame in which the target was not compared says nothing
+        assert still["restart"][1] == KEEP or compared
+    assert still["restart"].tolist() == [KEEP, RESTART]
+    np.testing.assert_allclose(still["restart_window"][1, :2], (101, 100))

@@ -1,0 +1,112 @@
+"""Where the filter is asked, and what the particles are told."""
+
+import math
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
+from streamkit_tracker.appearance.window_sampling import WindowSampler
+from streamkit_tracker.update.evidence import Evidence
+from streamkit_tracker.update.response import (
+    ask,
+    between_sizes,
+    changed_windows,
+    response_prior,
+    search_places,
+)
+
+WINDOW = np.array([100.0, 80, 40, 10, 0.3])
+
+
+def test_a_seen_target_is_asked_for_at_three_sizes():
+    """The same place and aspect; the middle size first."""
+    places = search_places(WINDOW, 0)
+    np.testing.assert_array_equal(places[0], WINDOW)
+    np.testing.assert_array_equal(places[:, [0, 1, 4]], np.repeat(WINDOW[None, [0, 1, 4]], 3, axis=0))
+    np.testing.assert_allclose(places[:, 2] / places[:, 3], 4.0)
+    assert places[1, 2] > WINDOW[2] > places[2, 2]
+
+
+def test_the_search_grows_with_the_gap_up_to_a_limit():
+    """Rings around the prediction, three in turn; the widest grows, never beyond three sides."""
+    reaches = [np.hypot(*(search_places(WINDOW, n)[1:, :2] - WINDOW[:2]).T) for n in (3, 9, 999, 1000, 1001)]
+    for ring in reaches:
+        np.testing.assert_allclose(ring, ring[0])
+    assert reaches[0][0] < reaches[1][0] < reaches[2][0]
+    assert [ring[0] for ring in reaches[2:]] == pytest.approx([60, 40, 20])
+
+
+def test_the_softer_the_target_the_more_the_filter_counts():
+    """A rigid target is free to turn; a soft one is held to the filter's size and the drawn angle."""
+    response = Response((101.0, 79.0), (40.0, 10.0), 0.3, 0.7, 20.0)
+    rigid, soft = response_prior(response, 1.0, 0.3), response_prior(response, 9.0, 0.3)
+    assert rigid.heading_std == math.inf
+    assert soft.heading_std < 0.1
+    assert soft.sides_std == pytest.approx(rigid.sides_std / 3)
+    assert soft.centroid_std == pytest.approx(rigid.centroid_std / 3)
+    assert rigid.centroid == soft.centroid == (101.0, 79.0)
+
+
+def test_a_target_found_again_may_have_turned_and_resized():
+    """Windows about the response: itself first, then smaller, larger and turned both ways; one aspect."""
+    response = Response((101.0, 79.0), (40.0, 10.0), 0.3, 0.7, 20.0)
+    windows = changed_windows(response)
+    np.testing.assert_allclose(windows[0], [101, 79, 40, 10, 0.3])
+    np.testing.assert_allclose(windows[:, 2] / windows[:, 3], 4.0)
+    assert windows[:, 2].min() < 40 < windows[:, 2].max()
+    assert windows[:, 4].min() < 0.3 < windows[:, 4].max()
+
+
+def found(scenes: ModuleType, drawn: np.ndarray, now: np.ndarray, predicted: np.ndarray) -> Response | None:
+    """What is told of a textured target that trembled for ten frames where it was drawn, and is elsewhere."""
+    generator = np.random.default_rng(4)
+    backdrop, texture = scenes.ground(generator, 240, 320), scenes.blob_texture(generator)
+    sampler, evidence = WindowSampler(), Evidence(lost_threshold=0.6, update_threshold=0.85)
+    sampler.look_at(scenes.grey(scenes.paint(backdrop, texture, drawn), generator, 2.0))
+    discriminator = CorrelationFilter(sampler, drawn)
+    for _ in range(10):
+        near = drawn + generator.normal(0, 2, 5) * [1, 1, 0, 0, 0]
+        sampler.look_at(scenes.grey(scenes.paint(backdrop, texture, near), generator, 2.0))
+        usual = discriminator.respond(sampler, drawn[None])
+        evidence.judge(0.02, (usual.peak, usual.sharpness), informative=True, unseen=False)
+    sampler.look_at(scenes.grey(scenes.paint(backdrop, texture, now), generator, 2.0))
+    return ask(discriminator, evidence, sampler, drawn, predicted, 0)
+
+
+@pytest.mark.parametrize("step", [(30.0, 0.0), (-12.0, 26.0)])
+def test_a_jump_by_most_of_a_side_is_followed(scenes: ModuleType, step: tuple[float, float]):
+    """Within half a pixel: what is too faint to be believed from afar is asked for again from near by."""
+    drawn = np.array([150.0, 120, 40, 34, 0.0])
+    now = drawn + np.array([*step, 0, 0, 0])
+    response = found(scenes, drawn, now, drawn)
+    assert response is not None
+    assert math.dist(response.position, now[:2]) < 0.5
+
+
+def test_a_target_that_stops_is_found_where_it_was(scenes: ModuleType):
+    """Though it was expected to go on by more than a side."""
+    drawn = np.array([150.0, 120, 40, 34, 0.0])
+    response = found(scenes, drawn, drawn, drawn + np.array([44.0, 0, 0, 0, 0]))
+    assert response is not None
+    assert math.dist(response.position, drawn[:2]) < 1.0
+
+
+@pytest.mark.parametrize("grown", [0.97, 1.02, 1.045])
+def test_sizes_between_those_asked_at_are_told(scenes: ModuleType, grown: float):
+    """Within 1.5 per cent, with one aspect."""
+    drawn = np.array([150.0, 120, 60, 50, 0.0])
+    response = found(scenes, drawn, drawn * [1, 1, grown, grown, 1], drawn)
+    assert response is not None
+    assert response.sides[0] == pytest.approx(60 * grown, rel=0.015)
+    assert response.sides[0] / response.sides[1] == pytest.approx(1.2)
+
+
+def test_a_size_beyond_those_asked_at_is_not_guessed():
+    """The parabola is believed between its samples only; without a hump the highest of them wins."""
+    assert between_sizes(0.5, 0.9, 0.1) == 1.0
+    assert between_sizes(0.5, 0.2, 0.6) == pytest.approx(-1.0, abs=0.6)
+    assert between_sizes(0.9, 0.5, 0.5) == 0.0
+    assert between_sizes(0.5, 0.5, 0.5) == 0.0
+    assert between_sizes(0.3, 0.6, 0.5) == 1.0
