@@ -7,9 +7,15 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from streamkit_tracker.appearance.eigen_template import EigenTemplate, eigen_distances
-from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
-from streamkit_tracker.update.layered_filter import LayerSettings, Particles, Proposal, Score, layered_step
+from streamkit_tracker.appearance.eigen_template import EigenTemplate
+from streamkit_tracker.appearance.window_sampling import (
+    WindowSampler,
+    shrink_factor,
+    template_distances,
+    unit_grid,
+)
+from streamkit_tracker.update.expectations import SEARCH
+from streamkit_tracker.update.layered_filter import LayerSettings, Particles, Score, layered_step
 from streamkit_tracker.window_geometry import FloatArray, half_turn
 
 PATCH = (32, 32)
@@ -32,15 +38,10 @@ class Layered:
 
     def step(self, window: FloatArray, motion: FloatArray, score: Score, generator: Generator) -> FloatArray:
         """The window, float64[5], after one frame."""
-        proposal = Proposal(
-            window[None],
-            motion[None, :2],
-            np.array([NARROW]),
-            np.array([WIDE]),
-            np.full((1, 2), np.nan),
-            np.zeros(1),
-        )
-        result = layered_step([self.particles], [generator], proposal, score, SETTINGS)
+        searches = np.zeros(1, SEARCH)
+        searches["window"], searches["displacement"] = window, motion[:2]
+        searches["spread"], searches["wide_spread"], searches["seed_spread"] = NARROW, WIDE, np.nan
+        result = layered_step([self.particles], [generator], searches, score, SETTINGS)
         self.particles = result.particles[0]
         return np.asarray(result.windows[0])
 
@@ -88,8 +89,15 @@ def follow(steps: Iterable[GreyStep], *, layered: bool, seed: int) -> tuple[floa
     method: Layered | Flat = Layered(Particles.at(window)) if layered else Flat(window[None].copy())
 
     def score(windows: FloatArray) -> FloatArray:
-        patches = sampler.sample(windows.reshape(-1, 5), PATCH, factor)[None]
-        return np.asarray(-0.5 / SIGMA**2 * eigen_distances([template], patches), np.float64)
+        crops = sampler.crop(windows.reshape(-1, 5), factor)
+        rows, constants = template.rows[None], template.constants[None]
+        grid = unit_grid(PATCH)
+        distances, first = np.empty(windows.shape[:2]), np.empty((1, grid.shape[1]), np.float32)
+        windows = np.ascontiguousarray(windows)
+        template_distances(
+            crops.quads, crops.places, factor, windows, grid, rows, constants, distances, first
+        )
+        return np.asarray(-0.5 / SIGMA**2 * distances, np.float64)
 
     errors, turns = [], []
     for picture, truth, camera in rest:

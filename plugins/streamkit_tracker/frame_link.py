@@ -14,6 +14,7 @@ from streamkit_tracker.window_geometry import FloatArray, invertible
 USUAL_STEP_S = 1 / 25
 LONGEST_STEP_S = 10.0
 NO_REGISTRATION = Registration(np.eye(3), np.eye(3))
+NO_DETECTIONS = Detections(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
 
 
 class FrameLink:
@@ -30,35 +31,26 @@ class FrameLink:
     def observe(self, frame: Frame) -> Observation:
         """What the tracker is told about a frame; call it once for each, in order."""
         registration = frame.get(Registration) or NO_REGISTRATION
-        detections = frame.get(Detections)
+        detections, features = frame.get(Detections) or NO_DETECTIONS, frame.get(Features)
         space = cast("Space | None", frame.metadata.get(FeatureSpace))
-        features = frame.get(Features)
-        none = np.zeros((0, 2))
-        centroids = (
-            none if detections is None else np.asarray(detections.centroids, np.float64).reshape(-1, 2)
-        )
+        centroids = np.asarray(detections.centroids, np.float64).reshape(-1, 2)
         paired = features is not None and space is not None and len(features.vectors) == len(centroids)
+        last, step_s = self._last, USUAL_STEP_S  # where the stamps do not tell
+        if last is not None and last.pts is not None and frame.pts is not None and last.epoch == frame.epoch:
+            step_s = min((frame.pts - last.pts) / 1e9, LONGEST_STEP_S)
         observation = Observation(
-            step_s=self._step(frame),
+            step_s=step_s if step_s > 0 else USUAL_STEP_S,
             continuity=self._continuity(frame),
             to_previous=self._to_previous(frame, registration),
             to_reference=registration.to_reference,
             centroids=centroids,
-            boxes=np.zeros((0, 4)) if detections is None else np.asarray(detections.boxes).reshape(-1, 4),
+            boxes=np.asarray(detections.boxes).reshape(-1, 4),
             features=features.vectors if paired and features is not None else None,
             features_version=0 if space is None else space.version,
             space=space if self._compare_in_space else None,
         )
         self._last = frame
         return observation
-
-    def _step(self, frame: Frame) -> float:
-        """Real time since the last frame, s; 1/25 where the stamps do not tell."""
-        last = self._last
-        if last is None or last.pts is None or frame.pts is None or last.epoch != frame.epoch:
-            return USUAL_STEP_S
-        step = (frame.pts - last.pts) / 1e9
-        return min(step, LONGEST_STEP_S) if step > 0 else USUAL_STEP_S
 
     def _continuity(self, frame: Frame) -> Continuity:
         registration, last = frame.get(Registration), self._last

@@ -45,8 +45,3 @@ class Observation:
     features: Float32Array | None = None
     features_version: int = 0
     space: Space | None = None
-
-    @property
-    def detected(self) -> FloatArray:
-        """float64[n, 6]: x and y of the centroids and the boxes of the detections, px."""
-        return np.concatenate([self.centroids, self.boxes], axis=1, dtype=np.float64)

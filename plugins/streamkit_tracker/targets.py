@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,6 +39,7 @@ TARGET = np.dtype(
         ("drawn_angle", np.float64),  # rad, of the drawn window had the target not turned
         ("age_s", np.float64),
         ("credit_s", np.float64),  # how much longer the target may coast
+        ("hits", np.float64, 100),  # 1 where it was detected, the latest frame first; NaN before it began
         ("frames_undetected", np.int64),
         ("frames_unseen", np.int64),
         ("score", np.float64),  # similarity to the template, kept from the last comparison
@@ -110,21 +110,17 @@ class TargetModel:
         generator: its only source of chance.
         evidence: when it counts as seen.
         trail: its detected positions.
-        hits: whether it was detected in its last frames before it was confirmed.
         appearance: None before the target is confirmed.
         feature: float64[k], mean of its detections' feature vectors, or None.
         feature_version: of the space they are in.
-        cause: why the target began, was confirmed or ended in this frame; else empty.
     """
 
     generator: np.random.Generator
     evidence: Evidence
     trail: Trail
-    hits: deque[bool]
     appearance: Appearance | None = None
     feature: FloatArray | None = None
     feature_version: int = 0
-    cause: str = ""
 
 
 @dataclass(eq=False)
@@ -134,14 +130,13 @@ class TargetTable:
     Attributes:
         rows: structured array of `TARGET`, one for each.
         models: their objects, in the same order.
+        causes: by id, why targets began, were confirmed or ended in this frame.
     """
 
     rows: TargetRows = field(default_factory=lambda: np.zeros(0, TARGET))
     models: list[TargetModel] = field(default_factory=list)
+    causes: dict[int, str] = field(default_factory=dict)
     next_id: int = 1
-
-    def __len__(self) -> int:
-        return len(self.models)
 
     def add(self, window: FloatArray, settings: TrackerSettings, *, manual: bool, cause: str) -> int:
         """Appends a tentative target at a window, float64[5]; returns its row."""
@@ -154,14 +149,14 @@ class TargetTable:
         row["credit_s"], row["step_s"], row["score"] = INITIAL_CREDIT_S, INITIAL_STEP_S, 1.0
         row["predicted"] = row["gate"] = row["similarity"] = np.nan
         row["detection"] = -1
+        row["hits"], row["hits"][0, 0] = np.nan, 1.0
+        self.causes[self.next_id] = cause
         self.rows = np.concatenate([self.rows, row])
         self.models.append(
             TargetModel(
                 np.random.default_rng((settings.seed, self.next_id)),
                 Evidence(settings.lost_threshold, settings.update_threshold),
                 Trail((float(window[0]), float(window[1]))),
-                deque([True], maxlen=settings.birth_window),
-                cause=cause,
             )
         )
         self.next_id += 1
@@ -170,14 +165,13 @@ class TargetTable:
     def lose(self, index: int, cause: str) -> None:
         """Ends the target in a row."""
         self.rows["state"][index] = LOST
-        self.models[index].cause = cause
+        self.causes[int(self.rows["id"][index])] = cause
 
     def drop_lost(self) -> None:
         """Removes the rows of lost targets."""
         kept = self.rows["state"] != LOST
-        if not kept.all():
-            self.rows = self.rows[kept]
-            self.models = [model for model, keep in zip(self.models, kept.tolist(), strict=True) if keep]
+        self.rows = self.rows[kept]
+        self.models = [model for model, keep in zip(self.models, kept.tolist(), strict=True) if keep]
 
 
 def followed(rows: TargetRows) -> BoolArray:

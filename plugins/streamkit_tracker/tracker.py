@@ -8,18 +8,19 @@ import numpy as np
 
 from streamkit_tracker.appearance.frame_crops import ByteArray
 from streamkit_tracker.appearance.window_sampling import WindowSampler
-from streamkit_tracker.associate.gated_pairs import associate, remember_features
+from streamkit_tracker.associate.gated_pairs import associate
 from streamkit_tracker.budget import Budget
 from streamkit_tracker.delete.duplicates import Closeness, end_duplicates
 from streamkit_tracker.delete.states import begin_frame, coast_all, end_gone, end_surplus, pass_time
 from streamkit_tracker.initiate.appearance import start_appearance, start_appearances
 from streamkit_tracker.initiate.births import add_tentative
 from streamkit_tracker.observation import Continuity, Observation
-from streamkit_tracker.predict.constant_velocity import predict
+from streamkit_tracker.predict.constant_velocity import correct, predict
 from streamkit_tracker.report.reports import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import COASTING, CONFIRMED, BoolArray, TargetTable, followed
-from streamkit_tracker.update.measurement import update
+from streamkit_tracker.targets import COASTING, CONFIRMED, LOST, TargetTable, dormant, followed
+from streamkit_tracker.update.detected_box import follow_detections, settle_windows
+from streamkit_tracker.update.measurement import measure, settle_appearances
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction
 
 
@@ -81,49 +82,54 @@ class MultiTargetTracker:
         Returns:
             One report for every target, in order of their ids; a target that ends is reported once as lost.
         """
-        targets = self.targets
+        targets, settings = self.targets, self.settings
         resized = self._shape is not None and self._shape != image.shape
         self._shape = (image.shape[0], image.shape[1])
         if resized or observation.continuity is Continuity.NEW:
-            cause = "the frame's size changed" if resized else "a cut, or a plane without a mapping"
-            for row in range(len(targets)):
-                targets.lose(row, cause)
-        else:
-            predict(targets, observation.to_previous, observation.step_s)
-            begin_frame(targets.rows)
-            if observation.continuity is Continuity.LOST:
-                pass_time(targets, observation.step_s, self.settings.coast)
-                coast_all(targets)
-            else:
-                self._sampler.look_at(image)
-                began = time.perf_counter()
-                self._search(observation)
-                self._budget.spent(time.perf_counter() - began)
-        reports = report(targets, observation.to_reference, self.settings)
-        targets.drop_lost()
-        return reports
-
-    def _search(self, observation: Observation) -> None:
-        """Associates, updates, deletes and initiates targets in a frame that can be searched."""
-        targets, settings = self.targets, self.settings
-        free = associate(targets, observation, settings)
-        pass_time(targets, observation.step_s, settings.coast)
-        remember_features(targets, observation)
+            for row in range(len(targets.models)):
+                targets.lose(
+                    row, "the frame's size changed" if resized else "a cut, or a plane without a mapping"
+                )
+            return self._report(observation)
+        predict(targets, observation.to_previous, observation.step_s)
+        begin_frame(targets.rows)
+        targets.causes = {}
+        if observation.continuity is Continuity.LOST:
+            pass_time(targets.rows, observation.step_s, settings.coast, settings.birth_window)
+            coast_all(targets)
+            return self._report(observation)
         rows = targets.rows
+        detected = np.concatenate([observation.centroids, observation.boxes], axis=1, dtype=np.float64)
+        self._sampler.look_at(image)
+        began = time.perf_counter()
+        self._frames += 1
+        free = associate(targets, detected, observation, settings)
+        pass_time(rows, observation.step_s, settings.coast, settings.birth_window)
+        follow_detections(rows, detected, observation.step_s)
+        known, found = followed(rows), rows["detection"] >= 0
         replaceable = np.count_nonzero((rows["state"] == COASTING) & ~rows["manual"])
-        crowd = np.count_nonzero(followed(rows)) - replaceable
-        update(targets, observation, self._sampler, settings, self._budget.share, self._resting())
-        ended = end_gone(targets, settings)
-        crowd_by_row = (crowd - np.cumsum(ended) + ended).astype(np.int64)
-        start_appearances(targets, observation, self._sampler, settings, crowd_by_row)
+        # in turn, a detection of its own is enough for a target
+        resting = (
+            found & ~rows["manual"] & ~rows["crowded"] & ((rows["id"] + self._frames) % self._budget.turn > 0)
+        )
+        searched = np.flatnonzero(known & ~resting & (found | ~dormant(rows, settings.lost_frames)))
+        measure(targets, searched, detected, observation, self._sampler, settings, self._budget.share)
+        correct(rows)
+        settle_windows(rows, detected)
+        settle_appearances(targets, self._sampler)
+        ended = end_gone(targets, settings, self._sampler.shape)
+        crowd = (np.count_nonzero(known) - replaceable - np.cumsum(ended) + ended).astype(np.int64)
+        start_appearances(targets, observation, self._sampler, settings, crowd)
         self.given_up += end_surplus(targets, settings.max_targets)
         self._closeness = end_duplicates(targets, observation.boxes, settings.lost_frames, self._closeness)
         if settings.auto_start:
             add_tentative(targets, observation, free, settings)
+        if settings.budget_ms > 0:
+            self._budget.spent(time.perf_counter() - began)
+        return self._report(observation)
 
-    def _resting(self) -> BoolArray:
-        """bool[n]: targets that a detection of their own is enough for in this frame, see `Budget.turn`."""
-        rows, turn = self.targets.rows, self._budget.turn
-        self._frames += 1
-        steady = ~rows["manual"] & (rows["detection"] >= 0) & ~rows["crowded"]
-        return np.asarray(steady & ((rows["id"] + self._frames) % turn != 0))
+    def _report(self, observation: Observation) -> tuple[TargetReport, ...]:
+        reports = report(self.targets, observation.to_reference, self.settings)
+        if (self.targets.rows["state"] == LOST).any():
+            self.targets.drop_lost()
+        return reports

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from streamkit.settings import setting
-from streamkit_kernels import compiled, product
+from streamkit_kernels import compiled
 from streamkit_tracker.appearance.frame_crops import Float32Array
 from streamkit_tracker.appearance.principal_rows import principal_rows
-from streamkit_tracker.window_geometry import FloatArray
 
 DEVIATION_FLOOR = 4.0
 TEXTURE_FLOOR = 0.05
@@ -56,7 +54,10 @@ class EigenTemplate:
         self.singular_values = np.zeros(0, np.float32)
         self._count = 1.0
         self._waiting: list[Float32Array] = []
-        self._stack()
+        components = self._settings.eigenvectors
+        self.rows, self.constants = _forgive(
+            self.basis, self.singular_values, self.mean, self._count, components
+        )
 
     def update(self, patch: Float32Array) -> None:
         """Learns a patch, float32[p] grey levels; takes effect when a batch is complete."""
@@ -65,7 +66,6 @@ class EigenTemplate:
             learnt = normalise(np.concatenate(self._waiting).reshape(-1, patch.size))
             self._waiting.clear()
             self._merge(learnt)
-            self._stack()
 
     def _merge(self, learnt: Float32Array) -> None:
         """Sequential Karhunen-Loeve step with the rows of `learnt`, float32[n, p], and the anchor."""
@@ -89,46 +89,16 @@ class EigenTemplate:
         self.basis, self.singular_values = basis[:kept], singular_values[:kept]
         self.mean = mean
         self._count = past + new
-
-    def _stack(self) -> None:
-        """Prepares float32[components + 2, p]: the basis as far as it is forgiven, the mean and ones."""
-        components, pixels = self._settings.eigenvectors, self.mean.size
-        self.rows = np.empty((components + 2, pixels), np.float32)
-        self.constants = np.empty((2, components + 1), np.float32)
-        noise = NOISE_SHARE * pixels * self._count
-        _forgive(self.basis, self.singular_values, self.mean, noise, self.rows, self.constants)
-
-
-def eigen_distances(templates: Sequence[EigenTemplate], patches: Float32Array) -> FloatArray:
-    """Mean squared residuals of normalised patches, with several patches for each template.
-
-    The normalisation is folded into one product with [basis, mean, 1], so no normalised copy is made.
-
-    Args:
-        templates: t of them, with the same number of components.
-        patches: float32[t, n, p], grey levels minus 128.
-
-    Returns:
-        float64[t, n]; 0 is a perfect match, about 2 an unrelated patch.
-    """
-    columns = np.stack([template.rows for template in templates]).transpose(0, 2, 1)
-    constants = np.stack([template.constants for template in templates])
-    result = np.empty(patches.shape[:2])
-    power = np.vecdot(patches, patches)
-    _residuals(product(patches, columns), power, constants, patches.shape[2], result)
-    return result
-
-
-def normalise(patches: Float32Array) -> Float32Array:
-    """float32[n, p] grey levels with mean 0 and deviation 1, or less where the patch is flat."""
-    result = np.empty(patches.shape, np.float32)
-    _normalise(patches, result)
-    return result
+        components = self._settings.eigenvectors
+        self.rows, self.constants = _forgive(
+            basis[:kept], singular_values[:kept], mean, self._count, components
+        )
 
 
 @compiled
-def _normalise(patches: Float32Array, result: Float32Array) -> None:
-    """Fills in the normalised patches; both float32[n, p]."""
+def normalise(patches: Float32Array) -> Float32Array:
+    """float32[n, p] grey levels with mean 0 and deviation 1, or less where the patch is flat."""
+    result = np.empty(patches.shape, np.float32)
     pixels = patches.shape[1]
     for index in range(len(patches)):
         patch, normal = patches[index], result[index]
@@ -141,6 +111,7 @@ def _normalise(patches: Float32Array, result: Float32Array) -> None:
         deviation = np.float32(max(np.sqrt(power / pixels), DEVIATION_FLOOR))
         for pixel in range(pixels):
             normal[pixel] = (patch[pixel] - average) / deviation
+    return result
 
 
 @compiled
@@ -193,24 +164,24 @@ def _lay_out(
 
 @compiled
 def _forgive(
-    basis: Float32Array,
-    singular_values: Float32Array,
-    mean: Float32Array,
-    noise: float,
-    rows: Float32Array,
-    constants: Float32Array,
-) -> None:
-    """Fills in what patches are multiplied with.
+    basis: Float32Array, singular_values: Float32Array, mean: Float32Array, count: float, components: int
+) -> tuple[Float32Array, Float32Array]:
+    """Factors of the product with patches.
 
     Args:
         basis: float32[k, p].
         singular_values: float32[k].
         mean: float32[p].
-        noise: sum of squares that each direction has anyway.
-        rows: float32[c + 2, p], is filled: the basis as far as it is forgiven, zeros, the mean, ones.
-        constants: float32[2, c + 1], is filled: the sums of the rows but the last, and their products with
-            the mean.
+        count: number of patches that were learnt, weighted.
+        components: c, largest number of rows of a basis.
+
+    Returns:
+        float32[c + 2, p]: the basis as far as it is forgiven, zeros, the mean, ones; and float32[2, c + 1]:
+        the sums of these rows but the last, and their products with the mean.
     """
+    rows = np.empty((components + 2, len(mean)), np.float32)
+    constants = np.empty((2, components + 1), np.float32)
+    noise = NOISE_SHARE * len(mean) * count
     last = len(rows) - 1
     rows[len(basis) : last] = 0.0
     for row in range(len(basis)):
@@ -225,32 +196,4 @@ def _forgive(
             total += rows[row, pixel]
             along += rows[row, pixel] * mean[pixel]
         constants[0, row], constants[1, row] = total, along
-
-
-@compiled
-def _residuals(
-    products: Float32Array, power: Float32Array, constants: Float32Array, pixels: int, result: FloatArray
-) -> None:
-    """What of the normalised patches lies outside the eigen spaces, mean squares.
-
-    Args:
-        products: float32[c, n, k + 2], patches times [basis, mean, 1].
-        power: float32[c, n], sums of squares of the patches.
-        constants: float32[c, 2, k + 1], sums of [basis, mean] and their products with the mean.
-        pixels: of a patch.
-        result: float64[c, n], is filled.
-    """
-    known = products.shape[2] - 2
-    for template in range(result.shape[0]):
-        sums, mean_products = constants[template, 0], constants[template, 1]
-        for patch in range(result.shape[1]):
-            row = products[template, patch]
-            average = row[known + 1] / pixels
-            variance = max(power[template, patch] / pixels - average**2, 0.0)
-            deviation = max(np.sqrt(variance), DEVIATION_FLOOR)
-            like_mean = (row[known] - average * sums[known]) / deviation
-            outside = pixels * variance / deviation**2 - 2 * like_mean + mean_products[known]
-            for component in range(known):
-                along = (row[component] - average * sums[component]) / deviation
-                outside -= (along - mean_products[component]) ** 2
-            result[template, patch] = max(outside, 0.0) / pixels
+    return rows, constants

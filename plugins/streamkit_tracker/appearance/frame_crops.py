@@ -1,10 +1,9 @@
-"""The parts of a frame that windows lie in, laid out so that a sample between pixels is read at once."""
+"""Parts of a frame, packed so that the four pixels around a sample are read at once."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
@@ -40,53 +39,11 @@ class Crops:
     factor: int
 
 
-class FrameCrops:
-    """Cuts the parts out of one frame after another."""
-
-    def __init__(self) -> None:
-        self.image: ByteArray = np.zeros((1, 1), np.uint8)
-        self._quads = np.zeros(0, np.int32)
-        self._used = 0
-
-    def look_at(self, image: ByteArray) -> None:
-        """Takes the next frame, uint8[h, w]; the parts of the one before are overwritten."""
-        self.image = image
-        self._used = 0
-
-    def _space(self, total: int) -> QuadArray:
-        """int32[total] of memory that is used again in each frame: new memory costs more than filling it."""
-        if self._used + total > len(self._quads):
-            self._quads, self._used = np.empty(2 * max(total, len(self._quads)), np.int32), 0
-        self._used += total
-        return self._quads[self._used - total : self._used]
-
-    def around(self, windows: FloatArray, groups: int, factor: int, margin: float = 0.0) -> Crops:
-        """The parts around `groups` runs of equal length of the windows float64[n, 5].
-
-        Args:
-            windows: finite.
-            groups: divides n.
-            factor: by how much the frame is averaged down; a rest at the parts' far edges goes.
-            margin: room for windows that come later, relative to the diagonal of the largest.
-        """
-        height, width = self.image.shape
-        places = np.empty((groups, 5), np.int64)
-        total = _place(np.ascontiguousarray(windows), height, width, factor, margin, places)
-        quads = self._space(total)
-        if factor == 1:
-            pack_parts(self.image, places, quads)
-            return Crops(quads, places, factor)
-        for place in places:
-            left, top, across, down, start = place.tolist()
-            part = self.image[top : top + down * factor, left : left + across * factor]
-            level = np.asarray(cv2.resize(part, (across, down), interpolation=cv2.INTER_AREA), np.uint8)
-            pack_parts(level, np.array([[0, 0, across, down, 0]]), quads[start : start + across * down])
-        return Crops(quads, places, factor)
-
-
 @compiled
-def _place(windows: FloatArray, height: int, width: int, factor: int, margin: float, places: IntArray) -> int:
-    """Fills in where the parts lie; gives the number of all their quads."""
+def place_parts(
+    windows: FloatArray, height: int, width: int, factor: int, margin: float, places: IntArray
+) -> int:
+    """Fills in the parts around equal runs of windows; returns the number of quads."""
     each = len(windows) // len(places)
     total = 0
     for group in range(len(places)):

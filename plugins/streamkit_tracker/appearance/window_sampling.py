@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import cv2
 import numpy as np
 
 from streamkit_kernels import LARGEST_PRODUCT, compiled
@@ -18,9 +19,10 @@ from streamkit_tracker.appearance.frame_crops import (
     ByteArray,
     Crops,
     Float32Array,
-    FrameCrops,
     IntArray,
     QuadArray,
+    pack_parts,
+    place_parts,
 )
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
 
@@ -53,33 +55,52 @@ class WindowSampler:
     """
 
     def __init__(self) -> None:
-        self._crops = FrameCrops()
+        self._image: ByteArray = np.zeros((1, 1), np.uint8)
+        self.shape = (1, 1)
+        self._quads = np.zeros(0, np.int32)
+        self._used = 0
         self._patches = self._templates = np.zeros(0, np.float32)
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width of the frame, px."""
-        return self._crops.image.shape[0], self._crops.image.shape[1]
-
     def look_at(self, image: ByteArray) -> None:
-        """Takes the next frame, uint8[h, w] grey levels.
+        """Sets the frame, uint8[h, w] grey levels; the parts of the last one are overwritten.
 
         Raises:
             ValueError: the image is not grey or has no pixels.
         """
         if image.ndim != 2 or image.size == 0:
             raise ValueError(f"look_at needs a grey image with pixels, got shape {image.shape}")
-        self._crops.look_at(image)
+        self._image, self.shape, self._used = image, (image.shape[0], image.shape[1]), 0
 
     def crop(self, windows: FloatArray, factor: int, groups: int = 1, margin: float = 0.0) -> Crops:
-        """The parts of the frame around windows float64[n, 5], for several samples; see `FrameCrops`.
+        """The parts of the frame around `groups` equal runs of windows, for several samples.
+
+        Args:
+            windows: float64[n, 5], n a multiple of `groups`.
+            factor: by how much the frame is averaged down.
+            groups: number of parts.
+            margin: for windows that come later, relative to the diagonal of the largest.
 
         Raises:
             ValueError: a window is not finite.
         """
         if not np.isfinite(windows).all():
             raise ValueError("sample needs finite windows; a state has become NaN or infinite")
-        return self._crops.around(windows, groups, factor, margin)
+        places = np.empty((groups, 5), np.int64)
+        total = place_parts(np.ascontiguousarray(windows), *self.shape, factor, margin, places)
+        # memory is used again in each frame: new memory costs more than filling it
+        if self._used + total > len(self._quads):
+            self._quads, self._used = np.empty(2 * max(total, len(self._quads)), np.int32), 0
+        quads = self._quads[self._used : self._used + total]
+        self._used += total
+        if factor == 1:
+            pack_parts(self._image, places, quads)
+            return Crops(quads, places, factor)
+        for place in places:
+            left, top, across, down, start = place.tolist()
+            part = self._image[top : top + down * factor, left : left + across * factor]
+            level = np.asarray(cv2.resize(part, (across, down), interpolation=cv2.INTER_AREA), np.uint8)
+            pack_parts(level, np.array([[0, 0, across, down, 0]]), quads[start : start + across * down])
+        return Crops(quads, places, factor)
 
     def sample(
         self, windows: FloatArray, patch: tuple[int, int], factor: int = 1, crops: Crops | None = None
@@ -122,42 +143,6 @@ class WindowSampler:
         rows = self._templates[:size].reshape(-1, arrays[0].shape[1])
         return np.concatenate(arrays, out=rows).reshape(len(arrays), *arrays[0].shape)
 
-    def distances(
-        self,
-        windows: FloatArray,
-        patch: tuple[int, int],
-        crops: Crops,
-        rows: Float32Array,
-        constants: Float32Array,
-    ) -> tuple[FloatArray, Float32Array]:
-        """Compares windows with templates without ever holding all samples, see `eigen_distances`.
-
-        Args:
-            windows: float64[t, n, 5], n for each template.
-            patch: samples across and along each window (rows, columns), p in all.
-            crops: that hold the windows, t parts.
-            rows: float32[t, k + 2, p], see `EigenTemplate.rows`.
-            constants: float32[t, 2, k + 1], see `EigenTemplate.constants`.
-
-        Returns:
-            Mean squared residuals float64[t, n], and the first patch of each template, float32[t, p], grey
-            levels minus 128.
-        """
-        results = np.empty(windows.shape[:2])
-        first_patches = np.empty((len(windows), rows.shape[2]), np.float32)
-        _compare(
-            crops.quads,
-            crops.places,
-            crops.factor,
-            np.ascontiguousarray(windows),
-            unit_grid(patch),
-            rows,
-            constants,
-            results,
-            first_patches,
-        )
-        return results, first_patches
-
 
 def shrink_factor(window: FloatArray, patch: tuple[int, int], image_shape: tuple[int, int]) -> int:
     """By how much the image is averaged down for a window, float64[5], so that its patch does not alias."""
@@ -182,7 +167,7 @@ def _resample(
 
 
 @compiled
-def _compare(
+def template_distances(
     quads: QuadArray,
     places: IntArray,
     factor: int,
@@ -193,7 +178,20 @@ def _compare(
     results: FloatArray,
     first_patches: Float32Array,
 ) -> None:
-    """Reads as many windows as stay in the cache, multiplies them with their template, and so on."""
+    """Compares windows with eigen templates, as many at once as stay in the cache.
+
+    Args:
+        quads: int32[total], see `Crops`; they hold the windows, one part for each template.
+        places: int64[t, 5].
+        factor: by how much the parts are averaged down.
+        windows: float64[t, n, 5], n for each template.
+        grid: float32[2, p], see `unit_grid`.
+        rows: float32[t, k + 2, p], see `EigenTemplate.rows`.
+        constants: float32[t, 2, k + 1], see `EigenTemplate.constants`.
+        results: float64[t, n], is filled: mean squared residuals, 0 for a perfect match, about 2 for an
+            unrelated patch.
+        first_patches: float32[t, p], is filled: the first patch of each template, grey levels minus 128.
+    """
     pixels, columns = grid.shape[1], rows.shape[1]
     together = max(1, min(LARGEST_PRODUCT // (columns * pixels), MOST_TOGETHER, windows.shape[1]))
     near, between = np.empty(pixels, np.int32), np.empty((2, pixels), np.float32)
@@ -213,11 +211,11 @@ def _compare(
                 powers[index] = np.dot(patches[index], patches[index])
             sums, along_mean = constants[target]
             outside = results[target, start : start + count]
-            _find_residuals(products, powers, sums, along_mean, pixels, moments, outside)
+            find_residuals(products, powers, sums, along_mean, pixels, moments, outside)
 
 
 @compiled
-def _find_residuals(
+def find_residuals(
     products: Float32Array,
     powers: Float32Array,
     sums: Float32Array,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,7 @@ SHARED_AREA = 1.4
 LEFT, TOP, RIGHT, BOTTOM = range(2, 6)  # of a detection; X and Y are its centroid
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(NamedTuple):
     """Comparison of t targets with d detections.
 
     Attributes:
@@ -45,18 +44,21 @@ class Comparison:
     touched: CountArray
 
 
-def associate(table: TargetTable, observation: Observation, settings: TrackerSettings) -> IndexArray:
+def associate(
+    table: TargetTable, detected: FloatArray, observation: Observation, settings: TrackerSettings
+) -> IndexArray:
     """Assigns detections to followed targets, then to dormant ones, and what is left to tentative ones.
 
     Args:
         table: predicted for this frame; the fields of its detections are filled.
+        detected: float64[d, 6], centroids x, y and boxes x0 y0 x1 y1, px.
         observation: of this frame.
         settings: of the tracker.
 
     Returns:
         Rows of the usable detections that no target was given.
     """
-    rows, detected = table.rows, observation.detected
+    rows = table.rows
     usable = np.isfinite(detected).all(axis=1) & (detected[:, 4:] > detected[:, 2:4]).all(axis=1)
     free = np.flatnonzero(usable)
     known, asleep = followed(rows), dormant(rows, settings.lost_frames)
@@ -64,7 +66,9 @@ def associate(table: TargetTable, observation: Observation, settings: TrackerSet
         members = np.flatnonzero((known & (asleep != is_awake)) if is_known else ~known)
         if not len(members) or not len(free):
             continue
-        unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
+        unlike = np.zeros((len(members), len(free)))
+        if observation.features is not None:
+            unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
         found = compare(rows, members, detected[free], unlike, settings.max_speed * observation.step_s)
         pairs = assign(found.costs, np.isfinite(found.costs))
         left = np.ones(len(free), np.bool_)
@@ -82,51 +86,14 @@ def associate(table: TargetTable, observation: Observation, settings: TrackerSet
             # a detection upon a followed target must not start another one there
             left &= found.held == 0
         free = free[left]
+    if observation.features is not None:
+        _remember_features(table, observation)
     return free
 
 
-def compare(
-    targets: TargetRows, members: IndexArray, detected: FloatArray, unlike: FloatArray, reach_px: float
-) -> Comparison:
-    """Compares targets with detections.
-
-    A pair is allowed within the gate and within reach; and, as a last choice, where the boxes overlap: a
-    covariance that is too small must not make a second target of what lies upon the first.
-
-    Args:
-        targets: the table, of which the expected `detection_std` is filled.
-        members: intp[t], rows that are compared.
-        detected: float64[d, 6], centroid x, y and box x0 y0 x1 y1, px.
-        unlike: float64[t, d], added to the costs.
-        reach_px: farthest distance a target moves in one frame, px.
-    """
-    shape, count = (len(members), len(detected)), len(detected)
-    found = Comparison(
-        np.empty(shape),
-        np.empty(shape),
-        np.empty(shape),
-        np.zeros(count, np.int64),
-        np.zeros(count, np.int64),
-    )
-    _compare(
-        targets,
-        members,
-        detected,
-        unlike,
-        reach_px,
-        found.costs,
-        found.distances,
-        found.mismatch,
-        found.held,
-        found.touched,
-    )
-    return found
-
-
-def remember_features(table: TargetTable, observation: Observation) -> None:
+def _remember_features(table: TargetTable, observation: Observation) -> None:
     """Lets the feature vectors of detected targets follow those of their detections."""
-    if observation.features is None:
-        return
+    assert observation.features is not None
     for model, detection in zip(table.models, table.rows["detection"].tolist(), strict=True):
         if detection < 0:
             continue
@@ -139,8 +106,7 @@ def remember_features(table: TargetTable, observation: Observation) -> None:
 def _feature_costs(models: Sequence[TargetModel], free: IndexArray, observation: Observation) -> FloatArray:
     """Costs of the feature vectors: 0 for the same direction, up to 4 for the opposite."""
     costs = np.zeros((len(models), len(free)))
-    if observation.features is None:
-        return costs
+    assert observation.features is not None
     version = observation.features_version
     known = [(row, model.feature) for row, model in enumerate(models) if model.feature_version == version]
     rows = [row for row, feature in known if feature is not None]
@@ -170,19 +136,24 @@ def mark_shared(targets: TargetRows, members: IndexArray, detected: FloatArray) 
 
 
 @compiled
-def _compare(
-    targets: TargetRows,
-    members: IndexArray,
-    detected: FloatArray,
-    unlike: FloatArray,
-    reach_px: float,
-    costs: FloatArray,
-    distances: FloatArray,
-    mismatch: FloatArray,
-    held: CountArray,
-    touched: CountArray,
-) -> None:
-    """Fills in a `Comparison`, whose counts are 0 before."""
+def compare(
+    targets: TargetRows, members: IndexArray, detected: FloatArray, unlike: FloatArray, reach_px: float
+) -> Comparison:
+    """Compares targets with detections.
+
+    A pair is allowed within the gate and within reach; and, as a last choice, where the boxes overlap: a
+    covariance that is too small must not make a second target of what lies upon the first.
+
+    Args:
+        targets: the table, of which the expected `detection_std` is filled.
+        members: intp[t], rows that are compared.
+        detected: float64[d, 6], centroid x, y and box x0 y0 x1 y1, px.
+        unlike: float64[t, d], added to the costs.
+        reach_px: farthest distance a target moves in one frame, px.
+    """
+    shape = (len(members), len(detected))
+    costs, distances, mismatch = np.empty(shape), np.empty(shape), np.empty(shape)
+    held, touched = np.zeros(len(detected), np.int64), np.zeros(len(detected), np.int64)
     for row in range(len(members)):
         target = targets[members[row]]
         mean, covariance, box, window = target["mean"], target["covariance"], target["box"], target["window"]
@@ -202,6 +173,7 @@ def _compare(
             costs[row, column], distances[row, column], mismatch[row, column] = cost, distance, missed
             held[column] += held_here
             touched[column] += touched_here
+    return Comparison(costs, distances, mismatch, held, touched)
 
 
 @compiled

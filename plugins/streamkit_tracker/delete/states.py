@@ -17,27 +17,12 @@ from streamkit_tracker.targets import (
     followed,
 )
 from streamkit_tracker.update.detected_box import KEEP, RESTART_MOVED
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.window_geometry import FloatArray, is_inside, visible_part
 
 LEAST_VISIBLE = 0.3
+HIDDEN_SCALE = 2.0
 TENTATIVE_MISSES = 2
 CREDIT_RATE = 1.0
-
-
-def pass_time(table: TargetTable, step_s: float, coast: float) -> None:
-    """Counts one frame for every target, with or without a detection.
-
-    Args:
-        table: with the detections of this frame.
-        step_s: s.
-        coast: longest time a target may coast, s.
-    """
-    count_frame(table.rows, step_s, coast)
-    detected = (table.rows["detection"] >= 0) | table.rows["shared"]
-    for model, is_detected in zip(table.models, detected.tolist(), strict=True):
-        model.cause = ""
-        if model.appearance is None:
-            model.hits.append(is_detected)
 
 
 def coast_all(table: TargetTable) -> None:
@@ -56,15 +41,20 @@ def coast_all(table: TargetTable) -> None:
         table.lose(index, "coasted too long without registration")
 
 
-def end_gone(table: TargetTable, settings: TrackerSettings) -> BoolArray:
+def end_gone(table: TargetTable, settings: TrackerSettings, shape: tuple[int, int]) -> BoolArray:
     """Ends targets that left the frame or coasted too long, and sets the state of the others.
+
+    Args:
+        table: updated.
+        settings: of the tracker.
+        shape: height and width of the frame, px.
 
     Returns:
         bool[n]: followed targets that end in this frame.
     """
     rows = table.rows
     known = followed(rows)
-    decide_states(rows, settings.coast, settings.lost_frames)
+    decide_states(rows, settings.coast, settings.lost_frames, *shape)
     ended = rows["state"] == LOST
     for index in np.flatnonzero(ended).tolist():
         cause = "left the frame" if rows["visible"][index] < LEAST_VISIBLE else "coasted too long"
@@ -112,11 +102,21 @@ def begin_frame(targets: TargetRows) -> None:
 
 
 @compiled
-def count_frame(targets: TargetRows, step_s: float, coast: float) -> None:
-    """Adds up ages, frames without detection and how much longer targets may coast, at most `coast`."""
+def pass_time(targets: TargetRows, step_s: float, coast: float, birth_window: int) -> None:
+    """Counts one frame for every target, with or without a detection.
+
+    Args:
+        targets: with the detections of this frame.
+        step_s: s.
+        coast: longest time a target may coast, s.
+        birth_window: frames in which detections count before a target is confirmed.
+    """
     for index in range(len(targets)):
         target = targets[index]
-        detected = target["detection"] >= 0 or target["shared"]
+        detected, hits = target["detection"] >= 0 or target["shared"], target["hits"]
+        for place in range(birth_window - 1, 0, -1):
+            hits[place] = hits[place - 1]
+        hits[0] = 1.0 if detected else 0.0
         targets[index]["age_s"] = target["age_s"] + step_s
         targets[index]["frames_undetected"] = 0 if detected else target["frames_undetected"] + 1
         gain = CREDIT_RATE if detected else -1.0
@@ -124,8 +124,17 @@ def count_frame(targets: TargetRows, step_s: float, coast: float) -> None:
 
 
 @compiled
-def decide_states(targets: TargetRows, coast: float, lost_frames: int) -> None:
-    """Sets windows that restart, and the states of all targets."""
+def decide_states(targets: TargetRows, coast: float, lost_frames: int, height: int, width: int) -> None:
+    """Sets the windows and states of all targets.
+
+    Args:
+        targets: corrected, with the windows that restart.
+        coast: longest time a target drawn by hand may coast, s.
+        lost_frames: unseen frames from which only a detection finds a target again.
+        height: of the frame, px.
+        width: of the frame, px.
+    """
+    find_hidden(targets, lost_frames, height, width)
     for index in range(len(targets)):
         target = targets[index]
         mean, window, detected = target["mean"], target["window"], target["detection"] >= 0
@@ -136,6 +145,8 @@ def decide_states(targets: TargetRows, coast: float, lost_frames: int) -> None:
                 targets[index]["state"] = LOST
             continue
         recognised = target["recognised"]
+        if not recognised:
+            window[:2] = mean[:2]
         if target["restart"] != KEEP:
             window[:] = target["restart_window"]
             recognised, targets[index]["score"] = True, 1.0
@@ -152,3 +163,26 @@ def decide_states(targets: TargetRows, coast: float, lost_frames: int) -> None:
         targets[index]["state"] = CONFIRMED if seen else COASTING
         if target["visible"] < LEAST_VISIBLE or targets[index]["credit_s"] <= 0:
             targets[index]["state"] = LOST
+
+
+@compiled
+def find_hidden(targets: TargetRows, lost_frames: int, height: int, width: int) -> None:
+    """Fills in how much of each window is visible, and whether another target lies upon it.
+
+    Args:
+        targets: the table.
+        lost_frames: unseen frames from which a target hides no other.
+        height: of the frame, px.
+        width: of the frame, px.
+    """
+    for index in range(len(targets)):
+        window = targets[index]["window"]
+        targets[index]["visible"] = visible_part(window, height, width)
+        targets[index]["hidden"] = False
+        for other in range(len(targets)):
+            above = targets[other]
+            known = above["state"] == CONFIRMED or above["state"] == COASTING
+            if other == index or not known or (not above["manual"] and above["frames_unseen"] >= lost_frames):
+                continue
+            if is_inside(window[0], window[1], above["window"], HIDDEN_SCALE):
+                targets[index]["hidden"] = True

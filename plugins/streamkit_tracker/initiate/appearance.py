@@ -53,12 +53,13 @@ def start_appearances(
         trail = model.trail
         x, y = observation.centroids[rows["detection"][index]].tolist()
         trail.add((x, y))
-        if sum(model.hits) < hits_needed or count >= settings.max_targets:
+        if np.nansum(rows["hits"][index]) < hits_needed or count >= settings.max_targets:
             continue
         if trail.travelled >= settings.min_travel and trail.straightness >= STRAIGHT:
             _turn_window(table, index)
             start_appearance(table, index, observation.space, sampler, settings, count)
-            rows["state"][index], model.cause = CONFIRMED, "confirmed"
+            rows["state"][index] = CONFIRMED
+            table.causes[int(rows["id"][index])] = "confirmed"
             confirmed += 1
 
 

@@ -29,7 +29,7 @@ def add_tentative(
     awake = followed(table.rows) & ~dormant(table.rows, settings.lost_frames)
     windows = table.rows["window"][awake]
     covered = np.any(inside_windows(observation.centroids, windows, COVERED_SCALE), axis=1).tolist()
-    capacity = settings.max_targets * (1 + TENTATIVE_SHARE) - len(table)
+    capacity = settings.max_targets * (1 + TENTATIVE_SHARE) - len(table.models)
     for index in free[: max(capacity, 0)].tolist():
         if covered[index]:
             continue

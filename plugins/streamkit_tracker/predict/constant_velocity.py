@@ -37,31 +37,23 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
         to_previous: float64[3, 3], this frame's pixels to the previous frame's; not used if it is singular.
         step_s: s, above 0.
     """
-    if not len(table):
-        return
-    homography = invertible(to_previous)
+    rows, homography = table.rows, invertible(to_previous)
     if homography is not None:
-        carry(table, homography)
-    advance(table.rows, step_s)
-
-
-def carry(table: TargetTable, homography: FloatArray) -> None:
-    """Expresses states, windows, trails and particles in other pixels: float64[3, 3], old to new."""
-    rows = table.rows
-    # the trail of a target that its detections have confirmed is not used any more
-    held: list[Trail | Particles] = [
-        model.trail
-        for model, manual in zip(table.models, rows["manual"].tolist(), strict=True)
-        if manual or model.appearance is None
-    ]
-    held += [model.appearance.particles for model in table.models if model.appearance is not None]
-    points = [rows["mean"][:, :2], rows["window"][:, :2], *[each.positions for each in held]]
-    mapped, jacobians = map_points(homography, np.concatenate(points))
-    carry_states(rows, mapped, jacobians)
-    start = 2 * len(rows)
-    for each in held:
-        each.positions = mapped[start : start + len(each.positions)]
-        start += len(each.positions)
+        # the trail of a target that its detections have confirmed is not used any more
+        held: list[Trail | Particles] = [
+            model.trail
+            for model, manual in zip(table.models, rows["manual"].tolist(), strict=True)
+            if manual or model.appearance is None
+        ]
+        held += [model.appearance.particles for model in table.models if model.appearance is not None]
+        points = [rows["mean"][:, :2], rows["window"][:, :2], *[each.positions for each in held]]
+        mapped, jacobians = map_points(homography, np.concatenate(points))
+        carry_states(rows, mapped, jacobians)
+        start = 2 * len(rows)
+        for each in held:
+            each.positions = mapped[start : start + len(each.positions)]
+            start += len(each.positions)
+    advance(rows, step_s)
 
 
 @compiled

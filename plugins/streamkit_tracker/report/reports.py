@@ -10,16 +10,7 @@ import numpy as np
 
 from streamkit_tracker.delete.states import position_doubt
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import (
-    COASTING,
-    CONFIRMED,
-    TargetModel,
-    TargetRows,
-    TargetState,
-    TargetTable,
-    dormant,
-)
-from streamkit_tracker.targets import centroid_std as detection_std
+from streamkit_tracker.targets import COASTING, CONFIRMED, TargetRows, TargetState, TargetTable, dormant
 from streamkit_tracker.window_geometry import IDENTITY, FloatArray, map_points
 
 STATES = tuple(TargetState)
@@ -85,69 +76,53 @@ def report(
         to_reference: float64[3, 3], this frame's pixels to the reference plane.
         settings: of the tracker.
     """
-    coasting = table.rows["state"] == COASTING
-    uncertain = position_doubt(table.rows) >= LARGEST_DOUBT
-    index = np.flatnonzero(~(coasting & dormant(table.rows, settings.lost_frames) & uncertain))
+    hidden = (table.rows["state"] == COASTING) & dormant(table.rows, settings.lost_frames)
+    if hidden.any():
+        hidden &= position_doubt(table.rows) >= LARGEST_DOUBT
+    index = np.flatnonzero(~hidden)
     if not len(index):
         return ()
     rows, models = table.rows[index], [table.models[row] for row in index.tolist()]
     _, jacobians = map_points(to_reference, rows["mean"][:, :2])
     velocities = np.einsum("nij,nj->ni", jacobians, rows["mean"][:, 2:])
     velocities = np.where(np.isfinite(velocities), velocities, math.nan)
-    variances = np.array(_anchor_variances(rows, models))
-    covariances = variances[:, None, None] * IDENTITY
+    sides = np.sqrt(rows["window"][:, 2] * rows["window"][:, 3]).tolist()
+    tentative = np.array([model.appearance is None for model in models])
+    # of the point in the target that its template sits on: no match corrects it
+    stds = [
+        MANUAL_STD + CREEP * model.evidence.usual_distance * side if manual else 1.0 + 0.04 * side
+        for model, side, manual in zip(models, sides, rows["manual"].tolist(), strict=True)
+    ]
+    covariances = np.where(tentative, 0.0, [std**2 for std in stds])[:, None, None] * IDENTITY
     # the window of a target drawn by hand is where it was recognised, else where it is predicted
     predicted = ~(rows["manual"] & rows["recognised"] & (rows["state"] == CONFIRMED))
     covariances[predicted] += rows["covariance"][predicted, :2, :2]
+    scores = rows["score"]
+    scores[tentative] = np.nanmean(rows["hits"][tentative], axis=1)
     return tuple(
         TargetReport(
-            number,
-            STATES[state],
-            window,
+            row["id"].item(),
+            STATES[row["state"]],
+            row["window"],
             velocity,
             covariance,
-            min(max(score if model.appearance is not None else sum(model.hits) / len(model.hits), 0.0), 1.0),
-            age_s,
-            provenance,
+            min(max(row["score"].item(), 0.0), 1.0),
+            row["age_s"].item(),
+            _provenance(row, table.causes),
         )
-        for number, state, window, velocity, covariance, score, age_s, model, provenance in zip(
-            rows["id"].tolist(),
-            rows["state"].tolist(),
-            rows["window"],
-            velocities,
-            covariances,
-            rows["score"].tolist(),
-            rows["age_s"].tolist(),
-            models,
-            _provenances(rows, models),
-            strict=True,
-        )
+        for row, velocity, covariance in zip(rows, velocities, covariances, strict=True)
     )
 
 
-def _anchor_variances(rows: TargetRows, models: list[TargetModel]) -> list[float]:
-    """Variances of the point in the target that its template sits on, px squared: no match corrects them."""
-    variances = []
-    sides = np.sqrt(rows["window"][:, 2] * rows["window"][:, 3]).tolist()
-    for model, side, manual in zip(models, sides, rows["manual"].tolist(), strict=True):
-        std = MANUAL_STD + CREEP * model.evidence.usual_distance * side if manual else detection_std(side)
-        variances.append(0.0 if model.appearance is None else std**2)
-    return variances
-
-
-def _provenances(rows: TargetRows, models: list[TargetModel]) -> list[TargetProvenance]:
-    columns = [
-        rows[name].tolist() for name in ("predicted", "detection", "gate", "shared", "similarity", "learnt")
-    ]
-    return [
-        TargetProvenance(
-            None if math.isnan(x) else (x, y),
-            None if detection < 0 else detection,
-            None if math.isnan(gate) else gate,
-            shared,
-            None if math.isnan(similarity) else similarity,
-            learnt,
-            model.cause,
-        )
-        for (x, y), detection, gate, shared, similarity, learnt, model in zip(*columns, models, strict=True)
-    ]
+def _provenance(row: TargetRows, causes: dict[int, str]) -> TargetProvenance:
+    x, y = row["predicted"].tolist()
+    detection, gate, similarity = row["detection"].item(), row["gate"].item(), row["similarity"].item()
+    return TargetProvenance(
+        None if math.isnan(x) else (x, y),
+        None if detection < 0 else detection,
+        None if math.isnan(gate) else gate,
+        row["shared"].item(),
+        None if math.isnan(similarity) else similarity,
+        row["learnt"].item(),
+        causes.get(row["id"].item(), ""),
+    )

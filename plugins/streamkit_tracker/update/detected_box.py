@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from streamkit_kernels import compiled
-from streamkit_tracker.targets import COASTING, CONFIRMED, TENTATIVE, IndexArray, TargetRows
+from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetRows
+from streamkit_tracker.update.expectations import SearchRows
 from streamkit_tracker.window_geometry import (
     ANGLE,
     LENGTH,
@@ -23,11 +23,7 @@ from streamkit_tracker.window_geometry import (
     X,
     Y,
     half_turn,
-    is_inside,
-    visible_part,
 )
-
-SearchRows = NDArray[np.void]
 
 KEEP, RESTART, RESTART_MOVED = range(3)
 LEFT, TOP, RIGHT, BOTTOM = range(2, 6)  # of a detection; X and Y are its centroid
@@ -54,26 +50,6 @@ LARGEST_ASPECT = 5.0
 LEAST_AGREEMENT = 0.8
 REACH_PER_FRAME = 0.3
 LONGEST_REACH = 3.0
-HIDDEN_SCALE = 2.0
-
-# Expectations of one target before the frame is searched; infinite deviations and zero precisions are none.
-SEARCH = np.dtype(
-    [
-        ("window", np.float64, 5),  # of the previous frame in the pixels of this one
-        ("displacement", np.float64, 2),  # predicted motion, px
-        ("spread", np.float64),  # standard deviation of the prediction, px
-        ("reach", np.float64),  # how much wider than usual to search, 1 or more
-        ("seed", np.float64, 2),  # x y where it was detected, px
-        ("seed_std", np.float64),  # px
-        ("sides", np.float64, 2),  # length and width, px
-        ("heading", np.float64),  # rad
-        ("heading_std", np.float64),  # rad
-        ("position_precision", np.float64),
-        ("sides_precision", np.float64),
-        ("heading_precision", np.float64),
-        ("tolerance", np.float64),  # factor on the variance of the residual
-    ]
-)
 
 
 @compiled
@@ -161,11 +137,11 @@ def follow_detections(targets: TargetRows, detected: FloatArray, step_s: float) 
         if target["crowded"]:
             continue
         seen, box = detected[target["detection"]], target["box"]
+        rate = _rate_for(BOX_RATE, step_s)
         for side in range(2):
             known, now = box[side], max(seen[RIGHT + side] - seen[LEFT + side], 1.0)
-            rate = 1.0 if now > known else SHRINK_RATE
-            if target["detected_s"] >= YOUNG_S:
-                rate = _rate_for(BOX_RATE, step_s)
+            if target["detected_s"] < YOUNG_S:
+                rate = 1.0 if now > known else SHRINK_RATE
             box[side] = known * (now / known) ** rate
         targets[index]["detected_s"] = target["detected_s"] + step_s
 
@@ -204,29 +180,6 @@ def expect(
             heading = window[ANGLE]
         sides[0], sides[1], searches[row]["heading"] = window_turn(box[0], box[1], heading)
         searches[row]["heading_std"] = deviation
-
-
-@compiled
-def find_hidden(targets: TargetRows, lost_frames: int, height: int, width: int) -> None:
-    """Fills in how much of each window is visible, and whether another target lies upon it.
-
-    Args:
-        targets: the table.
-        lost_frames: unseen frames from which a target hides no other.
-        height: of the frame, px.
-        width: of the frame, px.
-    """
-    for index in range(len(targets)):
-        window = targets[index]["window"]
-        targets[index]["visible"] = visible_part(window, height, width)
-        targets[index]["hidden"] = False
-        for other in range(len(targets)):
-            above = targets[other]
-            known = above["state"] == CONFIRMED or above["state"] == COASTING
-            if other == index or not known or (not above["manual"] and above["frames_unseen"] >= lost_frames):
-                continue
-            if is_inside(window[0], window[1], above["window"], HIDDEN_SCALE):
-                targets[index]["hidden"] = True
 
 
 @compiled

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from statistics import median
 
 import msgspec
 
@@ -47,26 +47,21 @@ class Evidence:
     Args:
         lost_threshold: similarity, exp(-distance), that is enough by itself to be seen.
         update_threshold: the same to be learnt.
+
+    Attributes:
+        usual_distance: median of the distances of the last frames in which the target was seen.
+        tolerance: variance of the residual relative to that of a rigid target, 1 or more.
     """
 
     def __init__(self, lost_threshold: float, update_threshold: float) -> None:
         self._seen_distance = -math.log(max(lost_threshold, 1e-9))
         self._learnt_distance = -math.log(max(update_threshold, 1e-9))
         self._distances: deque[float] = deque([0.0], maxlen=REMEMBERED)
-        self._usual_distance = 0.0
+        self.usual_distance = 0.0
+        self.tolerance = 1.0
         self._level = 0.0
         self._deviation = FIRST_DEVIATION
         self._responses = 0
-
-    @property
-    def usual_distance(self) -> float:
-        """Median of the distances of the last frames in which the target was seen."""
-        return self._usual_distance
-
-    @property
-    def tolerance(self) -> float:
-        """How many times the variance of the residual is larger than that of a rigid target, 1 or more."""
-        return max(1.0, self.usual_distance / USUAL_DISTANCE)
 
     @property
     def _slack(self) -> float:
@@ -123,7 +118,8 @@ class Evidence:
             self._remember(*response, weight=1.0 if clear else OUTLIER_WEIGHT)
         if seen:
             self._distances.append(distance)
-            self._usual_distance = _median(self._distances)
+            self.usual_distance = median(self._distances)
+            self.tolerance = max(1.0, self.usual_distance / USUAL_DISTANCE)
         return Verdict(seen, learnt, 1.0 if learnt else share)
 
     def drop(self, peak: float, sharpness: float) -> float:
@@ -144,13 +140,6 @@ class Evidence:
         self._level += weight * rate * offset
         share = max(LEAST_RATE, 1 / (self._responses + 5))
         self._deviation += weight * share * (1.25 * abs(offset) - self._deviation)
-
-
-def _median(numbers: Iterable[float]) -> float:
-    """Of few numbers, without the checks of a library: once for each target and frame."""
-    rising = sorted(numbers)
-    middle = len(rising) // 2
-    return rising[middle] if len(rising) % 2 else (rising[middle - 1] + rising[middle]) / 2
 
 
 def _log_response(peak: float, sharpness: float) -> float:

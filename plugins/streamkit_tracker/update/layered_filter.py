@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit.settings import setting
+from streamkit_tracker.update.expectations import SearchRows
 from streamkit_tracker.update.particle_layers import (
     collapse,
     estimate,
@@ -35,12 +36,6 @@ class LayerSettings:
     std_size: float = setting(0.02, min=0.0, max=1.0, doc="Relative noise of length and width.")
     std_angle: float = setting(0.03, min=0.0, max=3.2, unit="rad", doc="Noise of the angle.")
 
-    @property
-    def draws(self) -> tuple[int, int, int]:
-        """Normal numbers each layer needs for one target."""
-        keep = min(self.keep, self.particles)
-        return 2 * self.particles, 4 * keep * self.size_particles, 3 * keep * self.angle_particles
-
 
 @dataclass(eq=False)
 class Particles:
@@ -58,27 +53,6 @@ class Particles:
     def at(cls, position: FloatArray) -> Particles:
         """One particle at float64[2]."""
         return cls(np.array(position[None, :2], np.float64), np.ones(1))
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """Where layer 1 looks, for t targets.
-
-    Attributes:
-        windows: float64[t, 5], the windows of the previous frame in the pixels of this one.
-        displacement: float64[t, 2], predicted motion since then, px.
-        spread: float64[t], standard deviation of the motion noise, px.
-        wide_spread: float64[t], the same for a quarter of the particles, against surprises, px.
-        seed: float64[t, 2], where half of the particles look besides, as a detection's centre; NaN without.
-        seed_spread: float64[t], standard deviation around it, px.
-    """
-
-    windows: FloatArray
-    displacement: FloatArray
-    spread: FloatArray
-    wide_spread: FloatArray
-    seed: FloatArray
-    seed_spread: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +75,7 @@ class Estimates:
 def layered_step(
     particles: list[Particles],
     generators: list[np.random.Generator],
-    proposal: Proposal,
+    searches: SearchRows,
     score: Score,
     settings: LayerSettings,
 ) -> Estimates:
@@ -114,7 +88,7 @@ def layered_step(
     Args:
         particles: of the previous frame, in the pixels of this one.
         generators: one for each target, the only sources of chance.
-        proposal: where to look.
+        searches: t rows of `SEARCH`.
         score: log scores float64[t, n] of windows float64[t, n, 5].
         settings: how many particles.
 
@@ -122,22 +96,21 @@ def layered_step(
     object tracking via a hierarchical particle filter, ICCV 2005.
     """
     targets, keep = len(particles), min(settings.keep, settings.particles)
-    draws = settings.draws
+    # normal numbers for each layer of one target
+    draws = 2 * settings.particles, 4 * keep * settings.size_particles, 3 * keep * settings.angle_particles
     noise = np.empty((targets, sum(draws)))
     for generator, row in zip(generators, noise, strict=True):
         generator.standard_normal(out=row)
     offsets = np.array([generator.random() for generator in generators])
+    positions, weights = _side_by_side(particles)
     windows = np.empty((targets, settings.particles, 5))
-    _first_layer(particles, proposal, noise, offsets, windows)
+    first_windows(positions, weights, offsets, searches, noise, windows)
     scores = score(windows)
     order = np.argsort(-scores, axis=1, kind="stable")
-    survivors, best, measures = (
-        np.empty((targets, keep, 5)),
-        np.empty((targets, keep)),
-        np.empty((targets, 2)),
-    )
+    survivors, best = np.empty((targets, keep, 5)), np.empty((targets, keep))
+    measures = np.empty((targets, 2))
     survivors_of(windows, scores, order, survivors, best, measures)
-    polish = POLISH * np.minimum(proposal.spread, measures[:, 1])
+    polish = POLISH * np.minimum(searches["spread"], measures[:, 1])
     first = draws[0]
     for copies, used, deviation, turned in (
         (settings.size_particles, draws[1], settings.std_size, False),
@@ -148,45 +121,17 @@ def layered_step(
             propose(survivors, noise, first, polish, deviation, turned, proposals)
             collapse(survivors, best, proposals, score(proposals))
         first += used
-    return _estimates(survivors, best, measures[:, 0])
-
-
-def _first_layer(
-    particles: list[Particles],
-    proposal: Proposal,
-    noise: FloatArray,
-    offsets: FloatArray,
-    windows: FloatArray,
-) -> None:
-    """Fills in layer 1, float64[t, n, 5]; the first is the prediction itself, the second the seed."""
-    if len(particles) == 1:
-        positions, weights = particles[0].positions[None], particles[0].weights[None]
-    else:
-        most = max(len(held.weights) for held in particles)
-        positions, weights = np.zeros((len(particles), most, 2)), np.zeros((len(particles), most))
-        for row, held in enumerate(particles):
-            positions[row, : len(held.weights)] = held.positions
-            weights[row, : len(held.weights)] = held.weights
-    spreads = np.empty((len(particles), 3))
-    spreads[:, 0], spreads[:, 1], spreads[:, 2] = proposal.spread, proposal.wide_spread, proposal.seed_spread
-    first_windows(
-        np.ascontiguousarray(positions),
-        np.ascontiguousarray(weights),
-        offsets,
-        np.ascontiguousarray(proposal.windows),
-        np.ascontiguousarray(proposal.displacement),
-        spreads,
-        np.ascontiguousarray(proposal.seed),
-        noise,
-        windows,
-    )
-
-
-def _estimates(survivors: FloatArray, best: FloatArray, contrasts: FloatArray) -> Estimates:
-    """Weighted means over the survivors, and the survivors as the particles that are kept."""
-    targets = len(survivors)
-    windows, covariances = np.empty((targets, 5)), np.empty((targets, 2, 2))
-    weights = np.empty_like(best)
-    estimate(survivors, best, windows, covariances, weights)
+    estimates, covariances, weights = np.empty((targets, 5)), np.empty((targets, 2, 2)), np.empty_like(best)
+    estimate(survivors, best, estimates, covariances, weights)
     kept = [Particles(survivors[t, :, :2].copy(), weights[t]) for t in range(targets)]
-    return Estimates(windows, covariances, contrasts, kept)
+    return Estimates(estimates, covariances, measures[:, 0], kept)
+
+
+def _side_by_side(particles: list[Particles]) -> tuple[FloatArray, FloatArray]:
+    """Positions float64[t, k, 2] and weights float64[t, k] of all targets, weight 0 where one has fewer."""
+    most = max(len(held.weights) for held in particles)
+    positions, weights = np.zeros((len(particles), most, 2)), np.zeros((len(particles), most))
+    for row, held in enumerate(particles):
+        positions[row, : len(held.weights)] = held.positions
+        weights[row, : len(held.weights)] = held.weights
+    return positions, weights

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit_kernels import compiled
+from streamkit_tracker.update.expectations import SearchRows
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, MINIMUM_SIDE, WIDTH, FloatArray, half_turn
 
 IndexArray = NDArray[np.intp]
@@ -42,10 +43,7 @@ def first_windows(
     positions: FloatArray,
     weights: FloatArray,
     offsets: FloatArray,
-    known: FloatArray,
-    displacements: FloatArray,
-    spreads: FloatArray,
-    seeds: FloatArray,
+    searches: SearchRows,
     noise: FloatArray,
     windows: FloatArray,
 ) -> None:
@@ -55,30 +53,28 @@ def first_windows(
         positions: float64[t, k, 2] of the particles, px.
         weights: float64[t, k]; a weight of 0 is never drawn.
         offsets: float64[t], uniform in [0, 1).
-        known: float64[t, 5], the windows of the previous frame in the pixels of this one.
-        displacements: float64[t, 2], predicted motion, px.
-        spreads: float64[t, 3], standard deviations, px: usual, of every fourth particle, and at the seed.
-        seeds: float64[t, 2], where every second particle lies instead, the first exactly; NaN without.
+        searches: t rows of `SEARCH`; every second particle lies at a seed, the first exactly.
         noise: float64[t, 2 n or more], standard normal.
         windows: float64[t, n, 5], is filled; the first of each target is the prediction itself.
     """
     chosen = np.empty(windows.shape[1], np.intp)
     for target in range(len(windows)):
         resample(weights[target], offsets[target], chosen)
-        usual, wide, near_seed = spreads[target]
-        seeded = np.isfinite(seeds[target, 0]) and np.isfinite(seeds[target, 1])
+        at = searches[target]
+        known, seed, displacement = at["window"], at["seed"], at["displacement"]
+        seeded = not np.isnan(at["seed_spread"])
         for particle in range(windows.shape[1]):
             at_seed = seeded and particle % 2 == 1
-            spread = near_seed if at_seed else wide if particle % WIDE_EVERY == 0 else usual
+            spread = at["wide_spread"] if particle % WIDE_EVERY == 0 else at["spread"]
+            if at_seed:
+                spread = at["seed_spread"]
             if particle == 0 or (seeded and particle == 1):
                 spread = 0.0
             window = windows[target, particle]
-            window[:] = known[target]
+            window[:] = known
             for axis in range(2):
-                from_where = (
-                    known[target, axis] if particle == 0 else positions[target, chosen[particle], axis]
-                )
-                centre = seeds[target, axis] if at_seed else from_where + displacements[target, axis]
+                origin = known[axis] if particle == 0 else positions[target, chosen[particle], axis]
+                centre = seed[axis] if at_seed else origin + displacement[axis]
                 window[axis] = centre + noise[target, 2 * particle + axis] * spread
 
 

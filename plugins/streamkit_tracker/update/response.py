@@ -10,7 +10,7 @@ import numpy as np
 from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.update.evidence import LEAST_SHARPNESS, Evidence
-from streamkit_tracker.update.priors import Prior
+from streamkit_tracker.update.expectations import Prior
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
 PEAK_STD = 0.08  # of a filter's peak, relative to the target's side

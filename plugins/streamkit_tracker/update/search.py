@@ -10,12 +10,11 @@ import numpy as np
 from streamkit_tracker.appearance.eigen_template import EigenTemplate
 from streamkit_tracker.appearance.feature_template import FeatureTemplate, feature_distances
 from streamkit_tracker.appearance.frame_crops import Crops, Float32Array
-from streamkit_tracker.appearance.window_sampling import WindowSampler
+from streamkit_tracker.appearance.window_sampling import WindowSampler, template_distances, unit_grid
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import Appearance
-from streamkit_tracker.update.detected_box import SearchRows
-from streamkit_tracker.update.layered_filter import LayerSettings, Particles, Proposal, layered_step
-from streamkit_tracker.update.priors import log_scores
+from streamkit_tracker.targets import Appearance, TargetModel
+from streamkit_tracker.update.expectations import SearchRows, log_scores
+from streamkit_tracker.update.layered_filter import LayerSettings, Particles, layered_step
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
 LEAST_CONTRAST = 1e-3
@@ -35,7 +34,7 @@ class Found:
         particles: n of them, to keep for the next frame.
         similarities: float64[n], exp(-distance) of the estimated windows, 0 to 1.
         informative: n of them, whether the frame told any position from another.
-        patches: n of float32[p], grey levels minus 128 of the estimated windows.
+        patches: float32[n, p], grey levels minus 128 of the estimated windows.
     """
 
     windows: FloatArray
@@ -43,87 +42,39 @@ class Found:
     particles: list[Particles]
     similarities: FloatArray
     informative: list[bool]
-    patches: list[Float32Array]
+    patches: Float32Array
 
 
 def search(
     sampler: WindowSampler,
-    appearances: list[Appearance],
-    generators: list[np.random.Generator],
-    layers: list[LayerSettings],
+    models: list[TargetModel],
     searches: SearchRows,
+    layers: LayerSettings,
+    factor: int,
     settings: TrackerSettings,
 ) -> Found:
     """Searches the sampler's frame for n targets; targets do not influence each other.
 
     Args:
         sampler: holds the frame.
-        appearances: of the targets.
-        generators: one for each target, the only source of chance.
-        layers: how many particles, for each.
-        searches: n rows of `SEARCH`, what is expected of them.
+        models: of the targets, with the same kind of template, patch and context.
+        searches: n rows of `SEARCH`, whose spreads are limited and filled.
+        layers: how many particles.
+        factor: by how much the frame is averaged down.
         settings: of the tracker.
     """
-    count = len(appearances)
-    groups: dict[tuple[object, tuple[int, int], LayerSettings, float, int], list[int]] = {}
-    height, width = sampler.shape
-    for row, (appearance, window) in enumerate(zip(appearances, searches["window"].tolist(), strict=True)):
-        shorter = appearance.context * min(window[LENGTH], window[WIDTH])
-        factor = max(1, min(int(shorter // max(appearance.patch)), height, width))
-        key = (type(appearance.template), appearance.patch, layers[row], appearance.context, factor)
-        groups.setdefault(key, []).append(row)
-    whole = Found(np.empty((count, 5)), np.empty((count, 2, 2)), [], np.empty(count), [], [])
-    found: dict[int, tuple[Particles, bool, Float32Array]] = {}
-    for (_, _, of_group, _, factor), members in groups.items():
-        alike = [appearances[row] for row in members]
-        chances = [generators[row] for row in members]
-        part = _search_group(sampler, alike, chances, of_group, searches[members], factor, settings)
-        whole.windows[members], whole.covariances[members] = part.windows, part.covariances
-        whole.similarities[members] = part.similarities
-        found.update(
-            zip(members, zip(part.particles, part.informative, part.patches, strict=True), strict=True)
-        )
-    for row in range(count):
-        particles, informative, patch = found[row]
-        whole.particles.append(particles)
-        whole.informative.append(informative)
-        whole.patches.append(patch)
-    return whole
-
-
-def _search_group(
-    sampler: WindowSampler,
-    appearances: list[Appearance],
-    generators: list[np.random.Generator],
-    layers: LayerSettings,
-    searches: SearchRows,
-    factor: int,
-    settings: TrackerSettings,
-) -> Found:
-    """Searches for targets with the same kind of template, patch, layers and shrink factor in one batch."""
-    compare = _Comparison(sampler, appearances, layers.particles, factor)
-    variance, (height, width) = settings.sigma**2, sampler.shape
-
-    def score(windows: FloatArray) -> FloatArray:
-        scores = np.empty(windows.shape[:2])
-        log_scores(compare(windows), variance, windows, searches, height, width, scores)
-        return scores
-
-    windows, spreads, deviations = searches["window"], searches["spread"], searches["seed_std"]
-    sides = (windows[:, LENGTH] + windows[:, WIDTH]) / 2
-    wide = np.maximum(settings.std_position * sides, 1.0) * searches["reach"]
-    seeded = np.isfinite(deviations)
-    proposal = Proposal(
-        windows,
-        searches["displacement"],
-        np.minimum(np.maximum(spreads, LEAST_SPREAD), wide),
-        wide,
-        np.where(seeded[:, None], searches["seed"], math.nan),
-        np.where(seeded, np.minimum(DETECTION_SHARE * deviations, wide), 0.0),
-    )
+    window, std = searches["window"], searches["seed_std"]
+    wide = np.maximum(settings.std_position * ((window[:, LENGTH] + window[:, WIDTH]) / 2), 1.0)
+    wide *= searches["reach"]
+    searches["wide_spread"] = wide
+    searches["spread"] = np.minimum(np.maximum(searches["spread"], LEAST_SPREAD), wide)
+    searches["seed_spread"] = np.where(np.isfinite(std), np.minimum(DETECTION_SHARE * std, wide), math.nan)
+    appearances = [model.appearance for model in models if model.appearance is not None]
+    score = _Score(sampler, appearances, searches, layers.particles, factor, settings.sigma**2)
     particles = [appearance.particles for appearance in appearances]
-    estimates = layered_step(particles, generators, proposal, score, layers)
-    distances = compare(estimates.windows[:, None])
+    generators = [model.generator for model in models]
+    estimates = layered_step(particles, generators, searches, score, layers)
+    distances = score.distances(estimates.windows[:, None])
     contrasts = (estimates.contrasts > LEAST_CONTRAST).tolist()
     return Found(
         estimates.windows,
@@ -131,12 +82,12 @@ def _search_group(
         estimates.particles,
         np.exp(-distances[:, 0]),
         [a.template.textured and c for a, c in zip(appearances, contrasts, strict=True)],
-        [patch.copy() for patch in compare.first_patches],
+        score.first_patches,
     )
 
 
-class _Comparison:
-    """Compares windows of several targets with their templates.
+class _Score:
+    """Log scores of windows of several targets, by their templates and expectations.
 
     The parts of the frame are cut out around the first windows, those of the widest layer, with a margin for
     the others.
@@ -146,32 +97,62 @@ class _Comparison:
     """
 
     def __init__(
-        self, sampler: WindowSampler, appearances: list[Appearance], particles: int, factor: int
+        self,
+        sampler: WindowSampler,
+        appearances: list[Appearance],
+        searches: SearchRows,
+        particles: int,
+        factor: int,
+        variance: float,
     ) -> None:
-        self._sampler, self._factor = sampler, factor
+        self._sampler, self._searches, self._variance, self._factor = sampler, searches, variance, factor
         self._patch, self._context = appearances[0].patch, appearances[0].context
         templates = [appearance.template for appearance in appearances]
         self._features = [template for template in templates if isinstance(template, FeatureTemplate)]
         eigen = [template for template in templates if isinstance(template, EigenTemplate)]
+        self._together = max(1, SAMPLES_AT_ONCE // (particles * self._patch[0] * self._patch[1]))
         if eigen:
             self._rows = sampler.side_by_side([template.rows for template in eigen])
             self._constants = np.stack([template.constants for template in eigen])
+            self._together = len(eigen)
         self.first_patches = np.zeros((0, 0), np.float32)
-        self._together = max(1, SAMPLES_AT_ONCE // (particles * self._patch[0] * self._patch[1]))
         self._crops: list[Crops] = []
 
     def __call__(self, windows: FloatArray) -> FloatArray:
-        """Distances float64[t, n] of windows float64[t, n, 5]."""
+        """Log scores float64[t, n] of windows float64[t, n, 5]."""
+        if not self._crops:
+            wider = windows.copy()
+            wider[..., LENGTH : WIDTH + 1] *= self._context
+            for start in range(0, len(wider), self._together):
+                part = wider[start : start + self._together]
+                crops = self._sampler.crop(part.reshape(-1, 5), self._factor, len(part), CROP_MARGIN)
+                self._crops.append(crops)
+        distances, scores = self.distances(windows), np.empty(windows.shape[:2])
+        height, width = self._sampler.shape
+        log_scores(distances, self._variance, windows, self._searches, height, width, scores)
+        return scores
+
+    def distances(self, windows: FloatArray) -> FloatArray:
+        """Distances float64[t, n] of windows float64[t, n, 5] from the templates."""
         wider = windows.copy()
         wider[..., LENGTH : WIDTH + 1] *= self._context
         if self._features:
             return self._feature_distances(wider)
-        if not self._crops:
-            self._crops = [self._sampler.crop(wider.reshape(-1, 5), self._factor, len(wider), CROP_MARGIN)]
-        distances, self.first_patches = self._sampler.distances(
-            wider, self._patch, self._crops[0], self._rows, self._constants
+        crops, grid = self._crops[0], unit_grid(self._patch)
+        result = np.empty(windows.shape[:2])
+        self.first_patches = np.empty((len(windows), grid.shape[1]), np.float32)
+        template_distances(
+            crops.quads,
+            crops.places,
+            crops.factor,
+            wider,
+            grid,
+            self._rows,
+            self._constants,
+            result,
+            self.first_patches,
         )
-        return distances
+        return result
 
     def _feature_distances(self, windows: FloatArray) -> FloatArray:
         """The same in a feature space, for as many targets at once as the cache holds the patches of."""
@@ -179,13 +160,9 @@ class _Comparison:
         pixels = self._patch[0] * self._patch[1]
         result = np.empty((targets, count))
         self.first_patches = np.empty((targets, pixels), np.float32)
-        for index, start in enumerate(range(0, targets, self._together)):
+        for crops, start in zip(self._crops, range(0, targets, self._together), strict=True):
             chunk = slice(start, min(start + self._together, targets))
-            flat = windows[chunk].reshape(-1, 5)
-            if index == len(self._crops):
-                groups = len(windows[chunk])
-                self._crops.append(self._sampler.crop(flat, self._factor, groups, CROP_MARGIN))
-            patches = self._sampler.sample(flat, self._patch, crops=self._crops[index])
+            patches = self._sampler.sample(windows[chunk].reshape(-1, 5), self._patch, crops=crops)
             patches = patches.reshape(-1, count, pixels)
             result[chunk] = feature_distances(self._features[chunk], patches)
             self.first_patches[chunk] = patches[:, 0]

@@ -2,17 +2,23 @@
 
 import numpy as np
 
-from streamkit_tracker.appearance.eigen_template import (
-    EigenSettings,
-    EigenTemplate,
-    eigen_distances,
-    normalise,
-)
+from streamkit_tracker.appearance.eigen_template import EigenSettings, EigenTemplate, normalise
+from streamkit_tracker.appearance.window_sampling import find_residuals
 
 
 def patches(count: int, pixels: int = 144, seed: int = 0) -> np.ndarray:
     """Independent noise patches."""
     return (30 * np.random.default_rng(seed).standard_normal((count, pixels))).astype(np.float32)
+
+
+def eigen_distances(templates: list[EigenTemplate], patches: np.ndarray) -> np.ndarray:
+    """Distances float64[t, n] of patches float32[t, n, p], several for each template."""
+    result = np.empty(patches.shape[:2])
+    for template, some, distances in zip(templates, patches, result, strict=True):
+        products, powers = some @ template.rows.T, np.vecdot(some, some)
+        moments, pixels = np.empty((3, len(some))), some.shape[1]
+        find_residuals(products, powers, *template.constants, pixels, moments, distances)
+    return result
 
 
 def test_the_first_patch_is_at_distance_zero_whatever_the_light():

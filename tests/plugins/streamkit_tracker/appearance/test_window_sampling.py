@@ -4,9 +4,14 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_tracker.appearance.eigen_template import EigenSettings, EigenTemplate, eigen_distances
+from streamkit_tracker.appearance.eigen_template import EigenSettings, EigenTemplate, normalise
 from streamkit_tracker.appearance.frame_crops import MIDDLE_GREY
-from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
+from streamkit_tracker.appearance.window_sampling import (
+    WindowSampler,
+    shrink_factor,
+    template_distances,
+    unit_grid,
+)
 
 
 def ramp(height: int = 80, width: int = 100) -> np.ndarray:
@@ -119,7 +124,14 @@ def test_windows_are_compared_as_their_patches_are(patch: tuple[int, int]):
     crops = sampler.crop(windows.reshape(-1, 5), 1, groups=2)
     rows = np.stack([template.rows for template in templates])
     constants = np.stack([template.constants for template in templates])
-    distances, first = sampler.distances(windows, patch, crops, rows, constants)
-    np.testing.assert_allclose(distances, eigen_distances(templates, patches), rtol=1e-3, atol=1e-4)
+    distances, first = np.empty((2, 40)), np.empty((2, patch[0] * patch[1]), np.float32)
+    grid = unit_grid(patch)
+    template_distances(
+        crops.quads, crops.places, crops.factor, windows, grid, rows, constants, distances, first
+    )
+    for template, some, found in zip(templates, patches, distances, strict=True):
+        centred, basis = normalise(some) - template.mean, template.rows[:4]
+        plain = (centred**2).sum(axis=1) - ((centred @ basis.T) ** 2).sum(axis=1)
+        np.testing.assert_allclose(found, plain / some.shape[1], rtol=1e-3, atol=1e-4)
     np.testing.assert_allclose(first, patches[:, 0], atol=1e-2)
     assert distances[1].argmin() == 7

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from streamkit_tracker.predict.constant_velocity import advance, carry, correct
+from streamkit_tracker.predict.constant_velocity import advance, correct, predict
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TargetTable
 
@@ -49,7 +49,7 @@ def test_carry_turns_velocity_with_the_camera():
     quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     targets = table()
     targets.rows["mean"], targets.rows["covariance"] = [2.0, 1.0, 5.0, 0.0], np.eye(4)
-    carry(targets, quarter)
+    predict(targets, np.linalg.inv(quarter), 0.0)
     np.testing.assert_allclose(targets.rows["mean"][0], [-1.0, 2.0, 0.0, 5.0], atol=1e-12)
 
 
@@ -58,7 +58,7 @@ def test_similarity_moves_turns_and_scales_a_window():
     cosine, sine = 1.5 * np.cos(0.5), 1.5 * np.sin(0.5)
     similarity = np.array([[cosine, -sine, 7.0], [sine, cosine, -3.0], [0, 0, 1.0]])
     targets = table((30.0, 40.0, 20.0, 10.0, 0.3))
-    carry(targets, similarity)
+    predict(targets, np.linalg.inv(similarity), 0.0)
     centre = similarity @ [30.0, 40.0, 1.0]
     np.testing.assert_allclose(targets.rows["window"][0], [centre[0], centre[1], 30.0, 15.0, 0.8], atol=1e-9)
     np.testing.assert_allclose(targets.rows["drawn_angle"], 0.8)

@@ -2,12 +2,8 @@
 
 import numpy as np
 
-from streamkit_tracker.update.layered_filter import (
-    LayerSettings,
-    Particles,
-    Proposal,
-    layered_step,
-)
+from streamkit_tracker.update.expectations import SEARCH, SearchRows
+from streamkit_tracker.update.layered_filter import LayerSettings, Particles, layered_step
 from streamkit_tracker.update.particle_layers import resample
 
 PEAK = np.array([52.0, 47.0, 22.0, 11.0, 0.5])
@@ -19,17 +15,12 @@ def peak_score(windows: np.ndarray) -> np.ndarray:
     return np.asarray(-0.5 * np.sum(((windows - PEAK) / SCALES) ** 2, axis=2))
 
 
-def proposal(windows: np.ndarray, displacement: tuple[float, float] = (0.0, 0.0)) -> Proposal:
-    """A proposal without seeds."""
-    count = len(windows)
-    return Proposal(
-        windows,
-        np.repeat([displacement], count, axis=0).astype(float),
-        np.full(count, 2.0),
-        np.full(count, 5.0),
-        np.full((count, 2), np.nan),
-        np.zeros(count),
-    )
+def proposal(windows: np.ndarray, displacement: tuple[float, float] = (0.0, 0.0)) -> SearchRows:
+    """Expectations without seeds."""
+    searches = np.zeros(len(windows), SEARCH)
+    searches["window"], searches["displacement"] = windows, displacement
+    searches["spread"], searches["wide_spread"], searches["seed_spread"] = 2.0, 5.0, np.nan
+    return searches
 
 
 def run(steps: int, seeds: list[int], start: np.ndarray) -> np.ndarray:

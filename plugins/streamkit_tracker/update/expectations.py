@@ -3,16 +3,41 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from streamkit_kernels import compiled
-from streamkit_tracker.update.detected_box import SearchRows
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray, half_turn, visible_part
+
+SearchRows = NDArray[Any]
 
 VISIBLE_ENOUGH = 0.5
 HIDDEN_PENALTY = 20.0
+
+
+# Expectations of one target before the frame is searched; infinite deviations and zero precisions are none.
+SEARCH = np.dtype(
+    [
+        ("window", np.float64, 5),  # of the previous frame in the pixels of this one
+        ("displacement", np.float64, 2),  # predicted motion since then, px
+        ("spread", np.float64),  # standard deviation of the prediction, px
+        ("wide_spread", np.float64),  # the same for a quarter of the particles, against surprises, px
+        ("reach", np.float64),  # how much wider than usual to search, 1 or more
+        ("seed", np.float64, 2),  # x y of half of the particles, where the target was detected, px
+        ("seed_std", np.float64),  # of the detection, px
+        ("seed_spread", np.float64),  # of the particles there, px; NaN without a seed
+        ("sides", np.float64, 2),  # length and width, px
+        ("heading", np.float64),  # rad
+        ("heading_std", np.float64),  # rad
+        ("position_precision", np.float64),  # of the seed
+        ("sides_precision", np.float64),
+        ("heading_precision", np.float64),
+        ("tolerance", np.float64),  # factor on the variance of the residual
+    ]
+)
 
 
 class Prior(msgspec.Struct, frozen=True):
