@@ -1,5 +1,7 @@
-"""particletrack: follows what moves with layered particle filters, many targets at once.
+"""particletrack: tracks moving targets with layered particle filters, many at once.
 
-The algorithm modules work on plain arrays and import nothing of streamkit: `MultiTargetTracker` in `tracker`
-is the way in; `layered_filter`, `eigen_template` and `window_sampling` serve by themselves.
+Algorithm modules work on plain arrays and need nothing of the engine. `tracker.MultiTargetTracker` is the
+entry point; `targets` holds the table of targets, on which one folder per role works: `predict`, `associate`,
+`update`, `initiate`, `delete`, `report`. `appearance` reads windows and holds the templates. The commands in
+`evaluation` and `explanation` are imported by nothing that runs a pipeline.
 """

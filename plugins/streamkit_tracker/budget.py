@@ -1,4 +1,4 @@
-"""Fewer particles, then fewer looks, before frames are late."""
+"""Reduces particles, then searches, when frames take too long."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ CALM_FRAMES = 10
 class Budget:
     """Halves the particles when a frame took longer than it may, and doubles them when there is room again.
 
-    Where the fewest particles still take too long, targets that detections keep in place are looked at in
+    Where the fewest particles still take too long, targets that detections keep in place are searched in
     turn.
 
     Attributes:
         share: part of the usual particles, a power of one half, 1 at most.
-        turn: every so many frames a target is looked at that its detections keep in place.
+        turn: number of frames after which a target that detections keep in place is searched again.
 
     Args:
         seconds: what a frame may take; 0 is no limit, which alone gives the same tracks in each run.
@@ -29,7 +29,7 @@ class Budget:
         self.turn = 1
 
     def spent(self, seconds: float) -> None:
-        """Takes notice of how long a frame took, s."""
+        """Counts the duration of a frame, s."""
         if self._seconds <= 0:
             return
         self._calm = self._calm + 1 if seconds < ROOM * self._seconds else 0

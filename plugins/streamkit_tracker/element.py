@@ -33,7 +33,7 @@ STATES = {state: TrackState(state) for state in TargetState}
 
 
 class Compare(enum.StrEnum):
-    """In what windows are compared with a target."""
+    """Space in which windows are compared with a target."""
 
     TEMPLATE = "template"
     FEATURES = "features"
@@ -45,9 +45,9 @@ class ParticleTrack(Transform):
     Reads the frame's registration, detections and features where there are any. A detection seen `birth-hits`
     times that has moved over the ground becomes a confirmed track. Without detections a track goes on by its
     appearance, then coasts with a growing covariance, at most as long as it was detected and no longer than
-    `coast`; found again meanwhile, it has its old id, even if it was not told any more. `window` starts one
-    target by hand, also while playing; it goes on without detections, coasts when it is not seen, and is
-    looked for in a circle that grows until `coast` has passed. Targets end, each reported once as lost, on a
+    `coast`; a detection continues it under its old id, even after it was not reported any more. `window`
+    starts one target by hand, also while playing; it needs no detections, coasts while it is not seen, and is
+    searched in a circle that grows until `coast` has passed. Targets end, each reported once as lost, on a
     cut, a new plane without a mapping, a new frame size, or a new epoch without registration.
 
     Example:
@@ -77,7 +77,7 @@ class ParticleTrack(Transform):
         self._start_window = None if self.window is None else parse_window(self.window, self.name)
         self._tracker = MultiTargetTracker(self.settings)
         self._link = FrameLink(self.compare is Compare.FEATURES)
-        self._spaceless = False
+        self._warned = False
 
     def property_changed(self, name: str) -> None:
         """A window set while playing starts one more target in the next frame; a bad one leaves the old."""
@@ -96,12 +96,8 @@ class ParticleTrack(Transform):
         """Attaches Tracks."""
         image = luma(frame)
         observation = self._link.observe(frame)
-        if (
-            self.compare is Compare.FEATURES
-            and not self._spaceless
-            and frame.metadata.get(FeatureSpace) is None
-        ):
-            self._spaceless = True
+        if self.compare is Compare.FEATURES and not self._warned and frame.metadata.get(FeatureSpace) is None:
+            self._warned = True
             self.post_warning(
                 "compare=features: no feature space comes with the frames yet: put waveleteigen upstream"
             )

@@ -1,4 +1,4 @@
-"""Where a frame lies to the last one that was tracked, from its metadata."""
+"""Time and motion between a frame and the last one tracked, from its metadata."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class FrameLink:
         self._last: Frame | None = None
 
     def observe(self, frame: Frame) -> Observation:
-        """What the tracker is told about a frame; call it once for each, in order."""
+        """The tracker's input for a frame; call it once for each, in order."""
         registration = frame.get(Registration) or NO_REGISTRATION
         detections, features = frame.get(Detections) or NO_DETECTIONS, frame.get(Features)
         space = cast("Space | None", frame.metadata.get(FeatureSpace))

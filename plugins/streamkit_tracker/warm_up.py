@@ -12,7 +12,7 @@ from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.tracker import MultiTargetTracker
 
-SIDE = 64  # px, of the picture
+SIDE = 64  # px, of the image
 STEPS = 4
 SETTINGS = TrackerSettings(eigen=EigenSettings(batch=2), birth_hits=1, min_travel=0.0)
 
@@ -24,10 +24,10 @@ def warm_up() -> None:
     Else the first frames of a live feed would wait while their loops are compiled, or read from the cache.
     """
     prepare("streamkit_tracker")
-    picture = np.random.default_rng(0).integers(0, 255, (SIDE, SIDE)).astype(np.uint8)
+    image = np.random.default_rng(0).integers(0, 255, (SIDE, SIDE)).astype(np.uint8)
     tracker = MultiTargetTracker(SETTINGS)
-    tracker.start_target(picture, np.array([20.0, 20.0, 16.0, 12.0, 0.0]), Observation(0.04))
+    tracker.start_target(image, np.array([20.0, 20.0, 16.0, 12.0, 0.0]), Observation(0.04))
     for step in range(STEPS):
         box = np.array([[40.0 + 2 * step, 40.0, 50.0 + 2 * step, 48.0]])
         centroids = (box[:, :2] + box[:, 2:]) / 2
-        tracker.step(picture, Observation(0.04, centroids=centroids, boxes=box))
+        tracker.step(image, Observation(0.04, centroids=centroids, boxes=box))

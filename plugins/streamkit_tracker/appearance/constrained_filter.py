@@ -16,11 +16,11 @@ FIRST_PENALTY, PENALTY_STEP, LAST_PENALTY = 0.01, 10.0, 1.0
 
 
 class ConstrainedFilter:
-    """Answers to the target and not to the ground it was seen on.
+    """Responds to the target and not to the background it was seen on.
 
-    A plain correlation filter is as large as its patch and learns the ground with the target; when the
-    ground changes, its answer fades. This one has its coefficients inside the target's sides, and each patch
-    moves it only as far from its predecessor as the answer needs.
+    A plain correlation filter is as large as its patch and learns the background with the target; when
+    that changes, its response fades. This one has its coefficients inside the target's sides, and each patch
+    moves it only as far from its predecessor as the response needs.
 
     Source: Li, Tian, Zuo, Zhang and Yang, Learning Spatial-Temporal Regularized Correlation Filters for
     Visual Tracking, CVPR 2018.
@@ -40,35 +40,37 @@ class ConstrainedFilter:
         self._filter = np.zeros_like(spectrum)
         self._solve(spectrum, REGULARISATION, FIRST_ITERATIONS)
 
-    def answer(self, spectrum: ComplexArray) -> ComplexArray:
+    def respond(self, spectrum: ComplexArray) -> ComplexArray:
         """Spectrum complex64[rows, columns // 2 + 1] of the response to a patch, given its own."""
         result = np.empty(spectrum.shape[1:], np.complex64)
-        _answer(self._filter, spectrum, self._scaling, result)
+        _respond(self._filter, spectrum, self._scaling, result)
         return result
 
     def learn(self, spectrum: ComplexArray, share: float = 1.0) -> None:
-        """Learns a patch with the target in its middle; the less it is believed, the nearer it stays."""
+        """Learns a patch with the target in its middle, as far as `share` says, above 0 to 1."""
         self._solve(spectrum, INERTIA / share, ITERATIONS)
 
     def _solve(self, spectrum: ComplexArray, inertia: float, iterations: int) -> None:
         """Finds the best filter for one patch near the present one.
 
         By the alternating direction method of multipliers: in turn the best filter of any extent, and the
-        one nearest to it whose weights outside the target's sides are dear.
+        one nearest to it whose weights outside the target's sides are penalised.
         """
         sample = spectrum * self._scaling
         previous, inside = self._filter, self._filter.copy()
         free, dual, penalty = np.empty_like(sample), np.zeros_like(sample), FIRST_PENALTY
         for _ in range(iterations):
-            _unbounded(sample, self._wanted, previous, inside, dual, inertia, penalty, free)
-            cheap, dear = penalty / (WITHIN + penalty), penalty / (OUTSIDE + penalty)
-            _split(free, self._cut(free), cheap, dear, inside, dual)
+            _solve_unbounded(sample, self._wanted, previous, inside, dual, inertia, penalty, free)
+            inside_factor, outside_factor = penalty / (WITHIN + penalty), penalty / (OUTSIDE + penalty)
+            _split(free, self._cut(free), inside_factor, outside_factor, inside, dual)
             penalty = min(penalty * PENALTY_STEP, LAST_PENALTY)
         self._filter = inside
 
 
 @compiled
-def _answer(weights: ComplexArray, spectrum: ComplexArray, scaling: np.float32, result: ComplexArray) -> None:
+def _respond(
+    weights: ComplexArray, spectrum: ComplexArray, scaling: np.float32, result: ComplexArray
+) -> None:
     """Sum over the channels of the filter times a patch; `result` complex64[rows, columns] is filled."""
     frequencies = result.reshape(result.size)
     frequencies[:] = 0
@@ -81,7 +83,7 @@ def _answer(weights: ComplexArray, spectrum: ComplexArray, scaling: np.float32, 
 
 
 @compiled
-def _unbounded(
+def _solve_unbounded(
     sample: ComplexArray,
     wanted: ComplexArray,
     previous: ComplexArray,
@@ -109,45 +111,50 @@ def _unbounded(
     frequencies, goal = wanted.size, wanted.reshape(wanted.size)
     energy, shared = np.zeros(frequencies, np.float32), np.zeros(frequencies, np.complex64)
     for channel in range(len(sample)):
-        patch, answer = sample[channel].reshape(frequencies), free[channel].reshape(frequencies)
+        patch, solution = sample[channel].reshape(frequencies), free[channel].reshape(frequencies)
         kept, old = inside[channel].reshape(frequencies), previous[channel].reshape(frequencies)
         apart = dual[channel].reshape(frequencies)
         for index in range(frequencies):
-            answer[index] = near * old[index] + step * (kept[index] - apart[index])
+            solution[index] = near * old[index] + step * (kept[index] - apart[index])
         for index in range(frequencies):
-            answer[index] += patch[index].conjugate() * goal[index]
+            solution[index] += patch[index].conjugate() * goal[index]
         for index in range(frequencies):
-            shared[index] += patch[index] * answer[index]
+            shared[index] += patch[index] * solution[index]
         for index in range(frequencies):
             energy[index] += patch[index].real * patch[index].real + patch[index].imag * patch[index].imag
     for index in range(frequencies):
         shared[index] *= np.float32(1) / (weight + energy[index])
     share = np.float32(1) / weight
     for channel in range(len(sample)):
-        patch, answer = sample[channel].reshape(frequencies), free[channel].reshape(frequencies)
+        patch, solution = sample[channel].reshape(frequencies), free[channel].reshape(frequencies)
         apart = dual[channel].reshape(frequencies)
         for index in range(frequencies):
-            rest = answer[index] - patch[index].conjugate() * shared[index]
-            answer[index] = share * rest + apart[index]
+            rest = solution[index] - patch[index].conjugate() * shared[index]
+            solution[index] = share * rest + apart[index]
 
 
 @compiled
 def _split(
-    free: ComplexArray, cut: ComplexArray, cheap: float, dear: float, inside: ComplexArray, dual: ComplexArray
+    free: ComplexArray,
+    cut: ComplexArray,
+    inside_factor: float,
+    outside_factor: float,
+    inside: ComplexArray,
+    dual: ComplexArray,
 ) -> None:
-    """What is kept of the filter of any extent, inside the sides and outside, and what is not: the dual.
+    """Splits the filter of any extent into what is kept, inside the sides and outside, and the dual.
 
     Inside and outside it is scaled by two factors: all by the one, and the part inside by the rest.
 
     Args:
         free: complex64[channels, rows, columns].
         cut: the same of the part inside.
-        cheap: factor inside.
-        dear: factor outside.
+        inside_factor: factor inside.
+        outside_factor: factor outside.
         inside: complex64[channels, rows, columns], is filled.
         dual: likewise.
     """
-    rest, outer = np.float32(cheap - dear), np.float32(dear)
+    rest, outer = np.float32(inside_factor - outside_factor), np.float32(outside_factor)
     for channel in range(len(free)):
         for row in range(free.shape[1]):
             for column in range(free.shape[2]):

@@ -1,4 +1,4 @@
-"""Tells a target from the ground around it: a correlation filter over oriented gradients."""
+"""Correlation filter over oriented gradients: discriminates a target from the background around it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from streamkit_kernels import compiled
 from streamkit_tracker.appearance.constrained_filter import ConstrainedFilter
 from streamkit_tracker.appearance.frame_crops import Float32Array
 from streamkit_tracker.appearance.gradient_channels import GRID, SAMPLES, gradient_channels
-from streamkit_tracker.appearance.grid_spectra import ComplexArray, pictures_of, spectra_of
+from streamkit_tracker.appearance.grid_spectra import ComplexArray, images_of, spectra_of
 from streamkit_tracker.appearance.level_histogram import LEARNING_RATE as LEVEL_RATE
 from streamkit_tracker.appearance.level_histogram import LevelHistogram, LevelMap
 from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
@@ -47,7 +47,7 @@ class Response:
         angle: of that window, rad.
         peak: its height; about 1 for what was learnt, less where the grey levels are not the target's.
         sharpness: peak to sidelobe ratio.
-        heights: of the answers at all the windows that were asked at.
+        heights: of the responses at all the windows that were asked at.
     """
 
     position: tuple[float, float]
@@ -61,12 +61,12 @@ class Response:
 class CorrelationFilter:
     """A linear filter over gradient channels, trained against every shifted patch around the target.
 
-    The ground around a target is what it has to be told from; a template that only knows the target cannot
-    say which of two likely places is the better one. The patch is taken in the window's own turn and size,
+    A template that only knows the target cannot say which of two likely positions is the better one; this
+    filter also learns the background. The patch is taken in the window's own turn and size,
     so that the filter needs neither. The place of the peak is taken from the mean of this filter's response
-    and that of a `ConstrainedFilter`, which pays no heed to a ground that changes, and from a
-    `LevelHistogram`, which pays none to a target that bends; its height and sharpness from this one alone,
-    which wavers less.
+    and that of a `ConstrainedFilter`, which ignores a background that changes, and that of a
+    `LevelHistogram`, which ignores a target that bends; its height and sharpness from this one alone,
+    which varies less.
 
     Source: Henriques, Caseiro, Martins and Batista, High-Speed Tracking with Kernelized Correlation Filters,
     TPAMI 2015; Danelljan, Haeger, Khan and Felsberg, Accurate Scale Estimation for Robust Visual Tracking,
@@ -99,29 +99,29 @@ class CorrelationFilter:
     def respond(
         self, sampler: WindowSampler, windows: FloatArray, lead: float = 1.0, *, apart: bool = False
     ) -> Response:
-        """Where the target is, by the window with the highest answer.
+        """Position of the target, by the window with the highest response.
 
         Args:
             sampler: has been shown the frame.
             windows: float64[n, 5] it may have moved from.
-            lead: part of the highest answer that is enough for the first window.
+            lead: part of the highest response that is enough for the first window.
             apart: whether the windows are different places; then grey levels help to choose among them, which
                 would favour the smaller of two sizes.
         """
         patches, spectra = self._read(sampler, windows)
-        answers = np.empty((len(windows), *spectra.shape[2:]), np.complex64)
-        _plain_answers(self._numerator, self._denominator, self._floor, spectra, answers)
-        plain = pictures_of(answers)
+        responses = np.empty((len(windows), *spectra.shape[2:]), np.complex64)
+        _respond(self._numerator, self._denominator, self._floor, spectra, responses)
+        plain = images_of(responses)
         if apart:
             pairs = zip(plain, patches, strict=True)
-            peaks = np.array([_mixed(each, self._levels.answer(patch)).max() for each, patch in pairs])
+            peaks = np.array([_mixed(each, self._levels.respond(patch)).max() for each, patch in pairs])
         else:
             peaks = plain.max(axis=(1, 2))
         best = int(peaks.argmax())
         best = 0 if peaks[0] >= lead * peaks[best] else best
-        constrained = pictures_of(self._constrained.answer(spectra[best]))
+        constrained = images_of(self._constrained.respond(spectra[best]))
         both = np.float32(0.5) * (plain[best] + constrained)
-        found = self._peak(both, plain[best], self._levels.answer(patches[best]), windows[best])
+        found = self._peak(both, plain[best], self._levels.respond(patches[best]), windows[best])
         return replace(found, heights=tuple(peaks.tolist()))
 
     def learn(self, sampler: WindowSampler, window: FloatArray, share: float = 1.0) -> None:
@@ -148,7 +148,7 @@ class CorrelationFilter:
         self, response: Float32Array, plain: Float32Array, levels: LevelMap, window: FloatArray
     ) -> Response:
         row, column, down, along = _highest(_mixed(response, levels))
-        likeness = levels.likeness(row, column)
+        relative_share = levels.relative_share(row, column)
         step = window[LENGTH : WIDTH + 1] * self._scale / GRID
         cosine, sine = np.cos(window[ANGLE]), np.sin(window[ANGLE])
         dx, dy = along * step[0], down * step[1]
@@ -160,7 +160,7 @@ class CorrelationFilter:
         row, column, _, _ = _highest(plain)
         sharpness = _sharpness(plain, row, column)
         return Response(
-            position, sides, float(window[ANGLE]), likeness * float(plain[row, column]), sharpness
+            position, sides, float(window[ANGLE]), relative_share * float(plain[row, column]), sharpness
         )
 
 
@@ -203,24 +203,26 @@ def _follow(
 
 
 @compiled
-def _plain_answers(
+def _respond(
     numerator: ComplexArray,
     denominator: Float32Array,
     floor: float,
     spectra: ComplexArray,
-    answers: ComplexArray,
+    responses: ComplexArray,
 ) -> None:
     """Spectra complex64[n, grid, grid // 2 + 1] of the responses to n patches."""
-    answers[:] = 0
+    responses[:] = 0
     for patch in range(len(spectra)):
         for channel in range(len(numerator)):
             for row in range(numerator.shape[1]):
                 for column in range(numerator.shape[2]):
                     weight = numerator[channel, row, column].conjugate()
-                    answers[patch, row, column] += weight * spectra[patch, channel, row, column]
+                    responses[patch, row, column] += weight * spectra[patch, channel, row, column]
         for row in range(numerator.shape[1]):
             for column in range(numerator.shape[2]):
-                answers[patch, row, column] *= np.float32(1) / (denominator[row, column] + np.float32(floor))
+                responses[patch, row, column] *= np.float32(1) / (
+                    denominator[row, column] + np.float32(floor)
+                )
 
 
 @compiled

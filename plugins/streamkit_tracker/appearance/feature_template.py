@@ -13,7 +13,7 @@ LEARNING_RATE = 0.05
 
 
 class Space(Protocol):
-    """What this module needs of a feature space."""
+    """A feature space, as it comes with frames."""
 
     @property
     def patch_size(self) -> tuple[int, int]:

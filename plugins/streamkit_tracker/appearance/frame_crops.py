@@ -75,11 +75,11 @@ def _span(low: float, high: float, size: int, factor: int) -> tuple[int, int]:
 
 @kernel(VIEW, PLACES, QUADS)
 def pack_parts(image: ByteArray, places: IntArray, quads: QuadArray) -> None:
-    """Packs parts of a picture.
+    """Packs parts of a image.
 
     Args:
         image: uint8[h, w], whatever its memory is like.
-        places: int64[g, 5], see `Crops`, in pixels of this picture.
+        places: int64[g, 5], see `Crops`, in pixels of this image.
         quads: int32[total], is filled.
     """
     for group in range(len(places)):

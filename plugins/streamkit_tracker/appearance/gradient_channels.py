@@ -33,13 +33,13 @@ def gradient_channels(patches: Float32Array) -> Float32Array:
     in place of binned angles, which need no arc tangent).
     """
     channels = np.empty((len(patches), CHANNELS, GRID, GRID), np.float32)
-    _average(patches, channels)
-    _take_light_off(channels, _hann())
+    _average_cells(patches, channels)
+    _normalise_light(channels, _hann())
     return channels
 
 
 @compiled
-def _average(patches: Float32Array, channels: Float32Array) -> None:
+def _average_cells(patches: Float32Array, channels: Float32Array) -> None:
     """Means over cells of the rectified gradients and of the grey level."""
     sums, totals = np.empty((GREY + 1, SAMPLES), np.float32), np.empty((GREY + 1, GRID), np.float32)
     across, down = np.zeros(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
@@ -61,7 +61,7 @@ def _average(patches: Float32Array, channels: Float32Array) -> None:
                 _add_rectified(across, down, np.float32(1), np.float32(1), sums[1])
                 _add_rectified(across, down, np.float32(0), np.float32(1), sums[2])
                 _add_rectified(across, down, np.float32(-1), np.float32(1), sums[3])
-            _to_cells(sums, totals, channels[index], row)
+            _average_row(sums, totals, channels[index], row)
 
 
 @compiled
@@ -80,7 +80,7 @@ def _add_rectified(
 
 
 @compiled
-def _to_cells(sums: Float32Array, totals: Float32Array, channels: Float32Array, row: int) -> None:
+def _average_row(sums: Float32Array, totals: Float32Array, channels: Float32Array, row: int) -> None:
     """Means over a row of cells, from sums over its lines.
 
     The opposite directions need no sums of their own: a rectified mean is this one less the plain mean.
@@ -110,7 +110,7 @@ def _to_cells(sums: Float32Array, totals: Float32Array, channels: Float32Array, 
 
 
 @compiled
-def _take_light_off(channels: Float32Array, hann: Float32Array) -> None:
+def _normalise_light(channels: Float32Array, hann: Float32Array) -> None:
     """Divides gradients by their strength nearby and grey levels by their deviation.
 
     Loops over flat arrays, few at a time: only then can the compiler see that these do not overlap.
@@ -154,13 +154,13 @@ def _centre(channel: Float32Array, scale: np.float32, window: Float32Array) -> N
 
 
 @compiled
-def _blur(picture: Float32Array, result: Float32Array) -> None:
+def _blur(image: Float32Array, result: Float32Array) -> None:
     """Means over 3x3 cells, mirrored about the border ones."""
     last, ninth = GRID - 1, np.float32(1 / 9)
     line = np.empty(GRID, np.float32)
     for row in range(GRID):
-        above, here = picture[row - 1 if row else 1], picture[row]
-        below = picture[row + 1 if row < last else last - 1]
+        above, here = image[row - 1 if row else 1], image[row]
+        below = image[row + 1 if row < last else last - 1]
         for column in range(GRID):
             line[column] = above[column] + here[column] + below[column]
         blurred = result[row]

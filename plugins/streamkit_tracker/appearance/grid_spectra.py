@@ -13,34 +13,34 @@ Float32Array = NDArray[np.float32]
 ComplexArray = NDArray[np.complex64]
 
 
-def spectra_of(pictures: Float32Array) -> ComplexArray:
-    """Two-dimensional transforms of real pictures.
+def spectra_of(images: Float32Array) -> ComplexArray:
+    """Two-dimensional transforms of real images.
 
     Args:
-        pictures: float32[..., g, g], g even.
+        images: float32[..., g, g], g even.
 
     Returns:
         complex64[..., g, g // 2 + 1], the half that is not the mirror image of the other, as of `rfft2`.
     """
-    side = pictures.shape[-1]
+    side = images.shape[-1]
     down, along, _ = _transforms(side)
-    half = product(pictures.reshape(-1, side), along).view(np.complex64)
-    return np.asarray(np.matmul(down, half.reshape(*pictures.shape[:-1], side // 2 + 1)))
+    half = product(images.reshape(-1, side), along).view(np.complex64)
+    return np.asarray(np.matmul(down, half.reshape(*images.shape[:-1], side // 2 + 1)))
 
 
-def pictures_of(spectra: ComplexArray) -> Float32Array:
-    """The real pictures float32[..., g, g] of spectra complex64[..., g, g // 2 + 1]."""
+def images_of(spectra: ComplexArray) -> Float32Array:
+    """The real images float32[..., g, g] of spectra complex64[..., g, g // 2 + 1]."""
     side = spectra.shape[-2]
     down, _, back = _transforms(side)
     half = np.matmul(down.conj() / np.float32(side), spectra)
-    pictures = product(half.view(np.float32).reshape(-1, side + 2), back)
-    return pictures.reshape(*spectra.shape[:-1], side)
+    images = product(half.view(np.float32).reshape(-1, side + 2), back)
+    return images.reshape(*spectra.shape[:-1], side)
 
 
 class Cutter:
-    """Sets pictures to zero outside a rectangle, given their spectra.
+    """Sets images to zero outside a rectangle, given their spectra.
 
-    Only the rows that are kept are ever made; along these, to the picture, the mask and back are one matrix.
+    Only the rows that are kept are ever made; along these, to the image, the mask and back are one matrix.
 
     Args:
         down: bool[g], which rows are kept.
@@ -54,7 +54,7 @@ class Cutter:
         self._columns = np.ascontiguousarray(transform[:, down])
 
     def __call__(self, spectra: ComplexArray) -> ComplexArray:
-        """Spectra complex64[n, g, g // 2 + 1] of the pictures that are cut."""
+        """Spectra complex64[n, g, g // 2 + 1] of the images that are cut."""
         half = np.matmul(self._rows, spectra)
         cut = product(half.view(np.float32).reshape(-1, len(self._along)), self._along)
         return np.asarray(np.matmul(self._columns, cut.view(np.complex64).reshape(half.shape)))

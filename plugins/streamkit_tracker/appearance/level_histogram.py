@@ -1,4 +1,4 @@
-"""Which grey levels are a target's and which the ground's around it: a cue that no new posture changes."""
+"""Histograms of the grey levels of a target and its background: a cue that survives changes of posture."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST = 1.25
 
 @dataclass(frozen=True, eq=False)
 class LevelMap:
-    """How much each shifted window is the target's by its grey levels.
+    """Share of each shifted window that is the target's by its grey levels.
 
     Attributes:
         shares: float32[grid, grid], 0 to 1, shifts around a ring as those of a filter response.
@@ -37,7 +37,7 @@ class LevelMap:
     trust: float
     usual: float
 
-    def likeness(self, row: int, column: int) -> float:
+    def relative_share(self, row: int, column: int) -> float:
         """Share of a shift relative to the usual one, at most 1.25; 1 where the levels cannot be trusted."""
         return float(min(float(self.shares[row, column]) / max(self.usual, FLOOR), MOST) ** self.trust)
 
@@ -46,7 +46,7 @@ class LevelHistogram:
     """Histograms of the grey levels of a target and of the ground around it.
 
     Gradients tell where a target lies, and lose it when it turns or bends; its levels stay. A new light
-    changes all levels: then those of the ground are not the usual ones either, and nothing is concluded.
+    changes all levels: then those of the ground are not the usual ones either, and the map is not trusted.
 
     Source: Bertinetto, Valmadre, Golodetz, Miksik and Torr, Staple: Complementary Learners for Real-Time
     Tracking, CVPR 2016.
@@ -63,7 +63,7 @@ class LevelHistogram:
         self._samples = np.maximum(np.bincount(self._parts, minlength=3), 1)
         self._levels = self._count(patch)
         self._usual = 1.0
-        self._usual = float(self.answer(patch).shares[0, 0])
+        self._usual = float(self.respond(patch).shares[0, 0])
 
     def learn(self, patch: Float32Array, rate: float = LEARNING_RATE) -> None:
         """Learns a patch with the target in its middle."""
@@ -71,7 +71,7 @@ class LevelHistogram:
         self._usual += rate * (float(self._shares(patch)[0, 0]) - self._usual)
         self._levels += np.float32(rate) * (counts - self._levels)
 
-    def answer(self, patch: Float32Array) -> LevelMap:
+    def respond(self, patch: Float32Array) -> LevelMap:
         """The shares of a patch, float32[samples * samples]."""
         overlap = float(np.sum(np.sqrt(self._count(patch)[GROUND] * self._levels[GROUND])))
         trust = (overlap - STRANGE) / (FAMILIAR - STRANGE)

@@ -34,9 +34,9 @@ def principal_rows(rows: Float32Array, basis: Float32Array, singular_values: Flo
     for row in range(count):
         for column in range(row + 1):
             gram[row, column] = gram[column, row] = np.dot(rows[row], rows[column])
-    values, beside = np.empty(count), np.zeros(count)
-    make_tridiagonal(gram, values, beside, vectors)
-    make_diagonal(values, beside, vectors)
+    values, off_diagonal = np.empty(count), np.zeros(count)
+    tridiagonalise(gram, values, off_diagonal, vectors)
+    diagonalise(values, off_diagonal, vectors)
     order = np.argsort(values)[::-1]
     least = WEAKEST * max(values[order[0]], 1e-12)
     kept = 0
@@ -54,72 +54,72 @@ def principal_rows(rows: Float32Array, basis: Float32Array, singular_values: Flo
 
 
 @compiled
-def make_tridiagonal(
-    matrix: FloatArray, diagonal: FloatArray, beside: FloatArray, vectors: FloatArray
+def tridiagonalise(
+    matrix: FloatArray, diagonal: FloatArray, off_diagonal: FloatArray, vectors: FloatArray
 ) -> None:
     """Turns a symmetric matrix into a tridiagonal one by reflections.
 
     Args:
         matrix: float64[n, n], is overwritten.
         diagonal: float64[n], is filled.
-        beside: float64[n], is filled; the last one is 0.
+        off_diagonal: float64[n], is filled; the last one is 0.
         vectors: float64[n, n], is filled: rows V such that the matrix was V^T T V.
 
     Source: Golub and Van Loan, Matrix Computations, section 8.3.1 (Householder).
     """
     size = len(matrix)
-    mirror, image = np.zeros(size), np.zeros(size)
+    normal, product = np.zeros(size), np.zeros(size)
     vectors[:] = np.eye(size)
-    beside[:] = 0.0
+    off_diagonal[:] = 0.0
     for step in range(size - 2):
         length = math.sqrt(np.sum(matrix[step, step + 1 :] ** 2))
-        beside[step] = -length if matrix[step, step + 1] > 0 else length
+        off_diagonal[step] = -length if matrix[step, step + 1] > 0 else length
         if length > 0.0:
-            mirror[step + 1 :] = matrix[step, step + 1 :]
-            mirror[step + 1] -= beside[step]
-            _reflect(matrix, vectors, mirror, image, step + 1)
+            normal[step + 1 :] = matrix[step, step + 1 :]
+            normal[step + 1] -= off_diagonal[step]
+            _reflect(matrix, vectors, normal, product, step + 1)
     for row in range(size):
         diagonal[row] = matrix[row, row]
     if size > 1:
-        beside[size - 2] = matrix[size - 2, size - 1]
+        off_diagonal[size - 2] = matrix[size - 2, size - 1]
 
 
 @compiled
 def _reflect(
-    matrix: FloatArray, vectors: FloatArray, mirror: FloatArray, image: FloatArray, first: int
+    matrix: FloatArray, vectors: FloatArray, normal: FloatArray, product: FloatArray, first: int
 ) -> None:
-    """Reflects matrix and vectors at a plane with the normal `mirror`, float64[n], from `first` on."""
+    """Reflects matrix and vectors at a plane with the normal `normal`, float64[n], from `first` on."""
     size = len(matrix)
-    scale = 2.0 / np.sum(mirror[first:] ** 2)
-    image[first:] = 0.0
+    scale = 2.0 / np.sum(normal[first:] ** 2)
+    product[first:] = 0.0
     for row in range(first, size):
-        weight = scale * mirror[row]
+        weight = scale * normal[row]
         for column in range(first, size):
-            image[column] += weight * matrix[row, column]
-    inner = 0.5 * scale * np.sum(mirror[first:] * image[first:])
+            product[column] += weight * matrix[row, column]
+    inner = 0.5 * scale * np.sum(normal[first:] * product[first:])
     for row in range(first, size):
-        image[row] -= inner * mirror[row]
+        product[row] -= inner * normal[row]
     for row in range(first, size):
         for column in range(first, size):
-            matrix[row, column] -= mirror[row] * image[column] + image[row] * mirror[column]
-    image[:] = 0.0
+            matrix[row, column] -= normal[row] * product[column] + product[row] * normal[column]
+    product[:] = 0.0
     for row in range(first, size):
         for column in range(size):
-            image[column] += mirror[row] * vectors[row, column]
+            product[column] += normal[row] * vectors[row, column]
     for row in range(first, size):
-        weight = scale * mirror[row]
+        weight = scale * normal[row]
         for column in range(size):
-            vectors[row, column] -= weight * image[column]
+            vectors[row, column] -= weight * product[column]
 
 
 @compiled
-def make_diagonal(diagonal: FloatArray, beside: FloatArray, vectors: FloatArray) -> None:
+def diagonalise(diagonal: FloatArray, off_diagonal: FloatArray, vectors: FloatArray) -> None:
     """Turns a tridiagonal matrix into eigenvalues and eigenvectors, by implicit shifts.
 
     Args:
         diagonal: float64[n], becomes the eigenvalues, in no order.
-        beside: float64[n], is overwritten.
-        vectors: float64[n, n], rows, see `make_tridiagonal`; become the eigenvectors.
+        off_diagonal: float64[n], is overwritten.
+        vectors: float64[n, n], rows, see `tridiagonalise`; become the eigenvectors.
 
     Source: Golub and Van Loan, Matrix Computations, section 8.3.3; Bowdler, Martin, Reinsch and Wilkinson,
         The QR and QL algorithms for symmetric matrices, 1968.
@@ -129,28 +129,30 @@ def make_diagonal(diagonal: FloatArray, beside: FloatArray, vectors: FloatArray)
         for _ in range(MOST_STEPS):
             high = low
             while high < size - 1:
-                if abs(beside[high]) <= PRECISION * (abs(diagonal[high]) + abs(diagonal[high + 1])):
+                if abs(off_diagonal[high]) <= PRECISION * (abs(diagonal[high]) + abs(diagonal[high + 1])):
                     break
                 high += 1
             if high == low:
                 break
-            _chase(diagonal, beside, vectors, low, high)
+            _shifted_step(diagonal, off_diagonal, vectors, low, high)
 
 
 @compiled
-def _chase(diagonal: FloatArray, beside: FloatArray, vectors: FloatArray, low: int, high: int) -> None:
+def _shifted_step(
+    diagonal: FloatArray, off_diagonal: FloatArray, vectors: FloatArray, low: int, high: int
+) -> None:
     """One shifted step on the part from low to high."""
-    ahead = (diagonal[low + 1] - diagonal[low]) / (2.0 * beside[low])
+    ahead = (diagonal[low + 1] - diagonal[low]) / (2.0 * off_diagonal[low])
     root = math.hypot(ahead, 1.0)
-    ahead = diagonal[high] - diagonal[low] + beside[low] / (ahead + math.copysign(root, ahead))
+    ahead = diagonal[high] - diagonal[low] + off_diagonal[low] / (ahead + math.copysign(root, ahead))
     sine, cosine, shift = 1.0, 1.0, 0.0
     for row in range(high - 1, low - 1, -1):
-        across, along = sine * beside[row], cosine * beside[row]
+        across, along = sine * off_diagonal[row], cosine * off_diagonal[row]
         root = math.sqrt(across * across + ahead * ahead)
-        beside[row + 1] = root
+        off_diagonal[row + 1] = root
         if root == 0.0:
             diagonal[row + 1] -= shift
-            beside[high] = 0.0
+            off_diagonal[high] = 0.0
             return
         sine, cosine = across / root, ahead / root
         ahead = diagonal[row + 1] - shift
@@ -164,4 +166,4 @@ def _chase(diagonal: FloatArray, beside: FloatArray, vectors: FloatArray, low: i
             lower[column] = sine * upper[column] + cosine * value
             upper[column] = cosine * upper[column] - sine * value
     diagonal[low] -= shift
-    beside[low], beside[high] = ahead, 0.0
+    off_diagonal[low], off_diagonal[high] = ahead, 0.0

@@ -163,7 +163,9 @@ def _resample(
     each, pixels = len(windows) // len(places), grid.shape[1]
     near, between = np.empty(pixels, np.int32), np.empty((2, pixels), np.float32)
     for index in range(len(windows)):
-        _read(quads, places[index // each], factor, windows[index], grid, near, between, patches[index])
+        _sample_window(
+            quads, places[index // each], factor, windows[index], grid, near, between, patches[index]
+        )
 
 
 @compiled
@@ -203,7 +205,7 @@ def template_distances(
             count = min(together, windows.shape[1] - start)
             for index in range(count):
                 window = windows[target, start + index]
-                _read(quads, places[target], factor, window, grid, near, between, patches[index])
+                _sample_window(quads, places[target], factor, window, grid, near, between, patches[index])
             if start == 0:
                 first_patches[target] = patches[0]
             np.dot(patches[:count], template, products[:count])
@@ -256,7 +258,7 @@ def find_residuals(
 
 
 @compiled
-def _read(
+def _sample_window(
     quads: QuadArray,
     place: IntArray,
     factor: int,
@@ -280,15 +282,15 @@ def _read(
     )
     across, down = np.int32(place[ACROSS]), np.int32(place[DOWN])
     right, below = between[0], between[1]
-    _aim(grid, x_map, y_map, across, down, near, right, below)
+    _find_neighbours(grid, x_map, y_map, across, down, near, right, below)
     part = quads[place[START] : place[START] + place[ACROSS] * place[DOWN]]
     for pixel in range(len(near)):
         near[pixel] = part[np.uint32(near[pixel])]
-    _blend(near, right, below, patch)
+    _interpolate(near, right, below, patch)
 
 
 @compiled
-def _aim(
+def _find_neighbours(
     grid: Float32Array,
     x_map: tuple[np.float32, np.float32, np.float32],
     y_map: tuple[np.float32, np.float32, np.float32],
@@ -313,15 +315,15 @@ def _aim(
 
 
 @compiled
-def _blend(quads: QuadArray, right: Float32Array, below: Float32Array, patch: Float32Array) -> None:
+def _interpolate(quads: QuadArray, right: Float32Array, below: Float32Array, patch: Float32Array) -> None:
     """Grey levels minus 128 between the four pixels of each quad."""
     byte = np.int32(255)
     for pixel in range(len(quads)):
         quad = quads[pixel]
         here = np.float32(np.int32(quad & byte))
-        beside = np.float32(np.int32(np.int32(quad >> np.int32(8)) & byte))
+        right_of = np.float32(np.int32(np.int32(quad >> np.int32(8)) & byte))
         under = np.float32(np.int32(np.int32(quad >> np.int32(16)) & byte))
         across = np.float32(np.int32(np.int32(quad >> np.int32(24)) & byte))
-        upper = here + right[pixel] * (beside - here)
+        upper = here + right[pixel] * (right_of - here)
         lower = under + right[pixel] * (across - under)
         patch[pixel] = upper + below[pixel] * (lower - upper) - MIDDLE_GREY

@@ -1,4 +1,4 @@
-"""Tells where a track came from, out of the file that tracksink wrote.
+"""Explains where a track came from, by the file that tracksink wrote.
 
 `reading` takes the moments of one track from the file, `life` sums them up, `wording` puts them in words;
 `command` is `streamkit explain`.

@@ -41,21 +41,21 @@ class Life:
 
 def life(moments: Sequence[Moment]) -> Life:
     """Sums up a track's moments, in order; there is at least one."""
-    told = [moment.provenance for moment in moments if moment.provenance is not None]
-    gates = [origin.gate for origin in told if origin.gate is not None]
-    similarities = [origin.similarity for origin in told if origin.similarity is not None]
+    provenances = [moment.provenance for moment in moments if moment.provenance is not None]
+    gates = [origin.gate for origin in provenances if origin.gate is not None]
+    similarities = [origin.similarity for origin in provenances if origin.similarity is not None]
     places = [moment.place for moment in moments if moment.place is not None]
     return Life(
         frames=len(moments),
-        detected=sum(origin.detection is not None for origin in told),
-        shared=sum(origin.shared for origin in told),
+        detected=sum(origin.detection is not None for origin in provenances),
+        shared=sum(origin.shared for origin in provenances),
         gates=(median(gates), max(gates)) if gates else None,
         similarities=(median(similarities), min(similarities)) if similarities else None,
-        learnt=sum(origin.learnt for origin in told),
+        learnt=sum(origin.learnt for origin in provenances),
         registrations=dict(Counter(place.status for place in places)),
         planes=tuple(dict.fromkeys(place.reference for place in places)),
         turns=turns(moments),
-        gaps=_gaps(moments) if told else (),
+        gaps=_gaps(moments) if provenances else (),
     )
 
 

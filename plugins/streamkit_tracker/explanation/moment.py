@@ -1,4 +1,4 @@
-"""One track in one frame, as its record tells it."""
+"""One track in one frame, as recorded."""
 
 from __future__ import annotations
 

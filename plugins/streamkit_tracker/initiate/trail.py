@@ -1,4 +1,4 @@
-"""Where a target was detected, in the pixels of the latest frame."""
+"""Positions at which a target was detected, in the pixels of the latest frame."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from streamkit_tracker.window_geometry import FloatArray
 
 LONGEST = 16
-TREMBLING, STRAIGHT = 0.5, 0.9
+JITTER, STRAIGHT = 0.5, 0.9
 
 
 class Trail:
@@ -44,7 +44,7 @@ class Trail:
 
     @property
     def straightness(self) -> float:
-        """Distance travelled over the length of the path: 1 along a line, near 0 when trembling."""
+        """Distance travelled over the length of the path: 1 along a line, near 0 for jitter."""
         steps = np.diff(self.positions, axis=0)
         path = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
         return float(np.hypot(*(self.positions[-1] - self.positions[0]))) / path if path > 0 else 0.0
@@ -54,4 +54,4 @@ class Trail:
         """How far the motion may be expected to go on, 0 to 1: 1 for a path that is long and straight."""
         if len(self.positions) < LONGEST:
             return 0.0
-        return min(max((self.straightness - TREMBLING) / (STRAIGHT - TREMBLING), 0.0), 1.0)
+        return min(max((self.straightness - JITTER) / (STRAIGHT - JITTER), 0.0), 1.0)

@@ -16,7 +16,7 @@ from streamkit_tracker.window_geometry import IDENTITY, FloatArray, map_points
 STATES = tuple(TargetState)
 LARGEST_DOUBT = 0.5  # sides; a dormant target whose position is less certain is kept without a report
 MANUAL_STD = 0.1  # px, of a match with a target that keeps its appearance
-CREEP = 0.35  # sides per unit of usual distance: how far a template comes to sit beside a soft target
+CREEP = 0.35  # sides per unit of usual distance: drift of a template on a soft target
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""Whether a target is there: judged by what has been usual for this one target."""
+"""Decides whether a target is seen, relative to its own usual distances and responses."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class Verdict(msgspec.Struct, frozen=True):
 
     Attributes:
         seen: the target is there.
-        learnt: and looks so much like itself that its template may follow it.
-        share: how far a filter is to follow it, 0 to 1: a new light comes as slowly as a cover does, and only
-            who follows it a little is not left behind.
+        learnt: and matches so well that its template may learn it.
+        share: how far a filter is to follow it, 0 to 1: a change of light comes as slowly as an
+            occlusion, so that the filter follows both a little.
     """
 
     seen: bool
@@ -41,8 +41,8 @@ class Evidence:
     """The distances and responses of the frames in which a target was seen, and gates relative to them.
 
     A rigid car keeps a distance of 0.02 to its template, a running person one of 0.7. One absolute threshold
-    loses the person at once or never loses the car. Likewise a response is faint only beside what this
-    target's responses usually are and how much they waver.
+    loses the person at once or never loses the car. Likewise a response is weak only relative to this
+    target's usual responses and their spread.
 
     Args:
         lost_threshold: similarity, exp(-distance), that is enough by itself to be seen.
@@ -76,13 +76,13 @@ class Evidence:
     def _seen_drop(self) -> float:
         return max(SEEN_DROP * self._slack, SEEN_DEVIATIONS * self._deviation)
 
-    def responds(self, peak: float, sharpness: float, *, frames_unseen: int) -> bool:
-        """Whether a filter response is no outlier among this target's own.
+    def is_credible(self, peak: float, sharpness: float, *, frames_unseen: int) -> bool:
+        """Whether a filter response is no outlier among this target's responses.
 
         Args:
             peak: height of the response.
             sharpness: its peak to sidelobe ratio.
-            frames_unseen: since the target was last seen; after a gap more is asked, at first.
+            frames_unseen: since the target was last seen; after a gap the limit is stricter at first.
         """
         if sharpness < LEAST_SHARPNESS:
             return False
@@ -92,7 +92,7 @@ class Evidence:
             drop = min(drop, at_first + FOUND_RELIEF * frames_unseen)
         return self.drop(peak, sharpness) <= drop
 
-    def clear(self, peak: float, sharpness: float) -> bool:
+    def is_clear(self, peak: float, sharpness: float) -> bool:
         """Whether a response is so near this target's usual ones that its look may be learnt."""
         return self.drop(peak, sharpness) <= self._clear_drop
 
@@ -103,8 +103,8 @@ class Evidence:
 
         Args:
             distance: of the best window to the template.
-            response: height and sharpness of a filter response that `responds` took, or None.
-            informative: whether the image told one place from another.
+            response: height and sharpness of a filter response that `is_credible` took, or None.
+            informative: whether the frame distinguishes positions.
             unseen: the target was not seen in the last frame.
         """
         gate = self._learnt_distance if unseen else self._seen_distance
@@ -112,8 +112,8 @@ class Evidence:
         learnt = seen and distance <= self._learnt_distance
         share = 0.0
         if response is not None:
-            share = DOUBTED_SHARE * self._credence(*response)
-            clear = self.clear(*response)
+            share = DOUBTED_SHARE * self._credibility(*response)
+            clear = self.is_clear(*response)
             learnt = clear and (learnt or self.tolerance > RIGID)
             self._remember(*response, weight=1.0 if clear else OUTLIER_WEIGHT)
         if seen:
@@ -126,7 +126,7 @@ class Evidence:
         """By how much the logarithm of a response lies below the usual one."""
         return self._level - _log_response(peak, sharpness) if self._responses else 0.0
 
-    def _credence(self, peak: float, sharpness: float) -> float:
+    def _credibility(self, peak: float, sharpness: float) -> float:
         """1 for a clear response, falling to 0 where it is not believed any more."""
         clear, least = self._clear_drop, self._seen_drop
         return min(max((least - self.drop(peak, sharpness)) / (least - clear), 0.0), 1.0)

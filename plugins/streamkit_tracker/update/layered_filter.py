@@ -79,7 +79,7 @@ def layered_step(
     score: Score,
     settings: LayerSettings,
 ) -> Estimates:
-    """Looks at one frame, for t targets that do not know of each other.
+    """Estimates the windows of t independent targets in one frame.
 
     Layer 1 draws positions from the previous particles moved by the second-order transition; layer 2 draws
     sizes for each survivor; layer 3 angles. Scores of the last layer are handed back from leaf to root:

@@ -14,7 +14,7 @@ from streamkit_tracker.targets import Appearance, IndexArray, TargetTable, follo
 from streamkit_tracker.update.detected_box import expect
 from streamkit_tracker.update.expectations import SEARCH, Prior, SearchRows
 from streamkit_tracker.update.layered_filter import LayerSettings, Particles
-from streamkit_tracker.update.response import ask, response_prior
+from streamkit_tracker.update.response import find_response, response_prior
 from streamkit_tracker.update.search import Found, search
 from streamkit_tracker.window_geometry import IDENTITY, LENGTH, WIDTH, FloatArray
 
@@ -143,7 +143,7 @@ def _expect_manual(
     if appearance.discriminator is not None:
         predicted = target["window"].copy()
         predicted[:2] += target["mean"][2:] * observation.step_s
-        appearance.response = ask(
+        appearance.response = find_response(
             appearance.discriminator,
             evidence,
             sampler,

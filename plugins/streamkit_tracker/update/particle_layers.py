@@ -130,7 +130,7 @@ def propose(
         polish: float64[t], standard deviation of the step, px.
         deviation: standard deviation of the change: the logarithm of the sides' factors, or the angle, rad.
         turned: whether the angle changes, else the sides.
-        proposals: float64[t, n, 5], is filled, family after family; n a multiple of k.
+        proposals: float64[t, n, 5], is filled, copies of one survivor in a row; n a multiple of k.
     """
     copies = proposals.shape[1] // survivors.shape[1]
     numbers = 3 if turned else 4

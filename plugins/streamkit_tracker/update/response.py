@@ -1,4 +1,4 @@
-"""Asks the filter of a hand-drawn target where it went, and says how far to trust the answer."""
+"""Finds a target drawn by hand with its correlation filter, and what particles are to expect there."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ NEAREST_RING = 0.4
 INNER_RINGS = (1.0, 2 / 3, 1 / 3)  # in turn, so that the whole disc is searched in three frames
 
 
-def ask(
+def find_response(
     discriminator: CorrelationFilter,
     evidence: Evidence,
     sampler: WindowSampler,
@@ -38,7 +38,7 @@ def ask(
     predicted: FloatArray,
     frames_unseen: int,
 ) -> Response | None:
-    """The best response around a prediction, or None where there is none to believe.
+    """The best response around a prediction, or None where none is credible.
 
     Args:
         discriminator: of this target.
@@ -48,19 +48,19 @@ def ask(
         predicted: float64[5].
         frames_unseen: since the target was last seen; the search grows with them.
     """
-    places = search_places(predicted, frames_unseen)
+    places = search_windows(predicted, frames_unseen)
     best = discriminator.respond(sampler, places, OTHER_SIZE_SHARE, apart=frames_unseen > 0)
     if frames_unseen == 0:
-        grown = SIZE_STEP ** between_sizes(*best.heights)
+        grown = SIZE_STEP ** parabola_peak(*best.heights)
         best = replace(best, sides=(float(predicted[LENGTH] * grown), float(predicted[WIDTH] * grown)))
-        best = _asked_again(best, discriminator, evidence, sampler, window, predicted)
+        best = _refined_response(best, discriminator, evidence, sampler, window, predicted)
     elif best.sharpness >= LEAST_SHARPNESS:
         changed = changed_windows(best)
         best = discriminator.respond(sampler, changed, OTHER_SIZE_SHARE)
-    return best if evidence.responds(best.peak, best.sharpness, frames_unseen=frames_unseen) else None
+    return best if evidence.is_credible(best.peak, best.sharpness, frames_unseen=frames_unseen) else None
 
 
-def _asked_again(
+def _refined_response(
     best: Response,
     discriminator: CorrelationFilter,
     evidence: Evidence,
@@ -68,9 +68,9 @@ def _asked_again(
     window: FloatArray,
     predicted: FloatArray,
 ) -> Response:
-    """A response that is far from the prediction, or faint, asked for again where it is and where it was.
+    """Repeats a response that is far from the prediction, or weak, at its position and at the last one.
 
-    The filter's window fades towards its rim: what moved by much of its side is seen well only from near by.
+    The filter's window fades towards its rim: a large motion is seen well only from near the target.
     """
     side = math.sqrt(best.sides[0] * best.sides[1])
     shift = math.dist(best.position, predicted[:2].tolist()) / side
@@ -88,16 +88,16 @@ def _asked_again(
     return other if better and other.sharpness >= LEAST_SHARPNESS else best
 
 
-def between_sizes(same: float, larger: float, smaller: float) -> float:
-    """Where between the sizes asked at the highest answer lies, -1 (smaller) to 1, by a parabola."""
+def parabola_peak(same: float, larger: float, smaller: float) -> float:
+    """Position of the highest response between the sizes, -1 (smaller) to 1, by a parabola."""
     curve = larger - 2 * same + smaller
     if curve >= 0:
         return 0.0 if same >= max(larger, smaller) else 1.0 if larger > smaller else -1.0
     return min(max(0.5 * (smaller - larger) / curve, -1.0), 1.0)
 
 
-def search_places(window: FloatArray, frames_unseen: int) -> FloatArray:
-    """Windows float64[n, 5] to ask the filter at: other sizes, or other places after a gap."""
+def search_windows(window: FloatArray, frames_unseen: int) -> FloatArray:
+    """Windows float64[n, 5] to find_response the filter at: other sizes, or other places after a gap."""
     if frames_unseen == 0:
         places = np.repeat(window[None], 3, axis=0)
         places[1, LENGTH : WIDTH + 1] *= SIZE_STEP
@@ -114,7 +114,7 @@ def search_places(window: FloatArray, frames_unseen: int) -> FloatArray:
 
 
 def changed_windows(response: Response) -> FloatArray:
-    """Windows float64[9, 5] about a response, also smaller, larger and turned: nobody saw what it did."""
+    """Windows float64[9, 5] about a response, also smaller, larger and turned, after a gap."""
     sizes = np.array([1.0, SIZE_CHANGE, 1 / SIZE_CHANGE])
     turns = response.angle + np.array([0.0, TURN_CHANGE, -TURN_CHANGE])
     size, turn = (grid.ravel() for grid in np.meshgrid(sizes, turns))
@@ -123,7 +123,7 @@ def changed_windows(response: Response) -> FloatArray:
 
 
 def response_prior(response: Response, tolerance: float, drawn_angle: float) -> Prior:
-    """What the particles are to expect after a response.
+    """Expectation of the window after a response.
 
     A rigid target shows size and turn better in its template than in the filter; the softer it is
     (`tolerance` above 1), the more the filter's size and the drawn angle count.

@@ -28,7 +28,7 @@ def scene(ground_seed: int, shift: tuple[int, int] = (0, 0), target_seed: int = 
 
 def response(discriminator: ConstrainedFilter, spectrum: np.ndarray) -> np.ndarray:
     """float[grid, grid]."""
-    return scipy.fft.irfft2(discriminator.answer(spectrum), s=(GRID, GRID))
+    return scipy.fft.irfft2(discriminator.respond(spectrum), s=(GRID, GRID))
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (3, -5), (-7, 6)])
@@ -72,4 +72,4 @@ def test_a_flat_patch_gives_a_finite_filter():
     flat = np.zeros((2, GRID, GRID // 2 + 1), np.complex64)
     discriminator = ConstrainedFilter(flat, wanted(), SCALE)
     discriminator.learn(flat)
-    assert not np.any(discriminator.answer(wanted() * np.ones((2, 1, 1), np.complex64)))
+    assert not np.any(discriminator.respond(wanted() * np.ones((2, 1, 1), np.complex64)))

@@ -26,35 +26,35 @@ def wavering() -> Evidence:
 )
 def test_a_response_is_believed_unless_it_is_an_outlier(peak: float, sharpness: float, seen: bool):
     """A ninth of the usual height and sharpness together is something else, whatever the usual is."""
-    assert settled(0.02, 0.9).responds(peak, sharpness, frames_unseen=0) is seen
-    assert settled(0.02, 0.3).responds(peak / 3, sharpness, frames_unseen=0) is seen
+    assert settled(0.02, 0.9).is_credible(peak, sharpness, frames_unseen=0) is seen
+    assert settled(0.02, 0.3).is_credible(peak / 3, sharpness, frames_unseen=0) is seen
 
 
 def test_a_target_that_wavers_is_believed_longer():
     """A faint response hides a steady target, not one that often responds faintly."""
-    assert wavering().responds(0.25, 9.0, frames_unseen=0)
-    assert not settled(0.02, 0.7).responds(0.2, 9.0, frames_unseen=0)
+    assert wavering().is_credible(0.25, 9.0, frames_unseen=0)
+    assert not settled(0.02, 0.7).is_credible(0.2, 9.0, frames_unseen=0)
 
 
 def test_after_a_gap_more_is_asked_at_first():
     """What would do from frame to frame does not do to find a target again, until much time has passed."""
     evidence = settled(0.02, 0.9)
-    assert evidence.responds(0.4, 12.0, frames_unseen=0)
-    assert not evidence.responds(0.4, 12.0, frames_unseen=1)
-    assert evidence.responds(0.6, 20.0, frames_unseen=1)
-    assert evidence.responds(0.4, 12.0, frames_unseen=40)
+    assert evidence.is_credible(0.4, 12.0, frames_unseen=0)
+    assert not evidence.is_credible(0.4, 12.0, frames_unseen=1)
+    assert evidence.is_credible(0.6, 20.0, frames_unseen=1)
+    assert evidence.is_credible(0.4, 12.0, frames_unseen=40)
 
 
 def test_a_peak_without_height_above_the_rest_is_none():
     """However high, a response that its surroundings reach as well says nothing."""
-    assert not settled(0.02, 0.9).responds(1.0, 4.0, frames_unseen=0)
+    assert not settled(0.02, 0.9).is_credible(1.0, 4.0, frames_unseen=0)
 
 
 def test_what_is_seen_half_is_not_learnt():
     """Half the height and sharpness do to be seen by, not to learn from; no cover soon becomes usual."""
     evidence = settled(0.02, 0.9)
     for _ in range(10):
-        assert evidence.responds(0.5, 16.0, frames_unseen=0)
+        assert evidence.is_credible(0.5, 16.0, frames_unseen=0)
         verdict = evidence.judge(0.1, (0.45, 14.0), informative=True, unseen=False)
         assert verdict.seen
         assert not verdict.learnt
@@ -63,10 +63,10 @@ def test_what_is_seen_half_is_not_learnt():
 def test_a_soft_target_may_fade_further():
     """What hides a rigid target is a new posture of a soft one: seen, and learnt unless it is very faint."""
     soft, rigid = settled(0.5, 0.9), settled(0.02, 0.9)
-    assert soft.responds(0.25, 9.0, frames_unseen=0)
-    assert not rigid.responds(0.25, 9.0, frames_unseen=0)
-    assert soft.clear(0.4, 12.0)
-    assert not rigid.clear(0.4, 12.0)
+    assert soft.is_credible(0.25, 9.0, frames_unseen=0)
+    assert not rigid.is_credible(0.25, 9.0, frames_unseen=0)
+    assert soft.is_clear(0.4, 12.0)
+    assert not rigid.is_clear(0.4, 12.0)
 
 
 def test_tolerance_is_that_of_the_target():
@@ -83,8 +83,8 @@ def test_only_what_was_seen_is_remembered():
         assert not verdict.seen
         assert not verdict.learnt
     assert evidence.tolerance == 1.0
-    assert evidence.responds(0.6, 20.0, frames_unseen=1)
-    assert not evidence.responds(0.2, 12.0, frames_unseen=0)
+    assert evidence.is_credible(0.6, 20.0, frames_unseen=1)
+    assert not evidence.is_credible(0.2, 12.0, frames_unseen=0)
 
 
 def test_a_rigid_target_half_covered_is_seen_and_not_learnt():

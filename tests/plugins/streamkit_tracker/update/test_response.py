@@ -10,11 +10,11 @@ from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, R
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.response import (
-    ask,
-    between_sizes,
     changed_windows,
+    find_response,
+    parabola_peak,
     response_prior,
-    search_places,
+    search_windows,
 )
 
 WINDOW = np.array([100.0, 80, 40, 10, 0.3])
@@ -22,7 +22,7 @@ WINDOW = np.array([100.0, 80, 40, 10, 0.3])
 
 def test_a_seen_target_is_asked_for_at_three_sizes():
     """The same place and aspect; the middle size first."""
-    places = search_places(WINDOW, 0)
+    places = search_windows(WINDOW, 0)
     np.testing.assert_array_equal(places[0], WINDOW)
     np.testing.assert_array_equal(places[:, [0, 1, 4]], np.repeat(WINDOW[None, [0, 1, 4]], 3, axis=0))
     np.testing.assert_allclose(places[:, 2] / places[:, 3], 4.0)
@@ -31,7 +31,7 @@ def test_a_seen_target_is_asked_for_at_three_sizes():
 
 def test_the_search_grows_with_the_gap_up_to_a_limit():
     """Rings around the prediction, three in turn; the widest grows, never beyond three sides."""
-    reaches = [np.hypot(*(search_places(WINDOW, n)[1:, :2] - WINDOW[:2]).T) for n in (3, 9, 999, 1000, 1001)]
+    reaches = [np.hypot(*(search_windows(WINDOW, n)[1:, :2] - WINDOW[:2]).T) for n in (3, 9, 999, 1000, 1001)]
     for ring in reaches:
         np.testing.assert_allclose(ring, ring[0])
     assert reaches[0][0] < reaches[1][0] < reaches[2][0]
@@ -72,7 +72,7 @@ def found(scenes: ModuleType, drawn: np.ndarray, now: np.ndarray, predicted: np.
         usual = discriminator.respond(sampler, drawn[None])
         evidence.judge(0.02, (usual.peak, usual.sharpness), informative=True, unseen=False)
     sampler.look_at(scenes.grey(scenes.paint(backdrop, texture, now), generator, 2.0))
-    return ask(discriminator, evidence, sampler, drawn, predicted, 0)
+    return find_response(discriminator, evidence, sampler, drawn, predicted, 0)
 
 
 @pytest.mark.parametrize("step", [(30.0, 0.0), (-12.0, 26.0)])
@@ -105,8 +105,8 @@ def test_sizes_between_those_asked_at_are_told(scenes: ModuleType, grown: float)
 
 def test_a_size_beyond_those_asked_at_is_not_guessed():
     """The parabola is believed between its samples only; without a hump the highest of them wins."""
-    assert between_sizes(0.5, 0.9, 0.1) == 1.0
-    assert between_sizes(0.5, 0.2, 0.6) == pytest.approx(-1.0, abs=0.6)
-    assert between_sizes(0.9, 0.5, 0.5) == 0.0
-    assert between_sizes(0.5, 0.5, 0.5) == 0.0
-    assert between_sizes(0.3, 0.6, 0.5) == 1.0
+    assert parabola_peak(0.5, 0.9, 0.1) == 1.0
+    assert parabola_peak(0.5, 0.2, 0.6) == pytest.approx(-1.0, abs=0.6)
+    assert parabola_peak(0.9, 0.5, 0.5) == 0.0
+    assert parabola_peak(0.5, 0.5, 0.5) == 0.0
+    assert parabola_peak(0.3, 0.6, 0.5) == 1.0
