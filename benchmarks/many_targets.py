@@ -27,7 +27,6 @@ from streamkit import Detections, Frame, Pipeline, Tracks
 from streamkit_tracker.evaluation.boxes import overlaps
 from streamkit_tracker.evaluation.identities import Labelled, score_identities
 from streamkit_tracker.evaluation.readers import read_identities
-from streamkit_tracker.window_geometry import window_boxes
 from streamkit_video.dronetestsrc.truth import TrueTargets
 
 CHAIN = "stitch ! framediff ! particletrack ! appsink name=out"
@@ -171,9 +170,11 @@ def _labelled(tracks: Tracks | None) -> Labelled:
 
 
 def _upright(windows: FloatArray) -> FloatArray:
-    boxes = window_boxes(windows)
-    boxes[:, 2:] -= boxes[:, :2]
-    return boxes
+    """Upright boxes around windows float64[n, 5]: float64[n, 4], left, top, width, height, px."""
+    x, y, length, width, angle = windows.T
+    cosine, sine = np.abs(np.cos(angle)), np.abs(np.sin(angle))
+    across, down = length * cosine + width * sine, length * sine + width * cosine
+    return np.column_stack([x - across / 2, y - down / 2, across, down])
 
 
 def compare(name: str, sequence: Sequence, frames: int, python: str) -> None:
