@@ -26,11 +26,15 @@ from dataclasses import dataclass
 
 from streamkit.masking import presentable, star_secrets
 
+LONGEST_NAME = 64
+
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """A hint with the most similar known word, or ""."""
+    """A hint with the most similar known word, or ""; a word longer than any name has none."""
     import difflib
 
+    if len(word) > LONGEST_NAME:
+        return ""
     by_lower_case = {name.lower(): name for name in known}
     nearest = difflib.get_close_matches(word.lower(), list(by_lower_case), n=1, cutoff=0.6)
     return f'did you mean "{by_lower_case[nearest[0]]}"?' if nearest else ""

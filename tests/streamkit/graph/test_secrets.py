@@ -3,7 +3,9 @@
 import time
 from collections.abc import Callable
 
-from streamkit import Element, Property
+import pytest
+
+from streamkit import Element, Pipeline, Property
 from streamkit.errors import DescriptionError, Place
 from streamkit.graph.secrets import secret_assignments
 from streamkit.masking import mask_secrets
@@ -49,3 +51,15 @@ def test_the_search_for_secrets_ends_with_the_last_token() -> None:
     began = time.process_time()
     assert secret_assignments(text) == ("password=a",)
     assert time.process_time() - began < 5.0
+
+
+def test_thousands_of_unknown_elements_are_looked_up_without_hints(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hint is worked out for the fault alone: 20 000 words with assignments would else take minutes."""
+    asked: list[str] = []
+    monkeypatch.setattr("difflib.get_close_matches", lambda word, *_, **__: asked.append(word) or [])
+    text = " ! ".join(f"nosuchelement{number} caps=1" for number in range(5000))
+    assert secret_assignments(text) == ()
+    assert asked == []
+    with pytest.raises(DescriptionError, match="no element"):
+        Pipeline.parse(text)
+    assert len(asked) == 1
