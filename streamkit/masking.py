@@ -68,7 +68,7 @@ def mask_secrets(text: str, mask: str = MASK) -> str:
 
     Where it cannot be told whether a character belongs to a password, it is masked.
     """
-    return _replaced(text, lambda secret: mask)
+    return _replaced(text, lambda _: mask)
 
 
 def star_secrets(text: str) -> str:

@@ -65,7 +65,7 @@ class Element(PadOwner):
         cls.properties = declared_properties(cls)
         cls.defaults = {item.attribute: item.default for item in cls.properties.values() if item.read is None}
 
-    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+    def __new__(cls, *_: Any, **__: Any) -> Self:
         """A new element, its properties at their defaults."""
         self = super().__new__(cls)
         self.__dict__.update(cls.defaults)

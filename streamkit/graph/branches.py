@@ -119,7 +119,7 @@ def _close(src: Pad) -> None:
     """Sends EOS into the branch in the feeding thread, so that no frame follows."""
     closed = threading.Event()
 
-    def close(frame: Frame | None) -> None:
+    def close(_: Frame | None) -> None:
         if not closed.is_set():
             closed.set()
             src.is_eos = True
@@ -181,7 +181,7 @@ def expendable_branch_of(element: Element) -> Pad | None:
 def end_branch(src: Pad) -> None:
     """Ends a branch at its next frame, in the feeding thread; later frames are counted as dropped."""
 
-    def drop(frame: Frame) -> None:
+    def drop(_: Frame) -> None:
         src.element.count_drop("branch dropped after its failure")
 
     def end(frame: Frame) -> None:

@@ -60,7 +60,7 @@ def at_level(points: FloatArray, level: int) -> FloatArray:
 
 def executor_for(name: str) -> BackgroundExecutor:
     """A thread for work whose results are always asked for, so that no failure goes unseen."""
-    return BackgroundExecutor(name, max_bytes=0, failed=lambda error: None)
+    return BackgroundExecutor(name, max_bytes=0, failed=lambda _: None)
 
 
 def deferred(

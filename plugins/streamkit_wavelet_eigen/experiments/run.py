@@ -58,7 +58,7 @@ def run_all(
     repetitions: int = REPETITIONS,
     tracking_runs: int = RUNS[-1],
     workers: int = 2,
-    report: Callable[[str], None] = lambda key: None,
+    report: Callable[[str], None] = lambda _: None,
 ) -> Results:
     """Measures all partitions; the results do not depend on the number of workers.
 
