@@ -84,6 +84,8 @@ def gstreamer_run() -> Run:
             return Gst.FlowReturn.OK
 
     Gst.Element.register(None, "pynoop", 0, Noop)
+    if Gst.ElementFactory.find("pynoop") is None:
+        raise RuntimeError("elements in Python need GStreamer's own overrides: python3-gst-1.0")
 
     def run(text: str) -> Times:
         called = time.perf_counter()
