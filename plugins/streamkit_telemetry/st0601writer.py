@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from streamkit.geometry.angles import wrap_turn
 from streamkit_telemetry_formats.klv import CHECKSUM_HEAD, UAS_LOCAL_SET, checksum
 
 VERSION = 17  # of ST 0601
@@ -98,7 +99,7 @@ def _degrees(bound: float) -> Encoder:
 
 
 def _angle(bound: float, size: int) -> Encoder:
-    return lambda value: signed_map(math.degrees(math.remainder(value, math.tau)), bound, size)
+    return lambda value: signed_map(math.degrees(wrap_turn(value)), bound, size)
 
 
 def _circle(size: int) -> Encoder:
