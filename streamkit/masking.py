@@ -63,12 +63,16 @@ def is_secret_name(name: str) -> bool:
     return SECRET_NAME.search(name) is not None
 
 
-def mask_secrets(text: str, mask: str = MASK) -> str:
-    """The text with every secret in it replaced by `mask`.
+def mask_secrets(text: str) -> str:
+    """The text with every secret in it replaced by `MASK`.
 
-    Where it cannot be told whether a character belongs to a password, it is masked.
+    Where it cannot be told whether a character belongs to a password, it is masked. Masking the masked
+    text again changes nothing.
     """
-    return _replaced(text, lambda _: mask)
+    # A mask may join what stood before and behind a secret into one more value: mask until that is done.
+    while (masked := _replaced(text, lambda _: MASK)) != text:
+        text = masked
+    return text
 
 
 def star_secrets(text: str) -> str:
