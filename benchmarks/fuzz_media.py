@@ -1,41 +1,24 @@
 """Mutation fuzz of media: every variant ends in frames, in a file, or in one documented error.
 
 Variants of real files and of small clips made here go through `filesrc ! decode ! fakesink`, or are remuxed
-by packetsink. A child process handles variants one after the other as long as it lives; where one hangs or
-crashes, the next child goes on behind it. Checked are: no undocumented exception, no hang, no crash, no
-descriptor left open, and memory flat after the first tenth of what a child handled.
+by packetsink. A violation is an exception that is not documented, one that no thread catches, a hang, a
+crash, a descriptor that stays open, and memory that keeps growing.
 
-    STREAMKIT_DATA=... python benchmarks/fuzz_media.py [--minutes 10] [--seed 0] [--only hevc]
-
-Exit code 1 where a check fails.
+Run it:  STREAMKIT_DATA=... python benchmarks/fuzz_media.py [--minutes 10]
 """
 
 from __future__ import annotations
 
-import argparse
-import gc
-import json
 import os
-import queue
 import random
-import statistics
-import subprocess
-import sys
-import tempfile
-import threading
-import time
-from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 
-HANG_S = 5.0
-START_S = 60.0  # a child imports its libraries first
+import fuzz_watch
+
 LARGEST_SOURCE = 1 << 21
-PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
-FLAT_MB, FLAT_SHARE = 40.0, 0.2  # memory may differ by either
-ENOUGH_VARIANTS = 100  # of one child, to tell of its memory
+SETTLED = 400  # about three variants of each source
 EXTREMES = (b"\xff\xff\xff\xff", b"\0\0\0\0", b"\x7f\xff\xff\xff", b"\x80\0\0\0")
 SUFFIXES = frozenset(
     {".ts", ".mp4", ".mkv", ".avi", ".264", ".h264", ".webm", ".flv", ".3gp", ".ogv", ".mpeg"}
@@ -72,18 +55,15 @@ def make_clips(folder: Path) -> None:
                 container.mux(stream.encode(None))
 
 
-def sources(clips: Path, only: str) -> list[Path]:
+def sources(clips: Path) -> list[Path]:
     """The clips made and the small media of the data, in a fixed order."""
     data = Path(os.environ["STREAMKIT_DATA"]) / "data"
-    found = [
+    return [
         path
         for folder in (clips, data / "telemetry" / "klv_ts", data / "odd_media")
         for path in sorted(folder.rglob("*"))
-        if path.suffix in SUFFIXES and path.stat().st_size <= LARGEST_SOURCE and only in path.name
+        if path.suffix in SUFFIXES and path.stat().st_size <= LARGEST_SOURCE
     ]
-    if not found:
-        raise SystemExit(f"--only {only}: no file has this in its name")
-    return found
 
 
 def mutated(data: bytes, chance: random.Random) -> bytes:
@@ -111,177 +91,49 @@ def mutated(data: bytes, chance: random.Random) -> bytes:
     return bytes(found)
 
 
-# The child.
-
-
-def handle_variants(first: int, seed: int, clips: Path, only: str) -> None:
-    """Handles variants from `first` on without end; a line of JSON before and after each."""
-    faults: list[str] = []
-    threading.excepthook = lambda args: faults.append(f"thread: {args.exc_type.__name__}: {args.exc_value}")
-    sys.unraisablehook = lambda args: faults.append(f"unraisable: {args.exc_value!r}")
-    chosen = sources(clips, only)
-    with tempfile.TemporaryDirectory() as folder:
-        run_variant(chosen[0], chosen[0].read_bytes(), "decode", Path(folder))  # imports, caches
-        number = first
-        while True:
-            source = chosen[number % len(chosen)]
-            job = JOBS[number // len(chosen) % len(JOBS)]
-            print(json.dumps([number, source.name, job]), flush=True)
-            before, began = descriptors(), time.monotonic()
-            data = mutated(source.read_bytes(), random.Random(seed << 32 | number)) or b"\0"
-            outcome = run_variant(source, data, job, Path(folder))
-            elapsed_s = time.monotonic() - began
-            gc.collect()
-            if faults:
-                outcome = f"odd: {faults.pop()}"
-            elif descriptors() > before:
-                outcome = f"leak: {descriptors() - before} descriptors"
-            print(json.dumps([outcome, elapsed_s, resident_mb()]), flush=True)
-            number += 1
-
-
-def run_variant(source: Path, data: bytes, job: str, folder: Path) -> str:
-    """How one variant ended: frames, file, nothing, error, or "odd: ..."."""
+def run_variant(data: bytes, suffix: str, job: str) -> str:
+    """How one variant ended: in frames, a file, nothing, or a documented error."""
     from streamkit import ElementFailure, Pipeline, StreamkitError
-    from streamkit.errors import StateError
 
-    path, copy = folder / f"variant{source.suffix}", folder / f"copy{job}"
+    path, copy = Path(f"variant{suffix}"), Path(f"copy{job}")
     path.write_bytes(data)
     tail = "decode ! fakesink name=out" if job == "decode" else f"packetsink location={copy}"
     try:
         pipeline = Pipeline.parse(f"filesrc location={path} ! {tail}")
-        pipeline.run(timeout_s=HANG_S)
+        pipeline.run(timeout_s=fuzz_watch.HANG_S)
         if job != "decode":
             return "file" if copy.is_file() and copy.stat().st_size else "nothing"
         return "frames" if pipeline["out"].count else "nothing"
     except ElementFailure as error:
         # What an element raises by its contract is one of the engine's own errors; all else is a fault of it.
-        documented = isinstance(error.cause, StreamkitError)
-        if job != "decode" and "packetsink" in str(error):
-            return "recording ended" if documented else f"odd: {error}"
-        return "error" if documented else f"odd: {error}"
-    except StateError as error:
-        return f"hang: {error}"
-    except Exception as error:
-        return f"odd: {type(error).__name__}: {error}"
+        if not isinstance(error.cause, StreamkitError):
+            raise
+        return "recording ended" if job != "decode" and "packetsink" in str(error) else "error"
     finally:
         copy.unlink(missing_ok=True)
 
 
-def descriptors() -> int:
-    """How many files, sockets and pipes this process has open."""
-    return len(os.listdir("/proc/self/fd"))
+def make_case() -> fuzz_watch.Case:
+    """The function that gives each case."""
+    clips = Path("clips")
+    clips.mkdir(exist_ok=True)
+    make_clips(clips)
+    chosen = sources(clips)
+    run_variant(chosen[0].read_bytes(), chosen[0].suffix, "decode")  # imports, caches
 
+    def case(number: int) -> tuple[str, Callable[[], str]]:
+        source = chosen[number % len(chosen)]
+        job = JOBS[number // len(chosen) % len(JOBS)]
+        data = mutated(source.read_bytes(), random.Random(number)) or b"\0"
 
-def resident_mb() -> float:
-    """The memory of this process, MB."""
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * PAGE_MB
+        def play() -> str:
+            outcome = run_variant(data, source.suffix, job)
+            return f"{'decode' if job == 'decode' else 'remux'} {outcome}"
 
+        return f"{source.name} to {job}", play
 
-# The parent.
-
-
-@dataclass
-class Findings:
-    """What the children reported."""
-
-    outcomes: Counter[str] = field(default_factory=Counter)
-    violations: list[str] = field(default_factory=list)
-    slowest_s: float = 0.0
-    memory_mb: list[list[float]] = field(default_factory=list)
-
-    def take(self, job: str, what: str, outcome: str, elapsed_s: float, resident: float) -> None:
-        """Takes the end of one variant."""
-        kind = outcome.partition(":")[0]
-        self.outcomes[f"{'decode' if job == 'decode' else 'remux'} {kind}"] += 1
-        self.slowest_s = max(self.slowest_s, elapsed_s)
-        self.memory_mb[-1].append(resident)
-        if kind in ("odd", "hang", "leak"):
-            self.violations.append(f"{what}: {outcome}")
-
-    def judge_memory(self) -> Iterator[str]:
-        """A line for each child that lived long enough; a violation where its memory grew."""
-        for levels in self.memory_mb:
-            if len(levels) < ENOUGH_VARIANTS:
-                continue
-            tenth = len(levels) // 10
-            rows = [statistics.median(levels[at * tenth : (at + 1) * tenth]) for at in range(10)]
-            if rows[-1] - rows[1] > max(FLAT_MB, FLAT_SHARE * rows[1]):
-                self.violations.append(f"memory grew from {rows[1]:.0f} to {rows[-1]:.0f} MB")
-            yield f"{len(levels)} variants, by tenths {' '.join(f'{row:.0f}' for row in rows)} MB"
-
-
-def run_child(findings: Findings, first: int, deadline: float, arguments: list[str]) -> int:
-    """Runs one child until it hangs, crashes or the time is over; the number of the next variant."""
-    command = [sys.executable, __file__, "--child", str(first), *arguments]
-    lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-    with tempfile.TemporaryFile("w+") as errors:
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True)
-        assert process.stdout is not None
-        reader = threading.Thread(target=_pass_on, args=(process.stdout, lines))
-        reader.start()
-        number, what, job = first - 1, "", ""
-        findings.memory_mb.append([])
-        limit_s = START_S
-        try:
-            while time.monotonic() < deadline:
-                line = lines.get(timeout=limit_s)
-                limit_s = 2 * HANG_S  # the engine has HANG_S, and its stop as much again
-                if line is None and not what:
-                    errors.seek(0)
-                    raise SystemExit(f"the child did not start: {errors.read()}")
-                if line is None:
-                    findings.violations.append(f"{what}: crash, exit {process.wait()}")
-                    break
-                row = json.loads(line)
-                if isinstance(row[0], int):
-                    number, what, job = row[0], f"variant {row[0]}, {row[1]} to {row[2]}", row[2]
-                else:
-                    findings.take(job, what, *row)
-        except queue.Empty:
-            findings.violations.append(f"{what}: hang of the whole process")
-        finally:
-            process.kill()
-            process.wait()
-            reader.join()
-            process.stdout.close()
-        errors.seek(0)
-        if "Traceback" in (said := errors.read()):
-            findings.violations.append(f"{what}: traceback: {said.strip().splitlines()[-1]}")
-    return number + 1
-
-
-def _pass_on(stream: object, lines: queue.SimpleQueue[str | None]) -> None:
-    for line in stream:  # type: ignore[attr-defined]
-        lines.put(line)
-    lines.put(None)
-
-
-def main() -> int:
-    """Runs children until the time is over and prints the figures; 1 where a check failed."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", default="", help="part of a source's file name")
-    parser.add_argument("--first", type=int, default=0, help="number of the first variant")
-    chosen = parser.parse_args()
-    findings, number = Findings(), chosen.first
-    deadline = time.monotonic() + 60 * chosen.minutes
-    with tempfile.TemporaryDirectory() as folder:
-        make_clips(Path(folder))
-        while time.monotonic() < deadline:
-            number = run_child(findings, number, deadline, [str(chosen.seed), folder, chosen.only])
-    levels = "; ".join(findings.judge_memory()) or "too few variants of one process to tell"
-    total = findings.outcomes.total()
-    print(f"{total} variants in {chosen.minutes:g} min: {dict(sorted(findings.outcomes.items()))}")
-    print(f"slowest {findings.slowest_s:.2f} s; memory of one process: {levels}")
-    print(f"{len(findings.violations)} violations")
-    print("\n".join(findings.violations[:40]))
-    return 1 if findings.violations or not total else 0
+    return case
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--child"]:
-        handle_variants(int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]), sys.argv[5])
-    else:
-        sys.exit(main())
+    fuzz_watch.main(__file__, make_case, SETTLED)

@@ -17,6 +17,7 @@ import resource
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -58,6 +59,9 @@ def run_cases(first: int, seconds: float, case: Case, settled: int) -> None:
     began, number, outcomes, slowest_s = time.monotonic(), first, Counter[str](), 0.0
     at_tenth: tuple[float, list[str]] | None = None
     tenths_mb: list[float] = []
+    uncaught: list[str] = []
+    threading.excepthook = lambda args: uncaught.append(f"thread: {args.exc_type.__name__}: {args.exc_value}")
+    sys.unraisablehook = lambda args: uncaught.append(f"unraisable: {args.exc_value!r}")
     while time.monotonic() < began + seconds:
         text, play = case(number)
         Path(CASE_FILE).write_text(f"{number}\n{text}", encoding="utf-8", errors="backslashreplace")
@@ -68,6 +72,8 @@ def run_cases(first: int, seconds: float, case: Case, settled: int) -> None:
         except Exception as error:
             outcome = f"odd: {type(error).__name__}: {error}"[:300]
         faulthandler.cancel_dump_traceback_later()
+        if uncaught:
+            outcome = f"odd: {uncaught.pop()}"
         slowest_s = max(slowest_s, time.monotonic() - started)
         outcomes[outcome.partition(":")[0]] += 1
         if outcome.startswith("odd"):
