@@ -15,6 +15,8 @@ from streamkit_tracker.window_geometry import FloatArray
 IdArray = NDArray[np.int64]
 
 LEAST_OVERLAP = 0.5
+KEPT = 1000.0  # what a pair of the frame before outweighs
+EPSILON = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +69,10 @@ class IdentityScores:
 
 @dataclass
 class _Counts:
-    """What is summed from frame to frame."""
+    """What is summed from frame to frame.
+
+    `last` has the track that each truth was matched with last, `previous` the matches of the frame before.
+    """
 
     misses: int = 0
     false_alarms: int = 0
@@ -75,6 +80,7 @@ class _Counts:
     overlap: float = 0.0
     matches: int = 0
     last: dict[int, int] = field(default_factory=dict)
+    previous: dict[int, int] = field(default_factory=dict)
     together: dict[tuple[int, int], int] = field(default_factory=dict)
 
 
@@ -92,8 +98,8 @@ def score_identities(
         ValueError: the numbers of frames differ.
 
     Source: Bernardin and Stiefelhagen, Evaluating Multiple Object Tracking Performance: The CLEAR MOT
-    Metrics, 2008; Ristani et al., Performance Measures and a Data Set for Multi-Target, Multi-Camera
-    Tracking, 2016 (IDF1).
+    Metrics, 2008, matched as in TrackEval; Ristani et al., Performance Measures and a Data Set for
+    Multi-Target, Multi-Camera Tracking, 2016 (IDF1).
     """
     if len(truth) != len(tracks):
         raise ValueError(f"truth has {len(truth)} frames and the tracks have {len(tracks)}")
@@ -113,24 +119,29 @@ def score_identities(
 
 def _count_frame(counts: _Counts, true: Labelled, tracked: Labelled, least_overlap: float) -> None:
     overlap = overlaps(true.boxes, tracked.boxes)
-    allowed = overlap >= least_overlap
+    allowed = overlap >= least_overlap - EPSILON
     for row, column in np.argwhere(allowed):
         both = (int(true.ids[row]), int(tracked.ids[column]))
         counts.together[both] = counts.together.get(both, 0) + 1
-    # who was matched before stays matched while it can: only then the others are paired
-    kept = np.array([[counts.last.get(int(t)) == int(k) for k in tracked.ids] for t in true.ids], np.bool_)
-    pairs = assign(-overlap, allowed & kept) if kept.size else []
-    rows, columns = [r for r, _ in pairs], [c for _, c in pairs]
-    allowed[rows], allowed[:, columns] = False, False
-    pairs += assign(-overlap, allowed)
+    # A pair of the frame before is kept while it overlaps enough.
+    followers = np.array([counts.previous.get(int(number), -1) for number in true.ids], np.int64)
+    kept = followers[:, None] == tracked.ids[None]
+    pairs = best_pairs(np.where(allowed, KEPT * kept + overlap, 0.0))
+    counts.previous = {}
     for row, column in pairs:
         number, follower = int(true.ids[row]), int(tracked.ids[column])
         counts.switches += counts.last.get(number, follower) != follower
-        counts.last[number] = follower
+        counts.last[number] = counts.previous[number] = follower
         counts.overlap += float(overlap[row, column])
     counts.matches += len(pairs)
     counts.misses += len(true.ids) - len(pairs)
     counts.false_alarms += len(tracked.ids) - len(pairs)
+
+
+def best_pairs(scores: FloatArray) -> list[tuple[int, int]]:
+    """The pairs (row, column) of the greatest total score, without those that score nothing."""
+    pairs = assign(-scores, np.ones(scores.shape, np.bool_))
+    return [pair for pair in pairs if scores[pair] > EPSILON]
 
 
 def _identity_matches(together: dict[tuple[int, int], int]) -> int:
@@ -142,4 +153,4 @@ def _identity_matches(together: dict[tuple[int, int], int]) -> int:
     frames = np.zeros((len(true), len(tracked)))
     for (number, follower), count in together.items():
         frames[true[number], tracked[follower]] = count
-    return int(sum(frames[pair] for pair in assign(-frames, frames > 0)))
+    return int(sum(frames[pair] for pair in best_pairs(frames)))

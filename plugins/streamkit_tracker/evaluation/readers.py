@@ -15,6 +15,7 @@ SHOWN = ("confirmed", "coasting")
 ONE_TARGET_COLUMNS = 4
 MOT_COLUMNS = 6
 MOT_USED = 6  # column that says whether a ground truth box counts
+MOT_CLASS, MOT_CLASS_COLUMNS = 7, 9  # of the layout from MOT16 on
 CORNER = 0.5  # a box begins half a pixel before the centre of its first pixel
 
 Rows = dict[int, list[tuple[int, list[float]]]]
@@ -43,6 +44,19 @@ def read_identities(path: Path, first_pixel: float = 1.0) -> list[Labelled]:
         ValueError: a line has not at least six numbers.
     """
     return _by_frame(_mot_rows(path, first_pixel))
+
+
+def read_classes(path: Path, first_pixel: float = 1.0) -> list[Labelled]:
+    """Every box of a ground truth that tells classes (MOT16 and later), its class in place of its id.
+
+    Empty for other layouts.
+    """
+    rows: Rows = {}
+    for place, numbers in _numbers(path, MOT_COLUMNS):
+        if len(numbers) == MOT_CLASS_COLUMNS:
+            frame, _, box = _mot_row(place, numbers, first_pixel)
+            rows.setdefault(frame, []).append((int(numbers[MOT_CLASS]), box))
+    return _by_frame(rows)
 
 
 def read_boxes(path: Path, first_pixel: float = 1.0) -> FloatArray:
@@ -88,11 +102,17 @@ def longest_lived(tracks: list[Labelled], frames: int) -> FloatArray:
     return boxes
 
 
-def same_length(first: list[Labelled], second: list[Labelled]) -> None:
-    """Fills the shorter list up with empty frames."""
+def frames_of(labelled: list[Labelled], first: int, last: int) -> list[Labelled]:
+    """The frames `first` to `last`, counted from 1; empty ones where the list is too short."""
     nobody = Labelled(np.zeros(0, np.int64), np.zeros((0, 4)))
-    for frames, other in ((first, second), (second, first)):
-        frames.extend([nobody] * (len(other) - len(frames)))
+    kept = labelled[first - 1 : last]
+    return kept + [nobody] * (last - first + 1 - len(kept))
+
+
+def frames_with_boxes(labelled: list[Labelled]) -> tuple[int, int]:
+    """The first and the last frame, counted from 1, that have a box; (1, 0) where none has."""
+    numbers = [number for number, frame in enumerate(labelled, 1) if len(frame.ids)]
+    return (numbers[0], numbers[-1]) if numbers else (1, 0)
 
 
 def _by_frame(rows: Rows) -> list[Labelled]:
@@ -106,16 +126,20 @@ def _by_frame(rows: Rows) -> list[Labelled]:
 
 def _mot_rows(path: Path, first_pixel: float) -> Rows:
     rows: Rows = {}
-    shift = first_pixel + CORNER
     for place, numbers in _numbers(path, MOT_COLUMNS):
-        if numbers[0] < 1 or numbers[0] > 1e7 or not np.isfinite(numbers[:MOT_COLUMNS]).all():
-            raise ValueError(f"{place}: frames count from 1, got frame {numbers[0]:g}")
-        if len(numbers) > MOT_USED and numbers[MOT_USED] == 0:
-            continue
-        left, top, width, height = numbers[2:6]
-        box = [left - shift, top - shift, width, height]
-        rows.setdefault(int(numbers[0]), []).append((int(numbers[1]), box))
+        frame, target, box = _mot_row(place, numbers, first_pixel)
+        if len(numbers) <= MOT_USED or numbers[MOT_USED] != 0:
+            rows.setdefault(frame, []).append((target, box))
     return rows
+
+
+def _mot_row(place: str, numbers: list[float], first_pixel: float) -> tuple[int, int, list[float]]:
+    """Frame, id and box of a row."""
+    if numbers[0] < 1 or numbers[0] > 1e7 or not np.isfinite(numbers[:MOT_COLUMNS]).all():
+        raise ValueError(f"{place}: frames count from 1, got frame {numbers[0]:g}")
+    left, top, width, height = numbers[2:6]
+    shift = first_pixel + CORNER
+    return int(numbers[0]), int(numbers[1]), [left - shift, top - shift, width, height]
 
 
 def _json_rows(path: Path) -> Rows:

@@ -43,8 +43,8 @@ def test_one_target_is_scored_in_one_pass(tmp_path: Path):
     truth.write_text("0,0,10,10\n0\t0 10 10\n")
     result = run(tracks, truth)
     assert result.exit_code == 0
-    assert "success          0.952" in result.stdout
-    assert "precision        1.000" in result.stdout
+    assert "success              0.952" in result.stdout
+    assert "precision            1.000" in result.stdout
 
 
 @pytest.mark.parametrize(("first", "left"), [(1, 21), (0, 20)])
@@ -84,3 +84,43 @@ def test_a_video_is_told_as_the_wrong_file(tmp_path: Path):
     boxes.write_text("1,2,0,0,10,10\n")
     assert "flight.mp4:1: not a record of tracks" in run(video, boxes).stderr
     assert "flight.mp4:1: needs 4 numbers or more" in run(boxes, video).stderr
+
+
+def test_frames_without_truth_are_left_out(tmp_path: Path):
+    """Tracks behind the last frame of the truth are neither right nor wrong; --frames narrows further."""
+    box = [-0.5, -0.5, 9.5, 9.5]
+    tracks, truth = tmp_path / "tracks.jsonl", tmp_path / "gt.txt"
+    tracks.write_text("".join(record(seq, (4, "confirmed", box)) for seq in range(5)))
+    truth.write_text("2,1,1,1,10,10,1\n3,1,50,1,10,10,1\n")
+    scores = json.loads(run(tracks, truth, "--json").stdout)
+    assert (scores["frames"], scores["misses"], scores["false_alarms"]) == (2, 1, 1)
+    scores = json.loads(run(tracks, truth, "--json", "--frames", "2:2").stdout)
+    assert (scores["frames"], scores["mota"], scores["hota"]) == (1, 1.0, 1.0)
+
+
+def test_frames_narrow_one_target_too(tmp_path: Path):
+    """The first frame of two is wrong and left out."""
+    tracks, truth = tmp_path / "tracks.txt", tmp_path / "gt.txt"
+    tracks.write_text("1,3,90,90,10,10,1\n2,3,1,1,10,10,1\n")
+    truth.write_text("1,1,10,10\n1,1,10,10\n")
+    assert json.loads(run(tracks, truth, "--json", "--frames", "2:2").stdout)["precision"] == 1.0
+
+
+@pytest.mark.parametrize("text", ["5", "0:4", "4:2", "a:b", "1:2:3", "-1:2"])
+def test_a_wrong_range_of_frames_is_told(tmp_path: Path, text: str):
+    """With an example."""
+    tracks, truth = tmp_path / "tracks.txt", tmp_path / "gt.txt"
+    tracks.write_text("1,3,1,1,10,10,1\n")
+    truth.write_text("1,1,1,1,10,10,1\n")
+    result = run(tracks, truth, f"--frames={text}")
+    assert result.exit_code == 1
+    assert "--frames" in result.stderr
+
+
+def test_tracks_of_distractors_do_not_count(tmp_path: Path):
+    """From MOT16 on the truth tells classes: a reflection (12) is neither to be found nor to be left out."""
+    tracks, truth = tmp_path / "tracks.txt", tmp_path / "gt.txt"
+    tracks.write_text("1,3,1,1,10,10,1\n1,4,50,1,10,10,1\n1,5,90,1,10,10,1\n")
+    truth.write_text("1,1,1,1,10,10,1,1,1.0\n1,2,50,1,10,10,0,12,1.0\n1,3,90,1,10,10,0,9,1.0\n")
+    scores = json.loads(run(tracks, truth, "--json").stdout)
+    assert (scores["truths"], scores["misses"], scores["false_alarms"]) == (1, 0, 1)
