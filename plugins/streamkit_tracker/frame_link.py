@@ -45,6 +45,7 @@ class FrameLink:
             to_reference=registration.to_reference,
             centroids=centroids,
             boxes=np.asarray(detections.boxes).reshape(-1, 4),
+            are_objects=bool(detections.labels),
             features=features.vectors if paired and features is not None else None,
             features_version=0 if space is None else space.version,
             space=space if self._compare_in_space else None,

@@ -31,6 +31,8 @@ class Observation:
         to_reference: float64[3, 3], this frame's pixels to the reference plane.
         centroids: float64[n, 2], px.
         boxes: float64[n, 4], x0 y0 x1 y1 px.
+        are_objects: whether each box is one whole object, as a classifier gives them; else they are regions
+            of motion, which may show a part of a target, or several.
         features: float32[n, k], one vector per detection, or None.
         features_version: of the space they are in; vectors of different versions do not compare.
         space: the feature space to compare windows in, or None for the tracker's own templates.
@@ -42,6 +44,7 @@ class Observation:
     to_reference: FloatArray = field(default_factory=lambda: np.eye(3))
     centroids: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     boxes: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
+    are_objects: bool = False
     features: Float32Array | None = None
     features_version: int = 0
     space: Space | None = None

@@ -18,8 +18,8 @@ from streamkit_tracker.observation import Continuity, Observation
 from streamkit_tracker.predict.constant_velocity import correct, predict
 from streamkit_tracker.report.reports import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import COASTING, CONFIRMED, LOST, TargetTable, dormant, followed
-from streamkit_tracker.update.detected_box import follow_detections, settle_windows
+from streamkit_tracker.targets import COASTING, CONFIRMED, LOST, BoolArray, TargetTable, dormant, followed
+from streamkit_tracker.update.detected_box import follow_detections, follow_objects, settle_windows
 from streamkit_tracker.update.measurement import measure, settle_appearances
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction
 
@@ -70,7 +70,7 @@ class MultiTargetTracker:
         row = self.targets.add(window, self.settings, manual=True, cause="drawn by hand")
         self.targets.rows["state"][row] = CONFIRMED
         start_appearance(self.targets, row, observation.space, self._sampler, self.settings, count)
-        return report(self.targets, observation.to_reference, self.settings)[-1]
+        return report(self.targets, observation, self.settings)[-1]
 
     def step(self, image: ByteArray, observation: Observation) -> tuple[TargetReport, ...]:
         """Tracks all targets into the next frame.
@@ -91,7 +91,7 @@ class MultiTargetTracker:
                     row, "the frame's size changed" if resized else "a cut, or a plane without a mapping"
                 )
             return self._report(observation)
-        predict(targets, observation.to_previous, observation.step_s)
+        predict(targets, observation.to_previous, observation.step_s, are_objects=observation.are_objects)
         begin_frame(targets.rows)
         targets.causes = {}
         if observation.continuity is Continuity.LOST:
@@ -105,31 +105,47 @@ class MultiTargetTracker:
         self._frames += 1
         free = associate(targets, detected, observation, settings)
         pass_time(rows, observation.step_s, settings.coast, settings.birth_window)
-        follow_detections(rows, detected, observation.step_s)
-        known, found = followed(rows), rows["detection"] >= 0
+        follow_detections(rows, detected, observation.step_s, observation.are_objects)
+        known = followed(rows)
         replaceable = np.count_nonzero((rows["state"] == COASTING) & ~rows["manual"])
-        # in turn, a detection of its own is enough for a target
-        resting = (
-            found & ~rows["manual"] & ~rows["crowded"] & ((rows["id"] + self._frames) % self._budget.turn > 0)
-        )
-        searched = np.flatnonzero(known & ~resting & (found | ~dormant(rows, settings.lost_frames)))
+        searched = np.flatnonzero(known & self._is_searched(observation))
         measure(targets, searched, detected, observation, self._sampler, settings, self._budget.share)
         correct(rows)
-        settle_windows(rows, detected)
+        if observation.are_objects:
+            follow_objects(rows)
+        else:
+            settle_windows(rows, detected)
         settle_appearances(targets, self._sampler)
         ended = end_gone(targets, settings, self._sampler.shape)
         crowd = (np.count_nonzero(known) - replaceable - np.cumsum(ended) + ended).astype(np.int64)
         start_appearances(targets, observation, self._sampler, settings, crowd)
         self.given_up += end_surplus(targets, settings.max_targets)
-        self._closeness = end_duplicates(targets, observation.boxes, settings.lost_frames, self._closeness)
+        self._closeness = end_duplicates(
+            targets,
+            observation.boxes,
+            settings.lost_frames,
+            self._closeness,
+            are_objects=observation.are_objects,
+        )
         if settings.auto_start:
             add_tentative(targets, observation, free, settings)
         if settings.budget_ms > 0:
             self._budget.spent(time.perf_counter() - began)
         return self._report(observation)
 
+    def _is_searched(self, observation: Observation) -> BoolArray:
+        """bool[n]: targets whose appearance is searched in this frame."""
+        rows = self.targets.rows
+        if observation.are_objects:  # the boxes of a detector are better than any template
+            return np.asarray(rows["manual"])
+        found = rows["detection"] >= 0
+        # In turn, a detection of its own is enough for a target.
+        is_in_turn = (rows["id"] + self._frames) % self._budget.turn == 0
+        resting = found & ~rows["manual"] & ~rows["crowded"] & ~is_in_turn
+        return np.asarray(~resting & (found | ~dormant(rows, self.settings.lost_frames)))
+
     def _report(self, observation: Observation) -> tuple[TargetReport, ...]:
-        reports = report(self.targets, observation.to_reference, self.settings)
+        reports = report(self.targets, observation, self.settings)
         if (self.targets.rows["state"] == LOST).any():
             self.targets.drop_lost()
         return reports

@@ -63,7 +63,8 @@ class Detections:
         boxes: float64[n, 4], x0 y0 x1 y1 px.
         areas: float64[n], px.
         scores: float64[n], 0 to 1.
-        labels: n labels, or empty.
+        labels: n class names, as a detector of objects gives them: each box is one whole object. Empty where
+            boxes are regions of motion, which may show a part of a target, or several.
     """
 
     centroids: FloatArray

@@ -23,6 +23,7 @@ MISMATCH_STD = 0.12
 CROWDED_MISMATCH_STD = 0.5
 FEATURE_WEIGHT, FEATURE_RATE = 2.0, 0.2
 SHARED_AREA = 1.4
+OBJECT_OVERLAP = 0.3  # of an object and its predicted box, as in SORT (Bewley et al., 2016)
 LEFT, TOP, RIGHT, BOTTOM = range(2, 6)  # of a detection; X and Y are its centroid
 
 
@@ -69,19 +70,21 @@ def associate(
         unlike = np.zeros((len(members), len(free)))
         if observation.features is not None:
             unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
-        found = compare(rows, members, detected[free], unlike, settings.max_speed * observation.step_s)
+        reach_px = settings.max_speed * observation.step_s
+        overlap = OBJECT_OVERLAP if observation.are_objects else -1.0
+        found = compare(rows, members, detected[free], unlike, reach_px, overlap)
         pairs = assign(found.costs, np.isfinite(found.costs))
         left = np.ones(len(free), np.bool_)
         if pairs:
             taken, columns = np.array(pairs).T
             left[columns] = False
             owners, mismatch = rows[members[taken]], found.mismatch[taken, columns]
-            crowded = (found.touched[columns] > 1) & is_known
+            crowded = (found.touched[columns] > 1) & is_known & (not observation.are_objects)
             owners["detection"], owners["crowded"] = free[columns], crowded
             owners["detection_std"] += np.where(crowded, CROWDED_MISMATCH_STD, MISMATCH_STD) * mismatch
             owners["gate"] = np.sqrt(np.maximum(found.distances[taken, columns], 0.0))
             rows[members[taken]] = owners
-        if is_known and is_awake:
+        if is_known and is_awake and not observation.are_objects:
             mark_shared(rows, members, detected)
             # a detection upon a followed target must not start another one there
             left &= found.held == 0
@@ -137,7 +140,12 @@ def mark_shared(targets: TargetRows, members: IndexArray, detected: FloatArray) 
 
 @compiled
 def compare(
-    targets: TargetRows, members: IndexArray, detected: FloatArray, unlike: FloatArray, reach_px: float
+    targets: TargetRows,
+    members: IndexArray,
+    detected: FloatArray,
+    unlike: FloatArray,
+    reach_px: float,
+    least_overlap: float = -1.0,
 ) -> Comparison:
     """Compares targets with detections.
 
@@ -150,6 +158,7 @@ def compare(
         detected: float64[d, 6], centroid x, y and box x0 y0 x1 y1, px.
         unlike: float64[t, d], added to the costs.
         reach_px: farthest distance a target moves in one frame, px.
+        least_overlap: of a detection and the predicted box, which alone decide if it is not negative.
     """
     shape = (len(members), len(detected))
     costs, distances, mismatch = np.empty(shape), np.empty(shape), np.empty(shape)
@@ -170,6 +179,8 @@ def compare(
             cost = distance + (missed / size) ** 2 + unlike[row, column]
             if distance > GATE or apart > reach + 4 * std:
                 cost = LAST_CHOICE + GATE * (1.0 - overlap) if overlap > LEAST_OVERLAP else np.inf
+            if least_overlap >= 0:
+                cost = GATE * (1.0 - overlap) + unlike[row, column] if overlap > least_overlap else np.inf
             costs[row, column], distances[row, column], mismatch[row, column] = cost, distance, missed
             held[column] += held_here
             touched[column] += touched_here

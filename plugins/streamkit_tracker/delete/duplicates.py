@@ -17,7 +17,12 @@ Closeness = dict[tuple[int, int], int]
 
 
 def end_duplicates(
-    table: TargetTable, boxes: FloatArray, lost_frames: int, closeness: Closeness
+    table: TargetTable,
+    boxes: FloatArray,
+    lost_frames: int,
+    closeness: Closeness,
+    *,
+    are_objects: bool = False,
 ) -> Closeness:
     """Ends the younger of two targets that were on one object, with one velocity, for some frames.
 
@@ -26,6 +31,7 @@ def end_duplicates(
         boxes: float64[d, 4], of this frame's detections.
         lost_frames: see `dormant`.
         closeness: for how many frames pairs of ids have been on one object.
+        are_objects: whether two targets with a detection each are two objects, however near.
 
     Returns:
         The same up to this frame.
@@ -36,7 +42,7 @@ def end_duplicates(
         return {}
     pairs = np.empty((len(members) * (len(members) - 1) // 2, 2), np.int64)
     found: Closeness = {}
-    for older, younger in pairs[: find_duplicates(rows, members, boxes, pairs)].tolist():
+    for older, younger in pairs[: find_duplicates(rows, members, boxes, pairs, are_objects)].tolist():
         both = (int(rows["id"][older]), int(rows["id"][younger]))
         found[both] = closeness.get(both, 0) + 1
         if found[both] >= MERGE_FRAMES:
@@ -45,13 +51,17 @@ def end_duplicates(
 
 
 @compiled
-def find_duplicates(targets: TargetRows, members: IndexArray, boxes: FloatArray, pairs: IntArray) -> int:
+def find_duplicates(
+    targets: TargetRows, members: IndexArray, boxes: FloatArray, pairs: IntArray, are_objects: bool
+) -> int:
     """Fills in pairs of rows, the older first, that are on one object; returns their number."""
     count = 0
     for first in range(len(members)):
         older = targets[members[first]]
         for second in range(first + 1, len(members)):
             younger = targets[members[second]]
+            if are_objects and older["detection"] >= 0 and younger["detection"] >= 0:
+                continue
             x, y = older["mean"][2] - younger["mean"][2], older["mean"][3] - younger["mean"][3]
             if np.sqrt(x * x + y * y) >= max(_velocity_doubt(older), _velocity_doubt(younger)):
                 continue

@@ -55,8 +55,10 @@ def start_appearances(
         trail.add((x, y))
         if np.nansum(rows["hits"][index]) < hits_needed or count >= settings.max_targets:
             continue
-        if trail.travelled >= settings.min_travel and trail.straightness >= STRAIGHT:
-            _turn_window(table, index)
+        moves = trail.travelled >= settings.min_travel and trail.straightness >= STRAIGHT
+        if moves or observation.are_objects:
+            if not observation.are_objects:
+                _turn_window(table, index)
             start_appearance(table, index, observation.space, sampler, settings, count)
             rows["state"][index] = CONFIRMED
             table.causes[int(rows["id"][index])] = "confirmed"

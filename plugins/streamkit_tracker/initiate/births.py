@@ -28,7 +28,10 @@ def add_tentative(
         return
     awake = followed(table.rows) & ~dormant(table.rows, settings.lost_frames)
     windows = table.rows["window"][awake]
-    covered = np.any(inside_windows(observation.centroids, windows, COVERED_SCALE), axis=1).tolist()
+    if observation.are_objects:
+        covered = [False] * len(observation.centroids)
+    else:
+        covered = np.any(inside_windows(observation.centroids, windows, COVERED_SCALE), axis=1).tolist()
     capacity = settings.max_targets * (1 + TENTATIVE_SHARE) - len(table.models)
     for index in free[: max(capacity, 0)].tolist():
         if covered[index]:

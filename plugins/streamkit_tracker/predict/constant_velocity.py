@@ -25,17 +25,18 @@ from streamkit_tracker.window_geometry import (
 )
 
 SMALLEST_SIDE = 10.0  # px, that accelerations are relative to
-MANUAL_ACCELERATION = 2.0  # sides per s^2
-DETECTED_ACCELERATION = 6.0  # the same where detections correct what the wider search finds
+ACCELERATION = 2.0  # sides per s^2
+REGION_ACCELERATION = 6.0  # the same where regions of motion correct what the wider search finds
 
 
-def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
+def predict(table: TargetTable, to_previous: FloatArray, step_s: float, *, are_objects: bool = False) -> None:
     """Carries every target to this frame's pixels and ahead by the time between the frames.
 
     Args:
         table: of the previous frame.
         to_previous: float64[3, 3], this frame's pixels to the previous frame's; not used if it is singular.
         step_s: s, above 0.
+        are_objects: whether detections are whole objects.
     """
     rows, homography = table.rows, invertible(to_previous)
     if homography is not None:
@@ -53,7 +54,7 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
         for each in held:
             each.positions = mapped[start : start + len(each.positions)]
             start += len(each.positions)
-    advance(rows, step_s)
+    advance(rows, step_s, ACCELERATION if are_objects else REGION_ACCELERATION)
 
 
 @compiled
@@ -104,7 +105,7 @@ def resize_window(window: FloatArray, jacobian: FloatArray) -> None:
 
 
 @compiled
-def advance(targets: TargetRows, step_s: float) -> None:
+def advance(targets: TargetRows, step_s: float, detected_acceleration: float) -> None:
     """Moves states ahead; the acceleration is white noise relative to the target's side.
 
     Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking, section 6.3.2.
@@ -114,7 +115,7 @@ def advance(targets: TargetRows, step_s: float) -> None:
         target = targets[index]
         mean, new, window = target["mean"], target["covariance"], target["window"]
         side = max(np.sqrt(window[LENGTH] * window[WIDTH]), SMALLEST_SIDE)
-        acceleration = side * (MANUAL_ACCELERATION if target["manual"] else DETECTED_ACCELERATION)
+        acceleration = side * (ACCELERATION if target["manual"] else detected_acceleration)
         variance = acceleration**2
         old[:] = new
         for row in range(2):

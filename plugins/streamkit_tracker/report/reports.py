@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from streamkit_tracker.delete.states import position_doubt
+from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import COASTING, CONFIRMED, TargetRows, TargetState, TargetTable, dormant
 from streamkit_tracker.window_geometry import IDENTITY, FloatArray, map_points
@@ -67,23 +68,23 @@ class TargetReport(msgspec.Struct, frozen=True, eq=False):
 
 
 def report(
-    table: TargetTable, to_reference: FloatArray, settings: TrackerSettings
+    table: TargetTable, observation: Observation, settings: TrackerSettings
 ) -> tuple[TargetReport, ...]:
     """Reports of all targets but the dormant ones whose position is not known any more.
 
     Args:
         table: after this frame, with the targets that end in it.
-        to_reference: float64[3, 3], this frame's pixels to the reference plane.
+        observation: of this frame.
         settings: of the tracker.
     """
     hidden = (table.rows["state"] == COASTING) & dormant(table.rows, settings.lost_frames)
     if hidden.any():
-        hidden &= position_doubt(table.rows) >= LARGEST_DOUBT
+        hidden &= position_doubt(table.rows) >= (0.0 if observation.are_objects else LARGEST_DOUBT)
     index = np.flatnonzero(~hidden)
     if not len(index):
         return ()
     rows, models = table.rows[index], [table.models[row] for row in index.tolist()]
-    _, jacobians = map_points(to_reference, rows["mean"][:, :2])
+    _, jacobians = map_points(observation.to_reference, rows["mean"][:, :2])
     velocities = np.einsum("nij,nj->ni", jacobians, rows["mean"][:, 2:])
     velocities = np.where(np.isfinite(velocities), velocities, math.nan)
     sides = np.sqrt(rows["window"][:, 2] * rows["window"][:, 3]).tolist()

@@ -34,7 +34,7 @@ LEAST_HEADING_STD = 0.08  # rad
 
 YOUNG_S = 1.0  # first detections often show a part only: until then size and position follow at once
 RATED_S = 0.04  # the step that the rates are for
-BOX_RATE, SHRINK_RATE = 0.15, 0.5
+BOX_RATE, SHRINK_RATE, OBJECT_RATE = 0.15, 0.5, 0.4
 OFFSET_RATE = 0.12
 YOUNG_OFFSET, YOUNG_RESIZED = 0.1, 0.1  # relative to the side, and as a log ratio
 RESIZED = 0.18  # log ratio of a side beyond which the window restarts
@@ -124,7 +124,9 @@ def motion_heading(mean: FloatArray, covariance: FloatArray, side: float) -> tup
 
 
 @compiled
-def follow_detections(targets: TargetRows, detected: FloatArray, step_s: float) -> None:
+def follow_detections(
+    targets: TargetRows, detected: FloatArray, step_s: float, are_objects: bool = False
+) -> None:
     """Lets the boxes of detected targets follow detections, float64[d, 6], that show no other target.
 
     While a target is young its box is as long as was ever seen, or nearly.
@@ -140,7 +142,9 @@ def follow_detections(targets: TargetRows, detected: FloatArray, step_s: float) 
         rate = _rate_for(BOX_RATE, step_s)
         for side in range(2):
             known, now = box[side], max(seen[RIGHT + side] - seen[LEFT + side], 1.0)
-            if target["detected_s"] < YOUNG_S:
+            if are_objects:
+                rate = _rate_for(OBJECT_RATE, step_s)
+            elif target["detected_s"] < YOUNG_S:
                 rate = 1.0 if now > known else SHRINK_RATE
             box[side] = known * (now / known) ** rate
         targets[index]["detected_s"] = target["detected_s"] + step_s
@@ -180,6 +184,22 @@ def expect(
             heading = window[ANGLE]
         sides[0], sides[1], searches[row]["heading"] = window_turn(box[0], box[1], heading)
         searches[row]["heading_std"] = deviation
+
+
+@compiled
+def follow_objects(targets: TargetRows) -> None:
+    """Sets the windows of targets whose detections are whole objects: upright, at the state's position.
+
+    Targets that are tentative, drawn by hand or undetected are left alone.
+    """
+    for index in range(len(targets)):
+        target = targets[index]
+        targets[index]["restart"] = KEEP
+        if target["manual"] or target["state"] == TENTATIVE or target["detection"] < 0:
+            continue
+        window, mean, box = target["window"], target["mean"], target["box"]
+        window[0], window[1], window[2], window[3], window[4] = mean[0], mean[1], box[0], box[1], 0.0
+        targets[index]["recognised"] = True
 
 
 @compiled
