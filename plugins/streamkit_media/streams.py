@@ -51,7 +51,7 @@ def _first(container: InputContainer, kind: StreamKind) -> Stream | None:
         return container.streams.best("video")
     if kind is StreamKind.AUDIO:
         found = container.streams.best("audio")
-        return found if isinstance(found, AudioStream) else None
+        return found if isinstance(found, AudioStream) and found.codec_context is not None else None
     wanted = "subtitle" if kind is StreamKind.SUBTITLE else "data"
     carrying = [stream for stream in container.streams if _carries(stream, wanted)]
     index = 1 if kind is StreamKind.SECOND_KLV else 0
@@ -61,8 +61,8 @@ def _first(container: InputContainer, kind: StreamKind) -> Stream | None:
 def _carries(stream: Stream, wanted: str) -> bool:
     if stream.type != wanted:
         return False
-    if wanted == "subtitle":
-        return stream.name in PLAIN_SUBTITLES
+    if wanted == "subtitle":  # one whose codec FFmpeg does not know has no context, and no name
+        return stream.codec_context is not None and stream.name in PLAIN_SUBTITLES
     # FFmpeg names it neither over RTSP (RFC 6597) nor in a file of bare packets; other data has no KLV keys.
     return stream.name == "klv" or (stream.name is None and stream.container.format.name in UNNAMED_IN)
 
