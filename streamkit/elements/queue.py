@@ -41,10 +41,6 @@ class Leaky(Choice):
     DOWNSTREAM = "downstream", 2, "Leaky on downstream (old buffers)"
 
 
-class _Drained(Exception):
-    """EOS has been sent downstream."""
-
-
 class Queue(Element):
     """Runs downstream in its own thread; holds frames up to three limits.
 
@@ -93,6 +89,7 @@ class Queue(Element):
         self._lock = threading.Lock()  # guards everything below, and `pending`
         self._room = threading.Condition(self._lock)
         self._filled = threading.Condition(self._lock)
+        self._waits_for_room = self._waits_for_frames = False  # set before a wait, cleared by who notifies
         self._refusal: type[FlowStop] | None = None  # why frames from upstream are refused
         self._is_halted = False  # downstream gets nothing for now
         self._is_flush_pending = False
@@ -117,8 +114,16 @@ class Queue(Element):
     def wake(self) -> None:
         """Notifies both threads."""
         with self._lock:
-            self._room.notify_all()
-            self._filled.notify_all()
+            self._notify_upstream()
+            self._notify_downstream()
+
+    def _notify_upstream(self) -> None:
+        self._waits_for_room = False
+        self._room.notify_all()
+
+    def _notify_downstream(self) -> None:
+        self._waits_for_frames = False
+        self._filled.notify_all()
 
     def _emit(self, callbacks: Callbacks) -> None:
         """Runs callbacks, without the lock, unless `silent`."""
@@ -133,15 +138,15 @@ class Queue(Element):
 
     def _put(self, frame: Frame) -> None:
         with self._lock:
-            self._check_open()
-            is_met_full = self._is_full()
-            if not is_met_full:
+            if self._refusal is not None:
+                raise self._refusal(self.name)
+            if not self._is_full():
                 self._append(frame)
-        if is_met_full:
-            self._emit(self.on_overrun)
-            with self._lock:
-                if self._make_room():
-                    self._append(frame)
+                return
+        self._emit(self.on_overrun)
+        with self._lock:
+            if self._make_room():
+                self._append(frame)
 
     def _check_open(self) -> None:
         """Raises the reason why frames are refused, if any."""
@@ -158,7 +163,8 @@ class Queue(Element):
             self._has_tail_gap = False
             frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
         self.pending.append(frame)
-        self._filled.notify()
+        if self._waits_for_frames:
+            self._notify_downstream()
 
     def _make_room(self) -> bool:
         """Waits, or drops by `leaky`; False if the new frame is dropped."""
@@ -173,6 +179,7 @@ class Queue(Element):
                 self._has_head_gap = True
                 continue
             with self.waiting():
+                self._waits_for_room = True
                 self._room.wait(POLL_S)
         self._check_open()
         return True
@@ -190,7 +197,7 @@ class Queue(Element):
                 if isinstance(event, EosEvent) and self.flush_on_eos:
                     self.count_drop("dropped at EOS", self.pending.drop_frames())
                 self.pending.append(event)
-                self._filled.notify()
+                self._notify_downstream()
 
     # Called in the flushing thread.
 
@@ -220,9 +227,9 @@ class Queue(Element):
         """Sends the end of the flush downstream, then lets both threads continue."""
         self.pads["src"].send_event(event)
         with self._lock:
-            if self._refusal is Flushing:
-                self._refusal = None
             self._is_halted = self.stopping.is_set()
+            if self._refusal is Flushing and not self._is_halted:
+                self._refusal = None
         self._flush_over.set()
 
     # Called in the queue's thread.
@@ -242,11 +249,15 @@ class Queue(Element):
             while True:
                 try:
                     while True:
-                        src.push(self._next_frame(src))
+                        item = self._take()
+                        if isinstance(item, Frame):
+                            src.push(item)
+                        else:
+                            src.send_event(item)
+                            if isinstance(item, EosEvent):
+                                return
                 except Flushing:
                     self._park()
-        except _Drained:
-            return
         except EndOfStream as stop:
             self._refuse(type(stop))
             src.send_event(EOS)
@@ -265,16 +276,6 @@ class Queue(Element):
             self._thread_id = 0
             self._parked.set()
 
-    def _next_frame(self, src: Pad) -> Frame:
-        """Takes the oldest frame, after sending the events before it."""
-        while True:
-            item = self._take()
-            if isinstance(item, Frame):
-                return item
-            src.send_event(item)
-            if isinstance(item, EosEvent):
-                raise _Drained
-
     def _take(self) -> Frame | Event:
         """Waits until the queue may be read; takes the oldest item."""
         while True:
@@ -288,6 +289,7 @@ class Queue(Element):
                 self._emit(self.on_underrun)
             with self._lock:
                 while not self._may_read() and not self._is_halted:
+                    self._waits_for_frames = True
                     self._filled.wait(POLL_S)
             self._emit(self.on_running)
 
@@ -299,13 +301,14 @@ class Queue(Element):
         is_past_thresholds = (
             pending.buffers >= self.min_threshold_buffers
             and pending.bytes >= self.min_threshold_bytes
-            and pending.time_ns >= self.min_threshold_time
+            and (self.min_threshold_time == 0 or pending.time_ns >= self.min_threshold_time)
         )
         return is_past_thresholds or not isinstance(pending.items[-1], Frame) or self._is_full()
 
     def _popped(self) -> Frame | Event:
         item = self.pending.popleft()
-        self._room.notify()
+        if self._waits_for_room:
+            self._notify_upstream()
         if self._has_head_gap and isinstance(item, Frame):
             self._has_head_gap = False
             return item.replace(flags=item.flags | FrameFlags.DISCONTINUITY)
@@ -327,13 +330,14 @@ class Queue(Element):
         with self._lock:
             self._refusal = stop
             self.pending.keep([])
-            self._room.notify_all()
+            self._notify_upstream()
 
     def interrupt(self) -> None:
         """Wakes both threads, for good if the pipeline stops."""
         if self.stopping.is_set():
             with self._lock:
                 self._is_halted = True
+                self._refusal = self._refusal or Flushing
             self._flush_over.set()
         self.wake()
 

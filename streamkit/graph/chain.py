@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
+from streamkit.element.base import AT_WORK, IDLE
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated
@@ -85,17 +86,19 @@ class Chain:
         clock = time.perf_counter_ns
         self.frames += 1
         before = clock()
-        if self._left_ns:
-            self.upstream_ns += before - self._left_ns
         if self._is_behind_source:
+            if self._left_ns:
+                self.upstream_ns += before - self._left_ns
             check_layout(self.src.element, frame)
         stage: Stage | None = None
         try:
             for stage in self._called:
                 element = stage.element
-                element.enter("frame", before, frame)
+                element.activity = ("frame", before, frame)
+                element.at_work[0] = AT_WORK
                 result = stage.call(frame)
-                element.leave()
+                element.activity = None
+                element.at_work[0] = IDLE
                 now = clock()
                 stage.busy_ns += now - before
                 stage.newest_ns = frame.arrival_ns
@@ -113,9 +116,10 @@ class Chain:
         except Exception as cause:
             raise (stage.element if stage else self.src.element).failure(cause, frame) from cause
         finally:
-            if stage is not None:
+            if stage is not None and stage.element.activity is not None:
                 stage.element.leave()
-            self._left_ns = clock()
+            if self._is_behind_source:
+                self._left_ns = clock()
 
     def refresh(self) -> None:
         """Gets the receiver function of the last element again."""

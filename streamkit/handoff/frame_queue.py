@@ -11,12 +11,12 @@ from streamkit.flow.frame import Frame
 
 def data_size(data: Any) -> int:
     """Bytes of an array, a packet or bytes; 0 where that cannot be told."""
+    if isinstance(data, bytes | bytearray | str):
+        return len(data)
     size = getattr(data, "nbytes", None)
     if size is None:
         size = getattr(data, "size", None)
-    if isinstance(size, int):
-        return size
-    return len(data) if isinstance(data, bytes | bytearray | str) else 0
+    return size if isinstance(size, int) else 0
 
 
 class FrameQueue:
@@ -55,16 +55,28 @@ class FrameQueue:
         return (
             (0 < max_buffers <= self.buffers)
             or (0 < max_bytes <= self.bytes)
-            or (0 < max_time_ns <= self.time_ns)
+            or (0 < max_time_ns <= self._in_ns - self._out_ns and self.buffers > 0)
         )
 
     def append(self, item: Frame | Event) -> None:
         """Adds a frame or an event behind all others."""
         self.items.append(item)
-        if isinstance(item, Frame):
-            self._weigh_in(item)
-        elif isinstance(item, SegmentEvent):
-            self._in_offset_ns = item.segment.running_time_ns(0)
+        if not isinstance(item, Frame):
+            if isinstance(item, SegmentEvent):
+                self._in_offset_ns = item.segment.running_time_ns(0)
+            return
+        self.buffers += 1
+        self.bytes += data_size(item.data)
+        self.highest_buffers = max(self.highest_buffers, self.buffers)
+        self.highest_bytes = max(self.highest_bytes, self.bytes)
+        if item.pts is None:
+            return
+        start_ns = item.pts + self._in_offset_ns
+        if not self._has_begun:
+            self._has_begun = True
+            self._out_ns = start_ns
+        self._in_ns = start_ns + (item.duration or 0)
+        self.highest_time_ns = max(self.highest_time_ns, self._in_ns - self._out_ns)
 
     def popleft(self) -> Frame | Event:
         """Takes the oldest frame or event.
@@ -105,20 +117,6 @@ class FrameQueue:
         self._has_begun = False
         self._out_ns = self._in_ns
         return dropped
-
-    def _weigh_in(self, frame: Frame) -> None:
-        self.buffers += 1
-        self.bytes += data_size(frame.data)
-        self.highest_buffers = max(self.highest_buffers, self.buffers)
-        self.highest_bytes = max(self.highest_bytes, self.bytes)
-        if frame.pts is None:
-            return
-        start_ns = frame.pts + self._in_offset_ns
-        if not self._has_begun:
-            self._has_begun = True
-            self._out_ns = start_ns
-        self._in_ns = start_ns + (frame.duration or 0)
-        self.highest_time_ns = max(self.highest_time_ns, self._in_ns - self._out_ns)
 
     def _weigh_out(self, frame: Frame) -> None:
         self.buffers -= 1

@@ -10,7 +10,7 @@ from streamkit import Caps, DiscontinuityEvent, ElementFailure, EndOfStream, Eve
 from streamkit.element.pad import Pad
 from streamkit.element.registry import make_element
 from streamkit.elements.queue import Queue
-from streamkit.flow.events import EOS, CapsEvent, Flushing
+from streamkit.flow.events import EOS, CapsEvent, EosEvent, Flushing
 from streamkit.testing import Harness
 
 Register = Callable[..., None]
@@ -55,7 +55,11 @@ class Outlet:
 
     def take(self) -> Frame:
         """The next frame."""
-        return self._element._next_frame(self._element.pads["src"])
+        while not isinstance(item := self._element._take(), Frame):
+            self._element.pads["src"].send_event(item)
+            if isinstance(item, EosEvent):
+                raise EndOfStream
+        return item
 
     def numbers(self, count: int) -> list[int]:
         """The numbers of the next frames."""
@@ -216,7 +220,7 @@ def test_order_of_caps_and_frames_stays() -> None:
         order += [*outlet.events, taken]
         outlet.events.clear()
     assert order == put[:-1]
-    with pytest.raises(Exception, match=r"^$"):
+    with pytest.raises(EndOfStream):
         outlet.take()
     assert outlet.events == [EOS]
 
