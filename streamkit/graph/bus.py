@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.handoff.bounded_queue import BoundedQueue
@@ -52,6 +52,7 @@ class Bus:
                 return message
 
 
-def _choose_dropped(messages: list[Message]) -> int:
+def _choose_dropped(messages: Sequence[Message], _: Message, is_full: bool) -> range:
     kept = (MessageKind.ERROR, MessageKind.EOS)
-    return next((index for index, message in enumerate(messages) if message.kind not in kept), 0)
+    index = next((index for index, message in enumerate(messages) if message.kind not in kept), 0)
+    return range(index, index + is_full)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, TypeAlias, TypeVar
 
 Item = TypeVar("Item")
+ChooseDropped: TypeAlias = Callable[[Sequence[Item], Item, bool], range]
 LOOK_S = 0.5  # longest sleep between looks, should a wake-up be missed
 
 
@@ -40,16 +41,19 @@ class BoundedQueue(Generic[Item]):
     Args:
         capacity: most items held; 0 is no limit.
         max_bytes: most bytes held; 0 is no limit.
-        choose_dropped: index of the item to drop from a full queue, the oldest first; None is the oldest.
+        choose_dropped: called by `put` with the items held, the oldest first, the new item, and whether
+            there is no room for it; returns the indices to drop, the last + 1 for the new item.
+            If there is still no room, the oldest are dropped.
     """
 
     def __init__(
-        self, capacity: int = 0, max_bytes: int = 0, choose_dropped: Callable[[list[Item]], int] | None = None
+        self, capacity: int = 0, max_bytes: int = 0, choose_dropped: ChooseDropped[Item] | None = None
     ) -> None:
         self._capacity = capacity
         self._max_bytes = max_bytes
         self._choose_dropped = choose_dropped
-        self._items: deque[tuple[Item, int]] = deque()
+        self._items: deque[Item] = deque()
+        self._sizes: deque[int] = deque()
         self._changed = threading.Condition()
         self._bytes = self._received = self._taken = self._dropped = 0
         self._has_ended = self._is_closed = False
@@ -81,21 +85,20 @@ class BoundedQueue(Generic[Item]):
             cancelled: ends the wait when set, within half a second.
 
         Returns:
-            How many items were dropped to make room.
+            How many items were dropped to make room, or the new one.
         """
         with self._changed:
             self._wait(lambda: not self._is_full(size), wait_s, cancelled)
             if self._is_closed:
                 return 0
-            dropped = 0
-            while self._is_full(size):
-                self._drop_one()
-                dropped += 1
-            self._items.append((item, size))
-            self._bytes += size
+            before = self._dropped
             self._received += 1
-            self._changed.notify_all()
-            return dropped
+            if self._make_room(item, size):
+                self._items.append(item)
+                self._sizes.append(size)
+                self._bytes += size
+                self._changed.notify_all()
+            return self._dropped - before
 
     def get(self, wait_s: float | None = 0.0, cancelled: threading.Event | None = None) -> Item | None:
         """Takes the oldest item.
@@ -116,11 +119,10 @@ class BoundedQueue(Generic[Item]):
                 if self._error is not None:
                     raise self._error
                 return None
-            item, size = self._items.popleft()
-            self._bytes -= size
+            self._bytes -= self._sizes.popleft()
             self._taken += 1
             self._changed.notify_all()
-            return item
+            return self._items.popleft()
 
     def end(self, error: Exception | None = None) -> None:
         """No item follows those put in, because the stream is over or because of an error."""
@@ -155,16 +157,6 @@ class BoundedQueue(Generic[Item]):
         with self._changed:
             return self._has_ended and not self._items
 
-    def wait_empty(self, wait_s: float, cancelled: threading.Event | None = None) -> bool:
-        """Waits until every item has been taken, for as long as one is taken every `wait_s`; whether so."""
-        with self._changed:
-            while self._items and not self._is_closed:
-                taken = self._taken
-                self._wait(lambda taken=taken: self._taken != taken, wait_s, cancelled)  # type: ignore[misc]
-                if self._taken == taken:
-                    break
-            return not self._items
-
     # With the lock held.
 
     def _wait(
@@ -183,17 +175,30 @@ class BoundedQueue(Generic[Item]):
         too_many = 0 < self._capacity <= len(self._items)
         return too_many or (self._max_bytes > 0 and self._bytes + size > self._max_bytes)
 
-    def _drop_one(self) -> None:
-        index = 0
+    def _make_room(self, item: Item, size: int) -> bool:
+        """Drops what `choose_dropped` says, then the oldest; whether the new item is to be added."""
+        held, chosen = len(self._items), range(0)
         if self._choose_dropped is not None:
-            index = self._choose_dropped([item for item, _ in self._items])
-        self._bytes -= self._items[index][1]
-        del self._items[index]
+            chosen = self._choose_dropped(self._items, item, self._is_full(size))
+        for index in reversed(chosen):
+            if index < held:
+                self._drop(index)
+        if held in chosen:
+            self._dropped += 1
+            return False
+        while self._is_full(size):
+            self._drop(0)
+        return True
+
+    def _drop(self, index: int) -> None:
+        self._bytes -= self._sizes[index]
+        del self._items[index], self._sizes[index]
         self._dropped += 1
 
     def _clear(self) -> int:
         dropped = len(self._items)
         self._items.clear()
+        self._sizes.clear()
         self._bytes = 0
         self._dropped += dropped
         self._changed.notify_all()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable, Iterator
+from threading import Event
 from typing import Protocol
 
 from av.packet import Packet
@@ -13,7 +14,7 @@ from av.stream import Stream
 from streamkit import Caps, Capture, Frame, FrameFlags
 from streamkit_media.decoding.freshness import Freshness
 from streamkit_media.packets import DecodeOnly, packet_frame
-from streamkit_media.rtsp.packetqueue import PacketQueue
+from streamkit_media.rtsp.packetqueue import packet_queue
 from streamkit_media.rtsp.packetreader import PacketReader, silence
 from streamkit_media.rtsp.timeline import Timeline
 from streamkit_media.streams import StreamKind
@@ -22,7 +23,7 @@ WATCHDOG_MARGIN_S = 0.3
 LOOK_S = 0.5
 LATE = DecodeOnly("late: a newer frame had come")
 OVERRUN = "consumer too slow, older packets dropped"
-LONGEST_WAIT_S = 0.5
+LONGEST_WAIT_NS = 500_000_000
 LONGEST_DARK_NS = 1_000_000_000
 PRFT = struct.Struct("=q")
 
@@ -70,15 +71,15 @@ class Connection:
         self._catches_up = False
         self._shown_ns = clock.monotonic_ns()
         self.next_seq = first_seq
-        self.queue = PacketQueue[Frame](max_packets, max(LONGEST_WAIT_S, latency_ms / 1000))
+        self.queue = packet_queue(max_packets, max(LONGEST_WAIT_NS, self._latency_ns))
 
     def frames(
-        self, is_over: Callable[[], bool], count_drop: Callable[[str, int], None]
+        self, is_over: Event, count_drop: Callable[[str, int], None]
     ) -> Iterator[tuple[StreamKind, Frame]]:
         """The packets as they come, until the stream ends.
 
         Args:
-            is_over: whether to stop.
+            is_over: set to stop; `queue.wake` then ends a wait at once.
             count_drop: called with the reason and number of dropped packets.
 
         Raises:
@@ -88,10 +89,12 @@ class Connection:
         self.reader.begin(queue, self._arrived)
         last = time.monotonic()
         flags = FrameFlags.NONE
-        while not is_over():
-            frame = queue.take(min(LOOK_S, timeout_s))
-            if dropped := queue.take_dropped():
-                count_drop(OVERRUN, dropped)
+        reported = 0
+        while not is_over.is_set():
+            frame = queue.get(min(LOOK_S, timeout_s), is_over)
+            if (dropped := queue.statistics.dropped) > reported:
+                count_drop(OVERRUN, dropped - reported)
+                reported = dropped
                 flags = FrameFlags.DISCONTINUITY
             if frame is not None:
                 kind = frame.get(StreamKind) or StreamKind.VIDEO
@@ -133,7 +136,7 @@ class Connection:
         )
         frame = frame.attach(self._freshness if kind is StreamKind.VIDEO else kind)
         self.next_seq += 1
-        self.queue.put(frame, packet.is_keyframe and kind is StreamKind.VIDEO, now / 1e9)
+        self.queue.put(frame)
 
 
 def sender_time_ns(packet: Packet[Stream]) -> int | None:

@@ -1,117 +1,53 @@
-"""Bounded queue of packets between the thread that reads and the one that uses them; keeps the newest.
-
-It is no `BoundedQueue`, which drops one item when full: this one also drops by age, always up to a key frame,
-and may refuse packets until the next key frame.
-"""
+"""Which packets a full queue behind a live stream drops, so that the newest can be decoded."""
 
 from __future__ import annotations
 
-import threading
-from collections import deque
-from typing import Generic, TypeVar
+from collections.abc import Sequence
 
-Item = TypeVar("Item")
+from streamkit import Frame, FrameFlags
+from streamkit.handoff.bounded_queue import BoundedQueue
+from streamkit_media.streams import StreamKind
+
 # Streams with intra refresh have no key frames: after so many refused packets the next one is accepted.
 KEYFRAME_PATIENCE = 300
 
 
-class PacketQueue(Generic[Item]):
-    """Queues packets; when full it drops the oldest up to a key frame, so that frames stay decodable.
+def packet_queue(capacity: int, longest_wait_ns: int) -> BoundedQueue[Frame]:
+    """A queue of packets that never waits for room, see `DropToKeyframe`; `capacity` is the most queued."""
+    return BoundedQueue(capacity, choose_dropped=DropToKeyframe(longest_wait_ns))
+
+
+class DropToKeyframe:
+    """Has a full queue drop the oldest packets up to a key frame, so that frames stay decodable.
+
+    Without a later key frame it drops all, and refuses packets until the next one.
 
     Args:
-        capacity: most packets queued.
-        longest_wait_s: once the oldest packet has waited longer, the next key frame replaces all before it.
-
-    Attributes:
-        received: packets put in so far.
-        dropped: of them, those that were not and will not be taken.
+        longest_wait_ns: once the oldest packet has waited longer, the next key frame replaces all before it.
     """
 
-    def __init__(self, capacity: int, longest_wait_s: float = float("inf")) -> None:
-        self.received = self.dropped = 0
-        self._capacity = capacity
-        self._longest_wait_s = longest_wait_s
-        self._items: deque[tuple[Item, bool, float]] = deque()
-        self._changed = threading.Condition()
-        self._reported = self._refused = 0
-        self._awaits_keyframe = self._has_ended = False
-        self._error: Exception | None = None
+    def __init__(self, longest_wait_ns: int) -> None:
+        self._longest_wait_ns = longest_wait_ns
+        self._refused = 0
+        self._awaits_keyframe = False
 
-    def __len__(self) -> int:
-        return len(self._items)
+    def __call__(self, held: Sequence[Frame], new: Frame, is_full: bool) -> range:
+        """The indices of the packets to drop; the new packet has the index after the last held."""
+        if self._awaits_keyframe and not is_keyframe(new) and self._refused < KEYFRAME_PATIENCE:
+            self._refused += 1
+            return range(len(held), len(held) + 1)
+        self._awaits_keyframe, self._refused = False, 0
+        is_aged = len(held) > 0 and new.arrival_ns - held[0].arrival_ns > self._longest_wait_ns
+        if not is_full and not is_aged:
+            return range(0)
+        keyframes = (at for at in range(len(held) - 1, 0, -1) if is_keyframe(held[at]))
+        count = len(held) if is_keyframe(new) else next(keyframes, 0)
+        if is_full and not count:
+            self._awaits_keyframe = True
+            return range(len(held) + 1)
+        return range(count)
 
-    def put(self, item: Item, is_keyframe: bool, now_s: float = 0.0) -> None:
-        """Adds the newest packet; never waits.
 
-        Args:
-            item: the packet.
-            is_keyframe: whether decoding can begin with it.
-            now_s: a monotonic clock, s.
-        """
-        with self._changed:
-            self.received += 1
-            if self._awaits_keyframe and not is_keyframe and self._refused < KEYFRAME_PATIENCE:
-                self.dropped += 1
-                self._refused += 1
-                return
-            self._awaits_keyframe, self._refused = False, 0
-            if len(self._items) >= self._capacity:
-                if not self._jump(is_keyframe):
-                    self.dropped += len(self._items) + 1
-                    self._items.clear()
-                    self._awaits_keyframe = True
-                    return
-            elif self._items and now_s - self._items[0][2] > self._longest_wait_s:
-                self._jump(is_keyframe)
-            self._items.append((item, is_keyframe, now_s))
-            self._changed.notify_all()
-
-    def _jump(self, next_is_keyframe: bool) -> int:
-        """Drops the packets before the newest key frame and returns their number; 0 where there is none."""
-        keyframes = (at for at in range(len(self._items) - 1, 0, -1) if self._items[at][1])
-        count = len(self._items) if next_is_keyframe else next(keyframes, 0)
-        for _ in range(count):
-            self._items.popleft()
-        self.dropped += count
-        return count
-
-    def take(self, timeout_s: float) -> Item | None:
-        """Takes the oldest packet, and waits for one.
-
-        Returns:
-            None after the time limit, after `wake`, or at the end.
-
-        Raises:
-            Exception: the one given to `end`, after the last packet.
-        """
-        with self._changed:
-            if not self._items and not self._has_ended:
-                self._changed.wait(timeout_s)
-            if self._items:
-                return self._items.popleft()[0]
-            if self._error is not None:
-                raise self._error
-            return None
-
-    def end(self, error: Exception | None = None) -> None:
-        """No packet follows, because the stream is over or because of an error."""
-        with self._changed:
-            self._has_ended, self._error = True, error
-            self._changed.notify_all()
-
-    def wake(self) -> None:
-        """Makes a waiting `take` return."""
-        with self._changed:
-            self._changed.notify_all()
-
-    @property
-    def is_over(self) -> bool:
-        """Whether the reader has ended and every packet has been taken."""
-        with self._changed:
-            return self._has_ended and not self._items
-
-    def take_dropped(self) -> int:
-        """Packets dropped since the last call."""
-        with self._changed:
-            new, self._reported = self.dropped - self._reported, self.dropped
-            return new
+def is_keyframe(packet: Frame) -> bool:
+    """Whether decoding of the video can begin with a packet; streams beside the video carry their kind."""
+    return bool(packet.flags & FrameFlags.KEYFRAME) and packet.get(StreamKind) is None

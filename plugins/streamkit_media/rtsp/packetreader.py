@@ -14,12 +14,12 @@ from av.stream import Stream
 from av.video.stream import VideoStream
 
 from streamkit import Caps, Frame, ResourceError, StreamError, StreamkitError
+from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_media.codecs import stream_rate
 from streamkit_media.container import AccessRefused, InvalidMedia, TimedOut, open_container, video_stream
 from streamkit_media.location import redact
 from streamkit_media.packets import read_packets
 from streamkit_media.rtsp.low_latency.completeframes import UNPARSED, can_be_joined, complete_frames
-from streamkit_media.rtsp.packetqueue import PacketQueue
 from streamkit_media.rtsp.reachability import SECURE, connection_failure, port_of, tls_failure
 from streamkit_media.rtsp.sockets import CLAIMS, cut_connections, is_closed_by_peer, open_sockets
 from streamkit_media.streams import StreamKind, stream_caps, streams_of
@@ -66,7 +66,7 @@ class PacketReader:
         # Not a daemon: it is always joined, and FFmpeg's limits bound it.
         self._thread = threading.Thread(target=self._run, name=f"reader {redact(location)}", daemon=False)
 
-    def begin(self, queue: PacketQueue[Frame], arrived: Arrival) -> None:
+    def begin(self, queue: BoundedQueue[Frame], arrived: Arrival) -> None:
         """Starts reading.
 
         Args:

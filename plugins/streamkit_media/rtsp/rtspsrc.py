@@ -101,7 +101,7 @@ class RtspSrc(RtspEndpoint, Source):
     def received(self) -> int:
         """Packets received since the start; each is delivered, or counted in `drops` here or downstream."""
         connection = self._connection
-        return self._received + (connection.queue.received if connection is not None else 0)
+        return self._received + (connection.queue.statistics.received if connection is not None else 0)
 
     def negotiate(self, allowed: Caps) -> Caps | None:
         """None: the server chooses."""
@@ -158,7 +158,7 @@ class RtspSrc(RtspEndpoint, Source):
             self._new_reader(), self.max_packets, self.latency_ms, self._next_seq, self._timeline, self.clock
         )
         is_first = True
-        for kind, frame in connection.frames(self.over.is_set, self.count_drop):
+        for kind, frame in connection.frames(self.over, self.count_drop):
             if is_first:
                 self._epoch += 1
                 self._backoff.reset()
@@ -203,7 +203,7 @@ class RtspSrc(RtspEndpoint, Source):
         if connection is None:
             return
         ended = connection.reader.end(limit_s)
-        self._received += connection.queue.received
+        self._received += connection.queue.statistics.received
         if left := len(connection.queue):
             self.count_drop("the connection was left", left)
         self._next_seq = connection.next_seq

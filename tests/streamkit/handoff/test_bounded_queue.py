@@ -1,7 +1,7 @@
 """BoundedQueue: order, bounds, waits that end, and losses that are counted."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pytest
 from hypothesis import given
@@ -42,10 +42,23 @@ def test_every_item_is_taken_held_or_dropped(
 
 
 def test_a_full_queue_drops_what_it_is_told_to() -> None:
-    """Errors stay, chatter goes."""
-    queue: BoundedQueue[str] = BoundedQueue(2, choose_dropped=lambda items: items.index("chatter"))
-    assert [queue.put(word) for word in ("error", "chatter", "last")] == [0, 0, 1]
+    """Errors stay, chatter goes, also where the chatter is the new item."""
+
+    def choose_dropped(held: Sequence[str], new: str, is_full: bool) -> range:
+        words = [*held, new]
+        return range(words.index("chatter"), words.index("chatter") + 1) if is_full else range(0)
+
+    queue: BoundedQueue[str] = BoundedQueue(2, choose_dropped=choose_dropped)
+    assert [queue.put(word) for word in ("error", "chatter", "last", "chatter")] == [0, 0, 1, 1]
     assert [queue.get(), queue.get(), queue.get()] == ["error", "last", None]
+    assert queue.statistics == QueueStatistics(0, 0, 4, 2, 2)
+
+
+def test_the_oldest_make_room_where_too_little_was_chosen() -> None:
+    """The bound holds whatever `choose_dropped` returns."""
+    queue: BoundedQueue[int] = BoundedQueue(max_bytes=10, choose_dropped=lambda *_: range(0))
+    assert [queue.put(number, 5) for number in range(3)] == [0, 0, 1]
+    assert [queue.get(), queue.get(), queue.get()] == [1, 2, None]
 
 
 def test_a_full_queue_waits_for_room() -> None:
@@ -94,15 +107,3 @@ def test_a_closed_queue_stays_closed() -> None:
     queue.close()
     queue.reopen()
     assert queue.is_over
-
-
-def test_waiting_until_empty_ends_without_progress() -> None:
-    """As long as items are taken it goes on; then the time is over."""
-    queue: BoundedQueue[int] = BoundedQueue()
-    queue.put(0)
-    assert not queue.wait_empty(0.05)
-    thread, results = in_thread(lambda: queue.wait_empty(10))
-    queue.get()
-    thread.join(10)
-    assert results == [True]
-    assert queue.statistics == QueueStatistics(0, 0, 1, 1, 0)

@@ -4,15 +4,15 @@ from collections.abc import Callable
 import pytest
 
 from streamkit import Frame, ResourceError
-from streamkit_media.rtsp.packetqueue import PacketQueue
+from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_media.rtsp.packetreader import PacketReader, silence
 
 MARGIN_S = 5.0  # for a machine under load; benchmarks/rtsp_faults.py measures how soon faults are noticed
 
 
-def reader_of(location: str, timeout_s: float) -> tuple[PacketReader, PacketQueue[Frame]]:
+def reader_of(location: str, timeout_s: float) -> tuple[PacketReader, BoundedQueue[Frame]]:
     """A reader over TCP and its queue."""
-    return PacketReader(location, {"rtsp_transport": "tcp"}, timeout_s), PacketQueue(8)
+    return PacketReader(location, {"rtsp_transport": "tcp"}, timeout_s), BoundedQueue(8)
 
 
 def ignore(*_: object) -> None:
@@ -25,7 +25,7 @@ def test_reading_ends_at_any_moment(serve: Callable[[int], int], answers: int, a
     """A reader that waits on a silent server for a minute ends at once when told to."""
     reader, ring = reader_of(f"rtsp://127.0.0.1:{serve(answers)}/live", 60)
     reader.begin(ring, ignore)
-    assert ring.take(after_s) is None
+    assert ring.get(after_s) is None
     began = time.monotonic()
     assert reader.end(limit_s=5)
     assert time.monotonic() - began < 0.5 + MARGIN_S
@@ -41,7 +41,7 @@ def test_silence_is_noticed_in_time(serve: Callable[[int], int], answers: int) -
     with pytest.raises(
         ResourceError, match=r"^rtsp://\*\*\*@127\.0\.0\.1:\d+/live: no video within 0\.5 s: "
     ):
-        ring.take(10)
+        ring.get(10)
     assert time.monotonic() - began < 0.5 + MARGIN_S
     assert reader.end(1)
 
@@ -51,7 +51,7 @@ def test_a_closed_port_is_told() -> None:
     reader, ring = reader_of("rtsp://127.0.0.1:1/live", 5)
     reader.begin(ring, ignore)
     with pytest.raises(ResourceError, match=r"no connection to 127\.0\.0\.1 port 1: Connection refused"):
-        ring.take(5)
+        ring.get(5)
     assert reader.end(1)
 
 
