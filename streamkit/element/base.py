@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -192,6 +193,15 @@ class Element(PadOwner):
         """Records the end of the call."""
         self.activity = None
         self.at_work[0] = IDLE
+
+    @contextlib.contextmanager
+    def calling(self, call: str) -> Iterator[None]:
+        """Context of a call by the engine, as recorded by `enter` and `leave`."""
+        self.enter(call, time.perf_counter_ns())
+        try:
+            yield
+        finally:
+            self.leave()
 
     def post(self, message: Message) -> None:
         """Posts a message on the bus; logs it if there is none."""

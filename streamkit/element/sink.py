@@ -187,11 +187,8 @@ class Sink(Element):
         if self.sync and self._last_end_ns and not self.wait_until_due(self._last_end_ns + self.ts_offset):
             raise Flushing(self.name)
         if all(other.is_eos for other in self.sink_pads() if other is not pad and other.peer is not None):
-            self.enter("drain", time.perf_counter_ns())
-            try:
+            with self.calling("drain"):
                 self.drain()
-            finally:
-                self.leave()
             pad.is_eos = True
             self._report_end()
         else:

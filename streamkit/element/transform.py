@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Iterable
 from typing import Any
 
@@ -103,15 +102,12 @@ class Transform(Element):
         return self.src_pad, event
 
     def _drain(self) -> None:
-        self.enter("drain", time.perf_counter_ns())
-        try:
+        with self.calling("drain"):
             for item in self.drain():
                 if isinstance(item, tuple):
                     self.push_aside(*item)
                 else:
                     self.src_pad.push(self.with_src_caps(item))
-        finally:
-            self.leave()
         for pad in list(self.src_pads()):
             pad.is_eos = True
 

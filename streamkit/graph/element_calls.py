@@ -49,13 +49,11 @@ class ElementCall(threading.Thread):
 
     def run(self) -> None:
         """Calls the method."""
-        self.element.enter(self.method, time.perf_counter_ns())
         try:
-            getattr(self.element, self.method)()
+            with self.element.calling(self.method):
+                getattr(self.element, self.method)()
         except BaseException as error:
             self.error = error
-        finally:
-            self.element.leave()
 
     def interrupt(self, grace_s: float) -> bool:
         """Makes the element end its waits; whether the call returned in time."""
