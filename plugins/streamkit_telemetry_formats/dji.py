@@ -20,6 +20,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit.geometry.angles import wrap_bearing
 from streamkit_telemetry_formats.aircraftclock import AircraftClock
 from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.subrip import Cue, SubtitleReader
@@ -95,7 +96,7 @@ def sample_of(text: str, pts: int) -> Sample | None:
         pts,
         *place,
         altitude=altitude,
-        heading=flight[2] % (2 * math.pi) if flight is not None else None,
+        heading=wrap_bearing(flight[2]) if flight is not None else None,
         pitch=flight[0] if flight is not None else None,
         roll=flight[1] if flight is not None else None,
         sensor_angles=relative_angles(flight or (0.0, 0.0, 0.0), gimbal) if gimbal is not None else None,
@@ -113,9 +114,9 @@ def relative_angles(platform: Attitude, sensor: Attitude) -> Attitude:
     turned = rotation(*platform).T @ rotation(*sensor)
     elevation = math.asin(float(np.clip(-turned[2, 0], -1, 1)))
     if abs(turned[2, 0]) > 1 - 1e-9:  # straight up or down: azimuth and roll are one angle, called azimuth
-        return math.atan2(-turned[0, 1], turned[1, 1]) % (2 * math.pi), elevation, 0.0
+        return wrap_bearing(math.atan2(-turned[0, 1], turned[1, 1])), elevation, 0.0
     azimuth, roll = math.atan2(turned[1, 0], turned[0, 0]), math.atan2(turned[2, 1], turned[2, 2])
-    return azimuth % (2 * math.pi), elevation, roll % (2 * math.pi)
+    return wrap_bearing(azimuth), elevation, wrap_bearing(roll)
 
 
 def rotation(pitch: float, roll: float, yaw: float) -> NDArray[np.float64]:

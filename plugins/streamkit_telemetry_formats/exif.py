@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
+from streamkit.geometry.angles import wrap_bearing
+
 Value = tuple[float, ...] | str
 
 _ORDERS: Final = {b"II": "<", b"MM": ">"}
@@ -63,7 +65,7 @@ def read_exif(tiff: bytes) -> ExifData:
     return ExifData(
         position=None if fix == (0.0, 0.0) else fix,
         altitude=_altitude(gps),
-        direction=None if direction is None or not is_true else math.radians(direction) % (2 * math.pi),
+        direction=None if direction is None or not is_true else wrap_bearing(math.radians(direction)),
         utc_ns=_utc_ns(gps),
         focal_35mm=_number(camera.get(_FOCAL_35MM)) or None,
     )

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from streamkit.geometry.angles import wrap_bearing
 from streamkit_telemetry_formats.dji import ABOVE_SEA, Attitude, relative_angles
 from streamkit_telemetry_formats.exif import ExifData, read_exif
 from streamkit_telemetry_formats.sample import Sample
@@ -57,7 +58,7 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
         pts,
         *place,
         altitude=altitude,
-        heading=flight[2] % (2 * math.pi) if flight is not None else exif.direction,
+        heading=wrap_bearing(flight[2]) if flight is not None else exif.direction,
         pitch=flight[0] if flight is not None else None,
         roll=flight[1] if flight is not None else None,
         sensor_angles=relative_angles(flight or (0.0, 0.0, 0.0), gimbal) if gimbal is not None else None,

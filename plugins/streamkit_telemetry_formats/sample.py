@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from streamkit.geometry.angles import wrap_bearing, wrap_turn
+
 Position = tuple[float, float, float | None]
 Angles = tuple[float, float, float]
 Number = float | None
@@ -89,7 +91,7 @@ def _number(a: float | None, b: float | None, share: float, other: float | None)
 
 def _turn(a: float, b: float, share: float) -> float:
     """From a towards b on the shorter way round, rad."""
-    return a + math.remainder(b - a, 2 * math.pi) * share
+    return a + wrap_turn(b - a) * share
 
 
 def _angle(
@@ -98,7 +100,7 @@ def _angle(
     if a is None or b is None:
         return other
     turned = _turn(a, b, share)
-    return turned % (2 * math.pi) if is_compass else math.remainder(turned, 2 * math.pi)
+    return wrap_bearing(turned) if is_compass else wrap_turn(turned)
 
 
 def _longitude(a: float, b: float, share: float) -> float:
@@ -118,7 +120,7 @@ def _angles(before: Sample, after: Sample, share: float, nearer: Sample) -> tupl
     if a is None or b is None:
         return nearer.sensor_angles
     azimuth, elevation, roll = (_turn(x, y, share) for x, y in zip(a, b, strict=True))
-    return azimuth % (2 * math.pi), math.remainder(elevation, 2 * math.pi), roll % (2 * math.pi)
+    return wrap_bearing(azimuth), wrap_turn(elevation), wrap_bearing(roll)
 
 
 def _fields_of_view(

@@ -2,23 +2,13 @@
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit.geometry.angles import wrap_axes, wrap_axis, wrap_bearing, wrap_turn
+from streamkit.geometry.angles import wrap_bearing, wrap_turn
 
 angles = st.floats(-50.0, 50.0)
-
-
-@given(angles)
-def test_an_axis_keeps_its_line(angle: float) -> None:
-    """In [-pi/2, pi/2), half turns away at most."""
-    wrapped = wrap_axis(angle)
-    assert -math.pi / 2 - 1e-12 <= wrapped <= math.pi / 2 + 1e-12
-    assert math.sin(wrapped - angle) == pytest.approx(0.0, abs=1e-9)
-    assert wrap_axes(np.array([angle]))[0] == wrapped
 
 
 @given(angles)
