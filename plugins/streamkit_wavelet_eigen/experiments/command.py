@@ -5,9 +5,21 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+PARTICLES = 120
+FRAME_NS = 40_000_000
+DESCRIPTION = (
+    "appsrc name=in max-buffers={frames} ! waveleteigen model={model} learn=false "
+    "! particletrack compare=features auto-start=false window={window} particles={particles} keep=12 "
+    "size-particles=4 angle-particles=4 coast=60 lost-frames=1000 lost-threshold=0 ! appsink name=out"
+)
 
 
 def experiments(
@@ -34,7 +46,12 @@ def experiments(
         folder = data_folder(data)
         output.mkdir(parents=True, exist_ok=True)
         results = run_all(
-            folder, repetitions=repetitions, tracking_runs=tracking_runs, workers=workers, report=report
+            folder,
+            follow_target,
+            repetitions=repetitions,
+            tracking_runs=tracking_runs,
+            workers=workers,
+            report=report,
         )
         text = json.dumps(results, indent=1) + "\n"
         (output / "paper-tables.json").write_text(text, encoding="utf-8")
@@ -50,3 +67,37 @@ def experiments(
         typer.echo(f"error: {error}; install the extra: pip install 'streamkit[experiments]'", err=True)
         raise typer.Exit(1) from error
     typer.echo(f"{output / 'paper-tables.md'}, .json{' and figure 3' if plots else ''} written")
+
+
+def follow_target(
+    frames: NDArray[np.uint8], model: Path, centre: NDArray[np.float64], side: int
+) -> NDArray[np.float64]:
+    """The target's centre in each frame, float64[n, 2] px, as reported by waveleteigen and particletrack.
+
+    Where the target is not reported its last reported position counts.
+
+    Args:
+        frames: uint8[n, h, w].
+        model: model file of waveleteigen.
+        centre: of the target in the first frame, float64[2] px.
+        side: of the target's window, px.
+    """
+    import numpy as np
+
+    from streamkit import Pipeline, Tracks, TrackState, raw_video_caps
+
+    left, top = centre - (side - 1) / 2
+    window = f"{left:.0f},{top:.0f},{side},{side}"
+    text = DESCRIPTION.format(frames=len(frames), model=model, window=window, particles=PARTICLES)
+    with Pipeline.parse(text) as pipeline:
+        pipeline["in"].caps = raw_video_caps("GRAY8", frames.shape[2], frames.shape[1])
+        pipeline.play()
+        for index, image in enumerate(frames):
+            pipeline["in"].push(image, pts=index * FRAME_NS)
+        pipeline["in"].end()
+        reported = [frame.get(Tracks) for frame in pipeline["out"]]
+    found = np.empty((len(reported), 2))
+    for index, tracks in enumerate(reported):
+        alive = [row for row in (tracks.tracks if tracks else ()) if row.state is not TrackState.LOST]
+        found[index] = (alive[0].x, alive[0].y) if alive else found[index - 1] if index else centre
+    return found

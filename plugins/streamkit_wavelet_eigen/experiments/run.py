@@ -15,7 +15,7 @@ from streamkit_wavelet_eigen.experiments.published import RUNS
 from streamkit_wavelet_eigen.experiments.recognition import rates, reading_a, reading_b, reading_c
 from streamkit_wavelet_eigen.experiments.results import SCHEMA, PartitionResult, Results
 from streamkit_wavelet_eigen.experiments.selection import choose
-from streamkit_wavelet_eigen.experiments.tracking import by_runs, tracking_errors
+from streamkit_wavelet_eigen.experiments.tracking import Follow, by_runs, tracking_errors
 
 # One thread per process: results do not depend on the number of processors.
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -23,7 +23,7 @@ READING_A_METHODS = (PROPOSED, TRADITIONAL, MODULAR, BEST)
 
 
 def run_partition(
-    partition: Partition, folder: Path, repetitions: int, tracking_runs: int
+    partition: Partition, folder: Path, repetitions: int, tracking_runs: int, follow: Follow
 ) -> PartitionResult:
     """Measures one partition.
 
@@ -32,6 +32,7 @@ def run_partition(
         folder: holds the databases.
         repetitions: random splits.
         tracking_runs: sequences for tables 2 and 4.
+        follow: the tracker.
 
     Raises:
         MissingData: the databases are incomplete.
@@ -48,12 +49,13 @@ def run_partition(
         "reading_a": {name: reading_a(METHODS[name], parts) for name in READING_A_METHODS},
         "reading_b": reading_b(parts),
         "reading_c": reading_c(parts),
-        "tracking": by_runs(tracking_errors(parts, tracking_runs)),
+        "tracking": by_runs(tracking_errors(parts, follow, tracking_runs)),
     }
 
 
 def run_all(
     folder: Path,
+    follow: Follow,
     *,
     repetitions: int = REPETITIONS,
     tracking_runs: int = RUNS[-1],
@@ -64,6 +66,7 @@ def run_all(
 
     Args:
         folder: holds the databases.
+        follow: the tracker, a function that child processes can import.
         repetitions: random splits of each partition.
         tracking_runs: sequences for tables 2 and 4.
         workers: processes.
@@ -72,7 +75,7 @@ def run_all(
     found: dict[str, PartitionResult] = {}
     with _single_threaded(), ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         tasks = {
-            pool.submit(run_partition, partition, folder, repetitions, tracking_runs): partition.key
+            pool.submit(run_partition, partition, folder, repetitions, tracking_runs, follow): partition.key
             for partition in PARTITIONS
         }
         try:

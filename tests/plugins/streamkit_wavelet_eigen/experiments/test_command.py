@@ -53,7 +53,7 @@ def test_results_are_written_as_json_and_page(
 ) -> None:
     """What the last full run found comes out as the files in docs/, byte for byte."""
     results = json.loads((DOCS / "paper-tables.json").read_text(encoding="utf-8"))
-    monkeypatch.setattr(run, "run_all", lambda folder, **settings: results)
+    monkeypatch.setattr(run, "run_all", lambda folder, follow, **settings: results)
     output = tmp_path / "a" / "b"
     experiments(data=shared_folder, output=output, plots=False)
     for name in ("paper-tables.json", "paper-tables.md"):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from streamkit_wavelet_eigen.experiments.command import follow_target
 from streamkit_wavelet_eigen.experiments.databases import data_folder, read_coil20
 from streamkit_wavelet_eigen.experiments.protocol import splits
 from streamkit_wavelet_eigen.experiments.scene import FRAMES, TARGET_SIDE, make_scene
@@ -44,7 +45,7 @@ def test_the_same_seed_is_the_same_scene() -> None:
 def test_the_tracker_follows_and_repeats(shared_folder: Path) -> None:
     """With a space learnt from training images the target is followed, twice alike."""
     parts = list(splits(read_coil20(data_folder(shared_folder)), 12, 2))
-    one, again = (tracking_errors(parts, 2) for _ in range(2))
+    one, again = (tracking_errors(parts, follow_target, 2) for _ in range(2))
     assert one == again
     assert max(one) < TARGET_SIDE / 3
 
