@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from streamkit.flow.record import encode_record as encode_record
     from streamkit.flow.record import record_line as record_line
     from streamkit.flow.record import track_record as track_record
+    from streamkit.flow.scaling import scale_metadata as scale_metadata
     from streamkit.flow.video import LUMA_CAPS as LUMA_CAPS
     from streamkit.flow.video import luma as luma
     from streamkit.flow.video import raw_video_caps as raw_video_caps
@@ -104,6 +105,7 @@ _HOMES = {
     "streamkit.flow.record": (
         "TRACKS_CAPS", "TrackRecord", "decode_record", "encode_record", "record_line", "track_record",
     ),
+    "streamkit.flow.scaling": ("scale_metadata",),
     "streamkit.flow.video": ("LUMA_CAPS", "luma", "raw_video_caps"),
     "streamkit.graph.pipeline": ("Pipeline",),
     "streamkit.masking": ("mask_secrets",),

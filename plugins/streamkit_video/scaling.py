@@ -1,4 +1,4 @@
-"""Scaling of raw frames, and the homography that describes it."""
+"""Scaling of raw frames."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from streamkit import Choice
 from streamkit_video.pixel_formats import PLANAR, image_height, odd_size_error, supports_size
 
 ByteArray = NDArray[np.uint8]
-FloatArray = NDArray[np.float64]
 Size = tuple[int, int]
 
 
@@ -67,9 +66,3 @@ def scale_image(data: ByteArray, pixel_format: str, size: Size, method: ScaleMet
     ]
     scaled[height:] = np.stack(chroma).reshape(height // 2, width)
     return scaled
-
-
-def scaling_homography(before: Size, after: Size) -> FloatArray:
-    """float64[3, 3]: maps pixels to pixels of the scaled frame, so that the frame borders coincide."""
-    across, down = after[0] / before[0], after[1] / before[1]
-    return np.array([[across, 0.0, (across - 1.0) / 2.0], [0.0, down, (down - 1.0) / 2.0], [0.0, 0.0, 1.0]])

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from streamkit.geometry.homography import FloatArray
+from streamkit.geometry.scaling import scale_boxes, scale_homographies, scale_points
+
 IntArray = NDArray[np.int64]
 
 
@@ -22,6 +24,12 @@ class TrueRegistration:
 
     to_previous: FloatArray
     to_reference: FloatArray
+
+    def scaled(self, scaling: FloatArray, previous_scaling: FloatArray) -> TrueRegistration:
+        """The truth of the scaled frame; both float64[3, 3], of this frame and of the previous one."""
+        return TrueRegistration(
+            *scale_homographies(scaling, previous_scaling, self.to_previous, self.to_reference)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,3 +58,9 @@ class TrueTargets:
 
     def __len__(self) -> int:
         return len(self.ids)
+
+    def scaled(self, scaling: FloatArray) -> TrueTargets:
+        """The truth of the frame scaled by an axis-parallel homography, float64[3, 3]."""
+        boxes = scale_boxes(scaling, self.lengths, self.widths, self.angles)
+        velocities = self.velocities * np.diag(scaling)[:2]
+        return TrueTargets(self.ids, scale_points(scaling, self.centres), *boxes, velocities)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any, Literal
 
@@ -18,10 +17,11 @@ from streamkit import (
     Registration,
     RegistrationStatus,
     TrackRecord,
-    Tracks,
     raw_video_caps,
+    scale_metadata,
     track_record,
 )
+from streamkit.geometry.scaling import scaling_homography
 from streamkit_zenoh.wire.records import capture_of, tracks_of
 
 FRAME_SCHEMA: Literal["streamkit.frame/1"] = "streamkit.frame/1"
@@ -128,7 +128,7 @@ def image_frame(image: NDArray[np.uint8], header: FrameHeader, arrival_ns: int, 
     """
     record = header.record
     height, width = image.shape[:2]
-    scaling = _scaling(record.width or width, record.height or height, width, height)
+    scaling = scaling_homography((record.width or width, record.height or height), (width, height))
     caps: Caps = raw_video_caps("GRAY8" if image.ndim == 2 else "BGR", width, height, None)
     frame = Frame(
         image,
@@ -140,14 +140,14 @@ def image_frame(image: NDArray[np.uint8], header: FrameHeader, arrival_ns: int, 
         arrival_ns=arrival_ns,
         capture=capture_of(record),
     )
-    items: list[object] = [_scaled_tracks(tracks_of(record), scaling)] if record.tracks else []
+    items: list[object] = [tracks_of(record)] if record.tracks else []
     if header.motion is not None:
-        items.append(_registration(header.motion, scaling))
+        items.append(_registration(header.motion))
     if header.detections is not None:
-        items.append(_as_detections(header.detections, scaling))
+        items.append(_as_detections(header.detections))
     if header.pose is not None:
         items.append(msgspec.convert(header.pose, Pose))
-    return frame.attach(*items) if items else frame
+    return scale_metadata(frame.attach(*items), scaling, scaling) if items else frame
 
 
 def _motion(item: Registration) -> MotionRecord:
@@ -183,59 +183,27 @@ def _detections(item: Detections) -> tuple[DetectionRecord, ...]:
     )
 
 
-def _scaling(width: int, height: int, new_width: int, new_height: int) -> FloatArray:
-    """float64[3, 3] from pixels before to pixels after scaling; pixel centres are at integers."""
-    across, down = new_width / width, new_height / height
-    return np.array([[across, 0, (across - 1) / 2], [0, down, (down - 1) / 2], [0, 0, 1.0]])
-
-
-def _registration(item: MotionRecord, scaling: FloatArray) -> Registration:
-    back = np.linalg.inv(scaling)
+def _registration(item: MotionRecord) -> Registration:
     unknown = np.full((3, 3), math.nan)
     return Registration(
-        to_previous=scaling @ np.array(item.to_previous) @ back if item.to_previous else unknown,
-        to_reference=np.array(item.to_reference) @ back if item.to_reference else unknown,
+        to_previous=np.array(item.to_previous) if item.to_previous else unknown,
+        to_reference=np.array(item.to_reference) if item.to_reference else unknown,
         reference=item.reference,
         reference_change=np.array(item.reference_change) if item.reference_change else None,
         status=item.status,
         keyframe=item.keyframe,
         matches=item.matches,
         inliers=item.inliers,
-        rmse=math.nan if item.rmse is None else item.rmse * math.sqrt(scaling[0, 0] * scaling[1, 1]),
+        rmse=math.nan if item.rmse is None else item.rmse,
     )
 
 
-def _as_detections(rows: tuple[DetectionRecord, ...], scaling: FloatArray) -> Detections:
-    factors, offsets = np.diag(scaling)[:2], scaling[:2, 2]
-    centroids = np.array([row.centroid for row in rows], dtype=np.float64).reshape(-1, 2)
-    boxes = np.array([row.bbox for row in rows], dtype=np.float64).reshape(-1, 2)
+def _as_detections(rows: tuple[DetectionRecord, ...]) -> Detections:
     labels = tuple(row.label or "" for row in rows)
     return Detections(
-        centroids=centroids * factors + offsets,
-        boxes=(boxes * factors + offsets).reshape(-1, 4),
-        areas=np.array([row.area for row in rows], dtype=np.float64) * factors[0] * factors[1],
+        centroids=np.array([row.centroid for row in rows], dtype=np.float64).reshape(-1, 2),
+        boxes=np.array([row.bbox for row in rows], dtype=np.float64).reshape(-1, 4),
+        areas=np.array([row.area for row in rows], dtype=np.float64),
         scores=np.array([row.score for row in rows], dtype=np.float64),
         labels=labels if any(labels) else (),
-    )
-
-
-def _scaled_tracks(item: Tracks, scaling: FloatArray) -> Tracks:
-    across, down = float(scaling[0, 0]), float(scaling[1, 1])
-    if across == 1.0 and down == 1.0:
-        return item
-    stretch = np.diag([across, down])
-    return Tracks(
-        tuple(
-            dataclasses.replace(
-                track,
-                x=track.x * across + float(scaling[0, 2]),
-                y=track.y * down + float(scaling[1, 2]),
-                length=track.length
-                * math.hypot(across * math.cos(track.angle), down * math.sin(track.angle)),
-                width=track.width * math.hypot(across * math.sin(track.angle), down * math.cos(track.angle)),
-                angle=math.atan2(down * math.sin(track.angle), across * math.cos(track.angle)),
-                covariance=stretch @ track.covariance @ stretch,
-            )
-            for track in item.tracks
-        )
     )

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from streamkit.geometry.scaling import scaling_homography
 from streamkit_video.pixel_formats import FORMATS, convert, image_height, supports_size
-from streamkit_video.scaling import ScaleMethod, scale_image, scaling_homography
+from streamkit_video.scaling import ScaleMethod, scale_image
 
 
 def blob(width: int, height: int, x: float, y: float) -> np.ndarray:

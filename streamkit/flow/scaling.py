@@ -1,0 +1,64 @@
+"""Metadata of a scaled frame."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from streamkit.flow.frame import Frame
+from streamkit.flow.metadata import Detections, Registration, Tracks
+from streamkit.geometry.homography import FloatArray
+from streamkit.geometry.scaling import scale_boxes, scale_homographies, scale_points
+
+
+def scale_metadata(frame: Frame, scaling: FloatArray, previous_scaling: FloatArray) -> Frame:
+    """The frame with its registration, detections and tracks in pixels of the scaled frame.
+
+    The reference plane is unchanged, and with it velocities of tracks and `reference_change`. Homographies
+    that are not finite, other metadata, data and caps stay.
+
+    Args:
+        frame: with metadata in pixels before scaling.
+        scaling: float64[3, 3], maps pixels before to pixels after scaling, see `streamkit.geometry.scaling`.
+        previous_scaling: the same for the previous frame.
+    """
+    changed: list[object] = []
+    if (registration := frame.get(Registration)) is not None:
+        to_previous, to_reference = scale_homographies(
+            scaling, previous_scaling, registration.to_previous, registration.to_reference
+        )
+        rmse = registration.rmse * math.sqrt(scaling[0, 0] * scaling[1, 1])
+        changed.append(
+            dataclasses.replace(registration, to_previous=to_previous, to_reference=to_reference, rmse=rmse)
+        )
+    if (detections := frame.get(Detections)) is not None:
+        changed.append(
+            dataclasses.replace(
+                detections,
+                centroids=scale_points(scaling, detections.centroids),
+                boxes=scale_points(scaling, detections.boxes.reshape(-1, 2)).reshape(-1, 4),
+                areas=detections.areas * scaling[0, 0] * scaling[1, 1],
+            )
+        )
+    if (tracks := frame.get(Tracks)) is not None:
+        changed.append(_scale_tracks(tracks, scaling))
+    return frame.attach(*changed) if changed else frame
+
+
+def _scale_tracks(item: Tracks, scaling: FloatArray) -> Tracks:
+    rows = item.tracks
+    values = np.array([(row.x, row.y, row.length, row.width, row.angle) for row in rows]).reshape(-1, 5)
+    centres = scale_points(scaling, values[:, :2]).tolist()
+    boxes = np.column_stack(scale_boxes(scaling, *values[:, 2:].T)).tolist()
+    stretch = np.diag(np.diag(scaling)[:2])
+    return Tracks(
+        tuple(
+            dataclasses.replace(
+                row, x=x, y=y, length=length, width=width, angle=angle,
+                covariance=stretch @ row.covariance @ stretch,
+            )
+            for row, (x, y), (length, width, angle) in zip(rows, centres, boxes, strict=True)
+        )
+    )  # fmt: skip

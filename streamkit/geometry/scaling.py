@@ -1,0 +1,59 @@
+"""Scaling of images: where pixels and turned boxes go."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from streamkit.geometry.homography import FloatArray, normalised
+
+
+def scaling_homography(before: tuple[int, int], after: tuple[int, int]) -> FloatArray:
+    """Maps pixels of an image to those of the scaled one, so that the borders of both coincide.
+
+    Args:
+        before: width and height, px.
+        after: width and height of the scaled image, px.
+
+    Returns:
+        float64[3, 3], axis-parallel.
+    """
+    across, down = after[0] / before[0], after[1] / before[1]
+    return np.array([[across, 0.0, (across - 1.0) / 2.0], [0.0, down, (down - 1.0) / 2.0], [0.0, 0.0, 1.0]])
+
+
+def scale_points(scaling: FloatArray, points: FloatArray) -> FloatArray:
+    """Points, float64[n, 2] x y, of an image in pixels of the scaled one."""
+    return np.asarray(points * np.diag(scaling)[:2] + scaling[:2, 2])
+
+
+def scale_boxes(
+    scaling: FloatArray, lengths: FloatArray, widths: FloatArray, angles: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Lengths, widths and angles of turned boxes, float64[n] each, in the scaled image."""
+    across, down = float(scaling[0, 0]), float(scaling[1, 1])
+    cos, sin = np.cos(angles), np.sin(angles)
+    return (
+        lengths * np.hypot(across * cos, down * sin),
+        widths * np.hypot(across * sin, down * cos),
+        np.arctan2(down * sin, across * cos),
+    )
+
+
+def scale_homographies(
+    scaling: FloatArray, previous_scaling: FloatArray, to_previous: FloatArray, to_reference: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Homographies of a frame in pixels of the scaled frames; those that are not finite stay.
+
+    Args:
+        scaling: float64[3, 3], maps pixels of the frame to the scaled frame.
+        previous_scaling: the same for the previous frame.
+        to_previous: float64[3, 3], maps pixels of the frame to the previous frame.
+        to_reference: float64[3, 3], maps pixels of the frame to a plane that is not scaled.
+
+    Returns:
+        The same two for the scaled frames, each with 1 as its last element.
+    """
+    inverse = np.linalg.inv(scaling)
+    found = previous_scaling @ to_previous @ inverse, to_reference @ inverse
+    first, second = (normalised(matrix) if np.isfinite(matrix).all() else matrix for matrix in found)
+    return first, second
