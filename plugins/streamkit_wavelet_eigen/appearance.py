@@ -43,6 +43,9 @@ class AppearanceModel:
         start: initial space, or None.
         gallery: labelled windows; may be empty.
 
+    Attributes:
+        space: the newest space; None before the first.
+
     Raises:
         ValueError: there are too many labelled windows.
     """
@@ -56,16 +59,12 @@ class AppearanceModel:
         )
         self._prepared_gallery = prepare_gallery(gallery, settings.recipe)
         self._recogniser: Recogniser | None = None
+        self.space = start
 
     @property
     def gallery(self) -> Gallery:
         """The labelled windows so far."""
         return self._prepared_gallery.gallery
-
-    @property
-    def space(self) -> WaveletEigenSpace | None:
-        """The newest space; None before the first."""
-        return self._learner.space
 
     def process(
         self, windows: Windows, *, learn: bool, label: str
@@ -87,7 +86,7 @@ class AppearanceModel:
             # Consecutive frames are similar, and an update per frame would dominate the run time.
             most = max(self.settings.batch // FRAMES_PER_BATCH, FIRST_BATCH)
             training = prepared[usable]
-            self._learner.add(training if self.space is None else evenly_spaced(training, most))
+            self.space = self._learner.add(training if self.space is None else evenly_spaced(training, most))
         if label:
             gallery = self.gallery.with_windows(windows.patches[usable], label, self.settings.gallery_limit)
             self._prepared_gallery = self._prepared_gallery.extended(gallery, recipe)
@@ -100,7 +99,7 @@ class AppearanceModel:
 
     def _current_recogniser(self, space: WaveletEigenSpace) -> Recogniser | None:
         """The recogniser of this space and gallery, made anew when either has changed."""
-        if not len(self.gallery):
+        if not self._prepared_gallery.gallery.labels:
             return None
         current = self._recogniser
         if current is None or current.space is not space or current.gallery is not self._prepared_gallery:

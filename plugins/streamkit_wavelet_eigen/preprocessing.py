@@ -82,7 +82,9 @@ def prepare(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
     for first in range(0, count, chunk):
         part = patches[first : first + chunk]
         part = part if how.mode is Mode.RAW else _prepare_chunk(part, how)
-        prepared[first : first + chunk] = _approximated(part, how)
+        for _ in range(how.approximation):
+            part = _approximation(part, how.wavelet)
+        prepared[first : first + chunk] = part
     return prepared
 
 
@@ -99,15 +101,13 @@ def _prepare_chunk(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
     return restored
 
 
-def _approximated(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
-    """The LL band of `approximation` levels, scaled back to grey levels."""
-    for _ in range(how.approximation):
-        height, width = patches.shape[1:]
-        rows, columns = transform_matrix(how.wavelet, height), transform_matrix(how.wavelet, width)
-        low: FloatBatch = rows[: height // 2] @ (patches @ columns[: width // 2].T)
-        low *= np.float32(0.5)
-        patches = low
-    return patches
+def _approximation(patches: FloatBatch, wavelet: str) -> FloatBatch:
+    """The LL band of one level, scaled back to grey levels."""
+    height, width = patches.shape[1:]
+    rows, columns = transform_matrix(wavelet, height), transform_matrix(wavelet, width)
+    low: FloatBatch = rows[: height // 2] @ (patches @ columns[: width // 2].T)
+    low *= np.float32(0.5)
+    return low
 
 
 def threshold_details(bands: Subbands, rule: Threshold) -> Subbands:

@@ -41,7 +41,8 @@ class Subbands:
     @property
     def ll(self) -> FloatBatch:
         """Low-pass in x and y, float32[n, h / 2, w / 2]; values reach 2 times the grey level."""
-        return self.quarters[:, 0, :, 0]
+        height, width = self.coefficients.shape[1:]
+        return self.coefficients[:, : height // 2, : width // 2]
 
 
 @lru_cache(maxsize=32)

@@ -158,7 +158,7 @@ class Transform(Element):
 
     def with_src_caps(self, frame: Frame) -> Frame:
         """Sends the caps of an output frame if they changed; returns the frame with the src pad's caps."""
-        pad = self.src_pad
+        pad = self.pads["src"]
         caps = frame.caps
         if caps is pad.caps:
             return frame

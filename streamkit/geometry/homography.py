@@ -94,34 +94,27 @@ def centre(shape: tuple[int, int]) -> FloatArray:
     return np.array([(width - 1) / 2, (height - 1) / 2])
 
 
-def from_reduced(matrix: FloatArray, factor: int) -> FloatArray:
+def from_reduced(matrix: FloatArray, factor: float) -> FloatArray:
     """Lifts a homography between images reduced by an integer factor to the full-size pixels.
 
     Averaging `factor` by `factor` blocks puts reduced pixel x at full-size x * factor + (factor - 1) / 2.
 
     Args:
         matrix: float64[3, 3] between two reduced images.
-        factor: reduction of both sides, 1 or more.
+        factor: reduction of both sides.
 
     Returns:
         float64[3, 3] between the two full-size images.
     """
-    return normalised(_lift(factor) @ matrix @ _lower(factor))
+    offset, reduced = (factor - 1) / 2, (1 - factor) / (2 * factor)
+    lift = np.array([[factor, 0, offset], [0, factor, offset], [0, 0, 1]])
+    lower = np.array([[1 / factor, 0, reduced], [0, 1 / factor, reduced], [0, 0, 1]])
+    return normalised(lift @ matrix @ lower)
 
 
 def to_reduced(matrix: FloatArray, factor: int) -> FloatArray:
     """Lowers a homography between full-size images to images reduced by `factor`; undoes `from_reduced`."""
-    return normalised(_lower(factor) @ matrix @ _lift(factor))
-
-
-def _lift(factor: int) -> FloatArray:
-    offset = (factor - 1) / 2
-    return np.array([[factor, 0, offset], [0, factor, offset], [0, 0, 1]])
-
-
-def _lower(factor: int) -> FloatArray:
-    offset = (1 - factor) / (2 * factor)
-    return np.array([[1 / factor, 0, offset], [0, 1 / factor, offset], [0, 0, 1]])
+    return from_reduced(matrix, 1 / factor)
 
 
 def corner_shift(matrix: FloatArray, shape: tuple[int, int]) -> float:

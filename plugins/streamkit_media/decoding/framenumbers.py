@@ -76,7 +76,7 @@ class FrameNumbers:
         sequence = self._sequences.get(self._sequence_of.get(bits.unsigned(), -1))
         if sequence is None:
             return False
-        bits.skip(2 if sequence.has_planes else 0)
+        bits.read(2 if sequence.has_planes else 0)
         number, before = bits.read(sequence.bits), self._reference
         if unit[0] & 0x60:
             self._reference = number
@@ -115,9 +115,6 @@ class _Bits:
         self._rest -= value << self._left
         return value
 
-    def skip(self, count: int) -> None:
-        self.read(count)
-
     def unsigned(self) -> int:
         return self.read(2 * (self._left - self._rest.bit_length()) + 1) - 1
 
@@ -129,14 +126,14 @@ class _Bits:
 def _sequence(unit: bytes) -> Sequence:
     bits = _Bits(unit[1:PARAMETER_BYTES])
     profile = bits.read(8)
-    bits.skip(16)
+    bits.read(16)
     number, has_planes = bits.unsigned(), False
     if profile in HIGH_PROFILES:
         chroma = bits.unsigned()
         has_planes = chroma == 3 and bool(bits.read(1))
         bits.unsigned()  # depth of luma
         bits.unsigned()  # depth of chroma
-        bits.skip(1)
+        bits.read(1)
         if bits.read(1):
             _skip_scaling(bits, 8 if chroma != 3 else 12)
     size = bits.unsigned() + 4
@@ -144,7 +141,7 @@ def _sequence(unit: bytes) -> Sequence:
     if order == 0:
         bits.unsigned()
     elif order == 1:
-        bits.skip(1)
+        bits.read(1)
         bits.signed()
         bits.signed()
         for _ in range(bits.unsigned()):

@@ -102,7 +102,7 @@ class VideoDecoder(Generic[Origin]):
         self._pending[self._count] = origin
         if len(self._pending) > PENDING_LIMIT:
             self._pending.popitem(last=False)
-        return self._found(self._decoded(packet), origin)
+        return self._decoded(packet, origin)
 
     def flush(self) -> list[tuple[VideoFrame, Origin]]:
         """The frames still held; nothing may be decoded after it.
@@ -113,22 +113,23 @@ class VideoDecoder(Generic[Origin]):
         if not self._count:
             return []
         last = next(reversed(self._pending.values()), None)
-        frames = self._decoded(None)
-        return [] if last is None else self._found(frames, last)
+        return self._decoded(None, last)
 
-    def _decoded(self, packet: Packet[Stream] | None) -> list[VideoFrame]:
+    def _decoded(
+        self, packet: Packet[Stream] | None, fallback: Origin | None
+    ) -> list[tuple[VideoFrame, Origin]]:
         try:
-            return self._context.decode(packet)
+            frames = self._context.decode(packet)
         except FFmpegError:
             self._accounted += 1
             raise
-
-    def _found(self, frames: list[VideoFrame], fallback: Origin) -> list[tuple[VideoFrame, Origin]]:
         found = []
         for frame in frames:
             is_pending = frame.pts in self._pending
             self._accounted += is_pending
-            found.append((frame, self._pending.pop(frame.pts or 0) if is_pending else fallback))
+            origin = self._pending.pop(frame.pts or 0) if is_pending else fallback
+            if origin is not None:
+                found.append((frame, origin))
         return found
 
 

@@ -21,11 +21,6 @@ class PlayRange:
     start_s: float
     stop_s: float | None
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether nothing is left out."""
-        return not self.start_s and self.stop_s is None
-
     def seek(self, container: InputContainer, stream: Stream) -> None:
         """Goes to the key frame at or before the start.
 
@@ -44,7 +39,7 @@ class PlayRange:
 
     def within(self, frame: Frame, packet: Packet[Stream], stream: Stream, kind: StreamKind) -> Frame | None:
         """The frame of a packet, marked decode-only where it lies outside; None where it is not needed."""
-        if self.is_whole:
+        if not self.start_s and self.stop_s is None:
             return frame
         shown = packet.pts if packet.pts is not None else packet.dts
         if shown is None:
