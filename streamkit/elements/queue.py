@@ -283,7 +283,13 @@ class Queue(Element):
                 if self._is_halted:
                     raise Flushing(self.name)
                 if self._may_read():
-                    return self._popped()
+                    item = self.pending.popleft()
+                    if self._waits_for_room:
+                        self._notify_upstream()
+                    if self._has_head_gap and isinstance(item, Frame):
+                        self._has_head_gap = False
+                        item = item.replace(flags=item.flags | FrameFlags.DISCONTINUITY)
+                    return item
                 is_empty = not self.pending.items
             if is_empty:
                 self._emit(self.on_underrun)
@@ -304,15 +310,6 @@ class Queue(Element):
             and (self.min_threshold_time == 0 or pending.time_ns >= self.min_threshold_time)
         )
         return is_past_thresholds or not isinstance(pending.items[-1], Frame) or self._is_full()
-
-    def _popped(self) -> Frame | Event:
-        item = self.pending.popleft()
-        if self._waits_for_room:
-            self._notify_upstream()
-        if self._has_head_gap and isinstance(item, Frame):
-            self._has_head_gap = False
-            return item.replace(flags=item.flags | FrameFlags.DISCONTINUITY)
-        return item
 
     def _park(self) -> None:
         """Waits until a flush ends; without a flush, ends streaming."""
