@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+from typing_extensions import override
+
 from streamkit import (
     Caps,
     Capture,
@@ -84,8 +86,8 @@ class PoseSync(Combine):
         is_url = self.location.startswith("file://")
         return Path(unquote(urlsplit(self.location).path) if is_url else self.location)
 
+    @override
     def stop(self) -> None:
-        """Closes the file."""
         if self._file is not None:
             self._file.close()
 

@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit import Caps, Frame, Transform
 from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.telemetryreader import TelemetryReader
@@ -24,8 +26,8 @@ class TelemetryParse(Transform):
     sink = "meta/x-klv; text/x-raw"
     src = "application/json"
 
+    @override
     def start(self) -> None:
-        """Creates the reader."""
         self._decoder = TelemetryReader()
         self._caps = Caps("application/json")
         self._last: Frame | None = None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from typing_extensions import override
+
 from streamkit import Caps, Frame, Pose, Property, Track, Tracks, TrackState, Transform
 from streamkit_telemetry.st0601writer import (
     Platform,
@@ -42,8 +44,8 @@ class VmtiEncode(Transform):
 
     system_name: str = Property("streamkit", doc="VMTI System Name, at most 32 bytes.")
 
+    @override
     def start(self) -> None:
-        """Nothing has been warned about."""
         self._caps = Caps(KLV_CAPS)
         self._warned: set[str] = set()
 

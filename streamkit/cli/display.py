@@ -9,6 +9,7 @@ import time
 from typing import TYPE_CHECKING
 
 import typer
+from typing_extensions import override
 
 from streamkit.cli.table import age_text, as_line, as_table, measure_rows
 from streamkit.graph.statistics import RunStatistics
@@ -76,8 +77,8 @@ class Progress(Display):
     _frames = 0
     _frames_s = 0.0
 
+    @override
     def draw(self) -> None:
-        """Redraws the line."""
         self._write(self.measure())
 
     def _write(self, now: RunStatistics, *, is_last: bool = False) -> None:
@@ -127,8 +128,8 @@ class Lines(Display):
         super().__init__(pipeline)
         self.every_second = every_second
 
+    @override
     def draw(self) -> None:
-        """Prints a line."""
         if not self.every_second:
             return
         now = self.measure()
@@ -182,8 +183,8 @@ class Table(Lines):
         else:
             self._live.console.print(presentable(line), markup=False, highlight=False)
 
+    @override
     def end(self) -> None:
-        """Draws the table of the whole run."""
         if self.last is not None:
             self._update(self.last, None)
         if self._live is not None:

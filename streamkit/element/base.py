@@ -8,7 +8,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 from streamkit.element.pad import Pad, PadOwner
 from streamkit.element.property import PropertyDeclaration, declared_properties
@@ -20,13 +20,31 @@ from streamkit.flow.events import FlowStop
 from streamkit.flow.messages import Message, MessageKind
 
 if TYPE_CHECKING:
-    from streamkit.element.host import Host
     from streamkit.flow.events import Event
     from streamkit.flow.frame import Frame
 
 log = logging.getLogger("streamkit")
 AT_WORK, IDLE = b"10"
 POLL_S = 0.5  # interval at which waits check `stopping`, in case a notification is missed
+
+
+class Host(Protocol):
+    """The running graph, as elements see it."""
+
+    def pad_added(self, pad: Pad) -> None:
+        """Tries the delayed links of a pad that was added while the graph streams."""
+
+    def no_more_pads(self, element: Element) -> None:
+        """Reports delayed links of an element that adds no more pads."""
+
+    def reconfigure(self, element: Element) -> None:
+        """Renegotiates upstream of an element whose accepted caps have changed."""
+
+    def sink_ended(self, element: Element) -> None:
+        """A sink has drained after EOS."""
+
+    def prerolled(self, element: Element) -> None:
+        """A sink of the paused graph holds its first frame."""
 
 
 class Element(PadOwner):

@@ -7,6 +7,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad, PadTemplate
 from streamkit.errors import StreamkitError
@@ -66,8 +68,8 @@ class Combine(Element):
             found = found | (sink.peer.query_caps() if sink.peer is not None else ANY)
         return found if found else ANY
 
+    @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that is called with each frame of a pad."""
         name = pad.name
 
         def receive(frame: Frame) -> None:
@@ -195,8 +197,8 @@ class Split(Element):
                 met[left_out] = common
             pad.known_caps = pad.template.caps & met[left_out]
 
+    @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that is called with each frame."""
 
         def receive(frame: Frame) -> None:
             for name, out in self.split(frame).items():
@@ -222,8 +224,8 @@ class Split(Element):
         if stop is not None and not isinstance(stop, NotLinked):
             raise stop
 
+    @override
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
-        """Adds a branch."""
         made = super().request_pad(template, name)
         if self.host is not None:
             self.pads_changed()

@@ -6,6 +6,8 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.base import AT_WORK, IDLE, Element
 from streamkit.element.pad import Pad
 from streamkit.flow.caps import ANY, Caps
@@ -76,8 +78,8 @@ class Source(Element):
         """The first src pad."""
         return next(self.src_pads())
 
+    @override
     def query_live(self) -> bool:
-        """Whether the source is live."""
         return self.is_live
 
     def hold(self, held: bool) -> None:

@@ -6,6 +6,8 @@ import contextlib
 from collections.abc import Iterable
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad
 from streamkit.flow.caps import Caps
@@ -67,8 +69,8 @@ class Transform(Element):
         """The src pad."""
         return self.pads["src"]
 
+    @override
     def query_caps(self, pad: Pad) -> Caps:
-        """Caps that the pad can carry, given those of the other side."""
         if pad.is_src and pad is not self.src_pad:
             return pad.template.caps
         other = self.pads["sink" if pad.is_src else "src"]

@@ -6,6 +6,8 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.elements.frame_report import Callbacks
@@ -41,6 +43,9 @@ class AppSink(PlainSink):
     max_bytes: int = Property(0, min=0, max=UINT64, live=True, unit="bytes", doc="Size limit; 0 is none.")
     max_time: int = Property(0, min=0, max=UINT64, live=True, unit="ns", doc="Time limit; 0 is none.")
     drop: bool = Property(False, live=True, doc="Drop the oldest frame if full instead of waiting.")
+    current_level_buffers: int = Property(0, read=lambda s: s.pending.buffers, doc="Number of queued frames.")
+    current_level_bytes: int = Property(0, read=lambda s: s.pending.bytes, unit="bytes", doc="Queued bytes.")
+    current_level_time: int = Property(0, read=lambda s: s.pending.time_ns, unit="ns", doc="Queued time.")
     eos: bool = Property(True, read=lambda s: s._is_over(), doc="Whether nothing more can be pulled.")
     emit_signals: bool = Property(False, live=True, doc="Call `on_new_sample` and the other callbacks.")
 
@@ -53,27 +58,12 @@ class AppSink(PlainSink):
         self._was_started = False
         super().__init__(name, **properties)
 
-    @property
-    def current_level_buffers(self) -> int:
-        """Number of queued frames."""
-        return self.pending.buffers
-
-    @property
-    def current_level_bytes(self) -> int:
-        """Queued bytes."""
-        return self.pending.bytes
-
-    @property
-    def current_level_time(self) -> int:
-        """Queued time, ns."""
-        return self.pending.time_ns
-
+    @override
     def query_caps(self, pad: Pad) -> Caps:
-        """The property `caps`."""
         return self.caps or ANY
 
+    @override
     def start(self) -> None:
-        """Resets the state of an earlier run."""
         super().start()
         self._forget()
         self._was_started = True
@@ -90,8 +80,8 @@ class AppSink(PlainSink):
             self._preroll = None
             self.changed.notify_all()
 
+    @override
     def property_changed(self, name: str) -> None:
-        """Wakes waiting threads."""
         super().property_changed(name)
         self.wake()
 
@@ -138,15 +128,15 @@ class AppSink(PlainSink):
                 self.changed.notify_all()
         super().receive_event(pad, event)
 
+    @override
     def drain(self) -> None:
-        """Wakes waiting callers at EOS."""
         super().drain()
         self.wake()
         if self.emit_signals:
             self.on_eos.emit(self)
 
+    @override
     def flush(self, *, begins: bool) -> None:
-        """A flush drops queued frames."""
         super().flush(begins=begins)
         self._forget()
 

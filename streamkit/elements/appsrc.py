@@ -6,6 +6,8 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
 from streamkit.element.source import Source
@@ -87,12 +89,12 @@ class AppSrc(Source):
             self.caps = ANY
         self.wake()
 
+    @override
     def duration_ns(self) -> int | None:
-        """The property `duration`."""
         return None if self.duration == UINT64 else self.duration
 
+    @override
     def latency(self) -> tuple[int, int | None]:
-        """The properties `min-latency` and `max-latency`."""
         return max(0, self.min_latency), None if self.max_latency < 0 else self.max_latency
 
     def stop(self) -> None:
@@ -197,8 +199,8 @@ class AppSrc(Source):
 
     # Called in the streaming thread.
 
+    @override
     def frames(self) -> Iterator[Frame | Event]:
-        """Yields what was pushed, in order."""
         self._taken = 0
         try:
             while self._taken != self.num_buffers:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
 from streamkit.element.transform import Transform
@@ -37,8 +39,8 @@ class CapsFilter(Transform):
         self._previous: list[Caps] = []
         super().__init__(name, **properties)
 
+    @override
     def start(self) -> None:
-        """Forgets the caps of an earlier run."""
         self._previous = []
 
     def property_changed(self, name: str) -> None:
@@ -70,6 +72,6 @@ class CapsFilter(Transform):
         """Always: negotiation has checked the caps."""
         return True
 
+    @override
     def transform(self, frame: Frame) -> Frame:
-        """Returns the same frame."""
         return frame

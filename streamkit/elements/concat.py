@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.branching import Combine
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
@@ -41,12 +43,12 @@ class Concat(Combine):
         self._end_ns = 0
         super().__init__(name, **properties)
 
+    @override
     def start(self) -> None:
-        """Resets the state of an earlier run."""
         self._end_ns = 0
 
+    @override
     def combine(self, pad_name: str, frame: Frame) -> Frame:
-        """Forwards the frame."""
         return frame
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:

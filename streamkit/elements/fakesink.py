@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
 from streamkit.elements.frame_report import Callbacks, report_frame
@@ -85,13 +87,13 @@ class FakeSink(PlainSink):
             and self.num_buffers < 0
         )
 
+    @override
     def preroll(self, frame: Frame | None) -> None:
-        """Calls `on_preroll_handoff`."""
         if frame is not None and self.signal_handoffs:
             self.on_preroll_handoff.emit(frame, self.pads["sink"])
 
+    @override
     def render(self, frame: Frame) -> None:
-        """Counts the frame."""
         if self._is_plain:
             self.count += 1
             self.last_frame = frame

@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
 from streamkit.element.source import Source
@@ -102,8 +104,8 @@ class FakeSrc(Source):
             )
         return allowed
 
+    @override
     def frames(self) -> Iterator[Frame]:
-        """Yields frames numbered from 0."""
         caps = self.src_pad.caps or ANY
         clock = self.clock
         now_ns = time.monotonic_ns if type(clock) is SystemClock else clock.monotonic_ns

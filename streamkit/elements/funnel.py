@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing_extensions import override
+
 from streamkit.element.branching import Combine
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
@@ -30,8 +32,8 @@ class Funnel(Combine):
             name = f"funnelpad{number}"
         return super().request_pad(template, name)
 
+    @override
     def combine(self, pad_name: str, frame: Frame) -> Frame:
-        """Forwards the frame."""
         return frame
 
     def switched(self, pad: Pad) -> None:

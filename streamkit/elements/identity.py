@@ -5,6 +5,8 @@ from __future__ import annotations
 import random
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.transform import Transform
@@ -67,8 +69,8 @@ class Identity(Transform):
         self.start()
         super().__init__(name, **properties)
 
+    @override
     def property_changed(self, name: str) -> None:
-        """Parses the flags to drop."""
         if name != "drop_buffer_flags":
             return
         words = [word for word in self.drop_buffer_flags.split("+") if word]
@@ -81,8 +83,8 @@ class Identity(Transform):
         self._flags = sum(FLAGS[word] for word in words if word in FLAGS)
         self._drops_delta_units = DELTA_UNIT in words
 
+    @override
     def start(self) -> None:
-        """Resets the counters."""
         self._random = random.Random(self.seed)
         self._count = self._bytes = 0
         self._end_ns: int | None = None
@@ -100,8 +102,8 @@ class Identity(Transform):
             self.check_imperfect_offset,
         ))  # fmt: skip
 
+    @override
     def transform(self, frame: Frame) -> Frame | None:
-        """Counts, checks, drops, timestamps and delays, in GStreamer's order."""
         self._count += 1
         self._bytes += data_size(frame.data)
         if self.check_imperfect_timestamp:

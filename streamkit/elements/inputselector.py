@@ -6,6 +6,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.branching import Combine
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
@@ -54,8 +56,8 @@ class InputSelector(Combine):
         self._cached: dict[str, deque[Frame]] = {}
         super().__init__(name, **properties)
 
+    @override
     def start(self) -> None:
-        """Resets the state of an earlier run."""
         self._time_ns = None
         self._cached = {}
 
@@ -69,8 +71,8 @@ class InputSelector(Combine):
         name = self.active_pad
         return next(self.sink_pads(), None) if name is None else self.pads.get(name)
 
+    @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that is called with each frame of a pad."""
 
         def receive(frame: Frame) -> None:
             if pad.is_eos:
@@ -174,6 +176,6 @@ class InputSelector(Combine):
             self._cached = {}
         self.wake()
 
+    @override
     def stop(self) -> None:
-        """Releases cached frames."""
         self._cached = {}

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.branching import Split
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
@@ -60,13 +62,13 @@ class OutputSelector(Split):
         active = self._active()
         return ANY if active is None else active.peer_caps()
 
+    @override
     def split(self, frame: Frame) -> Mapping[str, Frame]:
-        """Returns the frame for the active branch."""
         active = self._active()
         return {} if active is None else {active.name: frame}
 
+    @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that is called with each frame."""
         receive = super().receiver(pad)
 
         def remember(frame: Frame) -> None:
@@ -96,7 +98,7 @@ class OutputSelector(Split):
         if self.pad_negotiation_mode is Negotiation.ACTIVE:
             self.reconfigure()
 
+    @override
     def stop(self) -> None:
-        """Releases the newest frame."""
         self._latest = None
         self._switched = False

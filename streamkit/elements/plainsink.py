@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.sink import Sink
@@ -38,8 +40,8 @@ class PlainSink(Sink):
         dropped = sum(self.drops.values())
         return f"application/x-sink-stats, rendered={self.count}, dropped={dropped}"
 
+    @override
     def start(self) -> None:
-        """Resets the counters."""
         self.count = 0
         self.last_frame = None
         self._has_ended = False
@@ -52,8 +54,8 @@ class PlainSink(Sink):
         if not self._keeps_last:
             self.last_frame = None
 
+    @override
     def property_changed(self, name: str) -> None:
-        """Applies the property from the next frame on."""
         self.apply_state()
 
     def receive_event(self, pad: Pad, event: Event) -> None:

@@ -6,6 +6,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
@@ -103,16 +105,16 @@ class Queue(Element):
         """From the time threshold to the time limit."""
         return self.min_threshold_time, self.max_size_time or None
 
+    @override
     def query_caps(self, pad: Pad) -> Caps:
-        """Caps of the other side."""
         return self.pads["sink" if pad.is_src else "src"].peer_caps()
 
     def property_changed(self, name: str) -> None:
         """Wakes both threads to apply new limits."""
         self.wake()
 
+    @override
     def wake(self) -> None:
-        """Notifies both threads."""
         with self._lock:
             self._notify_upstream()
             self._notify_downstream()
@@ -132,8 +134,8 @@ class Queue(Element):
 
     # Called in the upstream thread.
 
+    @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that is called with each frame."""
         return self._put
 
     def _put(self, frame: Frame) -> None:
@@ -338,7 +340,7 @@ class Queue(Element):
             self._flush_over.set()
         self.wake()
 
+    @override
     def stop(self) -> None:
-        """Drops queued frames."""
         with self._lock:
             self.pending.keep([])

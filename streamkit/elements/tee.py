@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from typing_extensions import override
+
 from streamkit.element.branching import Split
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
@@ -29,12 +31,12 @@ class Tee(Split):
     silent: bool = Property(True, live=True, doc="Keep no text in last-message.")
     last_message: str | None = Property(None, readonly=True, doc="The last action.")
 
+    @override
     def split(self, frame: Frame) -> Mapping[str, Frame]:
-        """Returns the frame for every branch."""
         return dict.fromkeys((pad.name for pad in self.src_pads()), frame)
 
+    @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        """The function that is called with each frame."""
         self.pads_changed()
 
         def receive(frame: Frame) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
@@ -41,8 +43,8 @@ class Valve(Transform):
         self._held: dict[type, Event] = {}
         super().__init__(name, **properties)
 
+    @override
     def start(self) -> None:
-        """Resets the state of an earlier run."""
         self._was_closed = False
         self._held = {}
 

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.transform import Transform
@@ -68,8 +70,8 @@ class VideoRate(Transform):
         self._last_ns: int | None = None
         self._average_ns = 0
 
+    @override
     def start(self) -> None:
-        """Resets the counters."""
         self._in = self._out = self._dropped = self._repeated = 0
         self._start_ns = 0
         self._forget()

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from typing_extensions import override
+
 from streamkit.flow.caps_algebra import intersect_values, is_subset_value, values_equal
 from streamkit.flow.caps_serialize import write_structure
 from streamkit.flow.caps_values import (
@@ -78,8 +80,8 @@ class Structure(NestedStructure):
                 return name
         return None
 
+    @override
     def is_subset(self, other: Structure) -> bool:
-        """Whether this is a subset of the other structure."""
         if self.name != other.name:
             return False
         if other.features != ANY_FEATURES and not self.same_features(other):

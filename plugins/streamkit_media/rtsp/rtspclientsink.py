@@ -6,6 +6,8 @@ import threading
 import time
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink
 from streamkit_media.codecs import CodecParameters, caps_parameters
 from streamkit_media.location import redact
@@ -101,8 +103,8 @@ class RtspClientSink(RtspEndpoint, Sink):
             if self._backoff.tries and time.monotonic() < self._retry_s:
                 self.post_warning(f"{self._where}: the stream ended while there was no connection")
 
+    @override
     def stop(self) -> None:
-        """Ends the connection and its process."""
         if not self._working.acquire(timeout=STOP_LIMIT_S):
             raise ResourceError(f"{self._where}: a frame is still being sent after {STOP_LIMIT_S:g} s")
         try:

@@ -7,6 +7,8 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit import (
     Caps,
     Direction,
@@ -132,14 +134,14 @@ class RtspSrc(RtspEndpoint, Source):
             if not self._tries_again(failure):
                 return
 
+    @override
     def interrupt(self) -> None:
-        """Wakes the source's thread."""
         connection = self._connection
         if connection is not None:
             connection.queue.wake()
 
+    @override
     def stop(self) -> None:
-        """Ends the connection and the thread that reads it."""
         deadline = time.monotonic() + STOP_LIMIT_S
         self._disconnect(STOP_LIMIT_S)
         ended = [reader.end(max(0.0, deadline - time.monotonic())) for reader in self._abandoned]
