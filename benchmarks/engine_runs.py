@@ -1,4 +1,4 @@
-"""Runs pipelines for `engine.py`, in one process for each engine, and tells how long each took.
+"""Runs pipelines for `engine.py`, in one process for each engine, and measures their time.
 
     python engine_runs.py streamkit            /usr/bin/python3 engine_runs.py gstreamer
 

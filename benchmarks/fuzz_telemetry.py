@@ -119,7 +119,7 @@ CASES: tuple[Callable[[random.Random], None], ...] = (
 
 
 def is_documented(error: Exception) -> bool:
-    """Whether an error is one that users are told of, and not what an element did not foresee."""
+    """Whether an error is one for users, and not an unexpected exception of an element."""
     return isinstance(error.cause if isinstance(error, ElementFailure) else error, StreamkitError)
 
 

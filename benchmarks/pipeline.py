@@ -217,7 +217,7 @@ def peers(video: Path, python: str, seconds: float) -> None:
     """The plain script, on the file and live."""
     script = str(HERE / "pipeline_peer.py")
 
-    def told(name: str, location: str) -> None:
+    def print_result(name: str, location: str) -> None:
         with process(script, location, str(seconds), python=python) as child:
             line = child.communicate(timeout=seconds + 120)[0].splitlines()[-1]
         found = json.loads(line)
@@ -228,10 +228,10 @@ def peers(video: Path, python: str, seconds: float) -> None:
             flush=True,
         )
 
-    told("file", str(video))
+    print_result("file", str(video))
     with process(__file__, "serve", str(video)) as server:
         assert server.stdout is not None
-        told("live", server.stdout.readline().strip())
+        print_result("live", server.stdout.readline().strip())
 
 
 def main() -> None:

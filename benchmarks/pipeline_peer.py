@@ -3,7 +3,7 @@
     python benchmarks/pipeline_peer.py LOCATION SECONDS
 
 Runs with OpenCV alone, also in an environment of its own with opencv-contrib for CSRT; prints one JSON line.
-How far a live stream is behind is told against its first frames: how much more wall clock than video passed.
+The delay of a live stream is relative to its first frames: wall-clock time minus stream time since then.
 """
 
 import json

@@ -66,8 +66,8 @@ def is_secret_name(name: str) -> bool:
 def mask_secrets(text: str) -> str:
     """The text with every secret in it replaced by `MASK`.
 
-    Where it cannot be told whether a character belongs to a password, it is masked. Masking the masked
-    text again changes nothing.
+    A character that may or may not belong to a password is masked. Masking the masked text again changes
+    nothing.
     """
     # A mask may join what stood before and behind a secret into one more value: mask until that is done.
     while (masked := _replaced(text, lambda _: MASK)) != text:

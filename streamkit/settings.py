@@ -19,7 +19,7 @@ TRAITS = "streamkit.traits"
 
 @dataclass(frozen=True, slots=True)
 class Traits:
-    """What is told about a property besides its default.
+    """The traits of a property besides its default.
 
     Attributes:
         minimum: smallest value allowed, or None.
@@ -70,5 +70,5 @@ def setting(
 
 
 def traits_of(field: dataclasses.Field[Any]) -> Traits | None:
-    """What is told about a field, or None for one that is no property."""
+    """The traits of a field, or None if it is no property."""
     return field.metadata.get(TRAITS)

@@ -1,6 +1,6 @@
-"""MISB EG 0104: the older universal set ("Predator"), as the tags of the local set that took its place.
+"""MISB EG 0104: the older universal set ("Predator"), decoded to the tags of its successor, the local set.
 
-The set has no checksum: it counts when its elements fit into it. Sensor angles are left out, because they
+The set has no checksum: it is valid if its elements fit into it. Sensor angles are left out, because they
 refer to the horizon and not to the platform.
 
 Source: MISB EG 0104.5, section 4; MISB ST 0601.12, section 8 (keys and types of the universal set).
@@ -25,7 +25,7 @@ def real(low: float, high: float, scale: float = 1.0) -> Decoder:
             raise BadKlv(f"a floating-point number has 4 or 8 bytes, got {len(data)}")
         (number,) = struct.unpack(">f" if len(data) == 4 else ">d", data)
         if not low <= number <= high:  # false for NaN too
-            raise BadKlv(f"a number of {low:g} to {high:g} is needed, got {number:g}")
+            raise BadKlv(f"a number must be {low:g} to {high:g}, got {number:g}")
         return float(number) * scale
 
     return decode

@@ -1,4 +1,4 @@
-"""KLV framing: packets found in a stream of bytes that may be cut anywhere, and may be damaged.
+"""KLV framing: finds packets in a byte stream that may be split anywhere and may be damaged.
 
 Source: SMPTE ST 336 (key, BER length, value); MISB ST 0601, "Checksum"; MISB EG 0104.
 """
@@ -22,7 +22,7 @@ UNIVERSAL_SET_KEY = rb"\x02\x01\x01.\x0e\x01\x01\x02\x01..."
 SET_KEY = re.compile(
     re.escape(KEY_PREFIX) + b"(?:" + LOCAL_SET_KEY + b"|" + UNIVERSAL_SET_KEY + b")", re.DOTALL
 )
-# A damaged length must not make us wait for a gigabyte.
+# A damaged length must not make the reader wait for a gigabyte.
 LONGEST_VALUE = 1 << 16
 CHECKSUM_HEAD = b"\x01\x02"
 # The universal set has 29 elements; without a limit a hostile stream makes each search long.
@@ -30,7 +30,7 @@ MOST_UNIVERSAL_ELEMENTS = 64
 
 
 class BadKlv(ValueError):
-    """Bytes that are not what the standard says."""
+    """The bytes violate the standard."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class KlvPacket:
 
     Attributes:
         key: 16 bytes.
-        value: what the length covers.
+        value: the bytes that the length counts.
         data: the whole packet, key to end.
     """
 
@@ -56,7 +56,7 @@ class KlvPacket:
 def checksum(data: bytes) -> int:
     """The 16-bit sum of a packet from its key to the checksum's own length byte.
 
-    Source: MISB ST 0601, "Checksum": bytes at even places count 256-fold, modulo 65536.
+    Source: MISB ST 0601, "Checksum": bytes at even offsets count 256 times, modulo 65536.
     """
     return (sum(data[0::2]) * 256 + sum(data[1::2])) & 0xFFFF
 
@@ -64,7 +64,7 @@ def checksum(data: bytes) -> int:
 def second_byte_sums(data: bytes) -> NDArray[np.int64]:
     """int64[n + 2]: entry i + 2 is the sum of the bytes i, i - 2, i - 4, ... of n bytes.
 
-    With it the checksum of any part is worked out in a moment, however many parts begin in the same bytes.
+    From it the checksum of any part takes constant time, however many candidates overlap.
     """
     values = np.frombuffer(data, np.uint8)
     sums = np.zeros(len(values) + 2, np.int64)
@@ -81,7 +81,7 @@ def checksum_from_sums(sums: NDArray[np.int64], begin: int, end: int) -> int:
 
 
 def read_length(data: bytes, at: int) -> tuple[int, int] | None:
-    """A BER length and where the value begins; None where the bytes end before it does.
+    """A BER length and the offset of the value; None if the bytes end within the length.
 
     Raises:
         BadKlv: the form is not allowed (indefinite or longer than eight bytes).
@@ -100,7 +100,7 @@ def read_length(data: bytes, at: int) -> tuple[int, int] | None:
 
 
 def read_tag(data: bytes, at: int) -> tuple[int, int] | None:
-    """A BER-OID tag and where its length begins; None where the bytes end before it does.
+    """A BER-OID tag and the offset of its length; None if the bytes end within the tag.
 
     Raises:
         BadKlv: the tag has more than four bytes.
@@ -150,14 +150,14 @@ def universal_elements(value: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 class KlvReader:
-    """Finds packets in bytes as they come; joins split ones, and finds its way again after damage.
+    """Finds packets in bytes as they arrive; joins split packets, and resynchronises after damage.
 
-    Looked for are the keys of the UAS local set and the universal set; other packets are passed over.
+    It searches for the keys of the UAS local set and the universal set, and skips other packets.
 
     Attributes:
-        good: packets with a checksum that fits, and universal sets whose elements fit.
-        bad: keys that began a packet whose checksum or form is wrong; nothing of them is used.
-        skipped: bytes that belong to no good packet.
+        good: packets with a correct checksum, and universal sets whose elements fit.
+        bad: keys that begin a packet with a wrong checksum or form; such packets are not used.
+        skipped: bytes outside of good packets.
     """
 
     def __init__(self) -> None:
@@ -183,7 +183,7 @@ class KlvReader:
             self.skipped += begin - at
             at = begin
             end = candidates.end_of(at)
-            # A key within a packet that never ends: its length is damaged, nothing is worth waiting for.
+            # Another key inside an incomplete packet: its length is damaged, so do not wait for its end.
             if end is None and not is_end and candidates.last_key <= at:
                 break
             packet = None if end is None else candidates.packet(at, end)
@@ -192,12 +192,12 @@ class KlvReader:
                 found.append(packet)
                 at += len(packet.data)
             else:
-                # Go on at the next key, not after the length, which may be damaged.
+                # Continue at the next key, not after the length, which may be damaged.
                 self.bad += 1
                 self.skipped += 1
                 at += 1
         else:
-            # The end may hold the beginning of a key.
+            # The last bytes may be the beginning of a key.
             kept = 0 if is_end else min(len(data) - at, KEY_BYTES - 1)
             self.skipped += len(data) - kept - at
             at = len(data) - kept
@@ -206,7 +206,7 @@ class KlvReader:
 
 
 class _Candidates:
-    """The places of some bytes where a packet may begin; each is looked at without going through the bytes.
+    """The offsets in a buffer at which a packet may begin; each is checked in constant time.
 
     Attributes:
         last_key: position of the last key of a set; -1 if there is none.
@@ -223,7 +223,7 @@ class _Candidates:
         return None if found is None else found.start()
 
     def end_of(self, at: int) -> int | None:
-        """Where the packet ends that begins here: `at` if its length is not allowed, None if beyond."""
+        """End of the packet at `at`: `at` itself if its length is invalid, None if it is incomplete."""
         try:
             length = read_length(self._data, at + KEY_BYTES)
         except BadKlv:
@@ -236,7 +236,7 @@ class _Candidates:
         return end if end <= len(self._data) else None
 
     def packet(self, begin: int, end: int) -> KlvPacket | None:
-        """The packet of this place; None where its checksum or form is wrong."""
+        """The packet from `begin` to `end`; None if its checksum or form is wrong."""
         length = read_length(self._data, begin + KEY_BYTES) if end > begin else None
         if length is None or end == length[1]:
             return None

@@ -1,4 +1,4 @@
-"""Samples of telemetry out of UAS local sets and universal sets, whose tags may come at different rates."""
+"""Samples of telemetry from UAS local sets and universal sets, whose tags may have different rates."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from streamkit_telemetry_formats.klv import BadKlv, KlvPacket, KlvReader
 from streamkit_telemetry_formats.sample import Position, Sample
 from streamkit_telemetry_formats.st0601 import LocalSet, decode_local_set
 
-HOLD_NS = 5_000_000_000  # a tag that is not sent again stays good this long
+HOLD_NS = 5_000_000_000  # validity of a tag that is not sent again
 ABOVE_ELLIPSOID, ABOVE_SEA = "misb", "misb above sea level"
 
 
 class MisbTelemetry:
-    """Bytes of a KLV stream to samples.
+    """Converts the bytes of a KLV stream to samples.
 
     Attributes:
         reader: counts good and bad packets.
-        without_position: good packets with no position to make a sample of.
-        broken_tags: values left out because they have not the length or the range that the standard gives.
+        without_position: good packets that give no sample because they have no position.
+        broken_tags: values left out because their length or range violates the standard.
     """
 
     def __init__(self) -> None:
@@ -28,17 +28,17 @@ class MisbTelemetry:
         self._clock_zero: int | None = None
 
     def feed(self, data: bytes, pts: int | None) -> list[Sample]:
-        """The samples of the packets that are complete with these bytes, which came for a time.
+        """The samples of the packets that these bytes complete.
 
         Args:
             data: any piece of the stream.
-            pts: on the video's line of time, ns. None where the stream has none: then times count from
-                the first packet by the platform's clock, and packets without it are skipped.
+            pts: on the video's timeline, ns. None if the stream has no timestamps: times then count from the
+                first packet by the platform's clock, and packets without that clock are skipped.
         """
         return self._samples(self.reader.feed(data), pts)
 
     def finish(self, pts: int | None) -> list[Sample]:
-        """What is left at the end."""
+        """The samples of the packets held back, at the end of the stream."""
         return self._samples(self.reader.finish(), pts)
 
     def _samples(self, packets: list[KlvPacket], pts: int | None) -> list[Sample]:
@@ -76,7 +76,7 @@ class MisbTelemetry:
 
 
 def sample_of(values: dict[int, int | float | str | bytes], pts: int) -> Sample | None:
-    """The sample that decoded tags make; None without a position."""
+    """The sample of decoded tags; None without a position."""
     numbers = {tag: float(value) for tag, value in values.items() if isinstance(value, int | float)}
     if 13 not in numbers or 14 not in numbers:
         return None
@@ -111,7 +111,7 @@ def _position(numbers: dict[int, float], latitude: int, longitude: int, elevatio
 
 
 def _corners(numbers: dict[int, float]) -> tuple[tuple[float, float], ...]:
-    """From the full corner tags, or else from the offsets to the frame's centre."""
+    """The corners by the full corner tags, else by the offsets from the frame's centre."""
     if set(range(82, 90)) <= numbers.keys():
         return tuple((numbers[tag], numbers[tag + 1]) for tag in range(82, 90, 2))
     if {23, 24, *range(26, 34)} <= numbers.keys():

@@ -1,4 +1,4 @@
-"""MISB ST 0601: what the tags of a UAS local set mean, in SI units.
+"""MISB ST 0601: decodes the tags of a UAS local set to SI units.
 
 Angles are rad except latitudes and longitudes, which stay deg (WGS84); pressures Pa, temperatures deg C,
 altitudes and distances m, speeds m/s, times UTC ns.
@@ -25,7 +25,7 @@ class Tag:
     """One element of the local set.
 
     Attributes:
-        name: in the standard's words.
+        name: as in the standard.
         unit: of the decoded value, or "".
         decode: bytes to value; None is the standard's "out of range" or "error".
     """
@@ -38,10 +38,10 @@ class Tag:
 def unsigned(
     low: float = 0.0, high: float | None = None, size: int = 0, scale: float = 1.0, most: int = 8
 ) -> Decoder:
-    """An unsigned integer, as it is or mapped linearly onto low..high; `size` bytes, 0 for one to `most`."""
+    """An unsigned integer, unscaled or mapped linearly onto low..high; `size` bytes, 0 for one to `most`."""
 
     def decode(data: bytes) -> Value:
-        _demand_size(data, size, most)
+        _check_size(data, size, most)
         number = int.from_bytes(data, "big")
         if high is None:
             return number if scale == 1.0 else number * scale
@@ -51,10 +51,10 @@ def unsigned(
 
 
 def signed(bound: float | None = None, size: int = 0, scale: float = 1.0, most: int = 8) -> Decoder:
-    """A signed integer, as it is or mapped onto -bound..bound; its lowest number then means "no value"."""
+    """A signed integer, unscaled or mapped onto -bound..bound; the lowest number then means "no value"."""
 
     def decode(data: bytes) -> Value:
-        _demand_size(data, size, most)
+        _check_size(data, size, most)
         number = int.from_bytes(data, "big", signed=True)
         if bound is None:
             return number if scale == 1.0 else number * scale
@@ -65,14 +65,14 @@ def signed(bound: float | None = None, size: int = 0, scale: float = 1.0, most: 
 
 
 def time(size: int = 0) -> Decoder:
-    """Microseconds since 1970 as ns; a time after the year 2262 is no 64-bit number of them."""
+    """Microseconds since 1970 as ns; times after the year 2262 do not fit into 64 bits and are refused."""
     microseconds = unsigned(size=size)
 
     def decode(data: bytes) -> Value:
         number = microseconds(data)
         assert isinstance(number, int)
         if number > LATEST_TIME_NS // 1000:
-            raise BadKlv(f"a time lies before the year 2263, got {number} us")
+            raise BadKlv(f"a time must be before the year 2263, got {number} us")
         return number * 1000
 
     return decode
@@ -82,12 +82,12 @@ def imapb(low: float, high: float, scale: float = 1.0, most: int = 8) -> Decoder
     """A floating-point number mapped onto an integer of one to `most` bytes (ST 1201)."""
 
     def decode(data: bytes) -> Value:
-        _demand_size(data, 0, most)
+        _check_size(data, 0, most)
         number = int.from_bytes(data, "big")
         span_bits, data_bits = math.ceil(math.log2(high - low)), 8 * len(data) - 1
         forward = 2.0 ** (data_bits - span_bits)
         offset = forward * low - math.floor(forward * low) if low < 0 < high else 0.0
-        # The highest bit alone is the upper end; with more bits it stands for infinities and the like.
+        # The highest bit alone is the upper end; with other bits set it codes infinities and NaN.
         value = (number - offset) / forward + low
         return None if number > 1 << data_bits or value > high else value * scale
 
@@ -95,20 +95,20 @@ def imapb(low: float, high: float, scale: float = 1.0, most: int = 8) -> Decoder
 
 
 def text(data: bytes) -> Value:
-    """Text in UTF-8; bytes that are not become marks."""
+    """Text in UTF-8; invalid bytes become replacement characters."""
     if len(data) > LONGEST_TEXT:
         raise BadKlv(f"a text has at most {LONGEST_TEXT} bytes, got {len(data)}")
     return data.decode("utf-8", "replace").rstrip("\0")
 
 
 def nested(data: bytes) -> Value:
-    """A set or pack of its own, left as bytes."""
+    """A nested set or pack, left as bytes."""
     return data
 
 
-def _demand_size(data: bytes, size: int, most: int = 8) -> None:
+def _check_size(data: bytes, size: int, most: int = 8) -> None:
     if not data or len(data) > (size or most) or (size and len(data) != size):
-        raise BadKlv(f"a value of {size or f'1 to {most}'} bytes is needed, got {len(data)}")
+        raise BadKlv(f"a value must have {size or f'1 to {most}'} bytes, got {len(data)}")
 
 
 RAD = math.pi / 180
@@ -265,8 +265,8 @@ class LocalSet:
 
     Attributes:
         values: by tag, in the units of `TAGS`; "no value" and unknown tags are left out.
-        unknown: tags that the table does not have.
-        broken: tags whose bytes are not what the standard says; their values are left out.
+        unknown: tags that are not in `TAGS`.
+        broken: tags whose bytes violate the standard; their values are left out.
     """
 
     values: dict[int, int | float | str | bytes]
@@ -275,7 +275,7 @@ class LocalSet:
 
 
 def decode_local_set(value: bytes) -> LocalSet:
-    """Decodes the value of a UAS local set whose checksum was good.
+    """Decodes the value of a UAS local set whose checksum is correct.
 
     Raises:
         BadKlv: its elements do not fit into it.

@@ -1,4 +1,4 @@
-"""Telemetry of either kind to samples, from streams and files, with counts of what was refused."""
+"""Reads KLV and subtitles from streams and files to samples, and counts what it refuses."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ CHUNK_BYTES = 1 << 16
 
 
 class TelemetryReader:
-    """Reads KLV and subtitles; what it refuses is counted and never raised."""
+    """Reads KLV and subtitles; invalid input is counted, and raises nothing."""
 
     def __init__(self) -> None:
         self._misb = MisbTelemetry()
         self._dji = DjiTelemetry()
         self._poses = 0
-        self._told = 0
+        self._reported = 0
         self._last_pts: int | None = None
 
     def klv(self, data: bytes, pts: int | None) -> list[Sample]:
@@ -38,7 +38,7 @@ class TelemetryReader:
         return self._counted(self._misb.feed(data, pts))
 
     def finish(self) -> list[Sample]:
-        """What is left of the KLV at the end."""
+        """The samples of KLV packets held back, at the end of the stream."""
         return self._counted(self._misb.finish(self._last_pts))
 
     def packet(self, data: Any, media_type: str, pts: int | None) -> list[Sample]:
@@ -70,7 +70,7 @@ class TelemetryReader:
         return samples
 
     def counts(self) -> dict[str, int]:
-        """Packets and texts seen, by outcome, for a message."""
+        """Packets and texts read, by outcome, for a message."""
         reader = self._misb.reader
         return {
             "poses": self._poses,
@@ -87,15 +87,15 @@ class TelemetryReader:
         return ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in self.counts().items())
 
     def complaint(self, at_end: bool = False) -> str:
-        """What was refused, in words, when it is first seen and then each time it has doubled; else "".
+        """The refusals in words: at the first one and each time their number has doubled; else "".
 
-        `at_end` also says what has been refused since the last time.
+        With `at_end` also the refusals since the last report.
         """
         counts = {name: count for name, count in self.counts().items() if name in REFUSALS and count}
         refused = sum(counts.values())
-        if refused == self._told or (refused < 2 * self._told and not at_end):
+        if refused == self._reported or (refused < 2 * self._reported and not at_end):
             return ""
-        self._told = refused
+        self._reported = refused
         return "; ".join(REFUSALS[name].format(count) for name, count in counts.items())
 
 
@@ -114,7 +114,7 @@ def holds_klv(path: Path) -> bool:
 
 
 class TelemetryFile:
-    """The samples of a file, in its order, times from its beginning; read as they are asked for.
+    """The samples of a file in its order, with times from its beginning; read on demand.
 
     Attributes:
         path: of the file.
@@ -131,7 +131,7 @@ class TelemetryFile:
         self.rewind()
 
     def rewind(self) -> None:
-        """Begins again; the same errors as at first."""
+        """Restarts at the beginning; raises the same errors as the constructor."""
         self.close()
         self.reader = TelemetryReader()
         is_klv = holds_klv(self.path)
@@ -165,7 +165,7 @@ class TelemetryFile:
             file.close()
 
     def _klv(self, file: IO[bytes]) -> Iterator[Sample]:
-        """Packets of a raw file have no time but the platform's clock: the first one's is zero."""
+        """Packets of a raw file have only the platform's clock; that of the first packet is time zero."""
         while data := file.read(CHUNK_BYTES):
             yield from self.reader.klv(data, None)
         yield from self.reader.finish()

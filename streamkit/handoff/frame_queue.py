@@ -10,7 +10,7 @@ from streamkit.flow.frame import Frame
 
 
 def data_size(data: Any) -> int:
-    """Bytes of an array, a packet or bytes; 0 where that cannot be told."""
+    """Bytes of an array, a packet or bytes; 0 for other objects."""
     if isinstance(data, bytes | bytearray | str):
         return len(data)
     size = getattr(data, "nbytes", None)

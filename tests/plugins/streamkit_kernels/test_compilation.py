@@ -57,7 +57,7 @@ def test_a_package_is_prepared_alone() -> None:
     assert not untouched.overloads  # type: ignore[attr-defined]
 
 
-def test_the_wait_is_told_where_there_is_one(tmp_path: Path) -> None:
+def test_the_wait_is_reported_where_there_is_one(tmp_path: Path) -> None:
     """Once, by the process that compiles; not by those that find the machine code."""
     (tmp_path / "loops_of_a_test.py").write_text(
         textwrap.dedent("""

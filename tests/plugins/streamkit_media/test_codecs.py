@@ -56,7 +56,7 @@ def test_other_caps_have_no_codec() -> None:
         caps_parameters(Caps("video/x-raw"))
 
 
-def test_a_stream_tells_its_caps(small_video: Path) -> None:
+def test_caps_of_a_stream(small_video: Path) -> None:
     """Codec, size, rate and codec headers of a file's stream are in its caps."""
     with open_container(str(small_video)) as container:
         stream = video_stream(container, "small")

@@ -30,13 +30,13 @@ def test_a_name_like_a_protocol_is_a_file(small_video: Path, tmp_path: Path) -> 
         assert len(container.streams.video) == 1
 
 
-def test_a_missing_file_is_told(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     """The error says that there is no file, and where relative paths start."""
     with pytest.raises(ResourceError, match=r"none\.mp4: a file must be there, none is; check the path .*"):
         open_container(str(tmp_path / "none.mp4"))
 
 
-def test_a_directory_is_told(tmp_path: Path) -> None:
+def test_a_directory_is_reported(tmp_path: Path) -> None:
     """The error says that it is a directory and names the element for numbered frames."""
     with pytest.raises(ResourceError, match=r"a file is needed, this is a directory; .*multifilesrc"):
         open_container(str(tmp_path))
@@ -61,7 +61,7 @@ def test_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
         (bytes(range(256)) * 16, "no media that FFmpeg can read: .*; check that it is a whole video file"),
     ],
 )
-def test_files_that_are_no_media_are_told(tmp_path: Path, content: bytes, rule: str) -> None:
+def test_files_that_are_no_media_are_reported(tmp_path: Path, content: bytes, rule: str) -> None:
     """A file without media gives one error that says what it holds instead."""
     path = tmp_path / "flight.mp4"
     path.write_bytes(content)
@@ -78,7 +78,7 @@ def test_text_is_never_video(tmp_path: Path, name: str) -> None:
         open_container(str(path))
 
 
-def test_audio_alone_is_told(tmp_path: Path) -> None:
+def test_audio_alone_is_reported(tmp_path: Path) -> None:
     """A file without video gives an error that names the streams it has."""
     path = tmp_path / "sound.wav"
     with wave.open(str(path), "wb") as file:
@@ -93,7 +93,7 @@ def test_audio_alone_is_told(tmp_path: Path) -> None:
         video_stream(container, str(path))
 
 
-def test_a_silent_server_is_told_in_time(serve: Callable[[int], int]) -> None:
+def test_a_silent_server_is_reported_in_time(serve: Callable[[int], int]) -> None:
     """A server that accepts and says nothing ends in an error at the limit, without the password."""
     location = f"rtsp://me:secret@127.0.0.1:{serve(0)}/live"
     began = time.monotonic()

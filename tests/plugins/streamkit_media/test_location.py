@@ -29,7 +29,7 @@ def test_credentials_are_put_into_urls_that_have_none() -> None:
     assert with_credentials("rtsp://cam/live", "", "word") == "rtsp://cam/live"
 
 
-def test_is_network_tells_urls_from_files() -> None:
+def test_is_network_distinguishes_urls_from_files() -> None:
     """Any URL but file:// is reached over the network; a colon alone makes no URL."""
     assert is_network("rtsp://cam/live")
     assert not is_network("file:///videos/a.mp4")

@@ -111,7 +111,7 @@ def test_frames_without_any_telemetry_pass_bare() -> None:
     assert latitudes(frames) == [None] * 100
 
 
-def test_damage_is_counted_and_told() -> None:
+def test_damage_is_counted_and_reported() -> None:
     """A packet with a flipped byte is refused and the bus hears of it."""
     broken = bytearray(klv_packet(10.0))
     broken[25] ^= 1

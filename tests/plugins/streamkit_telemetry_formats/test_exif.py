@@ -78,7 +78,7 @@ def test_the_letters_tell_the_side() -> None:
 @pytest.mark.parametrize(
     "data", [b"", b"II", b"XX*\0\x08\0\0\0", b"II*\0\xff\xff\xff\xff", b"II+\0\x08\0\0\0"]
 )
-def test_what_is_no_exif_tells_nothing(data: bytes) -> None:
+def test_data_that_is_no_exif_has_no_values(data: bytes) -> None:
     """Empty, short, of another kind, or pointing out of itself: everything is None."""
     assert read_exif(data) == ExifData()
 

@@ -20,7 +20,7 @@ def test_size_is_that_of_the_frame() -> None:
     assert read_header(PLAIN) == JpegHeader(b"", b"", (64, 48))
 
 
-def test_exif_and_xmp_are_told_apart() -> None:
+def test_exif_and_xmp_are_distinguished() -> None:
     """Both stand in segments of the same number and are known by how they begin; the first of each counts."""
     own = segment(0xE1, b"Exif\0\0II*\0") + segment(0xE1, b"http://ns.adobe.com/xap/1.0/\0<x/>")
     more = segment(0xE1, b"Exif\0\0MM") + b"\xff"  # a fill byte before the next marker

@@ -28,7 +28,7 @@ def with_xmp(picture: bytes) -> bytes:
     return picture[:2] + b"\xff\xe1" + (len(XMP) + 2).to_bytes(2, "big") + XMP + picture[2:]
 
 
-def test_xmp_tells_place_and_attitude() -> None:
+def test_xmp_has_position_and_attitude() -> None:
     """The gimbal's angles count against the aircraft; down is an elevation of minus 90 degrees."""
     sample = sample_of_photograph(with_xmp(PICTURE), 5)
     assert sample is not None

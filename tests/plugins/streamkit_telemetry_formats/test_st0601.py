@@ -127,7 +127,7 @@ def test_every_tag_has_its_length_rule(tag: int) -> None:
     with pytest.raises(BadKlv, match="bytes"):
         decode(b"\x01" * (limit + 1))
     if decode is not text:
-        with pytest.raises(BadKlv, match="bytes is needed"):
+        with pytest.raises(BadKlv, match="a value must have"):
             decode(b"")
 
 
@@ -137,7 +137,7 @@ def test_lengths_the_standard_gives() -> None:
     for tag, size in good.items():
         assert isinstance(TAGS[tag].decode(b"\x01" * size), int), TAGS[tag].name
         most = {110: 4, 131: 8, 136: 4}.get(tag, size)
-        with pytest.raises(BadKlv, match="bytes is needed"):
+        with pytest.raises(BadKlv, match="a value must have"):
             TAGS[tag].decode(b"\x01" * (most + 1))
 
 

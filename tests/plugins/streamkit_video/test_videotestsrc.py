@@ -90,7 +90,7 @@ def test_patterns_have_gstreamers_numbers_and_labels() -> None:
         assert pipeline["v"].pattern is Pattern.BALL
 
 
-def test_colours_of_a_solid_picture() -> None:
+def test_colours_of_a_solid_image() -> None:
     """foreground-color is ARGB."""
     (frame,) = frames_of(
         "videotestsrc num-buffers=1 pattern=solid-color foreground-color=0xff102030 ! video/x-raw,format=RGB"
@@ -98,7 +98,7 @@ def test_colours_of_a_solid_picture() -> None:
     assert frame.data[0, 0].tolist() == [0x10, 0x20, 0x30]
 
 
-def test_a_picture_that_rolls_and_times_that_begin_later() -> None:
+def test_an_image_that_scrolls_and_timestamps_with_an_offset() -> None:
     """horizontal-speed rolls to the left frame by frame, timestamp-offset is added to every time."""
     first, second = frames_of(
         "videotestsrc num-buffers=2 horizontal-speed=4 timestamp-offset=1000 "

@@ -17,7 +17,7 @@ def test_blocks_run_row_by_row() -> None:
 
 @pytest.mark.parametrize("blocks", [1, 2, 4])
 @pytest.mark.parametrize("count", [0, 1, 5])
-def test_joined_blocks_are_the_picture(blocks: int, count: int) -> None:
+def test_joined_blocks_are_the_image(blocks: int, count: int) -> None:
     """Cutting and joining gives every image back, none included."""
     images = np.random.default_rng(blocks).normal(size=(count, 8, 12)).astype(np.float32)
     np.testing.assert_array_equal(join_blocks(cut_blocks(images, blocks), (8, 12)), images)

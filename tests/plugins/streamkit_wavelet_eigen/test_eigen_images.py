@@ -37,7 +37,7 @@ def test_a_space_without_directions_shows_its_mean() -> None:
     np.testing.assert_allclose(eigen_images(space), _windows(1), atol=0.51)
 
 
-def test_pictures_stand_side_by_side() -> None:
+def test_images_lie_side_by_side() -> None:
     """Row by row with white between and at the end."""
     sheet = image_grid(np.zeros((3, 4, 5), np.uint8), columns=2)
     assert sheet.shape == (10, 12)

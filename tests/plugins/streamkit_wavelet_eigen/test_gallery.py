@@ -134,7 +134,7 @@ def test_a_folder_is_a_gallery(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"no picture"])
-def test_a_broken_picture_is_named(tmp_path: Path, content: bytes) -> None:
+def test_a_broken_image_is_named(tmp_path: Path, content: bytes) -> None:
     """The error says which file to remove."""
     (tmp_path / "car").mkdir()
     (tmp_path / "car" / "1.png").write_bytes(content)
@@ -142,7 +142,7 @@ def test_a_broken_picture_is_named(tmp_path: Path, content: bytes) -> None:
         read_gallery(tmp_path, 16)
 
 
-def test_a_folder_without_pictures_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_images_is_refused(tmp_path: Path) -> None:
     """The error says how the folder is to be laid out."""
     with pytest.raises(ValueError, match="folders named after their labels, got 0"):
         read_gallery(tmp_path, 16)

@@ -61,7 +61,7 @@ def test_the_longer_side_and_the_margin_set_the_square() -> None:
         ((20, 20, 36, 36), 0.0),
     ],
 )
-def test_clipped_tells_the_share_outside(box: tuple[float, float, float, float], share: float) -> None:
+def test_clipped_is_the_share_outside(box: tuple[float, float, float, float], share: float) -> None:
     """The border is replicated, and the share of the window outside the image reported."""
     result = _cut(_ramp(), box)
     assert result.clipped[0] == pytest.approx(share, abs=0.02)
@@ -113,7 +113,7 @@ def test_numbers_that_are_not_finite_are_flagged() -> None:
     assert (result.flat[0], result.clipped[0]) == (True, 1.0)
 
 
-def test_one_pixel_picture() -> None:
+def test_an_image_of_one_pixel() -> None:
     """An image of one pixel gives constant windows, flat."""
     result = _cut(np.full((1, 1), 200, np.uint8), (0, 0, 40, 40))
     np.testing.assert_array_equal(result.patches, np.full((1, 16, 16), 200, np.float32))

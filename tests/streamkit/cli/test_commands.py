@@ -171,7 +171,7 @@ def test_an_interrupt_before_there_is_a_command_says_nothing(first: str, exit_co
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["inspect"]])
-def test_a_full_disk_behind_the_output_is_told(arguments: list[str]) -> None:
+def test_a_full_disk_behind_the_output_is_reported(arguments: list[str]) -> None:
     """Output that cannot be written is one line and code 1."""
     command = [str(Path(sys.executable).with_name("streamkit")), *arguments]
     with Path("/dev/full").open("w") as full:

@@ -161,7 +161,7 @@ def test_odd_texts_do_not_break_the_drawing(register: Register) -> None:
 
 
 @pytest.mark.skipif(shutil.which("dot") is None, reason="svg is drawn by Graphviz, which is not installed")
-def test_svg_is_a_picture() -> None:
+def test_svg_is_an_image() -> None:
     """Drawn by Graphviz where it is installed."""
     assert "<svg" in graph("--format", "svg", "fakesrc ! fakesink").stdout
 
@@ -193,7 +193,7 @@ def test_a_bad_description_is_code_2() -> None:
     assert (done.exit_code, done.stderr.splitlines()[-1]) == (2, "            ^")
 
 
-def test_a_setting_for_no_variable_is_told() -> None:
+def test_a_setting_for_no_variable_is_reported() -> None:
     """Beside the drawing, on stderr."""
     done = graph("--format", "json", "--set", "cuont=7", "fakesrc num-buffers=${count:-2} ! fakesink")
     assert json.loads(done.stdout)["elements"][0]["properties"] == {"num-buffers": 2}

@@ -143,7 +143,7 @@ def test_several_arguments_run(launch: Callable[..., Result]) -> None:
     assert (done.exit_code, done.stderr) == (0, "")
 
 
-def test_verbose_tells_states_caps_and_messages(launch: Callable[..., Result]) -> None:
+def test_verbose_prints_states_caps_and_messages(launch: Callable[..., Result]) -> None:
     """In order, with their element or the pipeline; caps of each link once."""
     done = launch("-v", "fakesrc num-buffers=1 ! a/b,x=1 ! fakesink silent=false")
     lines = done.stderr.splitlines()
@@ -334,7 +334,7 @@ def test_an_interrupt_before_it_plays_is_a_clean_stop_too(
     assert launch("-q", "fakesrc ! interrupted").stderr == ""
 
 
-def test_a_setting_for_no_variable_is_told(launch: Callable[..., Result]) -> None:
+def test_a_setting_for_no_variable_is_reported(launch: Callable[..., Result]) -> None:
     """A mistyped name would leave the default in its place unseen; the names there are stand beside it."""
     text = "fakesrc num-buffers=${count:-2} ! fakesink name=${name:-end}"
     done = launch("--set", "cuont=7", "--set", "name=b", text)

@@ -29,7 +29,7 @@ def prepare() -> Result:
     return CliRunner().invoke(make_app(["prepare"]), ["prepare"])
 
 
-def test_every_preparation_is_done_and_told(offer: Offer) -> None:
+def test_every_preparation_is_run_and_reported(offer: Offer) -> None:
     """With the seconds it took."""
     offer(second="gc:collect", first="gc:enable")
     result = prepare()

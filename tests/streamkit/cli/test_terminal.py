@@ -151,7 +151,7 @@ def test_a_second_control_c_ends_a_process_that_hangs(tmp_path: Path) -> None:
     assert out.rindex("\x1b[?25h") > out.rindex("\x1b[?25l")
 
 
-def test_a_live_source_tells_the_age_of_frames() -> None:
+def test_a_live_source_reports_the_age_of_frames() -> None:
     """How far behind the camera the sink is."""
     code, out = on_terminal("fakesrc is-live=true num-buffers=20 ! queue ! fakesink")
     assert code == 0

@@ -96,7 +96,7 @@ def test_texts(kind: type, text: str, value: Any) -> None:
         (None, None, "-1", -1),
     ],
 )
-def test_whole_numbers_wrap_at_the_width_that_their_range_tells(
+def test_integers_wrap_at_the_width_of_their_range(
     minimum: int | None, maximum: int | None, text: str, value: int
 ) -> None:
     """As in C, where the largest value is that of 32 or 64 bits; any other range is left to the check."""

@@ -89,7 +89,7 @@ def test_a_source_chooses_within_what_downstream_takes(register: Register) -> No
     assert str(frame.caps) == "video/x-raw, format=(string)BGR, width=(int)2"
 
 
-def test_caps_that_only_the_data_tells_are_checked(register: Register) -> None:
+def test_caps_known_from_the_data_only_are_checked(register: Register) -> None:
     """A source that cannot know negotiates by its first frame; a refusal names pads, caps and field."""
 
     class Unknown(Counter):

@@ -32,7 +32,7 @@ def test_the_last_frame_is_kept_where_wanted(kept: bool) -> None:
     assert (last.seq if last is not None else None) == (2 if kept else None)
 
 
-def test_it_tells_of_frames_unless_silent() -> None:
+def test_it_reports_frames_unless_silent() -> None:
     """A message for each frame."""
     with Harness("fakesink", silent=False) as harness:
         harness.push(Frame(b"", Caps("a/b"), seq=4))

@@ -57,7 +57,7 @@ def test_an_error_on_purpose() -> None:
     assert pipeline["fakesink0"].count == 2
 
 
-def test_it_tells_of_frames_unless_silent() -> None:
+def test_it_reports_frames_unless_silent() -> None:
     """A message for each frame, with number, time and caps."""
     with Harness("identity", silent=False) as harness:
         harness.push(Frame(b"", ANYTHING, seq=4, pts=7))

@@ -41,7 +41,7 @@ def test_caps_held_back_come_before_the_next_frame() -> None:
         assert src.caps == caps
 
 
-def test_closed_valve_lets_eos_through_when_told_to() -> None:
+def test_a_closed_valve_forwards_eos_if_set_to() -> None:
     """forward-sticky-events: no frame passes, EOS does."""
     with Pipeline.parse(
         "fakesrc num-buffers=3 ! valve drop=true drop-mode=forward-sticky-events ! fakesink name=end"

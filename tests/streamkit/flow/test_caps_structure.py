@@ -44,7 +44,7 @@ def test_fixation_leaves_no_choice_at_all() -> None:
     assert fixed.is_fixed
 
 
-def test_two_structures_join_where_one_field_tells_them_apart() -> None:
+def test_two_structures_join_where_one_field_differs() -> None:
     """Any other difference, a missing field or a type, keeps them apart."""
     one = Structure("a/b", {"f": 1, "g": 2})
     assert join_structures(one, Structure("a/b", {"f": 1, "g": 3})) == Structure(

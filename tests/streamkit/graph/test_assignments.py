@@ -103,7 +103,7 @@ def test_what_can_only_be_read_has_a_type_too(register: Register) -> None:
     assert caught.value.code == "could-not-set-property"
 
 
-def test_a_second_name_is_told() -> None:
+def test_a_second_name_is_reported() -> None:
     """n04: the first counts."""
     graph = build("fakesrc name=a name=b ! fakesink", {})
     assert (graph.elements[0].name, [code for code, _ in graph.warnings]) == ("a", ["name-ignored"])

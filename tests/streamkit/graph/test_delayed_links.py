@@ -114,7 +114,7 @@ def test_the_warning_names_the_pads_there_are() -> None:
 
 
 @pytest.mark.usefixtures("demuxer")
-def test_what_waits_is_told() -> None:
+def test_waiting_elements_are_reported() -> None:
     """The graph lists its delayed links; a filter is not made before its time."""
     graph = build("demux name=d d.video_0 ! a/b ! fakesink  d. : fakesink", {})
     assert [link.description for link in graph.delayed_links] == ["d.video_0 ! fakesink0", "d. ! fakesink1"]

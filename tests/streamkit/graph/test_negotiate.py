@@ -53,7 +53,7 @@ def test_pads_that_can_never_agree_are_refused(register: Register) -> None:
     assert caught.value.pointed(text).split("\n")[1:] == ["      identity ! wide", "               ^"]
 
 
-def test_a_filter_that_nobody_can_pass_is_refused() -> None:
+def test_a_filter_that_no_caps_can_pass_is_refused() -> None:
     """f50: the check is made while building, not when the first frame comes."""
     with pytest.raises(DescriptionError, match="disagree on media type"):
         build("fakesrc ! a/b ! identity ! c/d ! fakesink", {})

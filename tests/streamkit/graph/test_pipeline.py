@@ -94,7 +94,7 @@ def test_a_failed_start_is_taken_back(register: Register, failing: str, started:
     pipeline.stop()
 
 
-def test_a_failed_stop_keeps_nobody_from_stopping(register: Register) -> None:
+def test_a_failed_stop_does_not_keep_others_from_stopping(register: Register) -> None:
     """The failure is a warning on the bus; all others are stopped."""
     journal = register_journaling(register, fail_stop="mid")
     pipeline = Pipeline.parse(TEXT)
@@ -156,7 +156,7 @@ def test_stopping_sends_no_eos() -> None:
     assert all(message.kind is not MessageKind.EOS for message in iter(pipeline.bus.pop, None))
 
 
-def test_states_are_told_in_order() -> None:
+def test_states_are_reported_in_order() -> None:
     """ready, playing, paused, playing, null, each once."""
     pipeline = Pipeline.parse("fakesrc ! fakesink")
     with pipeline:

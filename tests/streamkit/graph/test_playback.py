@@ -82,7 +82,7 @@ def test_pausing_from_the_start_prerolls_one_frame(register: Register) -> None:
         assert pipeline["k"].told == [("preroll", 0), ("render", 0), ("render", 1), ("render", 2)]
 
 
-def test_prerolling_is_told_once(register: Register) -> None:
+def test_preroll_is_reported_once(register: Register) -> None:
     """sk-asyncdone: the bus says when every sink holds its first frame."""
     register(showing=Showing)
     with Pipeline.parse("fakesrc ! tee name=t t. ! queue ! showing t. ! queue ! showing") as pipeline:
@@ -208,7 +208,7 @@ def test_two_sinks_share_one_running_time(register: Register) -> None:
         assert pipeline["b"].wait_for(2)
 
 
-def test_late_frames_are_dropped_counted_and_told() -> None:
+def test_late_frames_are_dropped_counted_and_reported() -> None:
     """sk-late: max-lateness drops what comes too late; with qos each is told on the bus."""
     clock = ManualClock()
     text = "appsrc name=in ! fakesink name=k sync=true qos=true max-lateness=1000000"
@@ -263,7 +263,7 @@ def test_a_filter_changed_while_playing_renegotiates() -> None:
     pytest.fail("the new size never came")
 
 
-def test_a_filter_that_nobody_can_meet_is_an_error() -> None:
+def test_a_filter_that_no_element_can_meet_is_an_error() -> None:
     """cf-wrong: the error names both pads and the field."""
     text = "videotestsrc name=v ! capsfilter name=f caps=video/x-raw,format=GRAY8 ! appsink name=out"
     with Pipeline.parse(text) as pipeline:

@@ -185,7 +185,7 @@ def test_pads_tell_frames_caps_and_peer() -> None:
     ]
 
 
-def test_a_queue_tells_its_levels_and_the_highest() -> None:
+def test_a_queue_reports_its_levels_and_the_highest() -> None:
     """Frames and bytes held now, and the most there were, within the limit."""
     with Pipeline.parse("appsrc name=in ! queue name=q max-size-buffers=3 ! valve name=v ! appsink name=out "
                         "max-buffers=1") as pipeline:  # fmt: skip

@@ -72,7 +72,7 @@ def test_an_element_that_does_not_come_back_ends_the_pipeline(text: str) -> None
     assert re.match(r"s \(stuck\): the call with a frame .* 0.2 s.*\[at frame seq=2\]$", message.text)
 
 
-def test_a_long_drain_is_told_of_and_goes_on() -> None:
+def test_a_long_drain_is_reported_and_continues() -> None:
     """What may take its time, as a mosaic at the end, is a warning; the run ends well."""
     with Pipeline.parse(
         "fakesrc num-buffers=3 ! stuck name=s where=drain ! fakesink", watchdog_s=0.2

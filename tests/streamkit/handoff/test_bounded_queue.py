@@ -41,7 +41,7 @@ def test_every_item_is_taken_held_or_dropped(
     assert found.received == found.taken + found.dropped + found.items
 
 
-def test_a_full_queue_drops_what_it_is_told_to() -> None:
+def test_a_full_queue_drops_the_chosen_items() -> None:
     """Errors stay, chatter goes, also where the chatter is the new item."""
 
     def choose_dropped(held: Sequence[str], new: str, is_full: bool) -> range:

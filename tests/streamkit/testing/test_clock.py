@@ -36,6 +36,6 @@ def test_a_wait_can_be_cancelled() -> None:
     assert not clock.wait_until(0, cancelled)
 
 
-def test_nobody_waiting_is_told_in_time() -> None:
+def test_missing_subscribers_are_reported_in_time() -> None:
     """The look for a waiter is bounded in real time."""
     assert not ManualClock().wait_for_waiter(timeout_s=0.01)

@@ -208,7 +208,7 @@ def test_events_pass_through_an_element() -> None:
     assert element.heard.index(GapEvent) < len(element.heard) - 1
 
 
-def test_a_sink_tells_when_it_has_finished() -> None:
+def test_a_sink_reports_that_it_has_finished() -> None:
     """After EOS, when everything is drained."""
     with Harness("fakesink") as harness:
         harness.push(Frame(b"", ANYTHING))

@@ -151,7 +151,7 @@ def test_missing_times_are_made_from_the_rate(small_video: Path) -> None:
     assert [frame.pts for frame in frames] == [n * 40_000_000 for n in range(12)]
 
 
-def test_damaged_packets_are_counted_and_told_once(small_video: Path) -> None:
+def test_damaged_packets_are_counted_and_reported_once(small_video: Path) -> None:
     """Rubbish among the packets is warned of once and counted each time; the others decode."""
     packets = packets_of(small_video)
     rubbish = packets[0].replace(data=b"\xff" * 100, flags=FrameFlags.NONE, seq=1000)
@@ -291,7 +291,7 @@ def test_arrival_and_capture_follow_the_frame(small_video: Path) -> None:
     assert [frame.arrival_ns - 1000 for frame in frames] == [frame.pts for frame in frames]
 
 
-def test_a_codec_without_decoder_is_told() -> None:
+def test_a_codec_without_decoder_is_reported() -> None:
     """Caps of a codec that FFmpeg cannot decode give an error with the remedy."""
     with (
         Harness("decode") as harness,
@@ -372,7 +372,7 @@ def test_frames_are_rotated(tmp_path: Path, degrees: int) -> None:
     assert np.abs(frame.data.astype(int) - wanted).mean() < 5
 
 
-def test_which_decoder_is_told(small_video: Path) -> None:
+def test_the_decoder_in_use_is_reported(small_video: Path) -> None:
     """An element message says whether a device or software decodes."""
     with Pipeline.parse(f"filesrc location={small_video} ! decode hwaccel=none ! fakesink") as pipeline:
         pipeline.play()

@@ -3,7 +3,7 @@ from streamkit_media.decoding.freshness import WINDOW, InherentDelay
 MS = 1_000_000
 
 
-def test_what_has_waited_is_told() -> None:
+def test_frames_that_have_waited_are_reported() -> None:
     """A frame older than the youngest of late and the slack has waited, and it makes way for the newest."""
     gauge = InherentDelay()
     ages = (20, 119, 121, 20, 19, 500)

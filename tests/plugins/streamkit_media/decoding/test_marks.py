@@ -40,7 +40,7 @@ def test_streams_without_key_frames_heal_in_time() -> None:
     assert not marks.is_damaged
 
 
-def test_a_discontinuity_is_told_once_with_the_next_frame_shown() -> None:
+def test_a_discontinuity_is_reported_once_with_the_next_frame_shown() -> None:
     """One that lay on packets which are not shown is not lost."""
     marks = FrameMarks()
     assert not marks.take_discontinuity()

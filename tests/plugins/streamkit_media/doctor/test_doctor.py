@@ -97,7 +97,7 @@ def test_a_file_with_telemetry(streamkit_data: Path) -> None:
     assert "s.klv ! p.telemetry" in report.pipeline
 
 
-def test_what_does_not_decode_is_told(make_video: Callable[..., Path], tmp_path: Path) -> None:
+def test_what_does_not_decode_is_reported(make_video: Callable[..., Path], tmp_path: Path) -> None:
     """A file whose packets read well but hold rubbish cannot be used, and there is no pipeline."""
     good = make_video("good.mkv")
     with av.open(str(good)) as container, av.open(str(tmp_path / "bad.mkv"), "w") as bad:

@@ -82,7 +82,7 @@ def test_bad_locations_fail_before_playing(properties: str, rule: str) -> None:
     pipeline.stop()
 
 
-def test_a_name_without_container_is_told(tmp_path: Path) -> None:
+def test_a_name_without_container_is_reported(tmp_path: Path) -> None:
     """A name that tells no container is an error that names the file."""
     with (
         Harness("videofilesink", location=str(tmp_path / "out.xyz")) as harness,

@@ -61,7 +61,7 @@ def test_bad_locations_fail_before_playing(location: str, rule: str) -> None:
     pipeline.stop()
 
 
-def test_a_full_disk_is_told() -> None:
+def test_a_full_disk_is_reported() -> None:
     """A write that the system refuses is an error with the file's name."""
     with Harness("filesink", location="/dev/full") as harness:
         harness.push(Frame(b"x" * 100, Caps("video/x-h264")))

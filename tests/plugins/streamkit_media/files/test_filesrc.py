@@ -149,7 +149,7 @@ def test_each_stream_has_its_pad(streamkit_data: Path) -> None:
     assert {frame.caps.name for frame in klv} == {"meta/x-klv"}
 
 
-def test_a_pad_the_file_lacks_is_told(small_video: Path) -> None:
+def test_a_pad_without_a_stream_in_the_file_is_reported(small_video: Path) -> None:
     """A link to telemetry that is not there warns, and the video plays on."""
     text = f"filesrc name=s location={small_video}  s.video ! appsink name=out  s.klv ! fakesink"
     with Pipeline.parse(text) as pipeline:
@@ -218,7 +218,7 @@ def test_a_second_telemetry_stream_has_its_own_pad(two_klv_streams: Path) -> Non
     assert [round(pose.latitude, 3) if pose else None for pose in poses] == [10.0 + n for n in range(12)]
 
 
-def test_a_second_telemetry_stream_that_nothing_reads_is_told(two_klv_streams: Path) -> None:
+def test_a_second_telemetry_stream_that_nothing_reads_is_reported(two_klv_streams: Path) -> None:
     """Who takes the first stream hears that there is another."""
     with Pipeline.parse(f"filesrc name=s location={two_klv_streams}  s.klv ! fakesink") as pipeline:
         pipeline.play()

@@ -178,7 +178,7 @@ def test_a_short_stall_is_waited_out(network: Any, truth: list[NDArray[np.uint8]
 
 
 @pytest.mark.parametrize("transport", ["tcp", "udp"])
-def test_a_long_stall_is_told_and_overcome(network: Any, transport: str) -> None:
+def test_a_long_stall_is_reported_and_overcome(network: Any, transport: str) -> None:
     """Silence of timeout-s is told as a stall; once the network is back, so is the video, as a new epoch."""
     with playing(network, f"{ALL} timeout-s=0.8 transport={transport} {QUICK}") as pipeline:
         pipeline.play()

@@ -46,7 +46,7 @@ def test_silence_is_noticed_in_time(serve: Callable[[int], int], answers: int) -
     assert reader.end(1)
 
 
-def test_a_closed_port_is_told() -> None:
+def test_a_closed_port_is_reported() -> None:
     """A refused connection gives the reason at once."""
     reader, ring = reader_of("rtsp://127.0.0.1:1/live", 5)
     reader.begin(ring, ignore)

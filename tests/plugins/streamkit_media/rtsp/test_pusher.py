@@ -27,7 +27,7 @@ def order(port: int, timeout_s: float) -> bytes:
     return message(Kind.OPEN, json.dumps(content).encode())
 
 
-def test_it_ends_when_nobody_speaks_to_it(process: Process) -> None:
+def test_it_ends_without_input(process: Process) -> None:
     """The process ends by itself when its input does."""
     answers, _ = process.communicate(timeout=20)
     assert take_messages(bytearray(answers)) == [(Kind.AWAKE, b""), (Kind.DONE, b"")]
@@ -42,7 +42,7 @@ def test_a_failure_is_its_last_answer(process: Process) -> None:
     assert json.loads(content) == {"reason": "Connection refused", "is_refused": False}
 
 
-def test_it_ends_also_when_nobody_watches(process: Process, serve: Callable[[int], int]) -> None:
+def test_it_ends_also_without_its_parent(process: Process, serve: Callable[[int], int]) -> None:
     """A silent server does not hold a process whose master is gone: an alarm ends it."""
     process.communicate(order(serve(0), 0.1), timeout=20)
     assert process.returncode == -signal.SIGALRM

@@ -21,7 +21,7 @@ def fails(process: PushProcess) -> PushFailure:
     pytest.fail("the connection has neither failed nor been found silent")
 
 
-def test_silence_is_told_apart_from_refusal(serve: Callable[[int], int]) -> None:
+def test_silence_is_distinguished_from_refusal(serve: Callable[[int], int]) -> None:
     """A server that does not answer is silent; a port that is closed gives FFmpeg's reason."""
     for port, is_silent, reason in ((serve(0), True, "silent"), (1, False, "Connection refused")):
         process = PushProcess()

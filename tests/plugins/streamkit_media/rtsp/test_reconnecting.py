@@ -95,7 +95,7 @@ def test_the_gap_between_epochs_is_real_time(start_server: StartServer) -> None:
     assert abs((after.pts - before.pts) - (after.capture.utc_ns - before.capture.utc_ns)) < 1e9
 
 
-def test_states_are_told_in_order(start_server: StartServer) -> None:
+def test_states_are_reported_in_order(start_server: StartServer) -> None:
     """Connecting, connected, then retrying with number, delay and reason, then given up."""
     server = start_server()
     text = f"rtspsrc location={server.url} max-retries=2 {QUICK} ! fakesink"
@@ -155,7 +155,7 @@ def test_misbehaviour_is_noticed_in_time(start_server: StartServer, behaviour: s
     assert no_reader_is_left()
 
 
-def test_a_stall_is_told_and_overcome(start_server: StartServer, fake: ModuleType) -> None:
+def test_a_stall_is_reported_and_overcome(start_server: StartServer, fake: ModuleType) -> None:
     """A server that falls silent is told as stalled, and the next connection plays."""
     server = start_server("send ten frames and half of another, then nothing")
     text = f"rtspsrc location={server.url} timeout-s=0.5 {QUICK} ! appsink name=out max-buffers=0"

@@ -137,7 +137,7 @@ def pictures(source: Path | list[Frame], codec: str) -> list[bytes]:
 
 
 @pytest.mark.parametrize(("codec", "transport"), [("h264", "tcp"), ("h264", "udp"), ("h265", "tcp")])
-def test_a_real_server_records_the_same_pictures(
+def test_a_real_server_records_the_same_frames(
     recording: tuple[int, Path], codec: str, transport: str
 ) -> None:
     """Every packet of a stream arrives, and decodes to the frames it was."""
@@ -168,7 +168,7 @@ def test_packets_of_a_file_arrive(recording: tuple[int, Path], make_video: Calla
 @pytest.mark.parametrize(
     ("user", "path", "reason"), [("user:wrong", "h264", "credentials"), ("user:secret", "nosuch", "404")]
 )
-def test_a_refusal_is_told(recording: tuple[int, Path], user: str, path: str, reason: str) -> None:
+def test_a_refusal_is_reported(recording: tuple[int, Path], user: str, path: str, reason: str) -> None:
     """A wrong password and a wrong path are told apart, without the password."""
     error, elapsed = fails(f"{NOT_PACED} location=rtsp://{user}@127.0.0.1:{recording[0]}/{path}")
     assert reason in error
@@ -199,7 +199,7 @@ def test_waiting_for_a_slow_server_is_no_hang(serve: Serve) -> None:
         pipeline.run(30)
 
 
-def test_a_closed_port_is_told() -> None:
+def test_a_closed_port_is_reported() -> None:
     """A refused connection gives its reason at once."""
     error, elapsed = fails(f"{NOT_PACED} location=rtsp://me:secret@127.0.0.1:1/live")
     assert re.search(r"rtsp://\*\*\*@127.0.0.1:1/live: no recording there: Connection refused; check", error)
@@ -207,7 +207,7 @@ def test_a_closed_port_is_told() -> None:
     assert not children()
 
 
-def test_a_server_that_closes_is_told(closing_server: Close) -> None:
+def test_a_server_that_closes_is_reported(closing_server: Close) -> None:
     """A connection closed amid the stream is one error, without reconnecting."""
     location = f"rtsp://127.0.0.1:{closing_server(5)}/live"
     error, elapsed = fails(f"{NOT_PACED} location={location} reconnect=never timeout-s=2")

@@ -35,7 +35,7 @@ def test_a_silent_server_is_noticed(serve: Serve, answers: int, transport: str) 
     assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("reader")]
 
 
-def test_a_closed_port_is_told() -> None:
+def test_a_closed_port_is_reported() -> None:
     """A refused connection gives its reason at once."""
     error, elapsed = fails("rtspsrc location=rtsp://me:secret@127.0.0.1:1/live")
     assert error == (
@@ -103,7 +103,7 @@ def test_a_real_server_plays(real_server: Any, transport: str) -> None:
 @pytest.mark.parametrize(
     ("user", "path", "reason"), [("user:wrong", "live", "401"), ("user:secret", "nosuch", "404")]
 )
-def test_a_real_servers_refusal_is_told(real_server: Any, user: str, path: str, reason: str) -> None:
+def test_a_real_servers_refusal_is_reported(real_server: Any, user: str, path: str, reason: str) -> None:
     """A wrong password and a wrong path are told apart, without the password."""
     error, elapsed = fails(f"rtspsrc location=rtsp://{user}@127.0.0.1:{real_server.port}/{path}")
     assert reason in error

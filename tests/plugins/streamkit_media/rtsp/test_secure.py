@@ -129,14 +129,14 @@ def test_another_hosts_certificate_is_refused(
     assert "write the name that it is of" in error
 
 
-def test_a_server_without_encryption_is_told(start_server: Callable[..., Any], fake: ModuleType) -> None:
+def test_a_server_without_encryption_is_reported(start_server: Callable[..., Any], fake: ModuleType) -> None:
     """rtsps:// to a server that only speaks rtsp:// ends in time, with that as the remedy."""
     server = start_server("accept, then close")
     assert "write rtsp:// if it is not encrypted" in error_of(source(server.port, "tls-verify=false"))
 
 
 @pytest.mark.parametrize("name", ["none.pem", "text.pem"])
-def test_a_bad_file_of_authorities_is_told(tmp_path: Path, name: str) -> None:
+def test_a_bad_file_of_authorities_is_reported(tmp_path: Path, name: str) -> None:
     """A file that is not there, or holds no certificates, is refused before anything plays."""
     (tmp_path / "text.pem").write_text("no certificate\n", encoding="ascii")
     assert f"tls-ca-file={tmp_path / name}: " in error_of(source(1, f"tls-ca-file={tmp_path / name}"))

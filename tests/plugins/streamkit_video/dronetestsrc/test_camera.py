@@ -16,7 +16,7 @@ def outline(width: int, height: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("size", [(1280, 720), (320, 240), (1080, 1920), (8192, 64)])
-def test_the_view_never_leaves_the_picture(size: tuple[int, int]) -> None:
+def test_the_view_never_leaves_the_image(size: tuple[int, int]) -> None:
     """Whatever the frame's number, size and shake, all four corners are within the ground image."""
     path = plan_path(IMAGE, size, seed=3, speed=4.0, jitter=2.0)
     for index in range(0, 200_000, 613):
@@ -25,7 +25,7 @@ def test_the_view_never_leaves_the_picture(size: tuple[int, int]) -> None:
         assert (corners <= np.array(IMAGE) - 1.0).all()
 
 
-def test_one_frame_pixel_is_about_one_picture_pixel() -> None:
+def test_a_frame_pixel_is_about_an_image_pixel() -> None:
     """At 720p the shipped image is shown about 1:1; a frame too large for it is shown enlarged."""
     assert plan_path(IMAGE, (1280, 720), seed=0, speed=4.0, jitter=0.5).ground_scale == 1.0
     assert plan_path(IMAGE, (3840, 2160), seed=0, speed=4.0, jitter=0.5).ground_scale < 0.5

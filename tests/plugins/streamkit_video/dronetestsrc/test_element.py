@@ -78,7 +78,7 @@ def test_it_starts_again_from_the_first_frame() -> None:
     assert np.array_equal(runs[0][1].data, runs[1][1].data)
 
 
-def test_a_missing_picture_names_the_element(tmp_path: Path) -> None:
+def test_a_missing_image_names_the_element(tmp_path: Path) -> None:
     """`location` that is not there fails at start, with the path."""
     with pytest.raises(StreamkitError, match=r"dronetestsrc0: location: .*gone\.jpg"):
         frames_of(f"dronetestsrc location={tmp_path}/gone.jpg")

@@ -20,14 +20,14 @@ def test_the_shipped_photograph_is_there_and_small() -> None:
     assert "CC0" in (folder / "README.md").read_text(encoding="utf-8")
 
 
-def test_another_picture(tmp_path: Path) -> None:
+def test_another_image(tmp_path: Path) -> None:
     """A grey image file is read as colour."""
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((70, 80), 9, np.uint8))
     assert load_ground(str(tmp_path / "grey.png")).shape == (70, 80, 3)
 
 
 @pytest.mark.parametrize("content", [b"", b"no picture", b"\x89PNG\r\n\x1a\n"])
-def test_what_is_no_picture_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_no_image_is_refused(tmp_path: Path, content: bytes) -> None:
     """The error names the file and the remedy."""
     (tmp_path / "odd.png").write_bytes(content)
     with pytest.raises(OSError, match=r"odd\.png: .*give a JPEG or PNG file"):

@@ -11,7 +11,7 @@ from streamkit_video.trackoverlay.snapshot import check_target, write_image
 IMAGE = np.full((6, 8, 3), 77, np.uint8)
 
 
-def test_the_picture_is_written_and_nothing_else(tmp_path: Path) -> None:
+def test_only_the_image_is_written(tmp_path: Path) -> None:
     """The file holds the image; no temporary file stays; an older file is replaced."""
     target = tmp_path / "shot.png"
     target.write_bytes(b"old")

@@ -67,7 +67,7 @@ def test_goals_are_reached(results: Results, method: str, goals: tuple[float, ..
     assert all(mean >= goal for mean, goal in zip(means, goals, strict=True)), means
 
 
-def test_the_choice_without_test_pictures_reaches_them_too(results: Results) -> None:
+def test_the_selection_without_test_images_holds_for_them_too(results: Results) -> None:
     """What each split chose for itself on training images is as good as the preset, within a point."""
     for one in results["partitions"].values():
         assert one["selection"]["outer"]["mean"] >= one["recognition"][BEST]["mean"] - 1.0

@@ -39,7 +39,7 @@ def test_splits_differ_and_repeat() -> None:
     assert len(set(one)) == 10
 
 
-def test_choices_see_training_pictures_alone() -> None:
+def test_selection_uses_training_images_only() -> None:
     """Inner splits divide the training images of a split; its test images are in none of them."""
     for split in splits(_numbered(4, 10), 5, 3):
         training = set(split.training.images[:, 0, 0].tolist())

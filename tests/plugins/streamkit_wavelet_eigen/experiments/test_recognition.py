@@ -83,7 +83,7 @@ def test_chi_square_is_the_sum_over_all_bins() -> None:
     np.testing.assert_allclose([chi_square_distances(row, other) for row in one], expected, atol=1e-9)
 
 
-def test_missing_data_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_data_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No folder, a folder without databases, and an incomplete database: each error names the remedy."""
     monkeypatch.delenv("STREAMKIT_DATA", raising=False)
     with pytest.raises(MissingData, match="--data or set STREAMKIT_DATA"):

@@ -39,7 +39,7 @@ def test_each_split_chooses_one_candidate(parts: list[Split]) -> None:
     assert found["outer"] == {"mean": 100.0, "deviation": 0.0, "n": 2}
 
 
-def test_test_pictures_have_no_part_in_the_choice(parts: list[Split]) -> None:
+def test_test_images_have_no_part_in_the_selection(parts: list[Split]) -> None:
     """With noise for test images the choice is the same, and only the last figure falls."""
     noise = np.random.default_rng(1)
     spoilt = [

@@ -91,7 +91,7 @@ def test_without_marks_the_next_frame_ends_one(fake: ModuleType, video: tuple[st
     assert [plain(fake, bytes(packet)) for packet in found] == [plain(fake, unit) for unit in units]
 
 
-def test_frames_of_one_time_are_told_apart(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
+def test_frames_of_one_timestamp_are_distinguished(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
     """A server whose clock stands still sends frames all the same: their slices tell where one begins."""
     codec, units = video
     joiner, found = AccessUnits(ffmpegs(codec)), []

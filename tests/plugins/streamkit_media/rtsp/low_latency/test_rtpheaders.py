@@ -39,7 +39,7 @@ def ends() -> Iterator[tuple[socket.socket, RtpHeaders]]:
 
 @pytest.mark.parametrize("marked", [False, True])
 @pytest.mark.parametrize("extension", [-1, 0, 3])
-def test_a_packet_tells_mark_and_payload(*, marked: bool, extension: int) -> None:
+def test_a_packet_has_marker_and_payload(*, marked: bool, extension: int) -> None:
     """The mark, and how many bytes are carried without header and extension."""
     head = first_header(packet(marked=marked, body=bytes(100), extension=extension))
     assert is_marked(head) is marked
