@@ -6,7 +6,6 @@ every thread of the process; so this is a process of its own, which can be kille
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import sys
@@ -14,12 +13,13 @@ from fractions import Fraction
 from typing import Any, BinaryIO
 
 import av
+import msgspec
 from av.container import OutputContainer
 from av.error import FFmpegError, HTTPForbiddenError, HTTPUnauthorizedError
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit_media.rtsp.pushprotocol import HEAD, Kind, PushPacket, message, read_packet
+from streamkit_media.rtsp.pushprotocol import HEAD, Kind, PushPacket, message
 
 TIME_BASE = Fraction(1, 90_000)
 SECOND_NS = 1_000_000_000
@@ -71,9 +71,10 @@ def run(commands: BinaryIO, answers: BinaryIO) -> None:
     """Executes commands until END or the end of the input."""
     push: Push | None = None
     limit_s = 0.0
+    decoder = msgspec.msgpack.Decoder(PushPacket)
 
-    def answer(kind: Kind, content: bytes = b"") -> None:
-        answers.write(message(kind, content))
+    def answer(kind: Kind) -> None:
+        answers.write(message(kind))
         answers.flush()
 
     answer(Kind.AWAKE)
@@ -82,14 +83,14 @@ def run(commands: BinaryIO, answers: BinaryIO) -> None:
         content = commands.read(length)
         kind = Kind(name)
         if kind is Kind.OPEN:
-            order = json.loads(content)
+            order = msgspec.msgpack.decode(content)
             limit_s = order["timeout_s"] + ALARM_MARGIN_S
         signal.setitimer(signal.ITIMER_REAL, limit_s)
         if kind is Kind.OPEN:
             push = Push(order)
             answer(Kind.READY)
         elif kind is Kind.PACKET and push is not None:
-            push.write(read_packet(content))
+            push.write(decoder.decode(content))
             answer(Kind.WRITTEN)
         elif kind is Kind.END:
             break
@@ -112,7 +113,7 @@ def main() -> None:
             "reason": getattr(error, "strerror", None) or type(error).__name__,
             "is_refused": isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError),
         }
-        os.write(sys.stdout.fileno(), message(Kind.FAILED, json.dumps(report).encode()))
+        os.write(sys.stdout.fileno(), message(Kind.FAILED, report))
     # Closing a connection that has failed would wait for the server again.
     os._exit(0)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import select
 import subprocess
@@ -10,7 +9,9 @@ import sys
 import time
 from typing import Any
 
-from streamkit_media.rtsp.pushprotocol import Kind, PushPacket, message, packet_content, take_messages
+import msgspec
+
+from streamkit_media.rtsp.pushprotocol import Kind, PushPacket, message, take_messages
 
 PUSHER = "streamkit_media.rtsp.pusher"
 START_LIMIT_S = 30.0  # a loaded machine may need long to start Python; the server is not spoken to before
@@ -76,14 +77,14 @@ class PushProcess:
         self.is_opened = True
         self._silence_limit_s = order["timeout_s"]
         self._answered = time.monotonic()
-        self._send_message(message(Kind.OPEN, json.dumps(order).encode()))
+        self._send_message(message(Kind.OPEN, order))
 
     def offer(self, packet: PushPacket) -> None:
         """Queues a packet; the next `exchange` raises a failure."""
         if not self._owes_answer():
             self._answered = time.monotonic()
         self.pending += 1
-        self._send_message(message(Kind.PACKET, packet_content(packet)))
+        self._send_message(message(Kind.PACKET, packet))
 
     def end(self) -> None:
         """Ends the recording once everything is written."""
@@ -169,5 +170,5 @@ class PushProcess:
         elif kind is Kind.DONE:
             self.is_done = True
         elif kind is Kind.FAILED:
-            report = json.loads(content)
+            report = msgspec.msgpack.decode(content)
             raise PushFailure(str(report["reason"]), is_refused=bool(report["is_refused"]))

@@ -1,33 +1,33 @@
 """Messages between a push process and the process that started it, over two pipes.
 
-A message is its kind (one byte), the length of its content (four bytes, big-endian) and the content.
+A message is its kind (one byte), the length of its content (four bytes, big-endian) and the content as
+MessagePack, or nothing.
 """
 
 from __future__ import annotations
 
 import enum
 import struct
-from dataclasses import dataclass
+
+import msgspec
 
 HEAD = struct.Struct(">cI")
-TIMES = struct.Struct(">qqq?")
 
 
 class Kind(enum.Enum):
     """Kinds of messages; the first three go to the push process, the others come from it."""
 
-    OPEN = b"O"  # JSON of what to open
-    PACKET = b"P"
+    OPEN = b"O"  # what to open, see `pusher.Push`
+    PACKET = b"P"  # a `PushPacket`
     END = b"E"
     AWAKE = b"A"  # it runs, and waits for OPEN
     READY = b"R"  # the server records
     WRITTEN = b"W"  # the oldest packet that was not yet so is with the operating system
     DONE = b"D"
-    FAILED = b"F"  # JSON of the reason
+    FAILED = b"F"  # `reason` and `is_refused`
 
 
-@dataclass(frozen=True)
-class PushPacket:
+class PushPacket(msgspec.Struct, frozen=True, array_like=True):
     """One coded packet.
 
     Attributes:
@@ -45,27 +45,17 @@ class PushPacket:
     data: bytes
 
 
-def message(kind: Kind, content: bytes = b"") -> bytes:
+def message(kind: Kind, content: object = None) -> bytes:
     """A message as it goes through the pipe."""
-    return HEAD.pack(kind.value, len(content)) + content
-
-
-def packet_content(packet: PushPacket) -> bytes:
-    """The content of a PACKET message."""
-    return TIMES.pack(packet.pts, packet.dts, packet.duration, packet.is_keyframe) + packet.data
-
-
-def read_packet(content: bytes) -> PushPacket:
-    """The packet of a PACKET message's content."""
-    pts, dts, duration, is_keyframe = TIMES.unpack_from(content)
-    return PushPacket(pts, dts, duration, is_keyframe, content[TIMES.size :])
+    encoded = b"" if content is None else msgspec.msgpack.encode(content)
+    return HEAD.pack(kind.value, len(encoded)) + encoded
 
 
 def take_messages(received: bytearray) -> list[tuple[Kind, bytes]]:
-    """The messages that are there as a whole; they are removed.
+    """The complete messages, each with its encoded content; they are removed.
 
     Raises:
-        ValueError: what came is no message.
+        ValueError: the bytes are no message.
     """
     found, at = [], 0
     while at + HEAD.size <= len(received):

@@ -1,9 +1,9 @@
-import json
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 
+import msgspec
 import pytest
 
 from streamkit_media.rtsp.pushprotocol import Kind, message, take_messages
@@ -24,7 +24,7 @@ def order(port: int, timeout_s: float) -> bytes:
     """The message to connect to a port here."""
     url = f"rtsp://127.0.0.1:{port}/live"
     content = {"url": url, "options": {}, "codec": "h264", "width": 64, "height": 48, "timeout_s": timeout_s}
-    return message(Kind.OPEN, json.dumps(content).encode())
+    return message(Kind.OPEN, content)
 
 
 def test_it_ends_without_input(process: Process) -> None:
@@ -39,7 +39,7 @@ def test_a_failure_is_its_last_answer(process: Process) -> None:
     answers, _ = process.communicate(order(1, 5.0), timeout=20)
     (_, (kind, content)) = take_messages(bytearray(answers))
     assert kind is Kind.FAILED
-    assert json.loads(content) == {"reason": "Connection refused", "is_refused": False}
+    assert msgspec.msgpack.decode(content) == {"reason": "Connection refused", "is_refused": False}
 
 
 def test_it_ends_also_without_its_parent(process: Process, serve: Callable[[int], int]) -> None:
