@@ -199,7 +199,6 @@ class Split(Element):
 
     @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-
         def receive(frame: Frame) -> None:
             for name, out in self.split(frame).items():
                 target = self.pads.get(name)

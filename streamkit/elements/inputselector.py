@@ -73,7 +73,6 @@ class InputSelector(Combine):
 
     @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-
         def receive(frame: Frame) -> None:
             if pad.is_eos:
                 raise EndOfStream(self.name)
