@@ -57,6 +57,7 @@ class AppSink(PlainSink):
         self._preroll: Frame | None = None
         self._was_started = False
         super().__init__(name, **properties)
+        self.property_changed("")
 
     @override
     def query_caps(self, pad: Pad) -> Caps:
@@ -83,6 +84,7 @@ class AppSink(PlainSink):
     @override
     def property_changed(self, name: str) -> None:
         super().property_changed(name)
+        self.pending.limits = self.max_buffers, self.max_bytes, self.max_time
         self.wake()
 
     # Called in the streaming thread.
@@ -101,7 +103,7 @@ class AppSink(PlainSink):
             self.check_open()
             if self.is_outside(frame):
                 return
-            while self._is_full():
+            while self.pending.is_full():
                 if self.drop and self.pending.drop_oldest():
                     self.count_drop("appsink full, oldest dropped")
                     continue
@@ -116,9 +118,6 @@ class AppSink(PlainSink):
             self.changed.notify_all()
         if self.emit_signals:
             self.on_new_sample.emit(self)
-
-    def _is_full(self) -> bool:
-        return self.pending.is_full(self.max_buffers, self.max_bytes, self.max_time)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Queues events between the frames, for `pull_object`."""

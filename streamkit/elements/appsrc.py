@@ -82,9 +82,11 @@ class AppSrc(Source):
         self._had_gap = False
         self._taken = 0
         super().__init__(name, **properties)
+        self.property_changed("")
 
     def property_changed(self, name: str) -> None:
-        """Wakes waiting threads; None for caps is ANY."""
+        """Applies new limits, and wakes waiting threads; None for caps is ANY."""
+        self.pending.limits = self.max_buffers, self.max_bytes, self.max_time
         if name == "caps" and self.caps is None:
             self.caps = ANY
         self.wake()
@@ -126,7 +128,7 @@ class AppSrc(Source):
         frame = item if isinstance(item, Frame) else Frame(item, self.caps or ANY, **fields)
         with self.changed:
             self._check_open()
-            is_full = self.is_playing and self._is_full()
+            is_full = self.is_playing and self.pending.is_full()
         if is_full:
             if self.emit_signals:
                 self.on_enough_data.emit(self)
@@ -147,7 +149,7 @@ class AppSrc(Source):
         """
         with self.changed:
             self._check_open()
-            if self._is_full():
+            if self.pending.is_full():
                 return False
         self.push(item, **fields)
         return True
@@ -170,9 +172,6 @@ class AppSrc(Source):
             self.pending.append(frame)
             self.changed.notify_all()
 
-    def _is_full(self) -> bool:
-        return self.pending.is_full(self.max_buffers, self.max_bytes, self.max_time)
-
     def _make_room(self, deadline_s: float, timeout_s: float) -> bool:
         """Drops, waits or neither, by the properties; False if the new frame is dropped."""
         with self.changed:
@@ -181,11 +180,11 @@ class AppSrc(Source):
                 self.count_drop("appsrc full, newest dropped")
                 return False
             if self.leaky_type is LeakyType.DOWNSTREAM:
-                while self._is_full() and self.pending.drop_oldest():
+                while self.pending.is_full() and self.pending.drop_oldest():
                     self._had_gap = True
                     self.count_drop("appsrc full, oldest dropped")
                 return True
-            while self.block and self._is_full():
+            while self.block and self.pending.is_full():
                 failure = self.pipeline_error()
                 if failure is not None:
                     raise failure

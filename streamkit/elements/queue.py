@@ -100,6 +100,7 @@ class Queue(Element):
         self._flush_over = threading.Event()
         self._thread_id = 0
         super().__init__(name, **properties)
+        self.property_changed("")
 
     def latency(self) -> tuple[int, int | None]:
         """From the time threshold to the time limit."""
@@ -110,7 +111,11 @@ class Queue(Element):
         return self.pads["sink" if pad.is_src else "src"].peer_caps()
 
     def property_changed(self, name: str) -> None:
-        """Wakes both threads to apply new limits."""
+        """Applies new limits, and wakes both threads."""
+        self.pending.limits = self.max_size_buffers, self.max_size_bytes, self.max_size_time
+        self._has_thresholds = any(
+            (self.min_threshold_buffers, self.min_threshold_bytes, self.min_threshold_time)
+        )
         self.wake()
 
     @override
@@ -142,7 +147,7 @@ class Queue(Element):
         with self._lock:
             if self._refusal is not None:
                 raise self._refusal(self.name)
-            if not self._is_full():
+            if not self.pending.is_full():
                 self._append(frame)
                 return
         self._emit(self.on_overrun)
@@ -157,9 +162,6 @@ class Queue(Element):
         if self.stopping.is_set():
             raise Flushing(self.name)
 
-    def _is_full(self) -> bool:
-        return self.pending.is_full(self.max_size_buffers, self.max_size_bytes, self.max_size_time)
-
     def _append(self, frame: Frame) -> None:
         if self._has_tail_gap:
             self._has_tail_gap = False
@@ -170,7 +172,7 @@ class Queue(Element):
 
     def _make_room(self) -> bool:
         """Waits, or drops by `leaky`; False if the new frame is dropped."""
-        while self._is_full():
+        while self.pending.is_full():
             self._check_open()
             if self.leaky is Leaky.UPSTREAM:
                 self.count_drop("queue full, newest dropped")
@@ -304,14 +306,14 @@ class Queue(Element):
     def _may_read(self) -> bool:
         """Whether the queue is past its thresholds, full, or has an event at its tail."""
         pending = self.pending
-        if not pending.items:
-            return False
+        if not pending.items or not self._has_thresholds:
+            return bool(pending.items)
         is_past_thresholds = (
             pending.buffers >= self.min_threshold_buffers
             and pending.bytes >= self.min_threshold_bytes
-            and (self.min_threshold_time == 0 or pending.time_ns >= self.min_threshold_time)
+            and pending.time_ns >= self.min_threshold_time
         )
-        return is_past_thresholds or not isinstance(pending.items[-1], Frame) or self._is_full()
+        return is_past_thresholds or not isinstance(pending.items[-1], Frame) or pending.is_full()
 
     def _park(self) -> None:
         """Waits until a flush ends; without a flush, ends streaming."""

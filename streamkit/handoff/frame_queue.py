@@ -26,6 +26,7 @@ class FrameQueue:
     conditions that its threads wait on.
 
     Attributes:
+        limits: frames, bytes and time (ns) that make it full; 0 is no limit.
         items: frames and events, the oldest first; changed by the methods only.
         buffers: frames held.
         bytes: their size.
@@ -33,12 +34,15 @@ class FrameQueue:
     """
 
     def __init__(self) -> None:
+        self.limits = (0, 0, 0)
         self.items: deque[Frame | Event] = deque()
+        self._sizes: deque[int] = deque()  # of the frames
         self.reset()
 
     def reset(self) -> None:
         """Empties the queue and begins to count anew."""
         self.items.clear()
+        self._sizes.clear()
         self.buffers = self.bytes = 0
         self.highest_buffers = self.highest_bytes = self.highest_time_ns = 0
         self._in_offset_ns = self._out_offset_ns = 0
@@ -50,8 +54,9 @@ class FrameQueue:
         """Running time from the end of the newest frame taken to the end of the newest held, ns."""
         return max(0, self._in_ns - self._out_ns) if self.buffers else 0
 
-    def is_full(self, max_buffers: int, max_bytes: int, max_time_ns: int) -> bool:
-        """Whether any level has reached its limit; a limit of 0 is none."""
+    def is_full(self) -> bool:
+        """Whether any level has reached its limit."""
+        max_buffers, max_bytes, max_time_ns = self.limits
         return (
             (0 < max_buffers <= self.buffers)
             or (0 < max_bytes <= self.bytes)
@@ -65,8 +70,10 @@ class FrameQueue:
             if isinstance(item, SegmentEvent):
                 self._in_offset_ns = item.segment.running_time_ns(0)
             return
+        size = data_size(item.data)
+        self._sizes.append(size)
         self.buffers += 1
-        self.bytes += data_size(item.data)
+        self.bytes += size
         self.highest_buffers = max(self.highest_buffers, self.buffers)
         self.highest_bytes = max(self.highest_bytes, self.bytes)
         if item.pts is None:
@@ -111,6 +118,7 @@ class FrameQueue:
             How many frames were dropped.
         """
         dropped = self.buffers
+        self._sizes.clear()
         self.items.clear()
         self.items.extend(events)
         self.buffers = self.bytes = 0
@@ -120,6 +128,6 @@ class FrameQueue:
 
     def _weigh_out(self, frame: Frame) -> None:
         self.buffers -= 1
-        self.bytes -= data_size(frame.data)
+        self.bytes -= self._sizes.popleft()
         if frame.pts is not None:
             self._out_ns = max(self._out_ns, frame.pts + self._out_offset_ns + (frame.duration or 0))

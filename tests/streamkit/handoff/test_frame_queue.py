@@ -64,8 +64,9 @@ def test_a_queue_that_drops_its_oldest_stays_below_its_limits(
 ) -> None:
     """Full is looked at before a frame is added; the oldest is dropped; every frame counts."""
     queue, dropped = FrameQueue(), 0
+    queue.limits = max_buffers, max_bytes, 0
     for seq, size in enumerate(data):
-        while queue.is_full(max_buffers, max_bytes, 0) and queue.drop_oldest():
+        while queue.is_full() and queue.drop_oldest():
             dropped += 1
         queue.append(frame(seq, bytes(size)))
         assert max_buffers == 0 or queue.buffers <= max_buffers
