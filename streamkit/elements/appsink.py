@@ -84,7 +84,8 @@ class AppSink(PlainSink):
     @override
     def property_changed(self, name: str) -> None:
         super().property_changed(name)
-        self.pending.limits = self.max_buffers, self.max_bytes, self.max_time
+        with self.changed:
+            self.pending.limits = self.max_buffers, self.max_bytes, self.max_time
         self.wake()
 
     # Called in the streaming thread.

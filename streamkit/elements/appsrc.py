@@ -86,7 +86,8 @@ class AppSrc(Source):
 
     def property_changed(self, name: str) -> None:
         """Applies new limits, and wakes waiting threads; None for caps is ANY."""
-        self.pending.limits = self.max_buffers, self.max_bytes, self.max_time
+        with self.changed:
+            self.pending.limits = self.max_buffers, self.max_bytes, self.max_time
         if name == "caps" and self.caps is None:
             self.caps = ANY
         self.wake()

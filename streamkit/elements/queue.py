@@ -112,11 +112,13 @@ class Queue(Element):
 
     def property_changed(self, name: str) -> None:
         """Applies new limits, and wakes both threads."""
-        self.pending.limits = self.max_size_buffers, self.max_size_bytes, self.max_size_time
-        self._has_thresholds = any(
-            (self.min_threshold_buffers, self.min_threshold_bytes, self.min_threshold_time)
-        )
-        self.wake()
+        with self._lock:
+            self.pending.limits = self.max_size_buffers, self.max_size_bytes, self.max_size_time
+            self._has_thresholds = any(
+                (self.min_threshold_buffers, self.min_threshold_bytes, self.min_threshold_time)
+            )
+            self._notify_upstream()
+            self._notify_downstream()
 
     @override
     def wake(self) -> None:
