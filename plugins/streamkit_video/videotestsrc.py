@@ -12,7 +12,7 @@ from typing_extensions import override
 from streamkit import Caps, Frame, Property, Source
 from streamkit_video.patterns import MOVING, Pattern, paint
 from streamkit_video.pixel_formats import FORMATS, convert
-from streamkit_video.raw_caps import choose_format
+from streamkit_video.videoconvert import choose_format
 
 PREFERRED = Caps("video/x-raw, width=320, height=240, framerate=30/1")
 RATE_WITHOUT_FRAMERATE = Fraction(30)

@@ -49,7 +49,6 @@ EXCEPTIONS = {
     "streamkit_stitcher.mosaic_pad",
     "streamkit_tracker.explanation.reading",
     "streamkit_tracker.frame_link",
-    "streamkit_video.raw_caps",
 }
 PLUGIN_NAMES = {path.name for path in PLUGINS.iterdir() if (path / "__init__.py").exists()}
 

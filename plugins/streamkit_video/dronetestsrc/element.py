@@ -14,7 +14,7 @@ from typing_extensions import override
 from streamkit import Caps, Frame, Property, ResourceError, SettingsOf, Source
 from streamkit_video.dronetestsrc.ground import load_ground
 from streamkit_video.dronetestsrc.world import World, WorldSettings
-from streamkit_video.raw_caps import choose_format
+from streamkit_video.videoconvert import choose_format
 
 PREFERRED = Caps("video/x-raw, width=1280, height=720, framerate=25/1")
 RATE_WITHOUT_FRAMERATE = Fraction(25)
