@@ -1,128 +1,205 @@
-"""Change detection by the rules of changedetection.net: framediff beside OpenCV's MOG2 and KNN.
+"""Change detection on real sequences: framediff beside OpenCV's MOG2 and KNN, by the rules of changedetection.net.
 
-Of the sequence `highway` as it is, and shaken like a camera on a mast: the same frames for all, grey, from
-370, scored on 470 to 1070. 50 is background; 85, 170 and what lies outside the region of interest are
-left out.
-framediff has its defaults in both. The peers are shown with and without shadows, raw and with a 5 x 5 median.
+Every sequence of a folder as it is, and shaken like a camera on a mast; the same frames for all. Every frame with
+a truth inside the sequence's temporal region is scored. In the truth 50 is background; 85, 170 and what lies outside
+the region of interest are left out. framediff has its defaults and grey frames. Of each peer the best of eight
+settings per sequence stands in the table: grey or colour, with or without shadows, raw or with a 5 x 5 median; their
+figures are computed once and kept in a file. Besides F the table lists what happened to framediff's model.
 
-    STREAMKIT_DATA=... python benchmarks/change_detection.py [folder of a sequence]
+    STREAMKIT_DATA=... python benchmarks/change_detection.py [sequence ...] [--still] [--set noise-gain=3]
 """
 
+from __future__ import annotations
+
+import itertools
+import json
 import os
-import sys
+import tempfile
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_differencer.differencer import Differencer
-from streamkit_differencer.mask_values import full_size
+from streamkit import Frame, raw_video_caps
+from streamkit.testing import Harness
 
 ByteImage = npt.NDArray[np.uint8]
-FIRST, LAST = 370, 1070
-FIRST_SCORED = 470
+SHARED = Path(os.environ.get("STREAMKIT_DATA", "/nonexistent")) / "data" / "change"
+KEPT = Path(tempfile.gettempdir()) / f"streamkit-change-detection-peers-{cv2.__version__}.json"
 SHAKE_PX, SHAKE_DEGREES, SHAKE_SEED = 3.0, 0.3, 0
-Sequence = list[tuple[ByteImage, ByteImage | None]]
+PEERS = {"MOG2": cv2.createBackgroundSubtractorMOG2, "KNN": cv2.createBackgroundSubtractorKNN}
+FOREGROUND = 100
+MOVING, OUTSIDE, UNKNOWN = 255, 85, 170
 
 
-def sequence(folder: Path) -> Sequence:
-    """Frames and their truth where they are scored."""
-    pairs: Sequence = []
-    for path in sorted((folder / "input").iterdir()):
-        number = int("".join(filter(str.isdigit, path.stem)))
-        truth = folder / "groundtruth" / f"gt{number:06d}.png"
-        if FIRST <= number <= LAST:
-            scored = cv2.imread(str(truth), 0) if number >= FIRST_SCORED and truth.exists() else None
-            pairs.append((cv2.imread(str(path), 0), scored))
-    return pairs
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """Frames with their truth.
+
+    Attributes:
+        name: of the folder, with `shaken` behind it where the frames are moved.
+        frames: uint8[h, w, 3] each, BGR.
+        truths: uint8[h, w] each; None where a frame is not scored.
+        region: bool[h, w], where it is scored.
+    """
+
+    name: str
+    frames: list[ByteImage]
+    truths: list[ByteImage | None]
+    region: npt.NDArray[np.bool_]
+
+    @classmethod
+    def read(cls, folder: Path) -> Sequence:
+        """A folder as changedetection.net publishes it."""
+        paths = sorted((folder / "input").iterdir())
+        numbers = [int("".join(filter(str.isdigit, path.stem))) for path in paths]
+        roi, span = folder / "ROI.bmp", folder / "temporalROI.txt"
+        first, last = map(int, span.read_text().split()) if span.exists() else (0, max(numbers))
+        frames = [cv2.imread(str(path)) for path in paths]
+        truths = []
+        for number in numbers:
+            path = folder / "groundtruth" / f"gt{number:06d}.png"
+            truths.append(cv2.imread(str(path), 0) if first <= number <= last and path.exists() else None)
+        everywhere = np.ones(frames[0].shape[:2], np.bool_)
+        region = cv2.imread(str(roi), 0) > 0 if roi.exists() else everywhere
+        return cls(folder.name, frames, truths, region if region.shape == everywhere.shape else everywhere)
+
+    def shaken(self) -> Sequence:
+        """The same seen by a camera that shakes; unscored where the truth leaves the frame."""
+        random, state = np.random.default_rng(SHAKE_SEED), np.zeros(3)
+        frames, truths = [], []
+        for frame, truth in zip(self.frames, self.truths, strict=True):
+            state = 0.8 * state + 0.6 * random.normal(0, [SHAKE_PX, SHAKE_PX, SHAKE_DEGREES])
+            height, width = frame.shape[:2]
+            matrix = cv2.getRotationMatrix2D((width / 2, height / 2), state[2], 1)
+            matrix[:, 2] += state[:2]
+            size = width, height
+            border = cv2.BORDER_REFLECT
+            frames.append(cv2.warpAffine(frame, matrix, size, flags=cv2.INTER_CUBIC, borderMode=border))
+            nearest = cv2.INTER_NEAREST
+            truths.append(
+                None if truth is None else cv2.warpAffine(truth, matrix, size, flags=nearest, borderValue=OUTSIDE)
+            )
+        return Sequence(f"{self.name} shaken", frames, truths, self.region)
 
 
-def shaken(pairs: Sequence) -> Sequence:
-    """The same seen by a camera that shakes; 85 where the truth leaves the picture."""
-    random, state, result = np.random.default_rng(SHAKE_SEED), np.zeros(3), []
-    for picture, truth in pairs:
-        state = 0.8 * state + 0.6 * random.normal(0, [SHAKE_PX, SHAKE_PX, SHAKE_DEGREES])
-        height, width = picture.shape
-        matrix = cv2.getRotationMatrix2D((width / 2, height / 2), state[2], 1)
-        matrix[:, 2] += state[:2]
-        size = width, height
-        moved = cv2.warpAffine(picture, matrix, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
-        if truth is not None:
-            truth = cv2.warpAffine(truth, matrix, size, flags=cv2.INTER_NEAREST, borderValue=85)  # noqa: PLW2901
-        result.append((moved, truth))
-    return result
+@dataclass
+class Score:
+    """Counts of pixels that are found and true, found and false, missed."""
+
+    found: int = 0
+    false: int = 0
+    missed: int = 0
+
+    def add(self, mask: ByteImage, truth: ByteImage, region: npt.NDArray[np.bool_]) -> None:
+        """Adds a frame."""
+        judged = region & (truth != OUTSIDE) & (truth != UNKNOWN)
+        found, true = (mask > FOREGROUND) & judged, (truth == MOVING) & judged
+        self.found += np.count_nonzero(found & true)
+        self.false += np.count_nonzero(found & ~true)
+        self.missed += np.count_nonzero(~found & true)
+
+    @property
+    def f_measure(self) -> float:
+        """Harmonic mean of precision and recall."""
+        return 2 * self.found / max(1, 2 * self.found + self.false + self.missed)
+
+    @property
+    def precision(self) -> float:
+        """Share of what is found that is true."""
+        return self.found / max(1, self.found + self.false)
+
+    @property
+    def recall(self) -> float:
+        """Share of what is true that is found."""
+        return self.found / max(1, self.found + self.missed)
 
 
-class Own:
-    """framediff with its defaults."""
-
-    def __init__(self) -> None:
-        self._differencer = Differencer(own_motion=True)
-
-    def apply(self, picture: ByteImage) -> ByteImage:
-        """The mask at the frame's size."""
-        result = self._differencer.update(picture, None)
-        height, width = picture.shape
-        return full_size(None if result is None else result.foreground, width, height)
-
-
-class Peer:
-    """A subtractor of OpenCV; 255 is foreground, 127 shadow."""
-
-    def __init__(self, subtractor: cv2.BackgroundSubtractor, median: int) -> None:
-        self._subtractor, self._median = subtractor, median
-
-    def apply(self, picture: ByteImage) -> ByteImage:
-        """The mask at the frame's size."""
-        mask = np.where(self._subtractor.apply(picture) == 255, np.uint8(255), np.uint8(0))
-        return cv2.medianBlur(mask, self._median) if self._median else mask
+def own(sequence: Sequence, settings: dict[str, str]) -> tuple[Score, Counter[str], float]:
+    """framediff: its score, the events of its model, and ms per frame."""
+    height, width = sequence.region.shape
+    caps, score, events, spent = raw_video_caps("GRAY8", width, height), Score(), Counter[str](), []
+    with Harness("framediff", **settings) as framediff:
+        for number, (frame, truth) in enumerate(zip(sequence.frames, sequence.truths, strict=True)):
+            grey = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+            begin = time.process_time()
+            mask, _ = framediff.push(Frame(grey, caps, seq=number, pts=number * 40_000_000))
+            spent.append(time.process_time() - begin)
+            if truth is not None:
+                score.add(mask.data, truth, sequence.region)
+        events.update(str(message.fields["event"]) for message in framediff.messages if message.text == "model")
+    return score, events, 1e3 * float(np.median(spent))
 
 
-def methods() -> dict[str, object]:
-    """What takes part, each new."""
-    chosen: dict[str, object] = {"framediff": Own()}
-    for name, make in (
-        ("MOG2", cv2.createBackgroundSubtractorMOG2),
-        ("KNN", cv2.createBackgroundSubtractorKNN),
-    ):
-        for shadows in (True, False):
-            for median in (0, 5):
-                words = f"{name}{' shadows' if shadows else ''}{' median' if median else ''}"
-                chosen[words] = Peer(make(detectShadows=shadows), median)
-    return chosen
+def peer(sequence: Sequence, name: str) -> dict[str, float]:
+    """F of a peer on a sequence with each of its settings."""
+    scores: dict[str, Score] = {}
+    for shadows, colour in itertools.product((True, False), repeat=2):
+        subtractor = PEERS[name](detectShadows=shadows)
+        words = " ".join(("colour" if colour else "grey", *(["shadows"] if shadows else [])))
+        for frame, truth in zip(sequence.frames, sequence.truths, strict=True):
+            mask = subtractor.apply(frame if colour else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
+            if truth is not None:
+                raw = np.where(mask == MOVING, np.uint8(MOVING), np.uint8(0))
+                scores.setdefault(words, Score()).add(raw, truth, sequence.region)
+                scores.setdefault(f"{words} median", Score()).add(cv2.medianBlur(raw, 5), truth, sequence.region)
+    return {words: score.f_measure for words, score in scores.items()}
 
 
-def main(folder: Path) -> None:
-    """Prints the table."""
+def peers(sequence: Sequence) -> list[float]:
+    """The best F of each peer, of its grey settings and of all, from the file of those that are known."""
+    known = json.loads(KEPT.read_text()) if KEPT.exists() else {}
+    if sequence.name not in known:
+        known[sequence.name] = {name: peer(sequence, name) for name in PEERS}
+        KEPT.write_text(json.dumps(known, indent=1))
+    scores = known[sequence.name]
+    return [
+        max(value for words, value in scores[name].items() if words.startswith(start))
+        for name in PEERS
+        for start in ("grey", "")
+    ]
+
+
+def main(names: list[str], with_shaken: bool, settings: dict[str, str]) -> None:
+    """Prints the table and its summary."""
     cv2.setNumThreads(1)
-    region = cv2.imread(str(folder / "ROI.bmp"), 0) > 0
-    still = sequence(folder)
-    print(f"{'sequence':10} {'method':22} {'F':>6} {'precision':>10} {'recall':>7} {'ms':>6}")
-    for name, pairs in (("as it is", still), ("shaken", shaken(still))):
-        for words, method in methods().items():
-            counts, spent = np.zeros(3), []
-            for picture, truth in pairs:
-                begin = time.perf_counter()
-                mask = method.apply(picture)
-                spent.append(time.perf_counter() - begin)
-                if truth is not None:
-                    judged = region & (truth != 85) & (truth != 170)
-                    found, true = (mask > 100) & judged, (truth == 255) & judged
-                    counts += [
-                        np.count_nonzero(found & true),
-                        np.count_nonzero(found & ~true),
-                        np.count_nonzero(~found & true),
-                    ]
-            precision, recall = counts[0] / max(1, counts[:2].sum()), counts[0] / max(1, counts[[0, 2]].sum())
-            f_measure = 2 * counts[0] / max(1, 2 * counts[0] + counts[1] + counts[2])
-            ms = 1e3 * float(np.median(spent))
+    columns = [f"{name}{kind}" for name in PEERS for kind in (" grey", "")]
+    rows: dict[bool, list[list[float]]] = {False: [], True: []}
+    print(f"{'sequence':22} {'F':>6} {'prec':>5} {'rec':>5}", *(f"{name:>9}" for name in columns), "   ms  events")
+    for name in names or sorted(path.name for path in SHARED.iterdir()):
+        still = Sequence.read(SHARED / name)
+        for sequence in (still, still.shaken()) if with_shaken else (still,):
+            score, events, ms = own(sequence, settings)
+            others = peers(sequence)
+            rows[sequence is not still].append([score.f_measure, *others])
             print(
-                f"{name:10} {words:22} {f_measure:6.3f} {precision:10.3f} {recall:7.3f} {ms:6.2f}", flush=True
+                f"{sequence.name:22} {score.f_measure:6.3f} {score.precision:5.2f} {score.recall:5.2f}",
+                *(f"{value:9.3f}" for value in others),
+                f"{ms:5.1f} ",
+                *(f"{event}={count}" for event, count in sorted(events.items())),
+                flush=True,
+            )
+    for is_shaken, values in rows.items():
+        if values:
+            table = np.array(values)
+            ours, best = table[:, 0], table[:, 1:].max(axis=1)
+            print(
+                f"{'mean, shaken' if is_shaken else 'mean, as it is':22} {ours.mean():6.3f} {'':11}",
+                *(f"{mean:9.3f}" for mean in table[:, 1:].mean(axis=0)),
+                f" ahead of both in {np.count_nonzero(ours > best)} of {len(ours)}, below .8 of the better in "
+                f"{np.count_nonzero(ours < 0.8 * best)}",
             )
 
 
 if __name__ == "__main__":
-    shared = Path(os.environ.get("STREAMKIT_DATA", "/nonexistent")) / "data" / "change" / "highway"
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else shared)
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("sequence", nargs="*", help="names of folders; all if there is none")
+    parser.add_argument("--still", action="store_true", help="leaves out the shaken ones")
+    parser.add_argument("--set", action="append", default=[], metavar="PROPERTY=VALUE", help="of framediff")
+    arguments = parser.parse_args()
+    main(arguments.sequence, not arguments.still, dict(text.split("=", 1) for text in arguments.set))
