@@ -1,10 +1,11 @@
-"""Change detection on real sequences: framediff beside OpenCV's MOG2 and KNN, by the rules of changedetection.net.
+"""Change detection on real sequences by the rules of changedetection.net: framediff, MOG2 and KNN.
 
-Every sequence of a folder as it is, and shaken like a camera on a mast; the same frames for all. Every frame with
-a truth inside the sequence's temporal region is scored. In the truth 50 is background; 85, 170 and what lies outside
-the region of interest are left out. framediff has its defaults and grey frames. Of each peer the best of eight
-settings per sequence stands in the table: grey or colour, with or without shadows, raw or with a 5 x 5 median; their
-figures are computed once and kept in a file. Besides F the table lists what happened to framediff's model.
+Every sequence of a folder as it is, and shaken like a camera on a mast; the same frames for all. Every frame
+with a truth inside the sequence's temporal region is scored. In the truth 50 is background; 85, 170 and what
+lies outside the region of interest are left out. framediff has its defaults and grey frames. Of each peer the
+best of eight settings per sequence stands in the table: grey or colour, with or without shadows, raw or with
+a 5 x 5 median; their figures are computed once and kept in a file. Besides F the table lists what happened to
+framediff's model.
 
     STREAMKIT_DATA=... python benchmarks/change_detection.py [sequence ...] [--still] [--set noise-gain=3]
 """
@@ -83,7 +84,9 @@ class Sequence:
             frames.append(cv2.warpAffine(frame, matrix, size, flags=cv2.INTER_CUBIC, borderMode=border))
             nearest = cv2.INTER_NEAREST
             truths.append(
-                None if truth is None else cv2.warpAffine(truth, matrix, size, flags=nearest, borderValue=OUTSIDE)
+                None
+                if truth is None
+                else cv2.warpAffine(truth, matrix, size, flags=nearest, borderValue=OUTSIDE)
             )
         return Sequence(f"{self.name} shaken", frames, truths, self.region)
 
@@ -132,7 +135,9 @@ def own(sequence: Sequence, settings: dict[str, str]) -> tuple[Score, Counter[st
             spent.append(time.process_time() - begin)
             if truth is not None:
                 score.add(mask.data, truth, sequence.region)
-        events.update(str(message.fields["event"]) for message in framediff.messages if message.text == "model")
+        events.update(
+            str(message.fields["event"]) for message in framediff.messages if message.text == "model"
+        )
     return score, events, 1e3 * float(np.median(spent))
 
 
@@ -147,7 +152,9 @@ def peer(sequence: Sequence, name: str) -> dict[str, float]:
             if truth is not None:
                 raw = np.where(mask == MOVING, np.uint8(MOVING), np.uint8(0))
                 scores.setdefault(words, Score()).add(raw, truth, sequence.region)
-                scores.setdefault(f"{words} median", Score()).add(cv2.medianBlur(raw, 5), truth, sequence.region)
+                scores.setdefault(f"{words} median", Score()).add(
+                    cv2.medianBlur(raw, 5), truth, sequence.region
+                )
     return {words: score.f_measure for words, score in scores.items()}
 
 
@@ -170,7 +177,11 @@ def main(names: list[str], with_shaken: bool, settings: dict[str, str]) -> None:
     cv2.setNumThreads(1)
     columns = [f"{name}{kind}" for name in PEERS for kind in (" grey", "")]
     rows: dict[bool, list[list[float]]] = {False: [], True: []}
-    print(f"{'sequence':22} {'F':>6} {'prec':>5} {'rec':>5}", *(f"{name:>9}" for name in columns), "   ms  events")
+    print(
+        f"{'sequence':22} {'F':>6} {'prec':>5} {'rec':>5}",
+        *(f"{name:>9}" for name in columns),
+        "   ms  events",
+    )
     for name in names or sorted(path.name for path in SHARED.iterdir()):
         still = Sequence.read(SHARED / name)
         for sequence in (still, still.shaken()) if with_shaken else (still,):
@@ -191,7 +202,7 @@ def main(names: list[str], with_shaken: bool, settings: dict[str, str]) -> None:
             print(
                 f"{'mean, shaken' if is_shaken else 'mean, as it is':22} {ours.mean():6.3f} {'':11}",
                 *(f"{mean:9.3f}" for mean in table[:, 1:].mean(axis=0)),
-                f" ahead of both in {np.count_nonzero(ours > best)} of {len(ours)}, below .8 of the better in "
+                f" ahead of both in {np.count_nonzero(ours > best)} of {len(ours)}, below .8 of the better: "
                 f"{np.count_nonzero(ours < 0.8 * best)}",
             )
 
