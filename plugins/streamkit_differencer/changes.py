@@ -11,8 +11,6 @@ from streamkit_kernels import BYTES, compiled, kernel
 
 # Largest lambda.
 LONGEST_WAIT = 255
-# The share of changed pixels is estimated from every fourth row.
-SHARE_STEP = 4
 
 
 @kernel(BYTES, BYTES, BYTES, BYTES, BYTES, BYTES, REGION, types.float64, types.float64, types.int64)
@@ -27,7 +25,7 @@ def update_waiting(
     threshold: float,
     gradient_gain: float,
     quiet_frames: int,
-) -> tuple[int, int]:
+) -> None:
     """Counts down the frames that every pixel has to wait until it is quiet; restarts where it changed.
 
     A pixel that is not in both frames counts as changed. The counter is kept relative to the longest wait, so
@@ -45,16 +43,11 @@ def update_waiting(
         gradient_gain: share of the local range of `earlier` added to the threshold, so that a registration
             error at an edge is no change.
         quiet_frames: lambda.
-
-    Returns:
-        Of every fourth row: pixels that changed among those in both frames, and the number of those.
     """
     top, bottom, left, right = region
     count = right - left
     lowest, highest = np.empty(count + 2, np.uint8), np.empty(count + 2, np.uint8)
     ranges, both, changed = np.empty(count, np.uint8), np.empty(count, np.uint8), np.empty(count, np.uint8)
-    step = SHARE_STEP if bottom - top >= SHARE_STEP**2 else 1
-    total, common = np.int64(0), np.int64(0)
     # Differences are whole numbers.
     most = np.uint8(min(max(threshold, 0.0), 255.0))
     for row in range(top, bottom):
@@ -69,12 +62,7 @@ def update_waiting(
             )
             _range_around(above, here, below, lowest, highest, ranges)
             _changed(line, here, ranges, np.float32(threshold), np.float32(gradient_gain), changed)
-        if (row - top) % step == 0:
-            for index in range(count):
-                total += np.int64(changed[index] & both[index] & np.uint8(1))
-                common += np.int64(both[index] & np.uint8(1))
         _wait(changed, both, waiting[row, left:right], quiet[row, left:right], quiet_frames)
-    return int(total), int(common)
 
 
 @compiled

@@ -17,6 +17,7 @@ from streamkit_differencer.canvas import STILL, Canvas, Change, FramePosition, M
 from streamkit_differencer.canvas_images import region_of
 from streamkit_differencer.cleaning import cleaned
 from streamkit_differencer.confidence import Persistence, confidence
+from streamkit_differencer.cuts import Cut, CutDetector
 from streamkit_differencer.filters.parallax import parallax_shift
 from streamkit_differencer.mask_refinement import refine_mask
 from streamkit_differencer.model import BackgroundModel, Event
@@ -62,8 +63,8 @@ class Differencer:
     """Detects moving objects in a sequence of frames.
 
     Attributes:
-        settings: may be replaced between frames; working_scale, frame_interval, quiet_frames and three_frame
-            take effect at the next reset.
+        settings: may be replaced between frames; working_scale, frame_interval and quiet_frames take
+            effect at the next reset.
         own_motion: whether the camera motion is measured here for frames without registration; else they
             count as those of a fixed camera.
         region: uint8[h, w] of the frames' size, 255 where objects are searched; None for everywhere.
@@ -74,9 +75,11 @@ class Differencer:
     region: ByteImage | None = None
     _shape: tuple[int, int] | None = None
     _scale: int = 1
+    _is_registered: bool = False
     _canvas: Canvas | None = None
     _model: BackgroundModel | None = None
     _camera: CameraMotion = field(default_factory=CameraMotion)
+    _cuts: CutDetector = field(default_factory=CutDetector)
     _persistence: Persistence = field(default_factory=Persistence)
     # Centres of the last frames on the canvas, px.
     _centres: list[FloatArray] = field(default_factory=list)
@@ -85,6 +88,10 @@ class Differencer:
 
     def reset(self) -> None:
         """Discards the model: the next frame starts a new one."""
+        self._forget()
+        self._cuts.reset()
+
+    def _forget(self) -> None:
         self._canvas = self._model = None
         self._camera.reset()
 
@@ -110,16 +117,27 @@ class Differencer:
             wanted = self.settings.working_scale or automatic_scale(image.shape[1])
             self._scale = wanted if min(image.shape) >= SMALLEST_WORKING * wanted else 1
         working = downsampled(image, self._scale)
+        # Whoever registers frames tells cuts, too.
+        cut = Cut.NONE if motion else self._cuts.update(working, self.settings.background.frame_threshold)
+        if cut is Cut.SUSPECTED:
+            self.miss()
+            return None
+        if cut is Cut.CONFIRMED:
+            self._forget()
         if self._model is not None:
             self._model.settings = self.settings.background
+        self._is_registered = motion is not None
         if motion is None and self.own_motion:
             motion = self._measured(working)
             if motion is None:
                 self.miss()
                 return None
-        if motion is None:
-            return self._update_fixed(image, working, registration)
-        return self._update_moving(image, working, motion, registration)
+        result = (
+            self._update_fixed(image, working, registration)
+            if motion is None
+            else self._update_moving(image, working, motion, registration)
+        )
+        return result if cut is Cut.NONE or result is None else replace(result, event=Event.RESET)
 
     def _measured(self, working: ByteImage) -> Motion | None:
         placed = self._camera.place(working)
@@ -159,7 +177,8 @@ class Differencer:
 
     def _new_model(self, size: tuple[int, int]) -> BackgroundModel:
         self._persistence, self._centres = Persistence(), []
-        return BackgroundModel(size, self.settings.background, self._scale)
+        # A flight comes to new ground all the time: its first second is not worth the ghosts.
+        return BackgroundModel(size, self.settings.background, self._scale, not self._is_registered)
 
     def _scored(
         self,

@@ -56,15 +56,18 @@ class FrameDiff(Transform):
     """Attaches a detection for every moving object: what differs from a background that it learns.
 
     A camera that flies needs `stitch` upstream; for one that is fixed, shakes or turns slowly framediff
-    measures the motion itself. The background is known half a second after a piece of ground came into view;
-    nothing is detected there before. The score of a detection combines its contrast, its age in frames and
-    the quality of the frame's registration. A frame that is corrupt or whose registration is lost gets no
-    detections and does not update the background.
+    measures the motion itself. Half a second after a piece of ground came into view its background is
+    known. Until then an earlier frame stands for it, in which things may be that move on and leave a ghost;
+    behind `stitch`, only known background counts in the first second.
+    The score of a detection combines its contrast, its age in frames and the quality of the frame's
+    registration. A frame that is corrupt or whose registration is lost gets no detections and does not
+    update the background.
 
     The pad `mask` carries the foreground mask: 255 moving, 128 stopped, 50 shadow, 0 background.
-    Messages `model` report when the background is started anew (`new`, `reset`), moved to another canvas
-    (`reanchor`), adapted to a change of exposure (`gain`), held because frames cannot be registered (`held`)
-    and updated again (`resumed`); messages `crowded` report frames with more than `max-objects`.
+    Messages `model` report when the background is started anew (`new`; `reset` after a cut), moved to
+    another canvas (`reanchor`), adapted to a change of exposure (`gain`), held because frames cannot be
+    registered or may show another scene (`held`) and updated again (`resumed`); messages `crowded` report
+    frames with more than `max-objects`.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! framediff ! fakesink
@@ -160,9 +163,9 @@ class FrameDiff(Transform):
         if dropped and not self._has_warned:
             self._has_warned = True
             self.post_warning(
-                f"more than max-objects={self.settings.objects.max_objects} detections in a frame, those "
-                "with the lowest scores are dropped: raise foreground-threshold or min-area, or check the "
-                "registration"
+                f"{len(result.objects) + dropped} detections in a frame, more than "
+                f"max-objects={self.settings.objects.max_objects}; those with the lowest scores are dropped: "
+                "raise max-objects, or foreground-threshold or min-area if they are noise"
             )
         self._crowded = bool(dropped)
 

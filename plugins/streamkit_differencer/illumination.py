@@ -1,11 +1,10 @@
-"""Changes of brightness of the whole frame, such as exposure steps or automatic gain, and scene changes."""
+"""Changes of brightness of the whole frame, such as exposure steps or automatic gain."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, FloatImage, FloatLine
@@ -21,9 +20,6 @@ SMALLEST_SHIFT = 4.0
 # Clipped pixels lower the median.
 LEAST_SHIFT = 1.0
 SMALLEST_AGREEMENT = 0.6
-# Smallest standard deviation of a textured image; correlation below which two show different scenes.
-LEAST_TEXTURE = 8.0
-LEAST_CORRELATION = 0.3
 NEAR = 10.0
 
 
@@ -38,30 +34,6 @@ class BrightnessChange:
 
     gain: float
     offset: float
-
-
-def is_scene_change(earlier: ByteImage, current: ByteImage, known: ByteImage, share: float) -> bool:
-    """Whether two aligned images show different scenes: the camera was switched, covered or blinded.
-
-    Compares means of 8 by 8 pixels, which noise hardly changes: how many changed, and their correlation.
-
-    Args:
-        earlier: uint8[h, w].
-        current: uint8[h, w].
-        known: uint8[h, w], mask of the pixels that both cover.
-        share: of changed means that is a scene change.
-    """
-    size = max(1, current.shape[1] // SAMPLE_STEP), max(1, current.shape[0] // SAMPLE_STEP)
-    means = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (earlier, current, known)]
-    usable = means[2] == 255
-    before, after = means[0][usable].astype(np.float32), means[1][usable].astype(np.float32)
-    if not before.size:
-        return False
-    if np.mean(np.abs(after - before) > NEAR) > share:
-        return True
-    if before.size < FEWEST_SAMPLES or min(before.std(), after.std()) < LEAST_TEXTURE:
-        return False
-    return bool(np.corrcoef(before, after)[0, 1] < LEAST_CORRELATION)
 
 
 def exposure_change(

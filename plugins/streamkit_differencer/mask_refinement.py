@@ -11,6 +11,7 @@ import numpy as np
 from streamkit_differencer.arrays import CORNERS, ByteImage, Corners, Flags, FloatArray
 from streamkit_differencer.mask_values import HIGHEST_BACKGROUND, MOVING
 from streamkit_differencer.objects import Objects
+from streamkit_differencer.refinement import background_at
 from streamkit_kernels import BYTES, FLAGS, TABLE, VIEW, compiled, kernel
 
 # An object of which this share changed moves as a whole.
@@ -92,7 +93,7 @@ def trim_halo(
             for column in range(left, right):
                 if mask[row, column] > HIGHEST_BACKGROUND:
                     value = abs(
-                        int(image[row, column]) - _background_at(background, to_background, row, column)
+                        int(image[row, column]) - background_at(background, to_background, row, column)
                     )
                     contrasts[row, column] = value
                     inside, total = inside + 1, total + value
@@ -123,20 +124,3 @@ def _is_edge(mask: ByteImage, row: int, column: int) -> bool:
 @compiled
 def _is_background(mark: np.uint8) -> bool:
     return bool(mark <= np.uint8(HIGHEST_BACKGROUND) and mark != np.uint8(TRIMMED))
-
-
-@compiled
-def _background_at(background: ByteImage, to_background: FloatArray, row: int, column: int) -> int:
-    """The background at a pixel of the frame, by bilinear interpolation, rounded."""
-    height, width = background.shape
-    depth = 1.0 / (to_background[2, 0] * column + to_background[2, 1] * row + to_background[2, 2])
-    x = (to_background[0, 0] * column + to_background[0, 1] * row + to_background[0, 2]) * depth
-    y = (to_background[1, 0] * column + to_background[1, 1] * row + to_background[1, 2]) * depth
-    # This comparison order maps NaN to 0.
-    x, y = min(x if x > 0.0 else 0.0, width - 1.0), min(y if y > 0.0 else 0.0, height - 1.0)
-    left, top = int(x), int(y)
-    right, bottom = min(left + 1, width - 1), min(top + 1, height - 1)
-    across, down = x - left, y - top
-    upper = background[top, left] * (1.0 - across) + background[top, right] * across
-    lower = background[bottom, left] * (1.0 - across) + background[bottom, right] * across
-    return int(upper * (1.0 - down) + lower * down + 0.5)

@@ -64,10 +64,10 @@ def measure_objects(
     min_area: int,
     least: int,
 ) -> FloatArray:
-    """Measures the foreground of each object that is large enough.
+    """Measures the foreground of each object that is large enough, and clears the rest.
 
     Args:
-        foreground: uint8[h, w], see `mask_values`.
+        foreground: uint8[h, w], see `mask_values`; updated in place.
         cells: uint8[rows, columns], mask.
         labels: int32[rows, columns], the object of a cell, from 1; undefined between cells.
         count: number of objects.
@@ -99,6 +99,8 @@ def measure_objects(
                 label = labels[row // step - first_row, column // step - first_column]
                 if label > 0 and sizes[label] >= min_area:
                     _count(result[label - 1], row, column, foreground[row, column] == MOVING)
+                elif label > 0:
+                    foreground[row, column] = 0
     return result
 
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
-from typing import cast
 
 import cv2
 import numpy as np
@@ -38,21 +37,21 @@ from streamkit_differencer.filters.ghost import find_ghosts
 from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.filters.shadow import shadow_mask
 from streamkit_differencer.hysteresis import hysteresis_mask, strong_mask
-from streamkit_differencer.illumination import exposure_change, is_scene_change
+from streamkit_differencer.illumination import exposure_change
 from streamkit_differencer.learning import learn
 from streamkit_differencer.mask_values import SHADOW, set_mask_values
-from streamkit_differencer.noise import NoiseMap, first_deviation
-from streamkit_differencer.pixel_classes import STRONG, classify
-from streamkit_differencer.provisional import NEVER_PROVISIONAL
+from streamkit_differencer.noise import LEAST_FIRST_DEVIATION, NoiseMap, first_deviation
+from streamkit_differencer.noise_learning import PROVISIONAL
+from streamkit_differencer.pixel_classes import classify
 from streamkit_differencer.settings import BackgroundSettings
 
 # Weight of a frame in a pixel's noise; under a camera that flies, ground is in view for seconds.
 NOISE_LEARNING_RATE = 0.05
 NOISE_INTERVAL = 4
-# Foreground threshold of the three-frame difference, grey levels.
-THREE_FRAME_THRESHOLD = 22
-# Share of changed pixels from which a frame is checked for a scene change.
-LEAST_CUT_SHARE = 0.25
+# The same for pixels that were never quiet; not where more of a frame is foreground: what passes for
+# background may then be part of what moves.
+RESTLESS_LEARNING_RATE = 0.1
+MOST_FOREGROUND = 0.3
 GHOST_INTERVAL = 3
 # New ground gets a provisional background every other frame: one frame later at most, for half the time.
 PROVISIONAL_INTERVAL = 2
@@ -61,7 +60,7 @@ FIRST_DEVIATION_FRAMES = 8
 
 
 class Event(enum.StrEnum):
-    """What the model did at a frame, besides learning."""
+    """What happened to the model at a frame, besides learning."""
 
     NONE = "none"
     GAIN = "gain"
@@ -76,6 +75,8 @@ class BackgroundModel:
         size: width and height of the canvas, px.
         settings: may be replaced between frames.
         scale: frame pixels per canvas pixel.
+        begins_at_once: whether what differs from the first frames is foreground. Things in them leave ghosts
+            for `quiet_frames`; without it nothing is foreground until those are gone.
         background: float32[h, w], B; undefined where it is not valid.
         noise: of each pixel of the background.
         valid: uint8[h, w], mask of the pixels whose background is known.
@@ -88,6 +89,7 @@ class BackgroundModel:
     size: tuple[int, int]
     settings: BackgroundSettings
     scale: int = 1
+    begins_at_once: bool = True
     background: FloatImage = field(init=False)
     noise: NoiseMap = field(init=False)
     valid: ByteImage = field(init=False)
@@ -99,7 +101,7 @@ class BackgroundModel:
     _frames: int = 0
     _history: FrameHistory = field(init=False)
     _scratch: Scratch = field(init=False)
-    _first_deviation: float | None = None
+    _first_deviation: float = LEAST_FIRST_DEVIATION
 
     def __post_init__(self) -> None:
         self._scratch = Scratch((self.size[1], self.size[0]))
@@ -109,12 +111,12 @@ class BackgroundModel:
         """Discards everything learnt."""
         shape = self.size[1], self.size[0]
         settings = self.settings
-        self._first_deviation, self._frames = None, 0
+        self._first_deviation, self._frames = LEAST_FIRST_DEVIATION, 0
         self.compared_background = self._scratch.rounded, np.s_[0 : shape[0], 0 : shape[1]]
         for name, fill in self._fills().items():
             setattr(self, name, allocated(shape, fill, np.uint8))
         self.background, self.noise = allocated(shape, 0, np.float32), NoiseMap(shape)
-        self._history = FrameHistory(shape, settings.frame_interval * (2 if settings.three_frame else 1))
+        self._history = FrameHistory(shape, settings.frame_interval)
 
     @property
     def mask(self) -> ByteImage:
@@ -184,11 +186,7 @@ class BackgroundModel:
         values, mask = self.mask[region], scratch.mask[region]
         earlier = self._earlier
         bounds = region_of(region, self.size)
-        if self._is_cut(frame, earlier, region, bounds):
-            self.reset()
-            self._history.append(frame)
-            values[:] = 0
-            return values, Event.RESET
+        self._update_waiting(frame, earlier, bounds)
         self._frames += 1
         self._set_provisional(frame, earlier, bounds)
         self._classify(frame, bounds)
@@ -196,8 +194,6 @@ class BackgroundModel:
         self._filter_components(frame, earlier, bounds, parallax)
         shadow = shadow_mask(image, self.background[region], mask) if self.settings.shadow else None
         self._learn(frame, earlier, bounds)
-        if self.settings.three_frame:
-            cv2.bitwise_or(mask, self._three_frame(frame, region, bounds), dst=mask)
         self._history.append(frame)
         if self.settings.flicker:
             before = self._foreground_before[region]
@@ -205,39 +201,37 @@ class BackgroundModel:
             before[:] = mask
             cv2.subtract(mask, flickers, dst=mask)
         set_mask_values(scratch.mask, scratch.quiet, scratch.levels, bounds)
+        ghosts_end = 2 * self.settings.quiet_frames + self.settings.frame_interval
+        if not self.begins_at_once and self._frames <= ghosts_end:
+            values[self.valid[region] == PROVISIONAL] = 0
         if shadow is not None:
             values[(shadow & mask) > 0] = SHADOW
         return values, event
 
-    def _is_cut(
-        self, frame: CanvasFrame, earlier: CanvasFrame | None, region: Slices, bounds: Region
-    ) -> bool:
-        """Equations 1 and 2, and whether the frame shows another scene."""
+    def _update_waiting(self, frame: CanvasFrame, earlier: CanvasFrame | None, bounds: Region) -> None:
+        """Equations 1 and 2."""
         settings = self.settings
         # Without an earlier frame no pixel counts as quiet.
         before = earlier or CanvasFrame(frame.image, np.zeros_like(frame.seen))
-        limits = settings.change_threshold, settings.gradient_gain, settings.quiet_frames
         images = *frame, *before, self._waiting, self._scratch.quiet
-        total, common = update_waiting(*images, bounds, *limits)
-        # Noise changes pixels but not the scene; a cut between similar scenes leaves many pixels unchanged.
-        if total <= min(LEAST_CUT_SHARE, settings.frame_threshold) * max(1, common):
-            return False
-        known = cast("ByteImage", cv2.bitwise_and(before.seen[region], frame.seen[region]))
-        return is_scene_change(before.image[region], frame.image[region], known, settings.frame_threshold)
+        thresholds = settings.change_threshold, settings.gradient_gain
+        update_waiting(*images, bounds, *thresholds, settings.quiet_frames)
 
     def _set_provisional(self, frame: CanvasFrame, earlier: CanvasFrame | None, bounds: Region) -> None:
-        """Gives ground that came into view after the start of the model a provisional background."""
+        """Gives ground that was never quiet yet a provisional background."""
         settings = self.settings
-        age = self._frames - settings.quiet_frames - settings.frame_interval
-        if earlier is None or age <= 0 or settings.three_frame or self._first_deviation is None:
+        if earlier is None or self._frames % PROVISIONAL_INTERVAL:
             return
-        if age == 1:
-            # In view from the start and never quiet: a busy road, not new ground.
-            self.noise.deviation[(frame.seen > 0) & (self.valid == 0)] = NEVER_PROVISIONAL
-        if age % PROVISIONAL_INTERVAL == 0:
-            self.noise.set_limits(settings.noise_gain, settings.foreground_threshold)
-            images = self._waiting, self.background, self.valid
-            self.noise.set_provisional(frame.seen, earlier, *images, bounds, self._first_deviation)
+        if self._frames <= PROVISIONAL_INTERVAL:
+            self._measure_first_deviation(frame, earlier, bounds)
+        self.noise.set_limits(settings.noise_gain, settings.foreground_threshold)
+        images = self._waiting, self.background, self.valid
+        self.noise.set_provisional(frame.seen, earlier, *images, bounds, self._first_deviation)
+
+    def _measure_first_deviation(self, frame: CanvasFrame, earlier: CanvasFrame, bounds: Region) -> None:
+        part = np.s_[bounds[0] : bounds[1], bounds[2] : bounds[3]]
+        pair = earlier.image, frame.image, earlier.seen, frame.seen
+        self._first_deviation = first_deviation(*(image[part] for image in pair))
 
     def _classify(self, frame: CanvasFrame, bounds: Region) -> None:
         """Equation 4 with hysteresis."""
@@ -285,14 +279,19 @@ class BackgroundModel:
             return
         # Not every frame, but with more weight: noise changes slowly.
         if self._frames % NOISE_INTERVAL == 0:
-            weight = NOISE_INTERVAL * NOISE_LEARNING_RATE
-            self.noise.learn(frame.image, scratch.rounded, scratch.updates, bounds, weight)
+            self._learn_noise(frame, bounds)
         if added and earlier is not None:
-            if self._first_deviation is None or self._frames % FIRST_DEVIATION_FRAMES == 0:
-                part = np.s_[bounds[0] : bounds[1], bounds[2] : bounds[3]]
-                pair = (earlier.image, frame.image, earlier.seen, frame.seen)
-                self._first_deviation = first_deviation(*(image[part] for image in pair))
+            if self._frames % FIRST_DEVIATION_FRAMES == 0:
+                self._measure_first_deviation(frame, earlier, bounds)
             self.noise.begin(earlier.image, scratch.updates, bounds, self._first_deviation)
+
+    def _learn_noise(self, frame: CanvasFrame, bounds: Region) -> None:
+        scratch = self._scratch
+        foreground = scratch.mask[bounds[0] : bounds[1], bounds[2] : bounds[3]]
+        is_calm = cv2.countNonZero(foreground) < MOST_FOREGROUND * foreground.size
+        restless_rate = NOISE_INTERVAL * RESTLESS_LEARNING_RATE if is_calm else 0.0
+        images = frame.image, scratch.rounded, scratch.updates, scratch.mask, self.valid
+        self.noise.learn(*images, bounds, NOISE_INTERVAL * NOISE_LEARNING_RATE, restless_rate)
 
     def contrast(self, boxes: FloatArray, to_canvas: FloatArray) -> FloatArray:
         """Contrast of the last frame to the background in boxes, see `confidence.contrasts`.
@@ -312,20 +311,6 @@ class BackgroundModel:
         """The frame `frame_interval` before, or the first one of a model that is younger."""
         count = len(self._history)
         return self._history[-min(self.settings.frame_interval, count)] if count else None
-
-    def _three_frame(self, frame: CanvasFrame, region: Slices, bounds: Region) -> ByteImage:
-        """Where there is no background: what differs from both frames, one and two intervals before."""
-        interval, settings = self.settings.frame_interval, self.settings
-        if len(self._history) < 2 * interval:
-            return np.zeros_like(frame.image[region])
-        mask = cast("ByteImage", frame.seen[region] & ~self.valid[region])
-        thresholds = np.full_like(frame.image, THREE_FRAME_THRESHOLD)
-        rounded, levels = np.zeros((2, *frame.image.shape), np.uint8)
-        for earlier in (self._history[-interval], self._history[-2 * interval]):
-            images = *frame, earlier.image.astype(np.float32), earlier.seen, thresholds, rounded, levels
-            classify(*images, bounds, self.tolerance, settings.gradient_gain, 1.0)
-            mask[levels[region] != STRONG] = 0
-        return mask
 
     def _follow_exposure(self, image: ByteImage, seen: ByteImage, region: Slices) -> Event:
         """Adapts the model's brightness to the frame's."""

@@ -12,11 +12,12 @@ import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, FloatImage, Region
 from streamkit_differencer.canvas_images import CanvasFrame, allocated, scrolled, warped
-from streamkit_differencer.learning import begin_noise, learn_noise, set_thresholds
-from streamkit_differencer.provisional import set_provisional
+from streamkit_differencer.noise_learning import begin_noise, learn_noise, set_provisional, set_thresholds
 
 SAMPLE_STEP = 8
 MOST_DEVIATIONS = 3.0
+# Tiles along each side of the frame, and the share of them where nothing may be moving.
+TILES, QUIET_SHARE = 4, 0.1
 LEAST_FIRST_DEVIATION = 1.5
 HIGHEST_THRESHOLD = 60.0
 # Of a normal distribution: standard deviation over mean absolute deviation.
@@ -54,16 +55,23 @@ class NoiseMap:
             set_thresholds(self.deviation, self.thresholds, (0, self.shape[0], 0, self.shape[1]), *limits)
 
     def learn(
-        self, image: ByteImage, background: ByteImage, updates: ByteImage, region: Region, coefficient: float
+        self,
+        image: ByteImage,
+        background: ByteImage,
+        updates: ByteImage,
+        mask: ByteImage,
+        valid: ByteImage,
+        region: Region,
+        rate: float,
+        restless_rate: float,
     ) -> None:
-        """Learns from a frame, see `learning.learn_noise`; call `set_limits` before."""
+        """Learns from a frame, see `noise_learning.learn_noise`; call `set_limits` before."""
         assert self._limits is not None
-        learn_noise(
-            image, background, updates, self.deviation, self.thresholds, region, coefficient, *self._limits
-        )
+        images = image, background, updates, mask, valid, self.deviation, self.thresholds
+        learn_noise(*images, region, rate, restless_rate, *self._limits)
 
     def begin(self, earlier: ByteImage, updates: ByteImage, region: Region, first: float) -> None:
-        """Initialises new pixels, see `learning.begin_noise`."""
+        """Initialises new pixels, see `noise_learning.begin_noise`."""
         assert self._limits is not None
         begin_noise(
             earlier, updates, self.deviation, self.thresholds, region, first, EDGE_SHARE, *self._limits
@@ -79,7 +87,7 @@ class NoiseMap:
         region: Region,
         first: float,
     ) -> None:
-        """Gives new ground a provisional background, see `provisional`; call `set_limits` before."""
+        """Gives new ground a background, see `noise_learning.set_provisional`; call `set_limits` before."""
         assert self._limits is not None
         images = *earlier, waiting, background, valid, self.deviation, self.thresholds
         set_provisional(seen, *images, region, first, EDGE_SHARE, *self._limits)
@@ -96,7 +104,7 @@ class NoiseMap:
 
 
 def first_deviation(earlier: ByteImage, current: ByteImage, *known: ByteImage) -> float:
-    """Mean deviation of pixels whose background is a single frame: that of two frames, without outliers.
+    """Mean deviation of pixels whose background is a single frame: that of two frames where less moves.
 
     Args:
         earlier: uint8[h, w], a frame on the canvas, sampled at every eighth pixel of every eighth row.
@@ -107,8 +115,10 @@ def first_deviation(earlier: ByteImage, current: ByteImage, *known: ByteImage) -
     difference = np.abs(earlier[grid].astype(np.float32) - current[grid])
     for mask in known:
         difference[mask[grid] == 0] = -1.0
-    difference = difference[difference >= 0.0]
-    if not difference.size:
-        return LEAST_FIRST_DEVIATION
-    usual = difference[difference <= MOST_DEVIATIONS * np.median(difference) + 1.0]
-    return max(float(usual.mean()), LEAST_FIRST_DEVIATION)
+    means = []
+    for rows in np.array_split(difference, TILES):
+        for tile in np.array_split(rows, TILES, axis=1):
+            values = tile[tile >= 0.0]
+            if values.size:
+                means.append(values[values <= MOST_DEVIATIONS * np.median(values) + 1.0].mean())
+    return max(float(np.quantile(means, QUIET_SHARE)) if means else 0.0, LEAST_FIRST_DEVIATION)

@@ -76,7 +76,7 @@ def find_objects(
     """Objects in the foreground of one frame.
 
     Args:
-        foreground: uint8[h, w], see `mask_values`.
+        foreground: uint8[h, w], see `mask_values`; what is too small for an object is cleared.
         scale: frame pixels per pixel of `foreground`: 1, 2 or 4.
         settings: what counts as an object.
         most: number of objects to keep, the largest, instead of `max_objects`.

@@ -113,7 +113,7 @@ def measured_at_full_resolution(
                 contrasts[index] = -1
                 if line[columns[column - left]] > HIGHEST_BACKGROUND:
                     contrasts[index] = abs(
-                        np.int64(image[row, column]) - _background_at(background, to_background, row, column)
+                        np.int64(image[row, column]) - background_at(background, to_background, row, column)
                     )
                     inside += 1
                     total += contrasts[index]
@@ -123,12 +123,12 @@ def measured_at_full_resolution(
 
 
 @compiled
-def _background_at(background: ByteImage, to_background: FloatArray, row: int, column: int) -> int:
+def background_at(background: ByteImage, to_background: FloatArray, row: int, column: int) -> int:
     """The background at a pixel of the frame, by bilinear interpolation, rounded."""
     height, width = background.shape
-    depth = to_background[2, 0] * column + to_background[2, 1] * row + to_background[2, 2]
-    x = (to_background[0, 0] * column + to_background[0, 1] * row + to_background[0, 2]) / depth
-    y = (to_background[1, 0] * column + to_background[1, 1] * row + to_background[1, 2]) / depth
+    depth = 1.0 / (to_background[2, 0] * column + to_background[2, 1] * row + to_background[2, 2])
+    x = (to_background[0, 0] * column + to_background[0, 1] * row + to_background[0, 2]) * depth
+    y = (to_background[1, 0] * column + to_background[1, 1] * row + to_background[1, 2]) * depth
     # This comparison order maps NaN to 0.
     x, y = min(x if x > 0.0 else 0.0, width - 1.0), min(y if y > 0.0 else 0.0, height - 1.0)
     left, top = int(x), int(y)
@@ -136,7 +136,7 @@ def _background_at(background: ByteImage, to_background: FloatArray, row: int, c
     across, down = x - left, y - top
     upper = background[top, left] * (1.0 - across) + background[top, right] * across
     lower = background[bottom, left] * (1.0 - across) + background[bottom, right] * across
-    return int(np.rint(upper * (1.0 - down) + lower * down))
+    return int(upper * (1.0 - down) + lower * down + 0.5)
 
 
 @compiled

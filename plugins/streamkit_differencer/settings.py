@@ -95,7 +95,11 @@ class BackgroundSettings:
         "only where noise-gain is 0.",
     )
     frame_threshold: float = setting(
-        0.6, min=0.05, max=1.0, live=True, doc="Share of changed pixels at which the model is reset."
+        0.75,
+        min=0.05,
+        max=1.0,
+        live=True,
+        doc="Share of the frame that must show another scene, for three frames, for the model to be reset.",
     )
     absorb_frames: int = setting(
         60,
@@ -105,10 +109,6 @@ class BackgroundSettings:
         unit="frames",
         doc="Frames after which a stationary object becomes background.",
         aliases=("absorb",),
-    )
-    three_frame: bool = setting(
-        False,
-        doc="Uses three-frame differencing where there is no background yet; large objects break up.",
     )
     shadow: bool = setting(
         False,
@@ -167,7 +167,11 @@ class ObjectSettings:
         doc="Share of an object that must have changed within quiet-frames; 0 also reports stopped objects.",
     )
     max_objects: int = setting(
-        50, min=1, max=10000, live=True, doc="Most detections in a frame; the ones with the best scores stay."
+        300,
+        min=1,
+        max=10000,
+        live=True,
+        doc="Most detections in a frame; the ones with the best scores stay.",
     )
 
 

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.camera_motion import MOST_MISSED_FRAMES, CameraMotion, corner_distance
+from streamkit_differencer.camera_motion import MOST_MISSED_FRAMES, RENEWAL_FRAMES, CameraMotion
+from streamkit_differencer.image_motion import corner_distance
 
 SHAPE = (240, 320)
 
@@ -101,15 +102,42 @@ def test_black_frames_are_not_placed_and_forget_nothing():
     assert camera.plane == plane
 
 
-def test_another_scene_begins_a_new_plane_after_some_patience():
-    """A cut is not placed on the old plane, and is not waited out for ever."""
+def test_another_scene_does_not_move_a_camera_that_rests():
+    """What covers the view is no motion; when it stays, the camera is measured against it."""
     camera = CameraMotion()
     camera.place(view(np.eye(3)))
     plane = camera.plane
+    # The scenes are made of squares, which must not lie on each other.
+    there = np.array([[1, 0, 4.0], [0, 1, 4.0], [0, 0, 1.0]])
+    for number in range(RENEWAL_FRAMES + 3):
+        np.testing.assert_array_equal(camera.place(view(there, seed=5, number=number)), np.eye(3))
+    shift = np.array([[1, 0, 4.0], [0, 1, -2.0], [0, 0, 1.0]])
+    assert corner_distance(camera.place(view(there @ shift, seed=5, number=99)), shift, SHAPE) < 0.5
+    assert camera.plane == plane
+
+
+def test_a_camera_that_moved_and_is_lost_begins_a_new_plane_after_some_patience():
+    """Where it looks now is not known: nothing is placed until the old scene is given up."""
+    camera, random = CameraMotion(), np.random.default_rng(1)
+    for number in range(4):
+        camera.place(view(shaken(random), number=number))
+    plane = camera.plane
     for number in range(MOST_MISSED_FRAMES):
         assert camera.place(view(np.eye(3), seed=5, number=number)) is None
-    np.testing.assert_array_equal(camera.place(view(np.eye(3), seed=5, number=9)), np.eye(3))
+    np.testing.assert_array_equal(camera.place(view(np.eye(3), seed=5, number=99)), np.eye(3))
     assert camera.plane == plane + 1
+
+
+def test_traffic_with_more_corners_than_the_ground_is_no_motion():
+    """A third of the view moves as one, and the rest has little texture: the camera stands still."""
+    camera, random = CameraMotion(), np.random.default_rng(4)
+    load = random.integers(0, 255, (20, 60), np.uint8)
+    lorry = cv2.resize(load, (360, 120), interpolation=cv2.INTER_NEAREST)
+    for number in range(12):
+        picture = view(np.eye(3), number=number)
+        picture = cv2.addWeighted(picture, 0.5, picture, 0.0, 40.0)
+        picture[80:160, :] = lorry[:80, 3 * number : 3 * number + 320]
+        np.testing.assert_array_equal(camera.place(picture), np.eye(3))
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 40), (17, 17)])

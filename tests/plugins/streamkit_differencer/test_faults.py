@@ -11,7 +11,7 @@ from streamkit.testing import Harness
 
 QUIET_FRAMES = 12
 RECOVERY = QUIET_FRAMES + 2
-MOST_OBJECTS = 50
+MOST_OBJECTS = 300
 FAULT_BEGINS, FAULT_ENDS = 28, 33
 MATCH_PX = 15.0
 LOST_FRAMES = 75
@@ -154,7 +154,7 @@ def test_registration_lost_for_three_seconds(world):
 
 
 def test_a_flood_is_capped_and_flagged():
-    """Four hundred objects at once: 50 are reported, and a message says how many there were."""
+    """Four hundred objects at once: 300 are reported, and a message says how many there were."""
     ground = np.full((480, 640), 120, np.uint8)
     flood = ground.copy()
     for y, x in np.ndindex(20, 20):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_differencer.illumination import exposure_change, is_scene_change
+from streamkit_differencer.illumination import exposure_change
 
 
 def texture(seed=0, shape=(120, 160)):
@@ -54,20 +54,3 @@ def test_a_picture_without_contrast_has_an_offset():
     step = exposure_change(flat, flat + np.uint8(25), everywhere(flat))
     assert step is not None
     assert step.gain * 100 + step.offset == pytest.approx(125.0)
-
-
-def scene(seed):
-    """An image with shades larger than the means that tell scenes apart."""
-    coarse = np.random.default_rng(seed).integers(60, 150, (15, 20))
-    return np.kron(coarse, np.ones((16, 16))).astype(np.uint8)
-
-
-def test_another_scene_is_told_from_noise_and_from_movers():
-    """Images that are not alike, or black: another scene. Noise, movers and the same image: none."""
-    here, random = scene(1), np.random.default_rng(2)
-    noisy = np.clip(here + random.normal(0, 50, here.shape), 0, 255).astype(np.uint8)
-    moving = here.copy()
-    moving[:60] = 255 - moving[:60]
-    for picture, expected in ((scene(3), True), (np.zeros_like(here), True), (noisy, False), (moving, False)):
-        assert is_scene_change(here, picture, everywhere(here), 0.6) is expected
-    assert not is_scene_change(here, scene(3), np.zeros_like(here), 0.6)

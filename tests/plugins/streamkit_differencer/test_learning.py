@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from streamkit_differencer.learning import AVERAGED, NEW, NONE, REPLACED, begin_noise, learn
-from streamkit_differencer.provisional import PROVISIONAL
+from streamkit_differencer.learning import AVERAGED, NEW, NONE, REPLACED, learn
+from streamkit_differencer.noise_learning import PROVISIONAL, begin_noise
 from tests.plugins.streamkit_differencer.paper_equations import update_background
 
 SHAPE = (21, 34)
