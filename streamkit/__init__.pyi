@@ -3,6 +3,9 @@
 from streamkit.element.base import Element as Element
 from streamkit.element.branching import Combine as Combine
 from streamkit.element.branching import Split as Split
+from streamkit.element.output_sink import IfExists as IfExists
+from streamkit.element.output_sink import OutputFileSink as OutputFileSink
+from streamkit.element.output_sink import SegmentSink as SegmentSink
 from streamkit.element.pad import Direction as Direction
 from streamkit.element.pad import Pad as Pad
 from streamkit.element.pad import PadTemplate as PadTemplate
@@ -13,6 +16,7 @@ from streamkit.element.property_text import Choice as Choice
 from streamkit.element.sink import OnError as OnError
 from streamkit.element.sink import Sink as Sink
 from streamkit.element.source import Source as Source
+from streamkit.element.text_sink import TextFileSink as TextFileSink
 from streamkit.element.transform import Transform as Transform
 from streamkit.errors import DescriptionError as DescriptionError
 from streamkit.errors import ElementFailure as ElementFailure

@@ -12,9 +12,10 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, Literal
 
 TRAITS = "streamkit.traits"
+FileUse = Literal["", "read", "write"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,7 @@ class Traits:
         readonly: whether only the element itself sets it.
         read: works the value out of the element, or None where it is stored.
         aliases: older names, accepted with a warning.
+        file: "read" or "write" where the value names a file, else "".
     """
 
     minimum: Any = None
@@ -42,6 +44,7 @@ class Traits:
     readonly: bool = False
     read: Callable[[Any], Any] | None = None
     aliases: tuple[str, ...] = ()
+    file: FileUse = ""
 
 
 def setting(
@@ -53,6 +56,7 @@ def setting(
     doc: str = "",
     live: bool = False,
     aliases: tuple[str, ...] = (),
+    file: FileUse = "",
 ) -> Any:
     """Declares a field of a settings dataclass that is a property of the element, too.
 
@@ -64,8 +68,9 @@ def setting(
         doc: one sentence for `inspect` and the documentation.
         live: whether it may be changed while the pipeline plays.
         aliases: older names of the property, accepted with a warning.
+        file: "read" or "write" where the value names a file.
     """
-    traits = Traits(min, max, unit, doc, live, aliases=aliases)
+    traits = Traits(min, max, unit, doc, live, aliases=aliases, file=file)
     return dataclasses.field(default=default, metadata={TRAITS: traits})
 
 

@@ -130,6 +130,9 @@ class Element(PadOwner):
         """Wakes a blocking call of the streaming thread; called from another thread when stopping."""
         self.wake()
 
+    def check_properties(self) -> None:
+        """Raises `PropertyError` where properties do not fit; called at the build and before the start."""
+
     def property_changed(self, name: str) -> None:
         """A property was set."""
 

@@ -16,7 +16,7 @@ from streamkit.element.property_text import flag_word, value_from_text
 from streamkit.errors import PropertyError
 from streamkit.flow.caps import Caps
 from streamkit.masking import MASK, mask_secrets
-from streamkit.settings import Traits, traits_of
+from streamkit.settings import FileUse, Traits, traits_of
 
 T = TypeVar("T")
 SNAPSHOTS = "_settings_snapshots"  # in an element's __dict__: settings by class, until a property is set
@@ -30,7 +30,7 @@ class PropertyDeclaration:
     Attributes:
         name: as users write it, with underscores.
         attribute: its name in the class.
-        minimum, maximum, unit, doc, live, secret, readonly, aliases: see `Traits`.
+        minimum, maximum, unit, doc, live, secret, readonly, aliases, file: see `Traits`.
     """
 
     def __init__(self, default: Any, name: str, traits: Traits, annotation: Any = None) -> None:
@@ -44,6 +44,7 @@ class PropertyDeclaration:
         self.readonly = traits.readonly
         self.read = traits.read
         self.aliases = traits.aliases
+        self.file = traits.file
         self.name = name.replace("-", "_")
         self.attribute = ""
         self.owner: type = object
@@ -187,6 +188,7 @@ def Property(  # noqa: N802  reads as a declaration, like dataclasses.field
     readonly: bool = False,
     read: Callable[[Any], T] | None = None,
     aliases: tuple[str, ...] = (),
+    file: FileUse = "",
 ) -> T:
     """Declares a property in an element class; its type is the annotation.
 
@@ -202,8 +204,9 @@ def Property(  # noqa: N802  reads as a declaration, like dataclasses.field
         readonly: whether only the element sets it.
         read: computes the value from the element; makes the property read-only.
         aliases: older names, accepted with a warning.
+        file: "read" or "write" where the value names a file; no two elements may use a file that one writes.
     """
-    traits = Traits(min, max, unit, doc, live, secret, readonly or read is not None, read, aliases)
+    traits = Traits(min, max, unit, doc, live, secret, readonly or read is not None, read, aliases, file)
     kind = PropertyDeclaration if read is None else ComputedProperty
     return cast("T", kind(default, name, traits))
 

@@ -22,6 +22,7 @@ from streamkit.flow.events import EOS, CapsEvent, EndOfStream, FlowStop, Segment
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.bus import Bus
+from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph, downstream, upstream, walk
 from streamkit.graph.link import find_pad
 from streamkit.graph.negotiate import negotiate, remember_caps
@@ -67,13 +68,16 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     graph.bins += added.bins
     branch = Branch(src, list(added.elements))
     try:
+        check_files(graph.elements)
         negotiate(graph, {})
         branch.elements.extend(graph.inserted[before:])
         if playback is not None:
             _start(graph, branch, playback)
-    except (DescriptionError, ElementFailure):
+    except (DescriptionError, ElementFailure, FileConflict) as error:
         branch.elements.extend(graph.inserted[before:])
         _detach(graph, branch)
+        if isinstance(error, FileConflict):
+            raise DescriptionError("could-not-set-property", str(error)) from None
         raise
     return branch
 

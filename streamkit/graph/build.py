@@ -24,6 +24,7 @@ from streamkit.graph.assignments import (
     try_child,
 )
 from streamkit.graph.bins import BIN_CLASSES, Bin, BinTree
+from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph
 from streamkit.graph.linking import End, Linker, PendingLink
 from streamkit.graph.negotiate import negotiate
@@ -82,6 +83,7 @@ class GraphBuilder:
         self._make_links()
         self._bins.check_all_unique()
         self._set_pending_properties()
+        self._check_files()
         if self.graph.has_loop():
             what = "the links form a loop: caps are not negotiated, and the pipeline will refuse to start"
             self.graph.warnings.append(("loop", what))
@@ -97,6 +99,13 @@ class GraphBuilder:
             negotiate(self.graph, self._linker.places)
         except CapsTooLarge as error:
             raise DescriptionError("link", f"the caps of the links cannot be compared: {error}") from None
+
+    def _check_files(self) -> None:
+        try:
+            check_files(self.graph.elements)
+        except FileConflict as error:
+            place = self._places.get(id(error.element), Place())
+            raise DescriptionError("could-not-set-property", str(error), place) from None
 
     def _make_links(self) -> None:
         for link in self._pending_links:

@@ -17,6 +17,7 @@ from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.branches import Branch, add_branch, remove_branch
 from streamkit.graph.bus import Bus
 from streamkit.graph.element_calls import CallLimits, start_element, stop_elements, wake_elements
+from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph
 from streamkit.graph.playback import Playback
 from streamkit.graph.queries import Latency, State, StateChange, duration_ns, graph_latency, position_ns
@@ -115,6 +116,7 @@ class Pipeline:
             if self.state is not State.NULL:
                 return
             self.graph.check_links()
+            self._check_files()
             self._cancelled.clear()
             self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
             self.timing.reset()
@@ -304,6 +306,12 @@ class Pipeline:
             raise StateError(f"{', '.join(stuck)}: a call has not returned; its thread is abandoned")
 
     # Internal.
+
+    def _check_files(self) -> None:
+        try:
+            check_files(self.graph.elements)
+        except FileConflict as error:
+            raise error.element.failure(error) from None
 
     def _limits(self) -> CallLimits:
         return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self._post)

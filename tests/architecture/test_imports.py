@@ -18,13 +18,14 @@ PLUGINS = ROOT / "plugins"
 ALLOWED = {
     "masking": set(),
     "settings": set(),
+    "output": set(),
     "geometry": set(),
     "errors": {"masking"},
     "flow": {"masking", "errors", "geometry"},
     "handoff": {"masking", "errors", "flow"},
-    "element": {"masking", "errors", "flow", "settings"},
+    "element": {"masking", "errors", "flow", "settings", "output"},
     "elements": {"masking", "errors", "flow", "element", "handoff"},
-    "graph": {"masking", "errors", "flow", "element", "handoff"},
+    "graph": {"masking", "errors", "flow", "element", "handoff", "output"},
     "testing": {"masking", "errors", "flow", "element", "graph"},
     "cli": {"masking", "errors", "flow", "element", "graph"},
 }
@@ -33,6 +34,7 @@ MODULES = {"masking", "errors", "settings"}  # rooms of one module
 ENGINE_LIBRARIES = (
     "streamkit.geometry",
     "streamkit.handoff",
+    "streamkit.output",
     "streamkit.settings",
     "streamkit.errors",
     "streamkit.masking",

@@ -1,0 +1,268 @@
+"""OutputFileSink: base of the sinks that write files."""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import operator
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import ClassVar
+
+from streamkit.element.property import Property
+from streamkit.element.sink import Sink
+from streamkit.errors import PropertyError, ResourceError, StreamError, StreamkitError, write_remedy
+from streamkit.flow.frame import Frame
+from streamkit.output.file import OutputFile, check_writable, is_special
+from streamkit.output.names import FileNames, local_path
+from streamkit.output.retention import Retention, RetentionLimits
+
+CLOSE_LIMIT_S = 5.0
+
+
+class IfExists(enum.StrEnum):
+    """What happens where a file to write is there already."""
+
+    FAIL = "fail"
+    CONTINUE = "continue"
+    REPLACE = "replace"
+
+
+class OutputFileSink(Sink):
+    """Base class of sinks that write files: override `write`, and `begin` and `end` if the format needs it.
+
+    A file is made with the first frame, beside an older one of its name; see `OutputFile`. A run without a
+    frame leaves the older one as it is. Each error is raised once, as `ResourceError`.
+
+    Attributes:
+        suffixes: endings of the name that are known; any where empty.
+        example: a location, for errors.
+        write_errors: exceptions by which writing fails.
+        has_begun: whether a frame was given to `write`.
+        number: of the next file, where several are written.
+    """
+
+    suffixes: ClassVar[tuple[str, ...]] = ()
+    example: ClassVar[str] = "out.bin"
+    write_errors: ClassVar[tuple[type[Exception], ...]] = (OSError,)
+
+    location: str = Property("", file="write", doc="File to write; missing folders are made.")
+    if_exists: IfExists = Property(
+        IfExists.REPLACE,
+        doc="An older file: refuse it, continue it or its numbers, or replace it when whole.",
+    )
+
+    file: OutputFile | None = None
+
+    # Overridden by authors.
+
+    def begin(self) -> None:
+        """Prepares for the first frame; opens `file`."""
+        self.file = self.open_file()
+
+    def write(self, frame: Frame) -> None:
+        """Writes one frame."""
+        raise NotImplementedError
+
+    def end(self) -> None:
+        """Completes the file, at EOS or a stop; only after `begin`."""
+        if self.file is not None:
+            self.file.finish()
+
+    def abandon(self) -> None:
+        """Closes the file after an error; never fails."""
+        if self.file is not None:
+            self.file.discard()
+
+    def can_append(self) -> bool:
+        """Whether `if-exists=continue` may append to a file."""
+        return False
+
+    def needs_several_files(self) -> bool:
+        """Whether one file cannot hold the stream; a number is then added to the name."""
+        return False
+
+    def pattern(self) -> str:
+        """What names the files."""
+        return self.location
+
+    # Called by authors.
+
+    def open_file(self) -> OutputFile:
+        """The next file."""
+        append = self.can_append() and self.if_exists is IfExists.CONTINUE
+        return OutputFile(self.next_path(), append=append)
+
+    def next_path(self) -> Path:
+        """The path of the next file.
+
+        Raises:
+            ResourceError: it exists, and `if-exists` protects it.
+        """
+        path = self.names.path(self.number, self.clock.utc_ns())
+        if self.names.is_several and self.if_exists is IfExists.CONTINUE:
+            while path.exists() and not self.names.has_number:
+                path = path.with_stem(f"{path.stem}-1")
+        else:
+            self._protect(path)
+        self.number += 1
+        return path
+
+    def take_back(self) -> None:
+        """The last path was not written: the next file gets its number."""
+        self.number -= 1
+
+    # Called by the engine.
+
+    def check_properties(self) -> None:
+        """Checks the ending of the name."""
+        path = local_path(self.location)
+        if not self.location or not self.suffixes or is_special(path):
+            return
+        if path.suffix.lower() not in self.suffixes:
+            raise PropertyError(
+                f"{self.name}: location={self.location}: the name must end in {', '.join(self.suffixes)}, "
+                f"it ends in {path.suffix!r}; write for example location={self.example}"
+            )
+
+    def start(self) -> None:
+        """Checks the name and the folder; nothing is written before the first frame."""
+        self._writing = threading.Lock()
+        self.file = None
+        self.has_begun = self._is_over = False
+        self.number = 0
+        if not self.location:
+            raise ResourceError(f"location must be set; write for example location={self.example}")
+        self.check_properties()
+        self.names = FileNames(self.pattern(), adds_number=self.needs_several_files())
+        with self._reported():
+            first = self.names.path(0, self.clock.utc_ns())
+            check_writable(first)
+            if self.names.is_several:
+                self._find_number()
+            else:
+                self._protect(first)
+
+    def _find_number(self) -> None:
+        there = [number for _, number in self.names.existing()]
+        if there and self.if_exists is IfExists.FAIL:
+            raise ResourceError(f"{self.location}: {len(there)} such files exist; {self._remedy()}")
+        if there and self.if_exists is IfExists.CONTINUE:
+            self.number = max(there) + 1
+
+    def _protect(self, path: Path) -> None:
+        """Raises ResourceError for an existing file that must stay."""
+        if self.if_exists is IfExists.REPLACE or not path.is_file():
+            return
+        if self.if_exists is IfExists.FAIL:
+            raise ResourceError(f"{path} exists already; {self._remedy()}")
+        if not self.can_append():
+            raise ResourceError(
+                f"{path} exists already, and its format cannot be continued; {self._remedy()}"
+            )
+
+    def _remedy(self) -> str:
+        stem, suffix = Path(self.example).stem, Path(self.example).suffix
+        return (
+            f"name another file, number them ({stem}-%05d{suffix}), put the time into the name "
+            f"({stem}-%Y%m%dT%H%M%SZ{suffix}), or set if-exists=replace"
+        )
+
+    def render(self, frame: Frame) -> None:
+        """Writes one frame.
+
+        Raises:
+            ResourceError: the disk refuses.
+            StreamError: the time of the frame is no integer.
+        """
+        if frame.pts is not None and type(frame.pts) is not int:
+            _check_time(frame)
+        with self._writing, self._reported():
+            if not self.has_begun:
+                self.has_begun = True
+                self.begin()
+            self.write(frame)
+
+    def drain(self) -> None:
+        """EOS: the file is completed."""
+        if not (self.has_begun or self._is_over):
+            self.post_warning(f"{self.location}: no frame came, nothing is written")
+        self._complete()
+
+    def stop(self) -> None:
+        """Completes the file where EOS did not."""
+        self._complete()
+
+    def _complete(self) -> None:
+        # Libraries that two threads use hang: a file whose writer is still at work cannot be completed.
+        if not self._writing.acquire(timeout=CLOSE_LIMIT_S):
+            raise ResourceError(
+                f"{self.location}: writing took more than {CLOSE_LIMIT_S:g} s, the file is incomplete"
+            )
+        try:
+            is_open, self._is_over = self.has_begun and not self._is_over, True
+            if is_open:
+                with self._reported():
+                    self.end()
+        finally:
+            self._writing.release()
+
+    @contextlib.contextmanager
+    def _reported(self) -> Iterator[None]:
+        """Turns an error of writing into ResourceError, once, and abandons the file."""
+        try:
+            yield
+        except StreamkitError:
+            raise
+        except self.write_errors as error:
+            self._is_over = True
+            self.abandon()
+            reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+            raise ResourceError(
+                f"location={self.location}: cannot be written: {reason}{write_remedy(error)}"
+            ) from error
+
+
+class SegmentSink(OutputFileSink):
+    """Base class of sinks that write many files, of which the oldest may be deleted.
+
+    Attributes:
+        has_ledger: whether files of earlier runs count, too.
+    """
+
+    has_ledger: ClassVar[bool] = True
+
+    if_exists: IfExists = Property(
+        IfExists.CONTINUE,
+        doc="Older files: refuse them, continue their numbers (one file: refuse it), or replace them.",
+    )
+    max_files: int = Property(0, min=0, doc="Complete files kept; older ones are deleted. 0 keeps all.")
+    max_total_size: int = Property(
+        0, min=0, unit="bytes", doc="Size of the complete files kept; older ones are deleted. 0 is no limit."
+    )
+    max_age: int = Property(
+        0, min=0, unit="s", doc="Complete files kept: how long; older ones are deleted. 0 is no limit."
+    )
+
+    def start(self) -> None:
+        """Checks the name, and reads which files of earlier runs may be deleted."""
+        super().start()
+        limits = RetentionLimits(self.max_files, self.max_total_size, self.max_age)
+        pattern = local_path(self.location)
+        ledger = pattern.with_name(f".{pattern.name.replace('%', '')}.written")
+        self._retention = Retention(limits, pattern.parent, ledger if self.has_ledger else None)
+
+    def file_is_complete(self, path: Path, companion: Path | None = None) -> None:
+        """Notes a complete file, and one that is kept as long; deletes what is kept no longer."""
+        self._retention.add(path, self.clock.utc_ns() / 1e9, companion)
+
+
+def _check_time(frame: Frame) -> None:
+    try:
+        operator.index(frame.pts)  # type: ignore[arg-type]  # what is not an integer is what is looked for
+    except TypeError:
+        raise StreamError(
+            f"the pts of a frame must be an integer, ns, or None, it is {frame.pts!r}; "
+            "see the element that made it"
+        ) from None

@@ -1,0 +1,56 @@
+"""TextFileSink: base of the sinks that write text in one of several formats."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from pathlib import Path
+from typing import ClassVar, Generic, TypeVar
+
+from streamkit.element.output_sink import OutputFileSink
+from streamkit.output.text import TextFormat
+
+AnyFormat = TypeVar("AnyFormat", bound=TextFormat)
+AUTO = "auto"
+
+
+class TextFileSink(OutputFileSink, Generic[AnyFormat]):
+    """Base class of sinks with a property `format`: override `write`, which calls `append`.
+
+    Lines are with the operating system at once; other formats are whole once a second.
+
+    Attributes:
+        formats: the formats by the values of `format`.
+        kinds: the values by the ending of the name, for `format=auto`; the first is that of other names.
+    """
+
+    formats: ClassVar[Mapping[str, type[TextFormat]]] = {}
+    kinds: ClassVar[Mapping[str, enum.StrEnum]] = {}
+    format: enum.StrEnum
+
+    def kind(self) -> str:
+        """The format to write."""
+        if self.format != AUTO:
+            return self.format
+        return self.kinds.get(Path(self.location).suffix.lower(), next(iter(self.kinds.values())))
+
+    def check_properties(self) -> None:
+        """Checks the ending of the name, unless the format is given."""
+        if self.format == AUTO:
+            super().check_properties()
+
+    def can_append(self) -> bool:
+        """Whether the format is lines."""
+        return not self.formats[self.kind()].has_end
+
+    def begin(self) -> None:
+        """Opens the file, and writes its start."""
+        self.content: AnyFormat = self.formats[self.kind()]()  # type: ignore[assignment]  # one of `formats`
+        self.file = self.open_file()
+        if not self.file.tell():
+            self.append(self.content.begin())
+
+    def append(self, data: bytes) -> None:
+        """Writes the next piece."""
+        assert self.file is not None, "begin() precedes pieces"
+        self.file.append(data, self.content.end if self.content.has_end else None)

@@ -1,0 +1,73 @@
+"""Files of a graph: none is both read and written, and none is written twice."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+from streamkit.element.base import Element
+from streamkit.errors import PropertyError
+from streamkit.output.file import is_special
+from streamkit.output.names import FileNames, local_path
+
+NETWORK = re.compile(r"(?!file:)[A-Za-z][A-Za-z0-9+.-]+://")
+
+
+@dataclass(frozen=True, slots=True)
+class FileOfElement:
+    """A file that a property names."""
+
+    element: Element
+    location: str
+    is_written: bool
+
+    def is_same(self, other: FileOfElement) -> bool:
+        """Whether both name one file: by path, through links, or by a number's or time's place."""
+        mine, its = local_path(self.location), local_path(other.location)
+        if mine.exists() and its.exists():
+            return mine.samefile(its)
+        return FileNames(self.location).matches(its) or FileNames(other.location).matches(mine)
+
+
+def check_files(elements: Iterable[Element]) -> None:
+    """Checks the properties of elements, and the files they name.
+
+    Raises:
+        FileConflict: an element refuses its properties, or a file that it writes is also that of another.
+    """
+    members = list(elements)
+    for element in members:
+        try:
+            element.check_properties()
+        except PropertyError as error:
+            raise FileConflict(element, str(error)) from error
+    for first, second in combinations(_files(members), 2):
+        if first.element is second.element or not (first.is_written or second.is_written):
+            continue
+        if first.is_same(second):
+            writer, other = (second, first) if second.is_written else (first, second)
+            verb = "written" if other.is_written else "read"
+            raise FileConflict(
+                writer.element,
+                f"{writer.element.name} must not write {writer.location}: it is {verb} by "
+                f"{other.element.name} (location={other.location}); name another file",
+            )
+
+
+class FileConflict(PropertyError):
+    """A file that an element must not write; names the element."""
+
+    def __init__(self, element: Element, text: str) -> None:
+        super().__init__(text)
+        self.element = element
+
+
+def _files(elements: Iterable[Element]) -> Iterator[FileOfElement]:
+    for element in elements:
+        for declaration in element.properties.values():
+            location = vars(element).get(declaration.attribute) if declaration.file else None
+            if location and not NETWORK.match(location) and not is_special(Path(location)):
+                yield FileOfElement(element, location, declaration.file == "write")

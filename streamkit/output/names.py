@@ -1,0 +1,80 @@
+"""Names of files to write: numbers and times in them."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+NUMBER = re.compile(r"%0?\d*d")
+NUMBER_BESIDE_TIME = re.compile(r"%0\d+d")  # `%d` is the day there
+TIME = re.compile(r"%[YHM]")
+FIELD = re.compile(r"(%0\d+d|%[A-Za-z%])")
+
+
+def local_path(location: str) -> Path:
+    """The file a path or `file://` URL names."""
+    if location.startswith("file://"):
+        return Path(unquote(urlsplit(location).path))
+    return Path(location)
+
+
+class FileNames:
+    """The files that a `location` names: one, or several by number (`%05d`) or time (`%Y%m%dT%H%M%SZ`).
+
+    Args:
+        location: path or `file://` URL.
+        adds_number: a number is added where the name has neither number nor time.
+
+    Attributes:
+        has_number: whether a number tells the files apart.
+        is_several: whether there can be more than one file.
+    """
+
+    def __init__(self, location: str, *, adds_number: bool = False) -> None:
+        path = local_path(location)
+        self._has_time = TIME.search(path.name) is not None
+        if adds_number and not self._has_time and not NUMBER.search(str(path)):
+            path = path.with_name(f"{path.stem}-%05d{path.suffix}")
+        self._pattern = str(path)
+        self._number = NUMBER_BESIDE_TIME if self._has_time else NUMBER
+        count = len(self._number.findall(self._pattern))
+        self.has_number = count == 1 and (self._has_time or self._pattern.count("%") == 1)
+        self.is_several = self.has_number or self._has_time
+
+    def path(self, number: int, utc_ns: int) -> Path:
+        """The file of a number and a time, UTC ns."""
+        text = self._pattern
+        if self.has_number:
+            text = self._number.sub(lambda field: field[0] % number, text)
+        if self._has_time:
+            text = datetime.fromtimestamp(utc_ns // 10**9, UTC).strftime(text)
+        return Path(text)
+
+    def matches(self, path: Path) -> bool:
+        """Whether a path may be one of the files."""
+        own = Path(self._pattern)
+        if not self.is_several:
+            return own.resolve() == path.resolve()
+        return own.parent.resolve() == path.parent.resolve() and self._match(path.name) is not None
+
+    def existing(self) -> Iterator[tuple[Path, int]]:
+        """The files of the folder that match, with their numbers; 0 without one."""
+        folder = Path(self._pattern).parent
+        names = os.listdir(folder) if folder.is_dir() else []
+        for name in names:
+            if (found := self._match(name)) is not None:
+                yield folder / name, int(found["number"]) if self.has_number else 0
+
+    def _match(self, name: str) -> re.Match[str] | None:
+        pieces = FIELD.split(Path(self._pattern).name)
+        pattern = "".join(map(self._expression, pieces))
+        return re.fullmatch(pattern, name)
+
+    def _expression(self, piece: str) -> str:
+        if self.has_number and self._number.fullmatch(piece):
+            return r"(?P<number>\d+)"
+        return ".+" if self._has_time and FIELD.fullmatch(piece) else re.escape(piece)

@@ -1,0 +1,97 @@
+"""Retention: how many of the files that a recorder has written are kept."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class RetentionLimits:
+    """What is kept; 0 is no limit.
+
+    Attributes:
+        files: number of files.
+        total_bytes: their size, bytes.
+        age_s: their age since they were complete, s.
+    """
+
+    files: int = 0
+    total_bytes: int = 0
+    age_s: float = 0.0
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether anything is ever deleted."""
+        return bool(self.files or self.total_bytes or self.age_s)
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenFile:
+    """A complete file, as its ledger knows it."""
+
+    name: str
+    inode: int
+    size: int
+    time_s: float
+    companion: str = ""
+
+
+class Retention:
+    """Deletes the oldest complete files beyond the limits, never one that it was not told of.
+
+    Files of earlier runs are known from the ledger. A file that was replaced by another one of its name is
+    not touched.
+
+    Args:
+        limits: what is kept.
+        folder: of the files.
+        ledger: a file that keeps what is written beyond this run, or None.
+    """
+
+    def __init__(self, limits: RetentionLimits, folder: Path, ledger: Path | None = None) -> None:
+        self._limits = limits
+        self._folder = folder
+        self._ledger = ledger if limits.is_limited else None
+        self._files: deque[WrittenFile] = deque()
+        if self._ledger is not None and self._ledger.is_file():
+            with suppress(ValueError, TypeError):  # a last line that was cut short
+                for line in self._ledger.read_text(encoding="utf-8").splitlines():
+                    self._files.append(WrittenFile(**json.loads(line)))
+        self._total = sum(file.size for file in self._files)
+
+    def add(self, path: Path, now_s: float, companion: Path | None = None) -> None:
+        """Notes a complete file, and one deleted with it; deletes what is too old or too much.
+
+        Raises:
+            OSError: the ledger cannot be written.
+        """
+        limits, files = self._limits, self._files
+        if not limits.is_limited:
+            return
+        found = path.stat()
+        size, beside = found.st_size, ""
+        if companion is not None and companion.is_file():
+            size, beside = size + companion.stat().st_size, companion.name
+        files.append(WrittenFile(path.name, found.st_ino, size, now_s, beside))
+        self._total += size
+        while len(files) > 1 and (
+            (limits.files and len(files) > limits.files)
+            or (limits.total_bytes and self._total > limits.total_bytes)
+            or (limits.age_s and now_s - files[0].time_s > limits.age_s)
+        ):
+            self._delete(files[0])
+            self._total -= files.popleft().size
+        if self._ledger is not None:
+            self._ledger.write_text("".join(f"{json.dumps(asdict(file))}\n" for file in files), "utf-8")
+
+    def _delete(self, file: WrittenFile) -> None:
+        path = self._folder / file.name
+        with suppress(OSError):
+            if path.stat().st_ino == file.inode:
+                path.unlink()
+                if file.companion:
+                    path.with_name(file.companion).unlink()

@@ -1,0 +1,73 @@
+"""No file is both read and written, or written twice; known when the pipeline is built."""
+
+from pathlib import Path
+
+import pytest
+
+from streamkit import DescriptionError, ElementFailure, Pipeline
+
+
+@pytest.mark.parametrize(
+    ("reads", "writes"),
+    [
+        ("a.mp4", "a.mp4"),
+        ("a.mp4", "./b/../a.mp4"),
+        ("a.mp4", "symbolic.mp4"),
+        ("hard.mp4", "a.mp4"),
+        ("file://{}/a.mp4", "a.mp4"),
+        ("f-00001.mp4", "f-%05d.mp4"),
+    ],
+)
+def test_an_input_is_never_an_output(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_file: Path, reads: str, writes: str
+) -> None:
+    """By any name; the input stays as it is, and the error names both elements."""
+    monkeypatch.chdir(tmp_path)
+    text = "filesrc name=in location=${input} ! decode ! videofilesink name=out location=${output}"
+    variables = {"input": reads.format(tmp_path), "output": writes}
+    with pytest.raises(DescriptionError, match=r"out must not write .*: it is read by in") as failure:
+        Pipeline.parse(text, variables)
+    assert failure.value.code == "could-not-set-property"
+    assert failure.value.place.column == text.index("videofilesink") + 1
+    assert small_file.read_bytes() == b"flight"
+
+
+@pytest.fixture
+def small_file(tmp_path: Path) -> Path:
+    """A file with a symbolic and a hard link, and a folder."""
+    path = tmp_path / "a.mp4"
+    path.write_bytes(b"flight")
+    (tmp_path / "symbolic.mp4").symlink_to(path)
+    (tmp_path / "hard.mp4").hardlink_to(path)
+    (tmp_path / "b").mkdir()
+    return path
+
+
+def test_two_sinks_do_not_share_a_file(tmp_path: Path) -> None:
+    """Not even one that is not there yet; a device may be shared."""
+    text = "videotestsrc ! tee name=t  t. ! filesink location=${one}  t. ! filesink location=${other}"
+    with pytest.raises(DescriptionError, match=r"filesink1 must not write .*: it is written by filesink0"):
+        Pipeline.parse(text, {"one": f"{tmp_path}/x", "other": f"{tmp_path}/./x"})
+    Pipeline.parse(text, {"one": "/dev/null", "other": "/dev/null"})
+
+
+def test_a_location_that_is_set_later_is_checked_at_the_start(tmp_path: Path) -> None:
+    """By its ending, and against the others."""
+    pipeline = Pipeline.parse(
+        f"videotestsrc ! tee name=t  t. ! filesink location={tmp_path}/x  t. ! tracksink name=s"
+    )
+    for location, rule in (
+        (f"{tmp_path}/x", "must end in"),
+        (f"{tmp_path}/t.xml", r"must end in \.jsonl, \.txt"),
+    ):
+        pipeline["s"].location = location
+        with pytest.raises(ElementFailure, match=rule):
+            pipeline.ready()
+
+
+def test_a_branch_that_joins_is_checked(tmp_path: Path) -> None:
+    """As the others are."""
+    pipeline = Pipeline.parse(f"videotestsrc ! tee name=t ! filesink location={tmp_path}/x")
+    with pytest.raises(DescriptionError, match="must not write"):
+        pipeline.add_branch("t", f"filesink location={tmp_path}/x")
+    assert len(pipeline.graph.elements) == 3

@@ -1,0 +1,114 @@
+"""OutputFile grows beside an older file, and replaces it once it holds something."""
+
+import errno
+import json
+import os
+import resource
+from pathlib import Path
+
+import pytest
+
+from streamkit.output.file import OutputFile, check_writable
+
+
+def test_an_older_file_stays_until_there_is_something(tmp_path: Path) -> None:
+    """Opened and discarded, the older file and nothing else is there; published, the new one is."""
+    path = tmp_path / "t.jsonl"
+    path.write_bytes(b"old")
+    OutputFile(path).discard()
+    assert path.read_bytes() == b"old"
+    file = OutputFile(path)
+    assert path.read_bytes() == b"old"
+    file.append(b"new\n")
+    assert path.read_bytes() == b"new\n"
+    file.append(b"more\n")
+    assert path.read_bytes() == b"new\nmore\n"
+    file.finish()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["t.jsonl"]
+
+
+def test_folders_are_made_and_links_followed(tmp_path: Path) -> None:
+    """A link goes on naming the file that was written."""
+    (tmp_path / "link.bin").symlink_to(tmp_path / "a" / "b" / "file.bin")
+    for content in (b"one", b"two"):
+        file = OutputFile(tmp_path / "link.bin")
+        file.append(content)
+        file.finish()
+        assert (tmp_path / "a" / "b" / "file.bin").read_bytes() == content
+    assert (tmp_path / "link.bin").is_symlink()
+
+
+def test_a_file_that_is_whole_only_is_not_seen_before(tmp_path: Path) -> None:
+    """Nobody reads half an archive."""
+    file = OutputFile(tmp_path / "a.npz", is_whole=True)
+    file.write(b"half")
+    assert not (tmp_path / "a.npz").exists()
+    file.finish()
+    assert (tmp_path / "a.npz").read_bytes() == b"half"
+
+
+def test_a_file_with_a_tail_is_whole_after_each_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What others read is always JSON, also where the tail becomes shorter."""
+    monkeypatch.setattr("streamkit.output.file.FLUSH_S", 0.0)
+    path = tmp_path / "a.json"
+    file = OutputFile(path)
+    file.append(b"[0", lambda: b",-1,-2]")
+    assert json.loads(path.read_bytes()) == [0, -1, -2]
+    for number in range(1, 4):
+        file.append(f",{number}".encode(), lambda: b"]")
+        assert json.loads(path.read_bytes()) == [*range(number + 1)]
+    file.finish()
+    assert json.loads(path.read_bytes()) == [0, 1, 2, 3]
+
+
+def test_a_tail_is_written_once_a_second(tmp_path: Path) -> None:
+    """Pieces in between wait for the next write; the end has all."""
+    path = tmp_path / "a.json"
+    file = OutputFile(path)
+    for number in range(100):
+        file.append(b"1" if not number else b",1", lambda: b"")
+    assert path.read_bytes() == b"1"
+    file.finish()
+    assert path.read_bytes().count(b"1") == 100
+
+
+def test_devices_are_opened_themselves() -> None:
+    """No file is made beside a device, and its errors are kept."""
+    file = OutputFile(Path("/dev/full"))
+    with pytest.raises(OSError, match="No space left"):
+        file.append(b"x")
+    assert file.failure is not None
+    assert file.failure.errno == errno.ENOSPC
+    file.discard()
+    assert Path("/dev/full").exists()
+
+
+def test_a_disk_that_becomes_full_keeps_what_is_written(tmp_path: Path) -> None:
+    """A published file stays as long as it could be written."""
+    path, limits = tmp_path / "a", resource.getrlimit(resource.RLIMIT_FSIZE)
+    file = OutputFile(path)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        file.append(b"x" * 600)
+        with pytest.raises(OSError, match="File too large"):
+            file.append(b"x" * 600)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    file.discard()
+    assert path.stat().st_size == 1000
+
+
+def test_what_cannot_be_written_is_known_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder, a file as a folder, and a folder that takes no files; nothing is made."""
+    (tmp_path / "file").touch()
+    check_writable(tmp_path / "a" / "b" / "c.txt")
+    with pytest.raises(IsADirectoryError):
+        check_writable(tmp_path)
+    with pytest.raises(NotADirectoryError):
+        check_writable(tmp_path / "file" / "a" / "c.txt")
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(PermissionError):
+        check_writable(tmp_path / "c.txt")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
