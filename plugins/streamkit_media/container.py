@@ -15,7 +15,8 @@ from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from streamkit import ResourceError, StreamError
-from streamkit_media.location import is_network, local_path, redact
+from streamkit.output.names import local_path
+from streamkit_media.location import is_network, redact
 
 LOCAL_LIMIT_S = 8.0
 MAX_PIXELS = 8192 * 8192

@@ -52,7 +52,7 @@ class PoseSync(Combine):
     sink = src = "ANY"
     templates = (PadTemplate("telemetry", Direction.SINK, Caps(TELEMETRY_CAPS), Presence.REQUEST),)
 
-    location: str = Property("", doc="File with the video's telemetry: DJI .SRT or raw KLV.")
+    location: str = Property("", file="read", doc="File with the video's telemetry: DJI .SRT or raw KLV.")
     max_gap_s: float = Property(
         1.0,
         min=0.0,

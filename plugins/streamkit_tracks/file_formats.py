@@ -14,6 +14,8 @@ from xml.sax.saxutils import escape
 
 from typing_extensions import override
 
+from streamkit.output.text import TextFormat
+
 Record = Mapping[str, Any]
 
 CSV_COLUMNS = (
@@ -36,7 +38,8 @@ class FileKind(enum.StrEnum):
     KML = "kml"
 
 
-SUFFIXES = {
+KINDS = {
+    ".jsonl": FileKind.JSONL,
     ".txt": FileKind.MOT,
     ".csv": FileKind.CSV,
     ".geojson": FileKind.GEOJSON,
@@ -44,20 +47,12 @@ SUFFIXES = {
 }
 
 
-class RecordFormat:
-    """Base of the formats: the bytes before the first record, of each record, and after the last one."""
-
-    def begin(self) -> bytes:
-        """The start of the file."""
-        return b""
+class RecordFormat(TextFormat):
+    """Base of the formats, and that of JSON lines, which are written as they are published."""
 
     def record(self, record: Record) -> bytes:
         """The bytes of a record."""
         raise NotImplementedError
-
-    def end(self) -> bytes:
-        """The end of the file."""
-        return b""
 
 
 class MotFormat(RecordFormat):
@@ -101,6 +96,8 @@ class CsvFormat(RecordFormat):
 class GeoJsonFormat(RecordFormat):
     """A feature collection (RFC 7946): a point for each target and time with ground coordinates."""
 
+    has_end = True
+
     def __init__(self) -> None:
         self._separator = b""
 
@@ -134,6 +131,8 @@ class GeoJsonFormat(RecordFormat):
 class KmlFormat(RecordFormat):
     """KML 2.2: a placemark with a time stamp for each target and time with ground coordinates."""
 
+    has_end = True
+
     @override
     def begin(self) -> bytes:
         return (
@@ -158,7 +157,8 @@ class KmlFormat(RecordFormat):
         return b"</Document></kml>\n"
 
 
-FORMATS: dict[FileKind, type[RecordFormat]] = {
+FORMATS: dict[str, type[RecordFormat]] = {
+    FileKind.JSONL: RecordFormat,
     FileKind.MOT: MotFormat,
     FileKind.CSV: CsvFormat,
     FileKind.GEOJSON: GeoJsonFormat,

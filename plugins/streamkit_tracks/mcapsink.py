@@ -1,7 +1,9 @@
 """mcapsink: track records in an MCAP file, for Foxglove and other viewers of recordings."""
 
+import io
 import json
-from typing import Any, BinaryIO
+import time
+from typing import Any
 
 import msgspec
 from typing_extensions import override
@@ -10,10 +12,14 @@ from streamkit import Frame, Property, ResourceError, TrackRecord, encode_record
 from streamkit_tracks.record_file import RecordFileSink
 
 SCHEMA = "streamkit.tracks/1"
+FLUSH_S = 1.0
 
 
 class McapSink(RecordFileSink):
-    """Writes a record per frame to an MCAP file: JSON messages with their JSON Schema, indexed by time.
+    """Writes a record per frame to an MCAP file: JSON messages with their JSON Schema, with an index.
+
+    Messages are in the file within a second. A file without its end, as after a kill, has no index;
+    `mcap recover` adds it.
 
     Needs the extra `mcap`: pip install 'streamkit[mcap]'.
 
@@ -21,6 +27,8 @@ class McapSink(RecordFileSink):
         dronetestsrc num-buffers=40 ! stitch ! framediff ! particletrack ! mcapsink location=tracks.mcap
     """
 
+    suffixes = (".mcap",)
+    example = "tracks.mcap"
     topic: str = Property("/tracks", doc="Topic of the messages.")
 
     @override
@@ -36,24 +44,37 @@ class McapSink(RecordFileSink):
         super().start()
 
     @override
-    def begin(self, file: BinaryIO) -> None:
-        self._writer: Any = self._writer_class(file)
+    def begin(self) -> None:
+        super().begin()
+        assert self.file is not None
+        self._writer: Any = self._writer_class(io.BufferedWriter(self.file))
         self._writer.start(profile="", library="streamkit")
         schema = self._writer.register_schema(SCHEMA, "jsonschema", _json_schema())
         self._channel = self._writer.register_channel(self.topic, "json", schema)
+        self._due_s = 0.0
 
     @override
-    def write(self, file: BinaryIO, frame: Frame) -> None:
+    def write(self, frame: Frame) -> None:
         now_ns = self.clock.utc_ns()
         record = self.record(frame, now_ns)
         published_ns = now_ns if record.published_ns is None else record.published_ns
         time_ns = published_ns if record.capture_ns is None else record.capture_ns
         data, sequence = encode_record(record), record.seq % 2**32
         self._writer.add_message(self._channel, max(0, time_ns), data, max(0, published_ns), sequence)
+        if time.monotonic() >= self._due_s:
+            self._flush()
 
     @override
-    def end(self, file: BinaryIO) -> None:
+    def end(self) -> None:
         self._writer.finish()
+        self._flush()
+        super().end()
+
+    def _flush(self) -> None:
+        assert self.file is not None
+        self._writer.flush()
+        self.file.publish()
+        self._due_s = time.monotonic() + FLUSH_S
 
 
 def _json_schema() -> bytes:

@@ -83,9 +83,13 @@ class WaveletEigen(Transform):
     settings = SettingsOf(AppearanceSettings)
     learn: bool = Property(True, live=True, doc="Whether the space is updated from the stream.")
     model: str | None = Property(
-        None, doc="File of a saved space and gallery to start from; decides preset, patch, mode .. metric."
+        None,
+        file="read",
+        doc="File of a saved space and gallery to start from; decides preset, patch, mode .. metric.",
     )
-    save: str | None = Property(None, doc="File to write the space and the gallery to at the end, .npz.")
+    save: str | None = Property(
+        None, file="write", doc="File to write the space and the gallery to at the end, .npz."
+    )
     gallery: str | None = Property(
         None, doc="Folder of labelled windows, LABEL/IMAGE; without a model the space is learnt from them."
     )

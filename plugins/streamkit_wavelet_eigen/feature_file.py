@@ -1,10 +1,8 @@
 """Files of feature vectors, npz or parquet, in memory that does not grow with the stream.
 
-npz needs the number of rows before the first, so that columns are collected in temporary files; parquet is
-written in groups of rows. An existing file is replaced when the new one is complete.
+Columns are collected in temporary files, of which a whole file is made each time it is saved.
 """
 
-import os
 import tempfile
 import zipfile
 from dataclasses import dataclass
@@ -16,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
+from streamkit.output.file import OutputFile
+
 SCHEMA = "streamkit.features/1"
 # npz columns have a fixed width; longer labels are cut.
 LABEL_CHARACTERS = 64
 COPY_BYTES = 1 << 20
-ROWS_PER_GROUP = 4096
 
 # Columns besides `vectors`, with their element types.
 COLUMNS: dict[str, str] = {
@@ -48,16 +47,29 @@ class FeatureRows:
 
 
 class FeatureWriter:
-    """Base of the writers.
+    """Collects rows; base of the formats, which override `write_file`.
 
     Args:
-        path: the file; an existing one is replaced by `finish`.
+        path: the file; its folder is made, an existing file is replaced by `save`.
+
+    Attributes:
+        rows: number of rows.
+        length: of the vectors.
+        types: element types by column.
+
+    Raises:
+        OSError: the folder takes no files.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._temporary = path.with_name(f"{path.name}.{os.getpid()}.partial")
-        self._length: int | None = None
+        self.rows = self.length = 0
+        self.types: dict[str, str] = {"vectors": "<f4", **COLUMNS}
+        path.absolute().parent.mkdir(parents=True, exist_ok=True)
+        self._columns: dict[str, BinaryIO] = {}
+        for name in self.types:
+            column = tempfile.TemporaryFile(dir=path.absolute().parent)  # noqa: SIM115  closed by `close`
+            self._columns[name] = cast("BinaryIO", column)
 
     def write(self, rows: FeatureRows) -> None:
         """Appends the rows of a frame.
@@ -67,67 +79,62 @@ class FeatureWriter:
             OSError: they cannot be written.
         """
         length = rows.vectors.shape[1]
-        if self._length not in (None, length):
+        if self.rows and self.length != length:
             raise VectorLengthChanged(
-                f"vectors of one file must have one length, got {length} values after {self._length}; "
+                f"vectors of one file must have one length, got {length} values after {self.length}; "
                 "write a file for each feature space"
             )
-        self._length = length
-        self._append(rows)
+        self.length = length
+        for name, kind in self.types.items():
+            values = rows.vectors if name == "vectors" else rows.columns[name]
+            self._columns[name].write(np.ascontiguousarray(values, np.dtype(kind)).tobytes())
+        self.rows += len(rows.vectors)
+
+    def save(self) -> None:
+        """Makes the file of all rows so far; raises OSError where it cannot be written."""
+        file = OutputFile(self._path, is_whole=True)
+        try:
+            self.write_file(file)
+            file.finish()
+        finally:
+            file.discard()
 
     def finish(self) -> None:
-        """Completes the file; raises OSError where it cannot be written."""
+        """Saves the file for the last time."""
+        try:
+            self.save()
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Removes the temporary files."""
+        for column in self._columns.values():
+            column.close()
+
+    def write_file(self, file: OutputFile) -> None:
+        """Writes all rows to an empty file."""
         raise NotImplementedError
 
-    def discard(self) -> None:
-        """Removes temporary files; has no effect after `finish`."""
-        raise NotImplementedError
-
-    def _append(self, rows: FeatureRows) -> None:
-        raise NotImplementedError
+    def column(self, name: str) -> BinaryIO:
+        """The bytes of a column so far; leave it at its end."""
+        self._columns[name].seek(0)
+        return self._columns[name]
 
 
 class NpzFeatureWriter(FeatureWriter):
     """Writes `vectors` and the columns as members of an npz file."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self._types: dict[str, str] = {"vectors": "<f4", **COLUMNS}
-        self._columns: dict[str, BinaryIO] = {}
-        for name in self._types:
-            column = tempfile.TemporaryFile(dir=path.absolute().parent)  # noqa: SIM115  closed by `discard`
-            self._columns[name] = cast("BinaryIO", column)
-        self._rows = 0
-
     @override
-    def _append(self, rows: FeatureRows) -> None:
-        for name, kind in self._types.items():
-            values = rows.vectors if name == "vectors" else rows.columns[name]
-            self._columns[name].write(np.ascontiguousarray(values, np.dtype(kind)).tobytes())
-        self._rows += len(rows.vectors)
-
-    @override
-    def finish(self) -> None:
+    def write_file(self, file: OutputFile) -> None:
         schema = BytesIO()
         np.lib.format.write_array(schema, np.array(SCHEMA), allow_pickle=False)
-        try:
-            with zipfile.ZipFile(self._temporary, "w") as archive:
-                archive.writestr("schema.npy", schema.getvalue())
-                for name, kind in self._types.items():
-                    shape = (self._rows, self._length or 0) if name == "vectors" else (self._rows,)
-                    with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                        fields = {"descr": kind, "fortran_order": False, "shape": shape}
-                        np.lib.format.write_array_header_2_0(cast("BinaryIO", member), fields)
-                        column = self._columns[name]
-                        column.seek(0)
-                        while chunk := column.read(COPY_BYTES):
-                            member.write(chunk)
-            self._temporary.replace(self._path)
-        finally:
-            self._temporary.unlink(missing_ok=True)
-            self.discard()
-
-    @override
-    def discard(self) -> None:
-        for column in self._columns.values():
-            column.close()
+        with zipfile.ZipFile(file, "w") as archive:
+            archive.writestr("schema.npy", schema.getvalue())
+            for name, kind in self.types.items():
+                shape = (self.rows, self.length) if name == "vectors" else (self.rows,)
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    fields = {"descr": kind, "fortran_order": False, "shape": shape}
+                    np.lib.format.write_array_header_2_0(cast("BinaryIO", member), fields)
+                    column = self.column(name)
+                    while chunk := column.read(COPY_BYTES):
+                        member.write(chunk)

@@ -1,6 +1,6 @@
 """featuresink: writes feature vectors to a file."""
 
-from pathlib import Path
+import time
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,9 @@ from streamkit import (
     Features,
     FeatureSpace,
     Frame,
-    Property,
+    OutputFileSink,
     ResourceError,
-    Sink,
     StreamError,
-    write_remedy,
 )
 from streamkit_wavelet_eigen.feature_file import (
     LABEL_CHARACTERS,
@@ -31,46 +29,49 @@ from streamkit_wavelet_eigen.windows import rotated_boxes
 
 # `pts_ns` of a frame without a time.
 NO_TIME = np.iinfo(np.int64).min
+SAVE_S = 1.0
+SAVING_SHARE = 0.05  # of the time, for files that take long to save
 WRITERS: dict[str, type[FeatureWriter]] = {".npz": NpzFeatureWriter, ".parquet": ParquetFeatureWriter}
 
 
-class FeatureSink(Sink):
+class FeatureSink(OutputFileSink):
     """Writes one row per feature vector: frame numbers, the target's box, and the vector.
 
-    The suffix of the file decides the format: `.npz`, or `.parquet` with the extra of that name. The file is
-    completed at the end of the stream, or with the rows so far when the stream is stopped. Vectors of any
-    feature space are written, not only those of waveleteigen.
+    The suffix of the file decides the format: `.npz`, or `.parquet` with the extra of that name. The whole
+    file is saved once a second, large ones less often. Vectors of any feature space are written, not only
+    those of waveleteigen.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! framediff ! waveleteigen ! featuresink location=features.npz
     """
 
     sink = "video/x-raw"
-    location: str = Property("", doc="File to write, .npz or .parquet; an existing one is replaced.")
+    suffixes = tuple(WRITERS)
+    example = "features.npz"
 
     _writer: FeatureWriter | None = None
 
     @override
     def start(self) -> None:
         self._writer = None
-        path = Path(self.location)
-        if path.suffix not in WRITERS:
-            raise ResourceError(
-                f"location must end in .npz or .parquet, got {self.location!r}; "
-                "write for example location=features.npz"
-            )
+        super().start()
         try:
-            self._writer = WRITERS[path.suffix](path)
+            if self.location.lower().endswith(".parquet"):
+                import pyarrow  # noqa: F401
         except ImportError as error:
             raise ResourceError(
                 f"location={self.location}: parquet needs pyarrow; install streamkit[parquet] or write .npz"
             ) from error
-        except OSError as error:
-            raise self._write_error(error) from error
 
     @override
-    def render(self, frame: Frame) -> None:
-        assert self._writer is not None, "start() comes before frames"
+    def begin(self) -> None:
+        path = self.next_path()
+        self._writer = WRITERS[path.suffix.lower()](path)
+        self._due_s = time.monotonic() + SAVE_S
+
+    @override
+    def write(self, frame: Frame) -> None:
+        assert self._writer is not None, "begin() comes before frames"
         features = frame.get(Features)
         if features is None or not len(features.vectors):
             return
@@ -78,29 +79,21 @@ class FeatureSink(Sink):
             self._writer.write(feature_rows(frame, features.vectors))
         except VectorLengthChanged as error:
             raise StreamError(f"location={self.location}: {error}") from error
-        except OSError as error:
-            raise self._write_error(error) from error
+        began_s = time.monotonic()
+        if began_s >= self._due_s:
+            self._writer.save()
+            now_s = time.monotonic()
+            self._due_s = now_s + max(SAVE_S, (now_s - began_s) / SAVING_SHARE)
 
     @override
-    def drain(self) -> None:
-        writer, self._writer = self._writer, None
-        if writer is None:
-            return
-        try:
-            writer.finish()
-        except OSError as error:
-            raise self._write_error(error) from error
-        finally:
-            writer.discard()
+    def end(self) -> None:
+        assert self._writer is not None, "begin() comes before the end"
+        self._writer.finish()
 
     @override
-    def stop(self) -> None:
-        self.drain()
-
-    def _write_error(self, error: OSError) -> ResourceError:
-        return ResourceError(
-            f"location={self.location}: cannot be written: {error.strerror or error}{write_remedy(error)}"
-        )
+    def abandon(self) -> None:
+        if self._writer is not None:
+            self._writer.close()
 
 
 def feature_rows(frame: Frame, vectors: NDArray[np.float32]) -> FeatureRows:

@@ -4,10 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from typing_extensions import override
 
-from streamkit_wavelet_eigen.feature_file import COLUMNS, ROWS_PER_GROUP, SCHEMA, FeatureRows, FeatureWriter
+from streamkit.output.file import OutputFile
+from streamkit_wavelet_eigen.feature_file import COLUMNS, SCHEMA, FeatureWriter
+
+ROWS_PER_GROUP = 4096
 
 
 class ParquetFeatureWriter(FeatureWriter):
@@ -21,45 +23,27 @@ class ParquetFeatureWriter(FeatureWriter):
         import pyarrow
         import pyarrow.parquet
 
-        super().__init__(path)
         self._arrow, self._parquet = pyarrow, pyarrow.parquet
-        self._writer: Any = None
-        self._pending: list[FeatureRows] = []
+        super().__init__(path)
 
     @override
-    def _append(self, rows: FeatureRows) -> None:
-        self._pending.append(rows)
-        if sum(len(part.vectors) for part in self._pending) >= ROWS_PER_GROUP:
-            self._write_group()
+    def write_file(self, file: OutputFile) -> None:
+        columns = {name: self.column(name) for name in self.types}
+        writer = None
+        for start in range(0, max(self.rows, 1), ROWS_PER_GROUP):
+            count = min(ROWS_PER_GROUP, self.rows - start)
+            arrays = {name: self._array(columns[name].read(count * np.dtype(kind).itemsize), kind)
+                      for name, kind in COLUMNS.items()}  # fmt: skip
+            values = self._arrow.array(np.frombuffer(columns["vectors"].read(count * self.length * 4), "<f4"))
+            arrays["vector"] = self._arrow.FixedSizeListArray.from_arrays(values, max(self.length, 1))
+            table = self._arrow.table(arrays).replace_schema_metadata({"schema": SCHEMA})
+            writer = writer or self._parquet.ParquetWriter(file, table.schema)
+            writer.write_table(table)
+        assert writer is not None
+        writer.close()
 
-    @override
-    def finish(self) -> None:
-        if self._pending or self._writer is None:
-            self._write_group()
-        self._writer.close()
-        self._temporary.replace(self._path)
-
-    @override
-    def discard(self) -> None:
-        if self._writer is not None:
-            self._writer.close()
-        self._temporary.unlink(missing_ok=True)
-
-    def _write_group(self) -> None:
-        arrow, length = self._arrow, self._length or 0
-        arrays = {name: self._column(name, kind) for name, kind in COLUMNS.items()}
-        vectors = [np.zeros((0, length), np.float32), *(part.vectors for part in self._pending)]
-        values = arrow.array(np.concatenate(vectors).astype(np.float32).ravel())
-        arrays["vector"] = arrow.FixedSizeListArray.from_arrays(values, max(length, 1))
-        table = arrow.table(arrays).replace_schema_metadata({"schema": SCHEMA})
-        if self._writer is None:
-            self._writer = self._parquet.ParquetWriter(self._temporary, table.schema)
-        self._writer.write_table(table)
-        self._pending.clear()
-
-    def _column(self, name: str, kind: str) -> Any:
-        parts: list[NDArray[Any]] = [np.zeros(0, np.dtype(kind))]
-        values = np.concatenate(parts + [part.columns[name] for part in self._pending])
-        if name == "label":
+    def _array(self, data: bytes, kind: str) -> Any:
+        values = np.frombuffer(data, np.dtype(kind))
+        if kind.startswith("<U"):
             return self._arrow.array(values.tolist(), self._arrow.string())
-        return self._arrow.array(values.astype(np.dtype(kind)))
+        return self._arrow.array(values)

@@ -11,6 +11,7 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
+from streamkit.output.text import TextFormat
 from streamkit_differencer.arrays import FloatArray
 
 # From the centre of the first pixel to its outer corner.
@@ -54,10 +55,8 @@ class FrameDetections:
     labels: tuple[str, ...] = ()
 
 
-class JsonLines:
+class JsonLines(TextFormat):
     """A JSON object per frame, a line each, in the stream's coordinates; base of the other formats."""
-
-    header = b""
 
     def frame(self, found: FrameDetections) -> bytes:
         """The bytes of a frame."""
@@ -74,10 +73,6 @@ class JsonLines:
             rows.append(row)
         line = {"frame": found.number, "seq": found.seq, "pts_ns": found.pts_ns, "detections": rows}
         return json.dumps(line, separators=(",", ":")).encode() + b"\n"
-
-    def end(self) -> bytes:
-        """The bytes that close the file."""
-        return b""
 
 
 class Mot(JsonLines):
@@ -103,16 +98,22 @@ class Coco(JsonLines):
     Images are listed at the end; until then one short row per frame is kept.
     """
 
-    header = b'{"annotations":['
+    has_end = True
 
     def __init__(self) -> None:
-        self._images: list[tuple[int, int, int]] = []
+        self._images = bytearray()
         self._categories: dict[str, int] = {}
         self._count = 0
 
+    def begin(self) -> bytes:
+        """The start of the annotations."""
+        return b'{"annotations":['
+
     def frame(self, found: FrameDetections) -> bytes:
         """The annotations of a frame."""
-        self._images.append((found.number, *found.size))
+        image = {"id": found.number, "file_name": f"{found.number:06d}"}
+        image |= {"width": found.size[0], "height": found.size[1]}
+        self._images += (b"," if self._images else b"") + json.dumps(image, separators=(",", ":")).encode()
         pieces = []
         for index, (left, top, right, bottom) in enumerate(found.boxes.tolist()):
             label = found.labels[index] if found.labels else "moving"
@@ -133,21 +134,17 @@ class Coco(JsonLines):
 
     def end(self) -> bytes:
         """The images and categories."""
-        images = [
-            {"id": number, "file_name": f"{number:06d}", "width": width, "height": height}
-            for number, width, height in self._images
-        ]
         categories = [{"id": number, "name": name} for name, number in self._categories.items()]
-        rest = json.dumps({"images": images, "categories": categories}, separators=(",", ":"))
-        return b"],\n" + rest[1:].encode() + b"\n"
+        listed = json.dumps(categories, separators=(",", ":")).encode()
+        return b'],\n"images":[' + self._images + b'],"categories":' + listed + b"}\n"
 
 
-FORMATS: dict[DetectionFormat, type[JsonLines]] = {
+FORMATS: dict[str, type[JsonLines]] = {
     DetectionFormat.JSONL: JsonLines,
     DetectionFormat.MOT: Mot,
     DetectionFormat.COCO: Coco,
 }
-SUFFIXES = {".txt": DetectionFormat.MOT, ".json": DetectionFormat.COCO}
+KINDS = {".jsonl": DetectionFormat.JSONL, ".txt": DetectionFormat.MOT, ".json": DetectionFormat.COCO}
 
 
 def rounded(values: Any) -> list[float]:

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
+from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
 
-import av
 from av.container import OutputContainer
 
+from streamkit.output.file import OutputFile
 from streamkit_media.encoding.encoder import SECOND_NS, Encoder, EncoderSettings
 from streamkit_media.encoding.pixel_layout import Pixels
+from streamkit_media.recording.packetwriter import FRAGMENT_TICKS, TIME_BASE, open_muxer
 
-TIME_BASE = Fraction(1, 90_000)
+# The encoder holds back a dozen frames; at lower rates that is more than a second.
+LOWEST_RATE = 12
 
 
 class VideoWriter:
-    """Writes one MP4 (or the container that the file's name asks for) with H.264 video in yuv420p.
+    """Writes H.264 video in yuv420p, in the container that the file's name asks for.
 
     Args:
-        path: file to write.
+        file: is closed by `close`.
         pixel_format: of the arrays: GRAY8, I420, NV12, BGR or RGB.
         width: px.
         height: px.
@@ -27,13 +30,12 @@ class VideoWriter:
         settings: of the encoder.
 
     Raises:
-        FFmpegError: the file cannot be written.
-        ValueError: the name has no container's suffix.
+        FFmpegError: the encoder does not take the settings.
     """
 
     def __init__(
         self,
-        path: Path,
+        file: OutputFile,
         pixel_format: str,
         width: int,
         height: int,
@@ -45,9 +47,9 @@ class VideoWriter:
         self._offset: int | None = None
         self._last = -self._frame_ticks
         self._failure: Exception | None = None
-        self._container: OutputContainer | None = av.open(
-            f"file:{path}", "w", container_options={"movflags": "+faststart"}
-        )
+        self._file = file
+        self._container: OutputContainer | None = open_muxer(file)
+        settings = replace(settings, live=framerate < LOWEST_RATE)
         self._encoder = Encoder(
             settings, pixel_format, (width, height), framerate, self._container, TIME_BASE
         )
@@ -69,10 +71,15 @@ class VideoWriter:
         if self._failure is not None:
             raise self._failure
         try:
-            self._container.mux(self._encoder.encode(pixels, self._ticks(pts)))
+            packets = self._encoder.encode(pixels, self._ticks(pts))
+            self._container.mux(packets)
+            if self._file.failure is not None:
+                raise self._file.failure
         except Exception as error:
             self._failure = error
             raise
+        if packets and self._last >= 2 * FRAGMENT_TICKS:
+            self._file.publish()
 
     def close(self, limit_s: float | None = None) -> bool:
         """Writes what the encoder holds and the file's index. Safe to call twice.
@@ -90,9 +97,26 @@ class VideoWriter:
         if container is None:
             return True
         try:
-            return self._last < 0 or self._failure is not None or self._flush(container, limit_s)
-        finally:
+            is_complete = self._last < 0 or self._failure is not None or self._flush(container, limit_s)
             container.close()
+        except BaseException:
+            self._file.discard()
+            raise
+        if self._last < 0:
+            self._file.discard()
+        else:
+            self._file.finish()
+        if self._file.failure is not None:
+            raise self._file.failure
+        return is_complete
+
+    def abandon(self) -> None:
+        """Leaves the file as it is after an error; never fails."""
+        container, self._container = self._container, None
+        with suppress(Exception):
+            if container is not None:
+                container.close()
+        self._file.discard()
 
     def _flush(self, container: OutputContainer, limit_s: float | None) -> bool:
         deadline = None if limit_s is None else time.monotonic() + limit_s

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
-from typing import Any, BinaryIO
+from typing import Any
 
-from streamkit import Caps, Frame, Property, ResourceError, Sink, write_remedy
-from streamkit_media.location import local_path
+from streamkit import Caps, Frame, OutputFileSink
 
 LINE_TYPES = ("text/", "application/json", "application/x-tracks", "application/x-json")
 
 
-class FileSink(Sink):
+class FileSink(OutputFileSink):
     """Writes each frame's bytes to a file; text and JSON one frame a line.
 
     Example:
@@ -19,65 +17,23 @@ class FileSink(Sink):
     """
 
     sink = "ANY"
-
-    location: str = Property("", doc="Path of the file; an existing one is replaced.")
-
-    def start(self) -> None:
-        """Opens the file."""
-        self._file: BinaryIO | None = None
-        self._is_lines = False
-        if not self.location:
-            raise ResourceError("location= must name the file to write, it is empty; write location=out.bin")
-        path = local_path(self.location)
-        try:
-            self._file = path.open("wb")
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise ResourceError(
-                f"{self.location}: cannot be written: {reason}; check that the directory exists and allows it"
-            ) from None
+    _is_lines = False
 
     def configure(self, sink_caps: Caps) -> None:
         """Lines for text, bytes as they are for all else."""
         self._is_lines = sink_caps.name.startswith(LINE_TYPES)
 
-    def render(self, frame: Frame) -> None:
-        """Writes one frame.
+    def can_append(self) -> bool:
+        """Bytes follow bytes."""
+        return True
 
-        Raises:
-            ResourceError: the disk refuses.
-        """
+    def write(self, frame: Frame) -> None:
+        """Writes one frame."""
+        assert self.file is not None
         data = as_bytes(frame.data)
-        try:
-            assert self._file is not None
-            self._file.write(data)
-            if self._is_lines and bytes(data[-1:]) != b"\n":
-                self._file.write(b"\n")
-        except OSError as error:
-            raise self._write_failure(error) from None
-
-    def drain(self) -> None:
-        """Flushes at EOS."""
-        try:
-            if self._file is not None:
-                self._file.flush()
-        except OSError as error:
-            raise self._write_failure(error) from None
-
-    def stop(self) -> None:
-        """Closes the file."""
-        file, self._file = self._file, None
-        if file is not None:
-            file.close()
-
-    def _write_failure(self, error: OSError) -> ResourceError:
-        file, self._file = self._file, None
-        if file is not None:
-            with suppress(OSError):  # the first error is reported
-                file.close()
-        return ResourceError(
-            f"{self.location}: writing failed: {error.strerror or error}{write_remedy(error)}"
-        )
+        if self._is_lines and bytes(data[-1:]) != b"\n":
+            data = bytes(data) + b"\n"
+        self.file.append(data)
 
 
 def as_bytes(data: Any) -> bytes | memoryview:

@@ -20,6 +20,7 @@ from streamkit import (
     Source,
     StreamError,
 )
+from streamkit.output.names import local_path
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import (
     MEDIA_ERRORS,
@@ -30,7 +31,7 @@ from streamkit_media.container import (
     video_stream,
 )
 from streamkit_media.files.playrange import PlayRange
-from streamkit_media.location import is_network, local_path, redact
+from streamkit_media.location import is_network, redact
 from streamkit_media.packets import SECOND_NS, DecodeOnly, packet_frame, read_packets
 from streamkit_media.streams import (
     AUDIO_CAPS,
@@ -72,7 +73,7 @@ class FileSrc(Source):
         for kind, caps in PAD_CAPS.items()
     )
 
-    location: str = Property("", doc="Path or URL of the file.")
+    location: str = Property("", file="read", doc="Path or URL of the file.")
     start_s: float = Property(
         0.0, min=0.0, unit="s", doc="First frame shown, from the beginning of the video."
     )

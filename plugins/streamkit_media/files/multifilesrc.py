@@ -8,9 +8,9 @@ from fractions import Fraction
 from pathlib import Path
 
 from streamkit import Caps, Capture, Frame, FrameFlags, Pose, Property, ResourceError, Source
+from streamkit.output.names import local_path
 from streamkit_media.codecs import CODED_CAPS, coded_caps, stream_parameters
 from streamkit_media.container import open_container, video_stream
-from streamkit_media.location import local_path
 from streamkit_media.packets import SECOND_NS
 from streamkit_telemetry_formats.photograph import sample_of_photograph
 
@@ -28,7 +28,7 @@ class MultiFileSrc(Source):
 
     src = CODED_CAPS
 
-    location: str = Property("", doc="Path with a number: img/%06d.jpg.")
+    location: str = Property("", file="read", doc="Path with a number: img/%06d.jpg.")
     start_index: int = Property(0, min=0, doc="First number.")
     stop_index: int = Property(-1, min=-1, doc="Last number; -1 is the last file there is.")
     framerate: Fraction = Property(Fraction(25), min=Fraction(1, 3600), doc="Frames per second.")

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections import deque
-from pathlib import Path
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit import Frame, Property, ResourceError, Sink, write_remedy
+from streamkit import Frame, Property, ResourceError, SegmentSink
+from streamkit.output.file import OutputFile
 from streamkit_media.files.filesink import as_bytes
-from streamkit_media.location import SegmentNames, local_path
 
 
-class MultiFileSink(Sink):
+class MultiFileSink(SegmentSink):
     """Writes each frame's bytes to a file of its own.
 
     Example:
@@ -22,44 +19,32 @@ class MultiFileSink(Sink):
     """
 
     sink = "ANY"
+    example = "out/%06d.jpg"
+    has_ledger = False  # it would be written with each frame
 
-    location: str = Property("", doc="Path with a number: out/%06d.jpg.")
-    max_files: int = Property(0, min=0, doc="Files kept; the oldest is deleted beyond it. 0 keeps all.")
+    location: str = Property("", file="write", doc="Path with a number or time: out/%06d.jpg.")
 
     def start(self) -> None:
-        """Checks the name and the directory."""
-        self._names = SegmentNames(self.location, is_cut=False)
-        self._written: deque[Path] = deque()
-        if not self._names.has_number:
+        """Checks that there is a name for each frame."""
+        super().start()
+        if not self.names.is_several:
             raise ResourceError(
-                f"location={self.location!r} must hold one number; write location=out/%06d.jpg"
+                f"location={self.location!r} must hold one number; write location={self.example}"
             )
-        folder = local_path(self.location).parent
-        if not folder.is_dir():
-            raise ResourceError(f"{self.location}: the directory {folder} must be there; make it first")
+
+    def begin(self) -> None:
+        """Nothing is common to all files."""
 
     def content(self, frame: Frame) -> bytes | memoryview:
         """What the frame's file holds."""
         return as_bytes(frame.data)
 
-    def render(self, frame: Frame) -> None:
-        """Writes one file.
-
-        Raises:
-            ResourceError: the disk refuses.
-        """
-        path = self._names.next_path()
-        try:
-            path.write_bytes(self.content(frame))
-            self._written.append(path)
-            if self.max_files and len(self._written) > self.max_files:
-                self._written.popleft().unlink(missing_ok=True)
-        except OSError as error:
-            raise ResourceError(
-                f"{path}: writing failed: {error.strerror or error}{write_remedy(error)}"
-            ) from None
-        if not self.max_files:
-            self._written.clear()
+    def write(self, frame: Frame) -> None:
+        """Writes one file."""
+        self.file = OutputFile(self.next_path(), is_whole=True)
+        self.file.write(self.content(frame))
+        self.file.finish()
+        self.file_is_complete(self.file.path)
 
 
 class JpegSink(MultiFileSink):

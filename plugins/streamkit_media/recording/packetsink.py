@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 from collections import deque
-from pathlib import Path
+from contextlib import suppress
 from typing import Any
 
 from av.packet import Packet
@@ -14,17 +13,16 @@ from streamkit import (
     Direction,
     Frame,
     FrameFlags,
+    OnError,
     PadTemplate,
     Presence,
     Property,
-    ResourceError,
-    Sink,
+    PropertyError,
+    SegmentSink,
     StreamError,
-    write_remedy,
 )
 from streamkit_media.codecs import CODED_CAPS, caps_parameters
-from streamkit_media.container import MEDIA_ERRORS, reason_of
-from streamkit_media.location import SegmentNames, local_path
+from streamkit_media.container import MEDIA_ERRORS
 from streamkit_media.nalunits import BadPacket
 from streamkit_media.packets import nanoseconds
 from streamkit_media.recording.arrivals import Arrival, ArrivalsWriter, arrivals_path
@@ -34,16 +32,16 @@ from streamkit_media.streams import KLV_CAPS
 KLV_NAME = Caps(KLV_CAPS).name
 BEFORE_KEYFRAME = "before the first key frame"
 DAMAGED = "damaged packet"
-CLOSE_LIMIT_S = 5.0
 EARLY_LIMIT = 256
 
 
-class PacketSink(Sink):
+class PacketSink(SegmentSink):
     """Records coded video and KLV telemetry without encoding.
 
     Packets are in the file within two seconds, so that a recording plays also when the process was killed. A
     new segment begins with a key frame once the one before is long or large enough, or when the format
-    changes. Telemetry needs .ts. A damaged packet is left out and counted.
+    changes. Telemetry needs .ts. A damaged packet is left out and counted. A recording is never overwritten
+    unless if-exists=replace; behind a tee, a full disk ends the recording and not the pipeline.
 
     Example:
         filesrc location=flight.mp4 ! packetsink location=copy.ts
@@ -51,56 +49,65 @@ class PacketSink(Sink):
 
     sink = CODED_CAPS
     templates = (PadTemplate("klv", Direction.SINK, Caps(KLV_CAPS), Presence.REQUEST),)
+    suffixes = tuple(FORMATS)
+    example = "flight.ts"
+    write_errors = (*MEDIA_ERRORS, OSError)
 
-    location: str = Property("", doc="Path, .ts .mp4 .mov or .mkv; segments need a number: flight-%05d.ts.")
+    location: str = Property(
+        "",
+        file="write",
+        doc="File; segments need a number or time: flight-%05d.ts, flight-%Y%m%dT%H%M%SZ.ts (UTC).",
+    )
     max_size_time: int = Property(0, min=0, unit="ns", doc="Length of a segment; 0 is no limit.")
     max_size_bytes: int = Property(0, min=0, unit="bytes", doc="Size of a segment; 0 is no limit.")
     arrivals: bool = Property(False, doc="Write the arrival times to a second file, for replaysrc.")
+    on_error: OnError = Property(
+        OnError.DROP_BRANCH, doc="Behind a tee: whether a failure ends the pipeline or only this branch."
+    )
+
+    _writer: PacketWriter | None = None
+    _arrivals: ArrivalsWriter | None = None
+
+    def check_properties(self) -> None:
+        """Checks the ending of the name; only a transport stream holds telemetry."""
+        super().check_properties()
+        names = tuple(suffix for suffix, (name, _) in FORMATS.items() if name in WITH_KLV)
+        if self.location and "klv" in self.pads and not self.location.lower().endswith(names):
+            raise PropertyError(
+                f"{self.name}: location={self.location}: only .ts holds KLV telemetry; "
+                "write a name that ends in .ts"
+            )
+
+    def needs_several_files(self) -> bool:
+        """Whether there is a limit for a segment."""
+        return bool(self.max_size_time or self.max_size_bytes)
 
     def start(self) -> None:
         """Checks the name; the file is made when the first key frame comes."""
-        self._writing = threading.Lock()
-        self._writer: PacketWriter | None = None
-        self._arrivals: ArrivalsWriter | None = None
+        self._writer = self._arrivals = None
         self._caps: Caps | None = None
         self._early: deque[Frame] = deque(maxlen=EARLY_LIMIT)
         self._zero = self._begin = 0
-        self._bytes = 0
+        self._bytes = self._count = 0
         self._is_damage_reported = False
-        if not self.location:
-            raise ResourceError("location= must name the file to write, it is empty; write location=out.ts")
-        suffix = Path(self.location).suffix.lower()
-        if suffix not in FORMATS:
-            raise ResourceError(
-                f"{self.location}: the name must end in {', '.join(FORMATS)}, it ends in {suffix!r}"
-            )
-        if "klv" in self.pads and FORMATS[suffix][0] not in WITH_KLV:
-            raise ResourceError(
-                f"{self.location}: only .ts holds KLV telemetry; write a name that ends in .ts"
-            )
-        self._format = FORMATS[suffix]
-        self._names = SegmentNames(self.location, bool(self.max_size_time or self.max_size_bytes))
-        folder = local_path(self.location).parent
-        if not folder.is_dir():
-            raise ResourceError(f"{self.location}: the directory {folder} must be there; make it first")
+        super().start()
 
-    def render(self, frame: Frame) -> None:
+    def begin(self) -> None:
+        """Files begin with key frames."""
+
+    def write(self, frame: Frame) -> None:
         """Writes one packet of either kind.
 
         Raises:
             StreamError: the format changed, and the name has no place for a second file.
-            ResourceError: writing failed.
         """
         try:
-            with self._writing:
-                if frame.caps.name == KLV_NAME:
-                    self._write_klv(frame)
-                else:
-                    self._write_video(frame)
+            if frame.caps.name == KLV_NAME:
+                self._write_klv(frame)
+            else:
+                self._write_video(frame)
         except BadPacket as error:
             self._drop_damaged(error)
-        except (*MEDIA_ERRORS, OSError) as error:
-            raise self._failure(error) from error
 
     def drain(self) -> None:
         """EOS: the file is completed.
@@ -108,8 +115,8 @@ class PacketSink(Sink):
         Raises:
             StreamError: damaged packets came, and not one could be written.
         """
-        self._close()
-        if self._names.count:
+        super().drain()
+        if self._count or not self.has_begun:
             return
         if damaged := self.drops[DAMAGED]:
             raise StreamError(
@@ -117,10 +124,6 @@ class PacketSink(Sink):
                 "came; the video is damaged or encrypted"
             )
         self.post_warning(f"{self.location}: no key frame came, nothing is written")
-
-    def stop(self) -> None:
-        """Completes the file where EOS did not."""
-        self._close()
 
     def _write_video(self, frame: Frame) -> None:
         is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
@@ -178,35 +181,33 @@ class PacketSink(Sink):
         """Completes the file under way and begins the next."""
         had_one = self._writer is not None
         self._finish()
-        if had_one and not self._names.has_number:
+        if had_one and not self.names.is_several:
             raise StreamError(
                 f"{self.location}: one file holds one format, and {frame.caps.name} of another comes now; "
                 "give the name a number, flight-%05d.ts"
             )
-        path, parameters = self._names.next_path(), caps_parameters(frame.caps)
+        parameters, file = caps_parameters(frame.caps), self.open_file()
         try:
             self._writer = PacketWriter(
-                path,
-                self._format,
+                file,
                 parameters.codec,
                 (parameters.width, parameters.height),
                 parameters.extradata,
                 "klv" in self.pads,
             )
         except BaseException:
-            self._names.take_back()
+            self.take_back()
             raise
         if self.arrivals:
-            self._arrivals = ArrivalsWriter(path)
+            self._arrivals = ArrivalsWriter(file.path)
         pts, dts = times_of(frame)
         self._zero, self._begin, self._bytes, self._caps = min(dts, pts), pts, 0, frame.caps
 
     def _drop_damaged(self, error: BadPacket) -> None:
         """Counts a damaged packet; where it was a file's first, the next key frame restarts the file."""
         self.count_drop(DAMAGED)
-        with self._writing:
-            if self._writer is not None and not self._writer.has_begun:
-                self._finish()
+        if self._writer is not None and not self._writer.has_begun:
+            self._finish()
         if not self._is_damage_reported:
             self._is_damage_reported = True
             self.post_warning(f"{self.location}: a packet is left out: {error}; others like it are counted")
@@ -215,30 +216,29 @@ class PacketSink(Sink):
         """Closes the file under way; one that nothing could be written to is removed."""
         writer, self._writer = self._writer, None
         arrivals, self._arrivals = self._arrivals, None
+        if writer is None:
+            return
         try:
             if arrivals is not None:
                 arrivals.close()
-            if writer is not None:
-                writer.close()
+            writer.close()
         finally:
-            if writer is not None and not writer.has_begun:
+            if writer.has_begun:
+                self._count += 1
+            else:
                 arrivals_path(writer.path).unlink(missing_ok=True)
-                self._names.take_back()
+                self.take_back()
+        if writer.has_begun:
+            self.file_is_complete(writer.path, arrivals_path(writer.path))
 
-    def _close(self) -> None:
-        if not self._writing.acquire(timeout=CLOSE_LIMIT_S):
-            raise ResourceError(f"{self.location}: the disk has not come back within {CLOSE_LIMIT_S:g} s")
-        try:
+    def end(self) -> None:
+        """Completes the last file."""
+        self._finish()
+
+    def abandon(self) -> None:
+        """Leaves what is written of the last file."""
+        with suppress(*self.write_errors):
             self._finish()
-        except (*MEDIA_ERRORS, OSError) as error:
-            raise self._failure(error) from error
-        finally:
-            self._writing.release()
-
-    def _failure(self, error: Exception) -> ResourceError:
-        return ResourceError(
-            f"{self.location}: the recording could not be written: {reason_of(error)}{write_remedy(error)}"
-        )
 
 
 def times_of(frame: Frame) -> tuple[int, int]:

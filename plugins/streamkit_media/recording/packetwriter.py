@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 from fractions import Fraction
-from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import av
 from av.container import OutputContainer
@@ -13,23 +11,24 @@ from av.error import FFmpegError, InvalidDataError
 from av.packet import Packet
 from av.stream import Stream
 
+from streamkit.output.file import OutputFile
 from streamkit_media.nalunits import AnnexBWriter, BadPacket
 from streamkit_media.recording.parametersets import check_parameter_sets
 
-if TYPE_CHECKING:
-    from _typeshed import ReadableBuffer
-
 TIME_BASE = Fraction(1, 90_000)
 SECOND_NS = 1_000_000_000
+FRAGMENT_TICKS = TIME_BASE.denominator  # an older file is replaced once so much can be played
 # Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.
 ALWAYS = {"flush_packets": "1", "max_interleave_delta": "500000"}
+# In fragments while it grows; when it is complete, with one index as other MP4 files.
+FRAGMENTED = {"movflags": "hybrid_fragmented+frag_keyframe+negative_cts_offsets", "frag_duration": "500000"}
 FORMATS: dict[str, tuple[str, dict[str, str]]] = {
+    ".mp4": ("mp4", FRAGMENTED),
+    ".mov": ("mov", FRAGMENTED),
+    ".mkv": ("matroska", {"cluster_time_limit": "500"}),
     ".ts": ("mpegts", {}),
     ".mts": ("mpegts", {}),
     ".m2ts": ("mpegts", {"mpegts_m2ts_mode": "1"}),
-    ".mp4": ("mp4", {"movflags": "frag_keyframe+empty_moov+default_base_moof", "frag_duration": "1000000"}),
-    ".mov": ("mov", {"movflags": "frag_keyframe+empty_moov+default_base_moof", "frag_duration": "1000000"}),
-    ".mkv": ("matroska", {"cluster_time_limit": "1000"}),
 }
 WITH_KLV = WITHOUT_HEADERS = frozenset({"mpegts"})
 
@@ -38,8 +37,7 @@ class PacketWriter:
     """One file being written.
 
     Args:
-        path: of the file; one that is there is replaced.
-        container: FFmpeg's format name and its options.
+        file: of a name in `FORMATS`; is closed by `close`.
         codec: of the video, FFmpeg's name.
         size: width, height, px.
         extradata: the codec's headers kept outside the packets.
@@ -50,15 +48,13 @@ class PacketWriter:
         has_begun: whether the file's head is written; a packet may be left out from then on.
 
     Raises:
-        OSError: it cannot be written.
         ValueError: the container cannot hold this codec.
         BadPacket: the extradata are damaged.
     """
 
     def __init__(
         self,
-        path: Path,
-        container: tuple[str, dict[str, str]],
+        file: OutputFile,
         codec: str,
         size: tuple[int, int],
         extradata: bytes,
@@ -66,16 +62,15 @@ class PacketWriter:
     ) -> None:
         self._annexb = AnnexBWriter(codec, extradata)
         self._codec = codec
-        self.path = path
+        self.path = file.path
         self.has_begun = False
         self._failure: Exception | None = None
-        name, options = container
-        self._reads_parameter_sets = name not in WITHOUT_HEADERS
+        self._reads_parameter_sets = FORMATS[self.path.suffix.lower()][0] not in WITHOUT_HEADERS
         # A file of ours: FFmpeg leaves its own open where the head could not be written.
-        self._file = _WholeWrites(path, "wb")
+        self._file = file
         self._container: OutputContainer | None = None
         try:
-            self._container = av.open(self._file, "w", format=name, container_options={**ALWAYS, **options})
+            self._container = open_muxer(file)
             self._video = self._container.add_mux_stream(codec, width=size[0], height=size[1])
             self._klv: Stream | None = self._container.add_data_stream("klv") if with_klv else None
         except BaseException:
@@ -135,6 +130,8 @@ class PacketWriter:
         if self._file.failure is not None:
             self._refuse(self._file.failure)
         self.has_begun = True
+        if pts >= FRAGMENT_TICKS:
+            self._file.publish()
         return packet.size
 
     def _refuse(self, error: Exception) -> NoReturn:
@@ -159,34 +156,19 @@ class PacketWriter:
             if container is not None:
                 container.close()
         finally:
-            self._file.close()
-            if not self.has_begun:
-                self.path.unlink(missing_ok=True)
+            if self.has_begun:
+                self._file.finish()
+            else:
+                self._file.discard()
         if self._failure is None and self._file.failure is not None:
             self._failure = self._file.failure
             raise self._failure
 
 
-class _WholeWrites(io.FileIO):
-    """A file without buffer whose writes are whole.
-
-    Attributes:
-        failure: the first error of a write; FFmpeg does not pass on all of them.
-    """
-
-    failure: OSError | None = None
-
-    def write(self, data: ReadableBuffer, /) -> int:
-        """Writes all of the data."""
-        rest = memoryview(data)
-        size = rest.nbytes
-        try:
-            while rest:
-                rest = rest[super().write(rest) or 0 :]
-        except OSError as error:
-            self.failure = self.failure or error
-            raise
-        return size
+def open_muxer(file: OutputFile) -> OutputContainer:
+    """A container of the format that the ending of the file's name asks for."""
+    name, options = FORMATS[file.path.suffix.lower()]
+    return av.open(file, "w", format=name, container_options={**ALWAYS, **options})
 
 
 def _ticks(ns: int) -> int:

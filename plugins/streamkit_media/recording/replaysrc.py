@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from typing import Any, cast
 
 from streamkit import Caps, Capture, Frame, Property, ResourceError, Source
+from streamkit.output.names import local_path
 from streamkit_media.codecs import CODED_CAPS, coded_caps, stream_parameters, stream_rate
 from streamkit_media.container import check_file, open_container, video_stream
-from streamkit_media.location import local_path, redact
+from streamkit_media.location import redact
 from streamkit_media.packets import packet_frame, read_packets
 from streamkit_media.recording.arrivals import Arrival, BadArrivals, arrivals_path, read_arrivals
 
@@ -25,7 +26,9 @@ class ReplaySrc(Source):
     src = CODED_CAPS
     is_live = True
 
-    location: str = Property("", doc="Path of the recording; the file of arrivals is next to it.")
+    location: str = Property(
+        "", file="read", doc="Path of the recording; the file of arrivals is next to it."
+    )
     speed: float = Property(
         1.0, min=0.0, max=1000.0, doc="1 is the original speed, 2 twice as fast, 0 without waiting."
     )

@@ -57,7 +57,7 @@ class RecorderSettings:
     """How mosaics are made; without a location there is only a preview."""
 
     location: str | None = setting(
-        None, doc="Path of the mosaic, .png, .jpg or .tif; %d in it gives each plane a file."
+        None, file="write", doc="Path of the mosaic, .png, .jpg or .tif; %d in it gives each plane a file."
     )
     final: bool = setting(
         True, doc="Adjust and blend all keyframes at the end; else write the mosaic as it was painted."

@@ -37,7 +37,7 @@ class DroneTestSrc(Source):
 
     num_buffers: int = Property(-1, min=-1, doc="Frames before EOS; -1 is endless.")
     location: str | None = Property(
-        None, doc="Image of the ground; the aerial photograph shipped with the plugin if unset."
+        None, file="read", doc="Image of the ground; the aerial photograph shipped with the plugin if unset."
     )
     settings = SettingsOf(WorldSettings)
     is_live: bool = Property(False, doc="Pace the frames in real time, as a camera does.")

@@ -1,8 +1,6 @@
-from pathlib import Path
-
 import pytest
 
-from streamkit_media.location import is_network, local_path, redact, with_credentials
+from streamkit_media.location import is_network, redact, with_credentials
 
 
 @pytest.mark.parametrize(
@@ -34,9 +32,3 @@ def test_is_network_distinguishes_urls_from_files() -> None:
     assert is_network("rtsp://cam/live")
     assert not is_network("file:///videos/a.mp4")
     assert not is_network("a:b.mp4")
-
-
-def test_local_path_reads_file_urls() -> None:
-    """file:// URLs are decoded, paths are taken as they are."""
-    assert local_path("file:///videos/my%20flight.mp4") == Path("/videos/my flight.mp4")
-    assert local_path("videos/a%20b.mp4") == Path("videos/a%20b.mp4")

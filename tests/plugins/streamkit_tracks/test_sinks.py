@@ -111,11 +111,11 @@ def test_mcap_has_records_schema_and_times(tmp_path: Path) -> None:
     assert (message.log_time, channel.message_encoding) == (1_763_690_000_000_000_001, "json")
 
 
-@pytest.mark.parametrize("location", ["", "{}/missing/a.mcap"])
-def test_mcap_needs_a_location(tmp_path: Path, location: str) -> None:
+@pytest.mark.parametrize("location", ["", "/etc/passwd/a.mcap"])
+def test_mcap_needs_a_location(location: str) -> None:
     """Without a writable location it does not start."""
     with pytest.raises(ResourceError, match="location"):
-        Harness("mcapsink", location=location.format(tmp_path))
+        Harness("mcapsink", location=location)
 
 
 @pytest.mark.parametrize("element", ["mcapsink", "tracksink"])
@@ -126,7 +126,7 @@ def test_a_full_disk_is_reported_once(element: str) -> None:
         pipeline.play()
         message = pipeline.wait(30)
         assert message is not None
-        assert "was not written: No space left on device; free some space" in message.text
+        assert "cannot be written: No space left on device; free some space" in message.text
         pipeline.stop()
         while (message := pipeline.bus.pop(0.0)) is not None:
             assert "stop failed" not in message.text

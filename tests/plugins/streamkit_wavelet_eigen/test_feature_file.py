@@ -11,14 +11,13 @@ import pytest
 from streamkit_wavelet_eigen.feature_file import (
     COLUMNS,
     LABEL_CHARACTERS,
-    ROWS_PER_GROUP,
     SCHEMA,
     FeatureRows,
     FeatureWriter,
     NpzFeatureWriter,
     VectorLengthChanged,
 )
-from streamkit_wavelet_eigen.parquet_file import ParquetFeatureWriter
+from streamkit_wavelet_eigen.parquet_file import ROWS_PER_GROUP, ParquetFeatureWriter
 
 Make = Callable[[Path], FeatureWriter]
 WRITERS = pytest.mark.parametrize(
@@ -86,23 +85,26 @@ def test_another_length_is_refused(tmp_path: Path, make: Make, end: str) -> None
 
 @WRITERS
 def test_discarded_rows_leave_nothing(tmp_path: Path, make: Make, end: str) -> None:
-    """Without `finish` neither the file nor a part of it stays."""
+    """Without `save` neither the file nor a part of it stays."""
     writer = make(tmp_path / f"features.{end}")
     writer.write(_rows(ROWS_PER_GROUP + 1))
-    writer.discard()
+    writer.close()
     assert list(tmp_path.iterdir()) == []
 
 
 @WRITERS
 def test_an_older_file_is_replaced_at_the_end(tmp_path: Path, make: Make, end: str) -> None:
-    """Until the new one is complete the old one stays."""
+    """Until the new one is saved the old one stays; each save has all rows."""
     path = tmp_path / f"features.{end}"
     path.write_bytes(b"old")
     writer = make(path)
     writer.write(_rows(2))
     assert path.read_bytes() == b"old"
-    writer.finish()
-    assert len(_read(path)["vectors"]) == 2
+    for count in (2, 4):
+        writer.save()
+        assert len(_read(path)["vectors"]) == count
+        writer.write(_rows(2))
+    writer.close()
 
 
 def test_parquet_comes_in_groups(tmp_path: Path) -> None:

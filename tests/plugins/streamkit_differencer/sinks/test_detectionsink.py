@@ -65,18 +65,21 @@ def test_the_format_can_be_named(tmp_path):
     assert written(tmp_path / "x.dat", format="mot").startswith("1,-1,")
 
 
-def test_an_empty_stream_is_a_whole_file(tmp_path):
-    """COCO without frames is still JSON."""
+def test_a_stream_without_a_frame_leaves_the_older_file(tmp_path):
+    """A run that made nothing does not replace the last result; the warning says so."""
     path = tmp_path / "d.json"
-    with Harness("detectionsink", location=str(path)):
-        pass
-    assert json.loads(path.read_text()) == {"annotations": [], "images": [], "categories": []}
+    path.write_text("{}")
+    with Harness("detectionsink", location=str(path)) as harness:
+        harness.drain()
+        assert any("no frame came, nothing is written" in message.text for message in harness.messages)
+    assert path.read_text() == "{}"
 
 
 def test_a_place_that_cannot_be_written(tmp_path):
     """The error names it, and the remedy."""
-    with pytest.raises(ResourceError, match=r"cannot be written: .*; name another file"):
-        Harness("detectionsink", location=str(tmp_path / "no" / "d.jsonl"))
+    (tmp_path / "file").touch()
+    with pytest.raises(ResourceError, match=r"cannot be written: Not a directory; check that"):
+        Harness("detectionsink", location=str(tmp_path / "file" / "d.jsonl"))
     with pytest.raises(ResourceError, match="location must be set"):
         Harness("detectionsink")
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from streamkit.output.file import OutputFile
 from streamkit_media.encoding.encoder import EncoderSettings, Preset
 from streamkit_media.encoding.pixel_layout import grey_as_i420, pad_to_even
 from streamkit_media.encoding.videowriter import VideoWriter
@@ -25,7 +26,7 @@ def write(
     path: Path, times: list[int | None], pixel_format: str = "GRAY8", close: bool = True
 ) -> VideoWriter:
     """Writes frames of one grey at these times."""
-    writer = VideoWriter(path, pixel_format, 64, 48, RATE, FAST)
+    writer = VideoWriter(OutputFile(path), pixel_format, 64, 48, RATE, FAST)
     for index, pts in enumerate(times):
         pixels = np.full(SHAPES[pixel_format], 128, np.uint8)
         pixels[:48] = 60 + 5 * index
@@ -78,7 +79,12 @@ def test_a_file_closed_early_plays(tmp_path: Path) -> None:
 def test_closing_in_a_hurry_leaves_out_the_last(tmp_path: Path) -> None:
     """With no time for what the encoder holds, the file says so, and plays up to there."""
     writer = VideoWriter(
-        tmp_path / "a.mp4", "GRAY8", 64, 48, RATE, EncoderSettings(quality=18, preset=Preset.MEDIUM)
+        OutputFile(tmp_path / "a.mp4"),
+        "GRAY8",
+        64,
+        48,
+        RATE,
+        EncoderSettings(quality=18, preset=Preset.MEDIUM),
     )
     for index in range(30):
         writer.write(np.full((48, 64), 90 + index, np.uint8), index * 40_000_000)
@@ -100,7 +106,7 @@ def test_odd_sizes_grow_by_a_repeated_edge(tmp_path: Path) -> None:
     np.testing.assert_array_equal(padded[:21, :33], pixels)
     np.testing.assert_array_equal(padded[21, :33], pixels[20])
     np.testing.assert_array_equal(padded[:21, 33], pixels[:, 32])
-    writer = VideoWriter(tmp_path / "a.mp4", "GRAY8", 33, 21, RATE, FAST)
+    writer = VideoWriter(OutputFile(tmp_path / "a.mp4"), "GRAY8", 33, 21, RATE, FAST)
     writer.write(pixels, 0)
     writer.close()
     assert pictures_of(tmp_path / "a.mp4")[0][1].shape == (22, 34, 3)

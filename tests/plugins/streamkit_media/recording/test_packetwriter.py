@@ -9,12 +9,13 @@ import sys
 from pathlib import Path
 import av
 from av.error import FFmpegError
-from streamkit_media.recording.packetwriter import FORMATS, PacketWriter
-source, target, ending = sys.argv[1:]
+from streamkit.output.file import OutputFile
+from streamkit_media.recording.packetwriter import PacketWriter
+source, target = sys.argv[1:]
 container = av.open(source)
 stream = container.streams.video[0]
 extradata = stream.codec_context.extradata
-writer = PacketWriter(Path(target), FORMATS[ending], "h264", (64, 48), extradata, False)
+writer = PacketWriter(OutputFile(Path(target)), "h264", (64, 48), extradata, False)
 for packet in container.demux(stream):
     if packet.size:
         try:
@@ -33,7 +34,7 @@ def test_a_file_without_room_for_its_head_refuses_every_packet(
     path = tmp_path / f"out{ending}"
     path.symlink_to("/dev/full")
     done = subprocess.run(
-        [sys.executable, "-c", WRITE, str(small_video), str(path), ending],
+        [sys.executable, "-c", WRITE, str(small_video), str(path)],
         capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
