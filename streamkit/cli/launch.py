@@ -120,8 +120,10 @@ def limit_blas_threads() -> None:
 
 @contextlib.contextmanager
 def exit_on_interrupt(*, quiet: bool) -> Iterator[None]:
-    """Context in which Ctrl-C and SIGTERM end the command at once, while the pipeline is built."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    """Context in which Ctrl-C, SIGTERM and SIGHUP end the command at once, while the pipeline is built."""
+    from streamkit.cli.run import ending_signals
+
+    before = {number: signal.signal(number, signal.default_int_handler) for number in ending_signals()}
     try:
         yield
     except KeyboardInterrupt:
@@ -129,7 +131,8 @@ def exit_on_interrupt(*, quiet: bool) -> Iterator[None]:
             typer.echo("interrupt: stopped before it played", err=True)
         raise typer.Exit(0) from None
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def build(source: Description, *, as_json: bool) -> Pipeline:

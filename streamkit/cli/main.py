@@ -6,6 +6,8 @@ This module has no slow imports, so that Ctrl-C is handled from the beginning.
 from __future__ import annotations
 
 import errno
+import io
+import os
 import sys
 from typing import TYPE_CHECKING
 
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import typer
+    from _typeshed import ReadableBuffer
 
 INTERRUPTED = 130
 NO_OUTPUT = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
@@ -25,8 +28,37 @@ def make_app(arguments: Sequence[str]) -> typer.Typer:
     return application(arguments)
 
 
+class LossyOutput(io.FileIO):
+    """A stream for people: what a closed terminal, an ended reader or a full disk refuses is lost."""
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        """Writes what is taken."""
+        try:
+            return super().write(data) or 0
+        except OSError:
+            return memoryview(data).nbytes
+
+
+def secure_streams() -> None:
+    """Makes stdin, stdout and stderr usable, however the process was started, and stderr never fail.
+
+    A file that is opened takes the lowest free descriptor: were 2 free, libraries would write into it.
+    """
+    for _ in range(3):
+        if (free := os.open(os.devnull, os.O_RDWR)) > 2:
+            os.close(free)
+            break
+    if sys.stdout is None:
+        sys.stdout = io.TextIOWrapper(io.FileIO(1, "w", closefd=False), write_through=True)
+    if sys.stderr is sys.__stderr__:
+        encoding = sys.stderr.encoding if sys.stderr is not None else "utf-8"
+        raw = io.BufferedWriter(LossyOutput(2, "w", closefd=False))
+        sys.stderr = io.TextIOWrapper(raw, encoding, "backslashreplace", line_buffering=True)
+
+
 def main() -> None:
     """Entry point of the command line."""
+    secure_streams()
     arguments = sys.argv[1:]
     try:
         make_app(arguments)()

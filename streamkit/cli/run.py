@@ -28,7 +28,7 @@ class Run:
     """Plays a pipeline to its end.
 
     Attributes:
-        interrupts: number of Ctrl-C and SIGTERM.
+        interrupts: number of Ctrl-C, SIGTERM and SIGHUP.
         statistics: counters at the end, before the pipeline is stopped.
     """
 
@@ -119,7 +119,7 @@ class Run:
 
     @contextlib.contextmanager
     def _signals(self, report: CrashReport) -> Iterator[None]:
-        """Counts Ctrl-C and SIGTERM; a further one during a clean stop ends the process at once.
+        """Counts Ctrl-C, SIGTERM and SIGHUP; a further one during a clean stop ends the process at once.
 
         While the pipeline starts or stops, the first one abandons calls that did not return.
         """
@@ -134,7 +134,7 @@ class Run:
                 report.close()
                 os._exit(128 + number)
 
-        before = {number: signal.signal(number, interrupted) for number in (signal.SIGINT, signal.SIGTERM)}
+        before = {number: signal.signal(number, interrupted) for number in ending_signals()}
         try:
             yield
         finally:
@@ -181,3 +181,9 @@ class Run:
     def _fail(self, text: str) -> int:
         self.display.print_line(f"error: {text}")
         return 1
+
+
+def ending_signals() -> list[signal.Signals]:
+    """The signals that end a pipeline; `nohup` leaves out the one of a closed terminal."""
+    kept = [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
+    return [signal.SIGINT, signal.SIGTERM, *kept]

@@ -238,7 +238,7 @@ class Element(PadOwner):
             yield
         except (FlowStop, ElementFailure, NotNegotiated):
             raise
-        except Exception as cause:
+        except (Exception, SystemExit) as cause:
             raise self.failure(cause, frame) from cause
 
     def halt(self) -> None:

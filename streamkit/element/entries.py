@@ -53,10 +53,10 @@ class PluginEntry:
         module_name, _, attribute = self.target.partition(":")
         try:
             return getattr(importlib.import_module(module_name), attribute)
-        except Exception as cause:
+        except (Exception, SystemExit) as cause:
             raise self.broken("loaded", cause) from cause
 
-    def broken(self, done: str, cause: Exception) -> PluginBroken:
+    def broken(self, done: str, cause: BaseException) -> PluginBroken:
         """The error for an entry that cannot be loaded or made: where, the cause, the remedy."""
         return PluginBroken(
             f"{self.where} cannot be {done}: {type(cause).__name__}: {cause}; "

@@ -56,7 +56,7 @@ def make_element(factory: str, name: str = "", **properties: Any) -> Element:
         element = found(name or factory, **properties)
     except StreamkitError:
         raise
-    except Exception as cause:
+    except (Exception, SystemExit) as cause:
         raise installed_elements()[factory].broken("made", cause) from cause
     element.factory = factory
     return element

@@ -113,7 +113,7 @@ class Chain:
                 self._end.not_linked(frame)
         except (FlowStop, ElementFailure, NotNegotiated):
             raise
-        except Exception as cause:
+        except (Exception, SystemExit) as cause:
             raise (stage.element if stage else self.src.element).failure(cause, frame) from cause
         finally:
             if stage is not None and stage.element.activity is not None:

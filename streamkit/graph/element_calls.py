@@ -173,8 +173,10 @@ def _wait(call: ElementCall, limits: CallLimits, limit_s: float | None) -> None:
 
 
 def _raise_error(call: ElementCall) -> None:
-    if call.error is not None:
+    if isinstance(call.error, Exception):
         raise call.error
+    if call.error is not None:  # SystemExit must not end the process in silence
+        raise RuntimeError(f"its {call.method} raised {call.error!r}")
 
 
 def _hang(method: str, seconds: float) -> HangDetected:

@@ -292,6 +292,7 @@ def test_verbose_shows_an_author_where_the_element_failed(
         (["-v"], signal.SIGINT, False),
         (["-v", "-e"], signal.SIGINT, True),
         (["-v"], signal.SIGTERM, False),
+        (["-v"], signal.SIGHUP, False),
     ],
 )
 def test_an_interrupt_is_a_clean_stop(arguments: list[str], number: int, has_eos: bool) -> None:
@@ -313,7 +314,7 @@ def test_an_interrupt_is_a_clean_stop(arguments: list[str], number: int, has_eos
     assert "error" not in rest
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupt_before_it_plays_is_a_clean_stop_too(
     launch: Callable[..., Result], register: Register, number: int
 ) -> None:
@@ -389,3 +390,33 @@ def test_matrix_products_start_no_threads_of_their_own(wanted: str | None, threa
     told, running = done.stdout.split()
     assert told == threads
     assert int(running) <= int(threads)
+
+
+@pytest.mark.parametrize("closed", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-", "2>/dev/full"])
+def test_streams_that_are_closed_do_no_harm(tmp_path: Path, closed: str) -> None:
+    """Nothing that is written for people gets into a file of the pipeline, nor ends it."""
+    path = tmp_path / "a.raw"
+    text = f"videotestsrc num-buffers=3 ! video/x-raw,width=16,height=16 ! filesink location={path}"
+    shell = f'exec "$0" launch -v --set unused=1 "$1" {closed}'
+    done = subprocess.run(["sh", "-c", shell, COMMAND[0], text], timeout=30, check=False)
+    assert done.returncode == 0
+    assert path.stat().st_size == 3 * 16 * 16 * 3 // 2
+    assert b"state" not in path.read_bytes()
+
+
+@pytest.mark.parametrize("method", ["__init__", "start", "render", "drain", "stop"])
+def test_system_exit_of_an_element_is_an_error(
+    launch: Callable[..., Result], register: Register, method: str
+) -> None:
+    """It is told with the element's name, and neither ends the process nor hangs."""
+
+    def leave(self: Sink, *_: Any, **__: Any) -> None:
+        raise SystemExit(0)
+
+    register(
+        leaves=type("Leaves", (Sink,), {"sink": "ANY", "render": print, method: leave, "__doc__": "Leaves."})
+    )
+    done = launch("-q" if method != "stop" else "-v", "fakesrc num-buffers=1 ! leaves")
+    assert "leaves" in done.stderr
+    assert "SystemExit" in done.stderr
+    assert done.exit_code == {"__init__": 2, "stop": 0}.get(method, 1)

@@ -1,6 +1,7 @@
 """`streamkit launch` on a terminal, as a user has it: progress, table, and Ctrl-C once and twice."""
 
 import fcntl
+import json
 import os
 import pty
 import re
@@ -163,3 +164,21 @@ def test_errors_stand_on_a_line_of_their_own() -> None:
     code, out = on_terminal("fakesrc ! identity sleep-time=100000 ! identity error-after=8 ! fakesink")
     assert code == 1
     assert any(line.startswith("error: identity1: ") for line in lines_of(out))
+
+
+def test_a_terminal_that_is_closed_ends_the_pipeline_cleanly(tmp_path: Path) -> None:
+    """As SIGTERM does: files are complete, though nothing can be printed."""
+    path = tmp_path / "tracks.geojson"
+    master, slave = pty.openpty()
+    text = f"videotestsrc is-live=true ! video/x-raw,width=16,height=16 ! tracksink location={path}"
+    with subprocess.Popen(
+        [*TAKE_TERMINAL, BINARY, "launch", "-v", text], stdout=slave, stderr=slave, start_new_session=True,
+        env={**os.environ, "TERMINAL": os.ttyname(slave)},
+    ) as process:  # fmt: skip
+        os.close(slave)
+        out = b""
+        while not path.exists():
+            out += os.read(master, 65536)
+        os.close(master)
+        assert process.wait(LIMIT_S) == 0
+    assert json.loads(path.read_bytes())["features"] == []
