@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import asdict
@@ -60,6 +62,8 @@ class LiveMosaic:
         self._adjusts = settings.final
         self._failure: Exception | None = None
         self._writing: Future[None] | None = None
+        self._save_interval_s = settings.save_interval
+        self._save_due_s = time.monotonic() + self._save_interval_s
         self._epoch: int | None = None
         self._preview_pts = 0
         self._has_changed = self._is_preview_queued = False
@@ -91,6 +95,10 @@ class LiveMosaic:
                 f"{frame.describe()} does not fit into the mosaic and is left out, as others may be; check "
                 "the registration"
             )
+        if self._save_interval_s and time.monotonic() >= self._save_due_s:
+            self._save_due_s = math.inf
+            self._recorder.save()
+            self._executor.do(self._saved)
         pts = frame.pts or 0
         if frame.epoch != self._epoch:
             self._epoch, self._preview_pts = frame.epoch, min(pts, self._preview_pts)
@@ -154,6 +162,9 @@ class LiveMosaic:
             _in_format(image, str(caps["format"])), caps, pts=self._preview_pts if pts is None else pts
         )
         self._mosaic_pad().put(frame.attach(registration))
+
+    def _saved(self) -> None:
+        self._save_due_s = time.monotonic() + self._save_interval_s
 
     def _adjusted(self, plane: KeyframeMap | None) -> AdjustedHomographies:
         if plane is None or not self._adjusts:

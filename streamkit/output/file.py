@@ -93,14 +93,16 @@ class OutputFile(io.FileIO):
 
     def _write_pending(self) -> None:
         assert self._tail is not None
-        tail = self._tail()
         if self.seekable():
+            tail = self._tail()
             self.seek(self._end)
             self.write(self._pending + tail)
             self._end += len(self._pending)
             if self._end + len(tail) < self._size:
                 self.truncate()
             self._size = self._end + len(tail)
+        else:
+            self.write(self._pending)  # the tail comes last
         self._pending.clear()
         self._due_s = time.monotonic() + FLUSH_S
         self.publish()
@@ -121,6 +123,8 @@ class OutputFile(io.FileIO):
             return
         if self._tail is not None:
             self._write_pending()
+            if not self.seekable():
+                self.write(self._tail())
         self.close()
         self.publish()
 

@@ -7,6 +7,7 @@ from typing import Final
 
 import cv2
 
+from streamkit.output.file import check_writable
 from streamkit_stitcher.mosaic.georeference import Georeference
 from streamkit_stitcher.mosaic.geotiff import check_geotiff, write_geotiff
 from streamkit_stitcher.mosaic.tiles import ImageArray
@@ -21,7 +22,7 @@ def check_location(location: str) -> None:
     """Checks the path of an image, with `%d` for a file per plane, before the flight.
 
     Raises:
-        OSError: the suffix is unknown, the number format is wrong, or the directory is not writable.
+        OSError: the suffix is unknown, the number format is wrong, or the file cannot be made.
     """
     path = location_of(location, 0)
     if path.suffix.lower() not in SUFFIXES:
@@ -30,12 +31,12 @@ def check_location(location: str) -> None:
         )
     if is_tiff(location):
         check_geotiff(location)
-    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+    try:
+        check_writable(path)
+    except OSError as error:
         raise OSError(
-            f"location={location}: the directory {path.parent} is missing or takes no files; create it first"
-        )
-    if path.is_dir():
-        raise OSError(f"location={location} is a directory; name a file in it")
+            f"location={location} cannot be written: {error.strerror}; name another file"
+        ) from error
 
 
 def location_of(location: str, reference: int) -> Path:
@@ -67,12 +68,13 @@ def is_tiff(location: str) -> bool:
 
 
 def write_image(image: ImageArray, path: Path, geo: Georeference | None = None) -> None:
-    """Writes an image atomically, in the format of the suffix; a TIFF is georeferenced.
+    """Writes an image atomically, in the format of the suffix; a TIFF is georeferenced. Folders are made.
 
     Raises:
         OSError: the image is too large for the format, or the file cannot be written.
     """
     partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    path.parent.mkdir(parents=True, exist_ok=True)
     try:
         if is_tiff(path.name):
             write_geotiff(image, partial, geo)
@@ -94,7 +96,7 @@ def _encode(image: ImageArray, path: Path, partial: Path) -> None:
         )
     # PNG's default here is run-length encoding: twice as fast as the lowest compression level.
     options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if is_jpeg else []
-    if not path.parent.is_dir() or not cv2.imwrite(str(partial), image, options):
+    if not cv2.imwrite(str(partial), image, options):
         raise OSError(
             f"{path}: the image could not be written; see whether {path.parent} is there and has room"
         )

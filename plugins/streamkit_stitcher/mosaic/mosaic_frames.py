@@ -70,6 +70,13 @@ class RecorderSettings:
         64.0, min=1.0, max=1024.0, unit="Mpx", doc="Mosaic kept in memory; the rest goes to a temporary file."
     )
 
+    save_interval: float = setting(
+        30.0,
+        min=0.0,
+        unit="s",
+        doc="Time between two saves of the mosaic as it was painted so far; 0 is at the end only.",
+    )
+
     @property
     def memory_px(self) -> int:
         """`max_canvas_mpx` in px."""
@@ -186,6 +193,18 @@ class MosaicFrames:
             rmse if final else None,
             None if geo is None else geo.median_error_m,
         )
+
+    def save(self, covered_px: float) -> None:
+        """Writes the incremental mosaic, so that a process that is killed leaves one; see `write`.
+
+        Raises:
+            OSError: it could not be written.
+        """
+        location = self._settings.location
+        if location is None or (not is_numbered(location) and covered_px <= self._largest_px):
+            return
+        if (whole := _incremental(self.mosaic)) is not None:
+            write_image(whole.image, location_of(location, self.reference))
 
     def close(self) -> None:
         """Releases everything that was not written."""

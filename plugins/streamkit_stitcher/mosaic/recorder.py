@@ -104,6 +104,10 @@ class MosaicRecorder:
         self._do(work, shape[0] * shape[1] * _BYTES_PER_PIXEL)
         return True
 
+    def save(self) -> None:
+        """Writes the current mosaic as painted so far, and goes on with it; see `MosaicFrames.save`."""
+        self._do(partial(self.frames.save, self._coverage.covered_px))
+
     def start_writing(
         self,
         adjust: Callable[[], AdjustedHomographies],

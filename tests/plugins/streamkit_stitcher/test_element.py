@@ -166,9 +166,10 @@ def test_no_frames_no_mosaic(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["m.mp4", "none/m.png"])
+@pytest.mark.parametrize("name", ["m.mp4", "file/m.png"])
 def test_a_location_that_cannot_be_written_fails_at_start(tmp_path, name):
     """The user learns of it before the flight."""
+    (tmp_path / "file").touch()
     with pytest.raises(ResourceError, match="location"):
         Harness("stitch", location=str(tmp_path / name))
 
@@ -180,6 +181,7 @@ def test_a_disk_that_fails_at_eos_is_an_error(flight, tmp_path):
     harness = Harness("stitch", location=str(folder / "m.png"))
     push(harness, grey(flight.frame(0)))
     folder.rmdir()
+    folder.touch()
     with pytest.raises(Exception, match="the mosaic is lost"):
         harness.drain()
     harness.close()

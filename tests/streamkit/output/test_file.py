@@ -112,3 +112,17 @@ def test_what_cannot_be_written_is_known_before(tmp_path: Path, monkeypatch: pyt
     with pytest.raises(PermissionError):
         check_writable(tmp_path / "c.txt")
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_pipe_gets_the_tail_at_the_end(tmp_path: Path) -> None:
+    """What reads it sees the pieces in order, and one tail."""
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    file = OutputFile(path)
+    file.append(b"[0", lambda: b"]")
+    assert os.read(reader, 10) == b"[0"
+    file.append(b",1", lambda: b"]")
+    file.finish()
+    assert os.read(reader, 10) == b",1]"
+    os.close(reader)

@@ -18,13 +18,14 @@ def test_images_are_accepted_locations(tmp_path, name):
     [
         ("m.mp4", r"must end in \.png, \.jpg, \.jpeg, \.tif, \.tiff, got"),
         ("m", "must end in"),
-        ("none/m.png", "is missing or takes no files; create it first"),
+        ("file/m.png", "cannot be written: Not a directory; name another file"),
         ("m-%s%s.png", "must be one number"),
         ("m-%q.png", "must be one number"),
     ],
 )
 def test_other_locations_are_refused_at_once(tmp_path, name, reason):
     """The error says the rule and the remedy before the flight, not after it."""
+    (tmp_path / "file").touch()
     with pytest.raises(OSError, match=reason):
         check_location(str(tmp_path / name))
 
@@ -32,7 +33,7 @@ def test_other_locations_are_refused_at_once(tmp_path, name, reason):
 def test_a_directory_is_no_location(tmp_path):
     """A directory with a image's name is refused."""
     (tmp_path / "m.png").mkdir()
-    with pytest.raises(OSError, match="is a directory"):
+    with pytest.raises(OSError, match="cannot be written: Is a directory"):
         check_location(str(tmp_path / "m.png"))
 
 
@@ -62,7 +63,9 @@ def test_a_jpeg_that_is_too_long_is_refused(tmp_path):
     assert (tmp_path / "m.jpg").read_bytes() == b"old"
 
 
-def test_a_disk_that_refuses_leaves_nothing_behind(tmp_path):
-    """A directory that is gone is an OSError."""
-    with pytest.raises(OSError, match=r"could not be written; see whether .*gone is there"):
-        write_image(np.zeros((8, 8), np.uint8), tmp_path / "gone" / "m.png")
+def test_a_missing_folder_is_made_and_one_that_refuses_is_an_error(tmp_path):
+    """A file in place of the folder is an OSError."""
+    write_image(np.zeros((8, 8), np.uint8), tmp_path / "new" / "m.png")
+    assert (tmp_path / "new" / "m.png").is_file()
+    with pytest.raises(OSError, match="exists"):
+        write_image(np.zeros((8, 8), np.uint8), tmp_path / "new" / "m.png" / "m.png")

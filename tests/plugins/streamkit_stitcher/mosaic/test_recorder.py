@@ -63,6 +63,22 @@ def test_the_mosaic_is_written_once(recorder, frame, tmp_path):
     assert recorder.finish() is None
 
 
+@pytest.mark.parametrize("final", [True, False])
+def test_a_mosaic_may_be_saved_while_it_grows(frame, tmp_path, final):
+    """The file has what was painted so far, and the last one is as without; a smaller plane is not saved."""
+    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png"), final=final))
+    recorder.save()
+    assert not list(tmp_path.iterdir())
+    for left, width in ((0.0, 640), (300.0, 940)):
+        add(recorder, registered(left, keyframe=True), frame)
+        recorder.save()
+        assert cv2.imread(str(tmp_path / "m.png")).shape[1] == width
+    assert recorder.finish().width == 940
+    add(recorder, registered(reference=1, keyframe=True), frame)
+    recorder.save()
+    assert cv2.imread(str(tmp_path / "m.png")).shape[1] == 940
+
+
 def test_without_a_number_the_plane_that_covers_most_is_kept(recorder, frame, tmp_path):
     """A large plane is not overwritten by the small one after it."""
     add(recorder, registered(keyframe=True), frame)
