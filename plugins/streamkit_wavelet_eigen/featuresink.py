@@ -67,7 +67,7 @@ class FeatureSink(OutputFileSink):
     def begin(self) -> None:
         path = self.next_path()
         self._writer = WRITERS[path.suffix.lower()](path)
-        self._due_s = time.monotonic() + SAVE_S
+        self._due_s = 0.0
 
     @override
     def write(self, frame: Frame) -> None:

@@ -13,6 +13,7 @@ from streamkit_zenoh.keys import RECEIVER, STATUS, alive_key, receiver_name, roo
 from streamkit_zenoh.presence import LivelinessWatch, declare_delivery_queryable, declare_receiver_token
 from streamkit_zenoh.wire.encodings import BadPayload, Decoder
 from streamkit_zenoh.wire.numbering import ATTACHMENT_LIMIT_BYTES, LossTracker, RecentDict, read_attachment
+from streamkit_zenoh.wire.sequence import INTERLEAVED_WARNING, JUMP_WARNING
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
 
 QUERY_LIMIT_S = 5.0
@@ -49,6 +50,7 @@ class Counts(msgspec.Struct, frozen=True):
         repeated: received again; passed on once.
         bad: too large, or invalid; skipped.
         restarts: how often a publisher followed another.
+        interleaved: of an earlier publisher, after the first of a later one at its key.
         jumps: steps of more than ten million numbers, not counted as losses: see `wire.sequence`.
         publishers: alive now.
     """
@@ -59,6 +61,7 @@ class Counts(msgspec.Struct, frozen=True):
     repeated: int
     bad: int
     restarts: int
+    interleaved: int
     jumps: int
     publishers: int
 
@@ -139,6 +142,12 @@ class MessageReceiver:
         with self._lock:
             return not self._publishers and any(runs for _, runs in self._running.values())
 
+    def warnings(self) -> list[str]:
+        """What a user must know about the numbers so far."""
+        counts = self.counts()
+        found = {JUMP_WARNING: counts.jumps, INTERLEAVED_WARNING: counts.interleaved}
+        return [text for text, count in found.items() if count]
+
     def count_bad(self) -> None:
         """Counts an invalid message."""
         with self._lock:
@@ -154,6 +163,7 @@ class MessageReceiver:
             self._counts["received"] += arrival.is_new
             self._counts["lost"] += arrival.lost
             self._counts["restarts"] += arrival.is_restart
+            self._counts["interleaved"] += arrival.is_interleaved
             self._counts["jumps"] += arrival.is_jump
             self._counts["repeated"] += not is_reply and not arrival.is_new
             self._counts["bad"] += arrival.is_new and size > self._limit_bytes

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Self
 from typing_extensions import override
 
 from streamkit import TrackRecord, TrackState, encode_record
-from streamkit_zenoh.wire.sequence import JUMP_WARNING
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -38,7 +37,7 @@ class Printer:
         self.age = age
         self._subscriber = subscriber
         self._missed = 0
-        self._has_warned = False
+        self._warned: set[str] = set()
         self._ages_ms: list[float] = []
 
     def show(self, record: TrackRecord) -> None:
@@ -59,17 +58,17 @@ class Printer:
 
     def refresh(self) -> None:
         """Reports records lost since the last call, and once that numbers jump."""
-        self._warn_of_jumps()
+        self._warn()
         missed = self.missed()
         if self.gaps and missed > self._missed:
             sys.stderr.write(f"gap: {missed - self._missed} records missed, {missed} in all\n")
             sys.stderr.flush()
         self._missed = missed
 
-    def _warn_of_jumps(self) -> None:
-        if self._subscriber.counts.jumps and not self._has_warned:
-            self._has_warned = True
-            sys.stderr.write(f"warning: {JUMP_WARNING}\n")
+    def _warn(self) -> None:
+        for text in set(self._subscriber.warnings()) - self._warned:
+            self._warned.add(text)
+            sys.stderr.write(f"warning: {text}\n")
             sys.stderr.flush()
 
     def missed(self) -> int:
@@ -84,7 +83,8 @@ class Printer:
             counts = self._subscriber.counts
             words.append(
                 f"received {counts.received}, lost {counts.lost}, overwritten {counts.overwritten}, "
-                f"bad {counts.bad}, restarts {counts.restarts}, jumps {counts.jumps}"
+                f"bad {counts.bad}, restarts {counts.restarts}, interleaved {counts.interleaved}, "
+                f"jumps {counts.jumps}"
             )
         if self.age and len(self._ages_ms) > 1:
             last = quantiles(self._ages_ms, n=100)[98]
@@ -104,12 +104,6 @@ class Printer:
 
 class JsonPrinter(Printer):
     """Prints records as lines of JSON; with `age`, one more field, `arrival_age_ms`."""
-
-    def _store_age(self, record: TrackRecord) -> float | None:
-        age_ms = arrival_age_ms(record, time.time_ns())
-        if age_ms is not None and len(self._ages_ms) < AGE_LIMIT:
-            self._ages_ms.append(age_ms)
-        return age_ms
 
     @override
     def line(self, record: TrackRecord, age_ms: float | None) -> str:
@@ -158,7 +152,7 @@ class TablePrinter(Printer):
             if self._record is not None:
                 self._live.update(self._table(self._record), refresh=True)
             self._live.stop()
-            self._warn_of_jumps()
+            self._warn()
         if totals := self.totals():
             sys.stderr.write(totals + "\n")
 

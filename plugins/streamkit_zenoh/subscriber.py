@@ -19,10 +19,11 @@ QUEUE_LIMIT_BYTES = 64 * 1024 * 1024
 
 
 class Update(NamedTuple):
-    """News of a key: a record, or None when the key was deleted."""
+    """News of a key: a record, or None when the key was deleted; the run of its publisher."""
 
     key: str
     record: TrackRecord | None
+    run: int = 0
 
 
 class TrackSubscriber:
@@ -88,6 +89,10 @@ class TrackSubscriber:
         """What became of the messages so far."""
         return self._receiver.counts()
 
+    def warnings(self) -> list[str]:
+        """What a user must know about the numbers of the messages so far."""
+        return self._receiver.warnings()
+
     @property
     def is_over(self) -> bool:
         """Whether no record is held and none follows."""
@@ -122,9 +127,10 @@ class TrackSubscriber:
         deadline_s = time.monotonic() + timeout_s
         while (message := self._queue.get(max(0.0, deadline_s - time.monotonic()))) is not None:
             if message.is_deleted:
-                return Update(message.key, None)
+                return Update(message.key, None, message.run)
             try:
-                return Update(message.key, self._decoder.decode(message.content_type, message.payload))
+                record = self._decoder.decode(message.content_type, message.payload)
+                return Update(message.key, record, message.run)
             except BadPayload:
                 self._receiver.count_bad()
         return None

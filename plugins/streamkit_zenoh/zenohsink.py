@@ -25,6 +25,7 @@ from streamkit_zenoh.keys import FRAME, MOSAIC, InvalidKey, publication_root
 from streamkit_zenoh.presence import wait_for_receivers
 from streamkit_zenoh.publish.publication import Publication
 from streamkit_zenoh.publish.qos import InvalidQos
+from streamkit_zenoh.publish.rivals import KeyInUse
 from streamkit_zenoh.publish.settings import PublicationSettings
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import MissingLibrary
@@ -42,6 +43,8 @@ class ZenohSink(Connection, Sink):
     message is dropped and counted, and receivers see a gap in the numbers. Queries are answered with the last
     message of each key, and at KEY/schema with the schemas. The liveliness token KEY/alive ends after the
     last record. Without connect and listen, receivers on this machine find the publisher by themselves.
+
+    A second publisher at a key is refused, unless takeover or shared says otherwise.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! framediff ! particletrack ! zenohsink key=uav/1
@@ -79,9 +82,9 @@ class ZenohSink(Connection, Sink):
         session = self.open_zenoh(settings.cut_off_s)
         try:
             self._publication = Publication(
-                session, root, settings, qos, streams, self.clock.utc_ns, self._failed
+                session, root, settings, qos, streams, self.clock.utc_ns, self._failed, self.stopping
             )
-        except MissingLibrary as error:
+        except (MissingLibrary, KeyInUse) as error:
             close_session(session, STOP_LIMIT_S)
             raise ResourceError(str(error)) from None
 

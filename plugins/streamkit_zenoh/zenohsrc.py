@@ -17,7 +17,6 @@ from streamkit_zenoh.wire.frame_header import image_frame, read_header
 from streamkit_zenoh.wire.images import IMAGE_LIMIT_BYTES, decode_image, image_size
 from streamkit_zenoh.wire.numbering import RecentDict
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA, record_frame
-from streamkit_zenoh.wire.sequence import JUMP_WARNING
 
 LOOK_EVERY_S = 0.2
 STOP_LIMIT_S = 2.0
@@ -73,7 +72,7 @@ class ZenohSrc(Connection, Source):
         self._runs: RecentDict[str, int] = RecentDict()
         self._decoder = Decoder(TrackRecord, TRACKS_SCHEMA)
         self._counted: dict[str, int] = {}
-        self._has_warned_of_jumps = False
+        self._warned: set[str] = set()
         is_frame = self.receive is Content.FRAME
         try:
             self._expression = stream_key(self.key, FRAME) if is_frame else records_key(self.key)
@@ -147,9 +146,9 @@ class ZenohSrc(Connection, Source):
             if new > 0:
                 self.count_drop(reason, new)
                 self._counted[name] = getattr(counts, name)
-        if counts.jumps and not self._has_warned_of_jumps:
-            self._has_warned_of_jumps = True
-            self.post_warning(f"{self._expression}: {JUMP_WARNING}")
+        for text in set(receiver.warnings()) - self._warned:
+            self._warned.add(text)
+            self.post_warning(f"{self._expression}: {text}")
 
     def _frame(self, receiver: MessageReceiver, message: ReceivedMessage) -> Frame | None:
         if message.is_deleted:

@@ -73,7 +73,7 @@ class OutputFileSink(Sink):
     def abandon(self) -> None:
         """Closes the file after an error; never fails."""
         if self.file is not None:
-            self.file.discard()
+            self.file.abandon()
 
     def can_append(self) -> bool:
         """Whether `if-exists=continue` may append to a file."""

@@ -47,7 +47,7 @@ class TextFileSink(OutputFileSink, Generic[AnyFormat]):
         """Opens the file, and writes its start."""
         self.content: AnyFormat = self.formats[self.kind()]()  # type: ignore[assignment]  # one of `formats`
         self.file = self.open_file()
-        if not self.file.tell():
+        if self.file.is_new:
             self.append(self.content.begin())
 
     def append(self, data: bytes) -> None:

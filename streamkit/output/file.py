@@ -34,6 +34,7 @@ class OutputFile(io.FileIO):
     Attributes:
         path: of the file.
         failure: the first error of a write; libraries do not pass on all of them.
+        is_new: whether it does not continue a file.
 
     Raises:
         OSError: it cannot be written.
@@ -56,8 +57,10 @@ class OutputFile(io.FileIO):
         super().__init__(self._unpublished or path, "ab" if append else "wb")
         self._pending = bytearray()
         self._tail: Callable[[], bytes] | None = None
-        self._end = self._size = 0
+        self._end = self.tell() if append and self.seekable() else 0
+        self._written_tail = b""
         self._due_s = 0.0
+        self.is_new = not self._end
 
     def write(self, data: ReadableBuffer, /) -> int:
         """Writes all of the data."""
@@ -72,40 +75,53 @@ class OutputFile(io.FileIO):
         return size
 
     def append(self, data: bytes | memoryview, tail: Callable[[], bytes] | None = None) -> None:
-        """Adds bytes to a file that others read while it grows.
+        """Adds a piece to a file that others read while it grows.
 
-        Without a tail they are with the operating system when this returns. A format that ends in a tail, as
+        Without a tail it is with the operating system when this returns. A format that ends in a tail, as
         JSON in brackets, is written with it once a second, and whole after each write: the next one begins
-        where the tail did.
+        where the tail did. A piece that does not fit leaves the file as it was.
 
         Args:
             data: the bytes.
             tail: returns the bytes that close the file.
+
+        Raises:
+            OSError: the piece cannot be written.
         """
         if tail is None:
-            self.write(data)
-            self.publish()
+            self._write_piece(data, b"")
             return
         self._pending += data
         self._tail = tail
         if time.monotonic() >= self._due_s:
-            self._write_pending()
+            self._write_pending(tail)
 
-    def _write_pending(self) -> None:
-        assert self._tail is not None
-        if self.seekable():
-            tail = self._tail()
-            self.seek(self._end)
-            self.write(self._pending + tail)
-            self._end += len(self._pending)
-            if self._end + len(tail) < self._size:
-                self.truncate()
-            self._size = self._end + len(tail)
-        else:
-            self.write(self._pending)  # the tail comes last
-        self._pending.clear()
+    def _write_pending(self, tail: Callable[[], bytes]) -> None:
+        piece, self._pending = self._pending, bytearray()
+        self._write_piece(piece, tail() if self.seekable() else b"")  # a pipe gets the tail last
         self._due_s = time.monotonic() + FLUSH_S
+
+    def _write_piece(self, piece: ReadableBuffer, tail: bytes) -> None:
+        """Writes a piece in place of the tail, and the next tail behind it."""
+        try:
+            if self._written_tail:
+                self.seek(self._end)
+            size = self.write(piece)
+            self.write(tail)
+            if len(tail) + size < len(self._written_tail):
+                self.truncate()
+        except OSError:
+            self._restore()
+            raise
+        self._end += size
+        self._written_tail = tail
         self.publish()
+
+    def _restore(self) -> None:
+        with suppress(OSError):
+            self.seek(self._end)
+            self.write(self._written_tail)
+            self.truncate()
 
     def publish(self) -> None:
         """Takes the path, in place of an older file; has no effect the second time."""
@@ -122,11 +138,17 @@ class OutputFile(io.FileIO):
         if self.closed:
             return
         if self._tail is not None:
-            self._write_pending()
+            self._write_pending(self._tail)
             if not self.seekable():
                 self.write(self._tail())
         self.close()
         self.publish()
+
+    def abandon(self) -> None:
+        """Closes the file after an error; what is written stays unless there is an older file. Never fails."""
+        if self._unpublished == self._target and not self.closed and self.tell():
+            self._unpublished = None
+        self.discard()
 
     def discard(self) -> None:
         """Closes the file; what was not published is removed. Never fails."""

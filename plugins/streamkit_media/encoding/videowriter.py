@@ -116,7 +116,7 @@ class VideoWriter:
         with suppress(Exception):
             if container is not None:
                 container.close()
-        self._file.discard()
+        self._file.abandon()
 
     def _flush(self, container: OutputContainer, limit_s: float | None) -> bool:
         deadline = None if limit_s is None else time.monotonic() + limit_s

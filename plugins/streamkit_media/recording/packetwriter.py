@@ -156,10 +156,12 @@ class PacketWriter:
             if container is not None:
                 container.close()
         finally:
-            if self.has_begun:
-                self._file.finish()
-            else:
+            if not self.has_begun:
                 self._file.discard()
+            elif self._failure is not None:
+                self._file.abandon()
+            else:
+                self._file.finish()
         if self._failure is None and self._file.failure is not None:
             self._failure = self._file.failure
             raise self._failure

@@ -7,7 +7,7 @@ from typing import Literal
 
 import zenoh
 
-from streamkit import TrackRecord
+from streamkit import ResourceError, TrackRecord
 from streamkit_zenoh.keys import LISTENING, MOSAIC, SCHEMA, STATUS, TRACK, TRACKS, listens_to
 from streamkit_zenoh.presence import declare_publisher_token, wait_until_delivered, watch_receivers
 from streamkit_zenoh.publish.frame_publisher import FramePublisher
@@ -15,6 +15,7 @@ from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher
 from streamkit_zenoh.publish.qos import Qos
 from streamkit_zenoh.publish.record_publisher import RecordPublisher
 from streamkit_zenoh.publish.replies import QueryResponder, Reply
+from streamkit_zenoh.publish.rivals import EXCLUSIVE, KeyInUse, Publisher, RivalWatch, refuse_rivals
 from streamkit_zenoh.publish.settings import PublicationSettings
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import Codec
@@ -37,6 +38,7 @@ class Publication:
         image_streams: which of `frame` and `mosaic` to publish.
         utc_ns: the clock.
         failed: called in the sending threads with what went wrong.
+        cancelled: ends a wait for another publisher at the key.
 
     Attributes:
         tracks: publisher of the records.
@@ -46,6 +48,7 @@ class Publication:
 
     Raises:
         MissingLibrary: the encoding's library is not installed; nothing is declared then.
+        KeyInUse: another publisher is at the key; nothing is declared then.
     """
 
     def __init__(
@@ -57,14 +60,18 @@ class Publication:
         image_streams: Iterable[str],
         utc_ns: Callable[[], int],
         failed: Callable[[Exception], None],
+        cancelled: threading.Event,
     ) -> None:
         codec = Codec(TrackRecord, TRACKS_SCHEMA, settings.encoding)
         self._status_codec = Codec(StatusRecord, STATUS_SCHEMA, settings.encoding)
+        if settings.claim == EXCLUSIVE:
+            refuse_rivals(session, root, cancelled)
         self._session = session
         self._root = root
         self._settings = settings
         self._qos = qos
         self._utc_ns = utc_ns
+        self._failed = failed
         self._began_s = time.monotonic()
         self._run = utc_ns()
         self._has_ended = False
@@ -81,6 +88,7 @@ class Publication:
         self._responder = QueryResponder(session, root, providers, failed)
         # Undeclared by the session's close: on its own, its end overtakes the last records.
         self._token = declare_publisher_token(session, self.tracks.key)
+        self._rivals = RivalWatch(session, root, Publisher.here(settings.claim, self._run), self._give_way)
 
     def flush(self, patience_s: float, cancelled: threading.Event) -> int:
         """Waits until everything is sent and delivered; returns how many messages are left."""
@@ -100,6 +108,7 @@ class Publication:
         undeclare: list[Callable[[], object]] = [
             self._publish_end,
             self.receivers.close,
+            self._rivals.close,
             self._responder.close,
             *(publisher.close for publisher in publishers),
         ]
@@ -136,6 +145,11 @@ class Publication:
             utc_ns=self._utc_ns,
             failed=failed,
         )
+
+    def _give_way(self, reason: KeyInUse) -> None:
+        """Ends this publisher at its next frame."""
+        self.records.fault = ResourceError(str(reason))
+        self._failed(reason)
 
     def _receiver_appeared(self, token: str) -> None:
         name = token.removeprefix(f"{LISTENING}/")

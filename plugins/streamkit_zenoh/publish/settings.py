@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from streamkit.settings import setting
 from streamkit_zenoh.keys import FRAME, MOSAIC, STATUS, TRACK, TRACKS
 from streamkit_zenoh.publish.qos import Qos, parse_qos
+from streamkit_zenoh.publish.rivals import EXCLUSIVE, SHARED, TAKEOVER
 from streamkit_zenoh.wire.encodings import Encoding
 from streamkit_zenoh.wire.images import ImageFormat
 
@@ -14,6 +15,10 @@ class PublicationSettings:
     """What is published below a key; each field is a property of zenohsink."""
 
     key: str = setting("streamkit", doc="Where to publish: records go to KEY/tracks, and name KEY as source.")
+    shared: bool = setting(
+        False, doc="Publish beside others at the key; without it the second one is refused."
+    )
+    takeover: bool = setting(False, doc="Make another publisher at the key end.")
     encoding: Encoding = setting(Encoding.JSON, doc="Encoding of records and status.")
     tracks: bool = setting(True, doc="Publish a record per frame at KEY/tracks.")
     track: bool = setting(
@@ -51,6 +56,11 @@ class PublicationSettings:
     frame_qos: str = setting("drop,data-low", doc="Quality of service of KEY/frame, in the same words.")
     mosaic_qos: str = setting("block,background", doc="Quality of service of KEY/mosaic, in the same words.")
     status_qos: str = setting("block,data-high", doc="Quality of service of KEY/status, in the same words.")
+
+    @property
+    def claim(self) -> str:
+        """How the key is claimed: exclusive, shared or takeover."""
+        return TAKEOVER if self.takeover else SHARED if self.shared else EXCLUSIVE
 
     def qos(self) -> dict[str, Qos]:
         """Quality of service by stream.

@@ -15,6 +15,8 @@ from streamkit_zenoh.wire.sequence import Arrival, ReceivedNumbers
 # Keys come from the network: their number is bounded.
 KEY_LIMIT = 1024
 ATTACHMENT_LIMIT_BYTES = 4 * 1024 * 1024
+CONFIRMED_MESSAGES = 3
+OTHERS_LIMIT = 16
 STAMP = re.compile(rb"(\d{1,19}) (\d{1,19})")
 
 
@@ -57,12 +59,34 @@ class RecentDict(OrderedDict[Key, Value]):
             self.popitem(last=False)
 
 
+class RunOrder:
+    """Notices messages of an earlier publisher between those of a later one at the same key.
+
+    A run counts as the later one from its third message on, until 16 messages of others have come in a row: a
+    single forged stamp has no effect.
+    """
+
+    def __init__(self, run: int) -> None:
+        self._latest, self._messages, self._others = run, 0, 0
+
+    def received(self, run: int, *, is_first: bool) -> bool:
+        """Notes a new message; whether it is of the earlier publisher."""
+        if is_first or self._others == OTHERS_LIMIT:
+            self._latest, self._messages = run, 0
+        if run == self._latest:
+            self._messages, self._others = self._messages + 1, 0
+            return False
+        self._others += 1
+        return self._messages >= CONFIRMED_MESSAGES
+
+
 class LossTracker:
     """Detects lost and repeated messages of each publisher at each key."""
 
     def __init__(self) -> None:
         self._numbers: RecentDict[tuple[str, int], ReceivedNumbers] = RecentDict()
         self._runs: RecentDict[str, int] = RecentDict()
+        self._orders: RecentDict[str, RunOrder] = RecentDict()
 
     def received(self, key: str, stamp: Stamp | None) -> Arrival:
         """Notes a published message.
@@ -77,10 +101,13 @@ class LossTracker:
         is_restart = last_run is not None and not numbers.has_received
         if is_restart and last_run is not None and run > last_run:
             numbers.starts_at(0)
+        is_first = not numbers.has_received
         arrival = numbers.received(number)
-        if arrival.is_new or is_restart:
-            self._runs[key] = run
-        return arrival._replace(is_restart=is_restart)
+        if not arrival.is_new and not is_restart:
+            return arrival
+        self._runs[key] = run
+        order = self._orders[key] = self._orders.get(key) or RunOrder(run)
+        return arrival._replace(is_restart=is_restart, is_interleaved=order.received(run, is_first=is_first))
 
     def replied(self, key: str, stamp: Stamp | None) -> Arrival:
         """Notes the reply to a query for the last message; it may overtake published messages."""

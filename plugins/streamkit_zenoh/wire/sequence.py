@@ -15,6 +15,10 @@ JUMP_WARNING = (
     "message numbers jump by more than ten million: another sender uses the publisher's name, or the "
     "link was down for very long; where that matters, let only known senders in (docs/zenoh-security.md)"
 )
+INTERLEAVED_WARNING = (
+    "two publishers use one key: messages of an earlier one come between those of a later one; "
+    "end one of them, or give each a key of its own"
+)
 # A message at most so much older than the first one received is skipped as outdated.
 OLDER_LIMIT = 16
 SPAN_LIMIT = 64
@@ -28,12 +32,14 @@ class Arrival(NamedTuple):
         is_new: False for a repetition, and for one older than the first message received.
         is_jump: whether the step to it is too large: a forged number, or a very long outage.
         is_restart: whether its publisher follows another one.
+        is_interleaved: whether its publisher is not the last that began, and both publish.
     """
 
     lost: int = 0
     is_new: bool = True
     is_jump: bool = False
     is_restart: bool = False
+    is_interleaved: bool = False
 
 
 @dataclass(slots=True)

@@ -65,7 +65,7 @@ def test_jsonl_is_the_record_whatever_its_encoding(subscribe: Starter, key: str,
     records = [json.loads(line) for line in out.splitlines()]
     assert [record["seq"] for record in records] == list(range(20))
     assert all(0 < record["arrival_age_ms"] < 20_000 for record in records)
-    assert "received 20, lost 0, overwritten 0, bad 0, restarts 0, jumps 0" in err
+    assert "received 20, lost 0, overwritten 0, bad 0, restarts 0, interleaved 0, jumps 0" in err
     assert "age on arrival: median" in err
 
 

@@ -85,19 +85,35 @@ def test_devices_are_opened_themselves() -> None:
     assert Path("/dev/full").exists()
 
 
-def test_a_disk_that_becomes_full_keeps_what_is_written(tmp_path: Path) -> None:
-    """A published file stays as long as it could be written."""
+@pytest.mark.parametrize("tail", [b"", b"]" * 300])
+def test_a_piece_that_does_not_fit_leaves_the_file_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tail: bytes
+) -> None:
+    """With its tail, if it has one."""
+    monkeypatch.setattr("streamkit.output.file.FLUSH_S", 0.0)
     path, limits = tmp_path / "a", resource.getrlimit(resource.RLIMIT_FSIZE)
     file = OutputFile(path)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
     try:
-        file.append(b"x" * 600)
+        file.append(b"x" * 600, (lambda: tail) if tail else None)
         with pytest.raises(OSError, match="File too large"):
-            file.append(b"x" * 600)
+            file.append(b"y" * 600, (lambda: tail) if tail else None)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    file.discard()
-    assert path.stat().st_size == 1000
+    file.abandon()
+    assert path.read_bytes() == b"x" * 600 + tail
+
+
+def test_what_an_error_leaves(tmp_path: Path) -> None:
+    """What is written stays, but it does not replace an older file."""
+    (tmp_path / "old").write_bytes(b"old")
+    for name, left in (("old", b"old"), ("new", b"part")):
+        file = OutputFile(tmp_path / name)
+        file.write(b"part")
+        file.abandon()
+        assert (tmp_path / name).read_bytes() == left
+    OutputFile(tmp_path / "empty").abandon()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "old"]
 
 
 def test_what_cannot_be_written_is_known_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -140,3 +140,17 @@ def test_one_forged_stamp_has_no_effect(forged: Stamp) -> None:
     assert numbering.received("a", forged).is_new
     after = [numbering.received("a", Stamp(7, number)) for number in range(3, 9)]
     assert before + after == [Arrival()] * 9
+
+
+def test_messages_of_an_earlier_run_between_those_of_a_later_one_are_marked() -> None:
+    """Not those of a restart, whose earlier run is over, nor of one that goes on when the later is gone."""
+    numbering = LossTracker()
+    for number in range(10):
+        assert not numbering.received("a", Stamp(7, number)).is_interleaved
+    marked = []
+    for number in range(10):
+        assert not numbering.received("a", Stamp(9, number)).is_interleaved
+        marked.append(numbering.received("a", Stamp(7, 10 + number)).is_interleaved)
+    assert marked == [False] * 2 + [True] * 8
+    marked = [numbering.received("a", Stamp(7, 20 + number)).is_interleaved for number in range(20)]
+    assert marked == [True] * 15 + [False] * 5

@@ -1,0 +1,100 @@
+"""Two publishers at one key are found at the start: refused, taken over, or shared."""
+
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import zenoh
+
+from streamkit import ElementFailure, Frame, ResourceError, Tracks, raw_video_caps
+from streamkit.testing import Harness
+from streamkit_zenoh.publish.rivals import KeyInUse, Publisher, RivalWatch, refuse_rivals
+from streamkit_zenoh.subscriber import TrackSubscriber
+
+Opener = Callable[..., zenoh.Session]
+
+
+def frame(seq: int) -> Frame:
+    """A frame without targets."""
+    caps = raw_video_caps("GRAY8", 4, 2)
+    return Frame(np.zeros((2, 4), np.uint8), caps, pts=seq * 40, seq=seq, arrival_ns=1).attach(Tracks())
+
+
+def test_a_second_publisher_is_refused(key: str) -> None:
+    """The error has the run, host and start of the first, which goes on; afterwards the key is free."""
+    with Harness("zenohsink", key=key) as first:
+        rule = rf"key={key}: another .*: run \d+ on .+ \(process \d+\), started 20.* UTC; .*takeover"
+        with pytest.raises(ResourceError, match=rule):
+            Harness("zenohsink", key=key)
+        first.push(frame(0))
+    with Harness("zenohsink", key=key) as next_one:
+        next_one.push(frame(0))
+
+
+def test_a_takeover_ends_the_first(key: str) -> None:
+    """It fails at its next frame, with the name of the other."""
+    with Harness("zenohsink", key=key) as first:
+        first.push(frame(0))
+        with Harness("zenohsink", key=key, takeover=True) as second:
+            publication = first.element._publication
+            while publication.records.fault is None:
+                time.sleep(0.001)
+            with pytest.raises(ElementFailure, match=f"key={key}: taken over by run"):
+                first.push(frame(1))
+            second.push(frame(0))
+
+
+def test_shared_publishers_are_kept_apart(key: str) -> None:
+    """Subscribers get all, with their runs, and are told; the last that began goes first."""
+    with (
+        TrackSubscriber(key, ring=100, ask_last=False) as subscriber,
+        Harness("zenohsink", key=key, shared=True, wait_subscribers=1) as first,
+    ):
+        first.push(frame(0))
+        assert subscriber.get(10) is not None
+        with Harness("zenohsink", key=key, shared=True, wait_subscribers=1) as second:
+            runs = []
+            for seq in range(1, 11):
+                for publisher in (second, first):
+                    publisher.push(frame(seq))
+                    update = subscriber.update(10)
+                    assert update is not None
+                    runs.append(update.run)
+        counts = subscriber.counts
+        assert len(set(runs)) == 2
+        assert runs == runs[:2] * 10
+        assert (counts.received, counts.lost, counts.restarts, counts.interleaved) == (21, 0, 1, 8)
+        assert any("two publishers use one key" in text for text in subscriber.warnings())
+
+
+def test_who_a_publisher_is(open_test_session: Opener, key: str) -> None:
+    """A token says it; other tokens are ignored."""
+    publisher = Publisher("exclusive", 1_763_690_000_000_000_000, "a host/of mine", 17)
+    assert Publisher.of(publisher.token(key)) == publisher
+    assert str(publisher).endswith("on a host/of mine (process 17), started 2025-11-21 01:53:20 UTC")
+    assert Publisher.of(f"{key}/publisher/x") is None
+    session = open_test_session()
+    token = session.liveliness().declare_token(f"{key}/publisher/x")
+    refuse_rivals(open_test_session(), key, threading.Event())
+    token.undeclare()
+
+
+@pytest.mark.parametrize(("claim", "ends"), [("exclusive", True), ("shared", False)])
+def test_of_two_that_meet_later_the_later_one_ends(
+    open_test_session: Opener, key: str, claim: str, ends: bool
+) -> None:
+    """As after a network was cut; the earlier one stays."""
+    found: dict[str, KeyInUse] = {}
+    seen = threading.Event()
+    sessions = open_test_session(), open_test_session()
+    for name, session, run in (("later", sessions[0], 2), ("earlier", sessions[1], 1)):
+
+        def note(reason: KeyInUse, name: str = name) -> None:
+            found[name] = reason
+            seen.set()
+
+        RivalWatch(session, key, Publisher(claim, run, "host", 1), note)
+    assert seen.wait(10 if ends else 0.3) is ends
+    assert list(found) == (["later"] if ends else [])
