@@ -145,7 +145,7 @@ class OutputFile(io.FileIO):
         self.publish()
 
     def abandon(self) -> None:
-        """Closes the file after an error; what is written stays unless there is an older file. Never fails."""
+        """Closes the file after an error; what is written stays, unless an older file is there."""
         if self._unpublished == self._target and not self.closed and self.tell():
             self._unpublished = None
         self.discard()
