@@ -65,6 +65,7 @@ from streamkit.flow.record import decode_record as decode_record
 from streamkit.flow.record import encode_record as encode_record
 from streamkit.flow.record import record_line as record_line
 from streamkit.flow.record import track_record as track_record
+from streamkit.flow.record_tally import RecordTally as RecordTally
 from streamkit.flow.scaling import scale_metadata as scale_metadata
 from streamkit.flow.video import LUMA_CAPS as LUMA_CAPS
 from streamkit.flow.video import luma as luma

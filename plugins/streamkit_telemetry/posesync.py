@@ -36,6 +36,8 @@ SECOND_NS = 1_000_000_000
 HELD_LIMIT = 32
 LONGEST_S = 1e9
 FOREVER_NS = 1 << 62
+# Telemetry begins and ends within a second of the video; a flight is longer than 20 s.
+COVERED_SHARE = 0.9
 
 
 class PoseSync(Combine):
@@ -177,7 +179,14 @@ class PoseSync(Combine):
         if not self._counts["paired"]:
             self.post_warning(
                 f"no frame of {self._counts['frames']} has got a pose: {described}; check "
-                "that the telemetry is of this flight and its times fit (offset-s=)"
+                "that the telemetry is of this flight and its times fit (offset-s=)",
+                "shortfall",
+            )
+        elif self._counts["paired"] < COVERED_SHARE * self._counts["frames"]:
+            self.post_warning(
+                f"only {self._counts['paired']} of {self._counts['frames']} frames have got a pose: the "
+                f"telemetry does not cover the others; {described}",
+                "shortfall",
             )
 
     def _push_all(self, *, is_end: bool) -> None:

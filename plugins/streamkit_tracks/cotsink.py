@@ -3,7 +3,7 @@
 import msgspec
 from typing_extensions import override
 
-from streamkit import Frame, Property, ResourceError, Sink, track_record
+from streamkit import Frame, Property, RecordTally, ResourceError, Sink, track_record
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_tracks.cursor_on_target import EventSender, InvalidAddress, events
 
@@ -40,6 +40,7 @@ class CotSink(Sink):
         self._executor = self._sender = None
         self._has_warned = False
         self._next_ns = 0
+        self._tally = RecordTally()
         try:
             self._sender = EventSender(self.address)
         except InvalidAddress as error:
@@ -64,6 +65,7 @@ class CotSink(Sink):
             published_ns=self.clock.utc_ns(),
             ground_altitude_m=self.ground_altitude,
         )
+        self._tally.note(frame, has_position=any(target.geo is not None for target in record.tracks))
         found = list(events(msgspec.to_builtins(record), self.cot_type, self.stale_s))
         if not found:
             self.count_drop("no target with a place")
@@ -84,6 +86,11 @@ class CotSink(Sink):
     def stop(self) -> None:
         executor, sender = self._executor, self._sender
         self._executor = self._sender = None
+        has_altitude = self.ground_altitude is not None
+        if sender is not None and (
+            text := self._tally.shortfall(needs_positions=True, has_altitude=has_altitude)
+        ):
+            self.post_warning(f"{self.address}: {text}", "shortfall")
         if executor is not None:
             executor.close(STOP_LIMIT_S)
         if sender is not None:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from streamkit import Frame, OutputFileSink, Property, TrackRecord, track_record
+from streamkit import Frame, OutputFileSink, Property, RecordTally, TrackRecord, track_record
 
 
 class RecordFileSink(OutputFileSink):
@@ -16,12 +16,27 @@ class RecordFileSink(OutputFileSink):
         None, unit="m", doc="Altitude of the ground, with the datum of the poses; adds ground coordinates."
     )
 
+    needs_positions = False
+
+    def start(self) -> None:
+        """Checks the name."""
+        self._tally = RecordTally()
+        super().start()
+
+    def shortfall(self) -> str:
+        """Why no record has a target, or a position where that is needed."""
+        return self._tally.shortfall(
+            needs_positions=self.needs_positions, has_altitude=self.ground_altitude is not None
+        )
+
     def record(self, frame: Frame, published_ns: int | None, *, provenance: bool = False) -> TrackRecord:
         """The record of a frame, as the properties say."""
-        return track_record(
+        record = track_record(
             frame,
             source=self.source or Path(self.location).stem,
             published_ns=published_ns,
             ground_altitude_m=self.ground_altitude,
             provenance=provenance,
         )
+        self._tally.note(frame, has_position=any(target.geo is not None for target in record.tracks))
+        return record

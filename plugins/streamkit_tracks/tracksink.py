@@ -35,12 +35,21 @@ class TrackSink(TextFileSink[RecordFormat], RecordFileSink):
     example = "tracks.jsonl"
 
     @override
+    def begin(self) -> None:
+        super().begin()
+        self.needs_positions = self.kind() in GEOGRAPHIC
+
+    @override
     def write(self, frame: Frame) -> None:
         now_ns = self.clock.utc_ns() if self.stamp else None
         kind = self.kind()
         if kind != FileKind.JSONL:
             fields = msgspec.to_builtins(self.record(frame, now_ns))
-            if kind in GEOGRAPHIC and fields["tracks"] and not any("geo" in row for row in fields["tracks"]):
+            if (
+                self.needs_positions
+                and fields["tracks"]
+                and not any("geo" in row for row in fields["tracks"])
+            ):
                 self.count_drop("no target with a place")
             self.append(self.content.record(fields))
         elif frame.caps.name == TRACKS_CAPS.name:

@@ -91,6 +91,11 @@ class FeatureSink(OutputFileSink):
         self._writer.finish()
 
     @override
+    def shortfall(self) -> str:
+        has_rows = self._writer is not None and self._writer.rows
+        return "" if has_rows else "no frame carried features of a target; put waveleteigen before it"
+
+    @override
     def abandon(self) -> None:
         if self._writer is not None:
             self._writer.close()

@@ -15,6 +15,7 @@ from streamkit import (
     PadTemplate,
     Presence,
     Property,
+    RecordTally,
     ResourceError,
     SettingsOf,
     Sink,
@@ -70,6 +71,7 @@ class ZenohSink(Connection, Sink):
         self._publication = None
         self._has_waited = not self.wait_subscribers
         self._has_warned = False
+        self._tally = RecordTally()
         settings = self.settings
         self._publishes_frames = bool(settings.frame_rate) and FRAME not in self.pads
         streams = [name for name in (FRAME, MOSAIC) if name in self.pads]
@@ -100,6 +102,7 @@ class ZenohSink(Connection, Sink):
         assert publication is not None, "start() precedes frames"
         if not self._has_waited:
             self._wait_for_receivers(publication)
+        self._tally.note(frame)
         dropped = publication.records.submit(frame, self.stopping)
         if dropped:
             publication.records.count_lost(dropped, "queue full")
@@ -151,6 +154,9 @@ class ZenohSink(Connection, Sink):
         publication, self._publication = self._publication, None
         if publication is None:
             return
+        settings = self.settings
+        if (settings.tracks or settings.track) and (text := self._tally.shortfall()):
+            self.post_warning(f"key={settings.key}: {text}", "shortfall")
         is_closed = publication.close(limit_s, cancelled)
         for stream, reason, count in publication.drops():
             counted = self.drops[f"{stream}: {reason}"]

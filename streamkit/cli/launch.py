@@ -76,6 +76,10 @@ def launch(
     json_errors: Annotated[
         bool, typer.Option("--json-errors", help="Print a bad description as JSON.")
     ] = False,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="Exit code 1 also if the run made nothing of what a sink is for."),
+    ] = False,
     watchdog_s: Annotated[
         float,
         typer.Option("--watchdog-s", min=0.0, help="Time limit of an element for a frame, s; 0 is none."),
@@ -89,6 +93,8 @@ def launch(
     limit_blas_threads()
     source = read_description(description, file, settings or [])
     with exit_on_interrupt(quiet=quiet):
+        from msgspec import structs
+
         from streamkit.cli.run import Run
 
         pipeline = build(source, as_json=json_errors)
@@ -99,11 +105,13 @@ def launch(
     run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet)
     code = run.run()
     assert run.statistics is not None
+    statistics = structs.replace(run.statistics, shortfalls=run.shortfalls)
+    code = code or int(strict and bool(run.shortfalls))
     if stats is StatisticsFormat.JSON:
-        typer.echo(to_json(run.statistics))
+        typer.echo(to_json(statistics))
     if stats_file is not None:
         try:
-            stats_file.write_text(to_json(run.statistics) + "\n", encoding="utf-8")
+            stats_file.write_text(to_json(statistics) + "\n", encoding="utf-8")
         except OSError as error:
             display.print_line(f"error: --stats-file {stats_file} cannot be written: {error.strerror}")
             code = code or 1

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 POLL_S = 0.2
 EOS_LIMIT_S = 10.0
+SHORTFALLS = frozenset({"shortfall", "branch-dropped"})  # codes of warnings
 
 
 class Run:
@@ -30,6 +31,7 @@ class Run:
     Attributes:
         interrupts: number of Ctrl-C, SIGTERM and SIGHUP.
         statistics: counters at the end, before the pipeline is stopped.
+        shortfalls: warnings that something the pipeline is for was not made.
     """
 
     def __init__(
@@ -42,6 +44,7 @@ class Run:
         self.quiet = quiet
         self.interrupts = 0
         self.statistics: RunStatistics | None = None
+        self.shortfalls: list[str] = []
         self._is_watching = False
         self._caps: dict[str, str] = {}
 
@@ -162,6 +165,8 @@ class Run:
                 self.display.print_line(f"caps: {src.path} -> {sink.path}: {caps}")
 
     def _print_message(self, message: Message) -> None:
+        if message.fields.get("code") in SHORTFALLS:
+            self.shortfalls.append(f"{message.source}: {message.text}")
         if message.kind is MessageKind.WARNING and not self.quiet:
             self.display.print_line(f"warning: {message.source or 'pipeline'}: {message.text}")
         elif self.verbose and message.kind is not MessageKind.ERROR:

@@ -143,9 +143,9 @@ class Element(PadOwner):
         with self.changed:
             self.changed.notify_all()
 
-    def post_warning(self, text: str) -> None:
-        """Posts a warning message."""
-        self.post(Message(MessageKind.WARNING, self.name, text))
+    def post_warning(self, text: str, code: str = "") -> None:
+        """Posts a warning message; `launch --strict` fails after one with the code `shortfall`."""
+        self.post(Message(MessageKind.WARNING, self.name, text, {"code": code} if code else {}))
 
     def post_message(self, name: str, **fields: object) -> None:
         """Posts an element message with a name and fields."""

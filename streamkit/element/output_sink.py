@@ -75,6 +75,10 @@ class OutputFileSink(Sink):
         if self.file is not None:
             self.file.abandon()
 
+    def shortfall(self) -> str:
+        """Why the file holds nothing of what it is for, or ""; asked once it is complete."""
+        return ""
+
     def can_append(self) -> bool:
         """Whether `if-exists=continue` may append to a file."""
         return False
@@ -187,7 +191,7 @@ class OutputFileSink(Sink):
     def drain(self) -> None:
         """EOS: the file is completed."""
         if not (self.has_begun or self._is_over):
-            self.post_warning(f"{self.location}: no frame came, nothing is written")
+            self.post_warning(f"{self.location}: no frame came, nothing is written", "shortfall")
         self._complete()
 
     def stop(self) -> None:
@@ -205,6 +209,8 @@ class OutputFileSink(Sink):
             if is_open:
                 with self._reported():
                     self.end()
+                if text := self.shortfall():
+                    self.post_warning(f"{self.location}: {text}", "shortfall")
         finally:
             self._writing.release()
 

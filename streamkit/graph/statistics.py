@@ -99,11 +99,13 @@ class RunStatistics(msgspec.Struct, frozen=True, kw_only=True):
         schema: name and version of the format.
         elapsed_s: since the run began, s.
         elements: in the order of the description.
+        shortfalls: what the pipeline is for and was not made, in words.
     """
 
     schema: Literal["streamkit.statistics/1"] = "streamkit.statistics/1"
     elapsed_s: float
     elements: list[ElementStatistics]
+    shortfalls: list[str] = []
 
 
 class MessageCounts:

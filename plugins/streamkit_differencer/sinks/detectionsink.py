@@ -36,14 +36,20 @@ class DetectionSink(TextFileSink[JsonLines]):
     def begin(self) -> None:
         """Opens the file."""
         self._number = self.first_number
+        self._has_found = False
         super().begin()
 
     def write(self, frame: Frame) -> None:
         """Writes the frame's detections."""
         found = frame.get(Detections)
+        self._has_found |= found is not None
         if found is None:
             found = Detections(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
         size = frame.caps.integer("width"), frame.caps.integer("height")
         rows = found.boxes, found.centroids, found.areas, found.scores, found.labels
         self.append(self.content.frame(FrameDetections(self._number, frame.seq, frame.pts, size, *rows)))
         self._number += 1
+
+    def shortfall(self) -> str:
+        """Whether there was no detector."""
+        return "" if self._has_found else "no frame carried detections; put framediff before it"

@@ -224,7 +224,10 @@ class FileSrc(Source):
         if shown:
             return
         if self.start_s:
-            self.post_warning(f"{where}: there is no frame from start-s={self.start_s:g} on")
+            length = "" if self._duration is None else f"; it is {self._duration / 1e6:.1f} s long"
+            self.post_warning(
+                f"{where}: there is no frame from start-s={self.start_s:g} on{length}", "shortfall"
+            )
             return
         fault = "the file's own edit list shows none of its frames" if count else "the video holds no packets"
         raise StreamError(f"{where}: {fault}; the file is damaged or cut short")

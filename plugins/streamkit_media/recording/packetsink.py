@@ -123,7 +123,7 @@ class PacketSink(SegmentSink):
                 f"{self.location}: nothing is written: {damaged} packets are damaged, and no whole key frame "
                 "came; the video is damaged or encrypted"
             )
-        self.post_warning(f"{self.location}: no key frame came, nothing is written")
+        self.post_warning(f"{self.location}: no key frame came, nothing is written", "shortfall")
 
     def _write_video(self, frame: Frame) -> None:
         is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)

@@ -420,3 +420,25 @@ def test_system_exit_of_an_element_is_an_error(
     assert "leaves" in done.stderr
     assert "SystemExit" in done.stderr
     assert done.exit_code == {"__init__": 2, "stop": 0}.get(method, 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("videotestsrc num-buffers=2 ! tracksink location={}/t.jsonl", "put particletrack before it"),
+        ("videotestsrc num-buffers=2 ! detectionsink location={}/d.jsonl", "put framediff before it"),
+        ("videotestsrc num-buffers=2 ! featuresink location={}/f.npz", "put waveleteigen before it"),
+        ("videotestsrc num-buffers=2 ! cotsink", "put particletrack before it"),
+        ("fakesrc num-buffers=0 ! filesink location={}/x", "no frame came, nothing is written"),
+    ],
+)
+def test_a_run_that_makes_nothing_says_so(
+    launch: Callable[..., Result], tmp_path: Path, text: str, told: str
+) -> None:
+    """As a warning and in the statistics; with --strict the exit code is 1."""
+    done = launch("--stats=json", text.format(tmp_path))
+    assert done.exit_code == 0
+    assert told in done.stderr
+    assert any(told in shortfall for shortfall in json.loads(done.stdout)["shortfalls"])
+    assert launch("--strict", "-q", text.format(tmp_path)).exit_code == 1
+    assert launch("--strict", "fakesrc num-buffers=1 ! fakesink").exit_code == 0

@@ -71,7 +71,7 @@ def test_a_start_beyond_the_end_gives_nothing(small_video: Path) -> None:
         assert list(pipeline["out"]) == []
         warning = pipeline.bus.pop(5, (MessageKind.WARNING,))
     assert warning is not None
-    assert warning.text == f"{small_video}: there is no frame from start-s=60 on"
+    assert warning.text == f"{small_video}: there is no frame from start-s=60 on; it is 0.5 s long"
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,54 @@
+"""Why no record of a run has a target, or a position."""
+
+import numpy as np
+import pytest
+
+from streamkit import (
+    TRACKS_CAPS,
+    Detections,
+    Frame,
+    Pose,
+    RecordTally,
+    Track,
+    Tracks,
+    TrackState,
+    raw_video_caps,
+)
+
+EMPTY = Frame(np.zeros((2, 4), np.uint8), raw_video_caps("GRAY8", 4, 2), seq=0)
+TARGET = Track(7, TrackState.CONFIRMED, 1.0, 1.0, 1.0, 1.0, 0.0, None, None, 0.5, 7)
+NOTHING_FOUND = Detections(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
+SEEN = EMPTY.attach(Tracks((TARGET,)))
+
+
+@pytest.mark.parametrize(
+    ("frames", "positions", "text"),
+    [
+        ([], False, ""),
+        ([EMPTY], False, "none of 1 frames carried tracks; put particletrack before it"),
+        ([EMPTY.attach(Tracks())], False, "none carried detections; put framediff before particletrack"),
+        ([EMPTY.attach(Tracks()).attach(NOTHING_FOUND)], False, ""),
+        ([EMPTY.attach(Tracks()).attach(NOTHING_FOUND)], True, "no target in any of 1 frames, though"),
+        ([EMPTY, SEEN], False, ""),
+        ([SEEN], True, "none of 1 frames carried a pose; pair telemetry with posesync"),
+        ([SEEN.attach(Pose(48.0, 11.0, 600.0))], True, "set ground-altitude"),
+        ([Frame(b"{}", TRACKS_CAPS, seq=0)], True, ""),
+    ],
+)
+def test_reasons(frames: list[Frame], positions: bool, text: str) -> None:
+    """The first that is missing is named, with the remedy."""
+    tally = RecordTally()
+    for frame in frames:
+        tally.note(frame)
+    found = tally.shortfall(needs_positions=positions, has_altitude=False)
+    assert text in found
+    assert bool(found) is bool(text)
+
+
+def test_a_position_is_enough() -> None:
+    """Of one frame; without any, the ground or the state of the targets is the reason."""
+    tally = RecordTally()
+    tally.note(SEEN.attach(Pose(48.0, 11.0, 600.0)))
+    assert "none was confirmed" in tally.shortfall(needs_positions=True)
+    tally.note(SEEN, has_position=True)
+    assert tally.shortfall(needs_positions=True) == ""
