@@ -100,6 +100,7 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
 
     def describe(self) -> str:
         """Identifies the frame in messages."""
-        time = f" pts={self.pts / 1e9:.3f} s" if self.pts is not None else ""
+        is_number = isinstance(self.pts, int | float)  # an element may set anything
+        time = f" pts={self.pts / 1e9:.3f} s" if is_number and self.pts is not None else ""
         epoch = f" epoch={self.epoch}" if self.epoch else ""
         return f"frame seq={self.seq}{time}{epoch}"

@@ -1,0 +1,160 @@
+"""Sinks that write files: what happens to older files, and how errors are told."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from streamkit import Caps, ElementFailure, Frame, IfExists, OutputFileSink, ResourceError, SegmentSink
+from streamkit.element.output_sink import CLOSE_LIMIT_S
+from streamkit.output.file import OutputFile
+from streamkit.testing import Harness, ManualClock
+
+BYTES = Caps("application/octet-stream")
+
+
+class Lines(OutputFileSink):
+    """Writes bytes, one file."""
+
+    sink = "ANY"
+    example = "out.bin"
+
+    def write(self, frame: Frame) -> None:
+        """Appends."""
+        assert self.file is not None
+        self.file.append(frame.data)
+
+
+class Appended(Lines):
+    """May continue a file."""
+
+    def can_append(self) -> bool:
+        """Always."""
+        return True
+
+
+class Parts(SegmentSink):
+    """Writes a file for each frame."""
+
+    sink = "ANY"
+    example = "part-%03d.bin"
+
+    def begin(self) -> None:
+        """No file is open."""
+
+    def write(self, frame: Frame) -> None:
+        """One file."""
+        self.file = OutputFile(self.next_path())
+        self.file.write(frame.data)
+        self.file.finish()
+        self.file_is_complete(self.file.path)
+
+
+@pytest.fixture(autouse=True)
+def _registered(register: Any) -> None:
+    register(lines=Lines, appended=Appended, parts=Parts)
+
+
+def written(element: str, location: Path, *data: bytes, **properties: Any) -> None:
+    """Writes frames with these bytes."""
+    with Harness(element, location=str(location), **properties) as harness:
+        for piece in data:
+            harness.push(Frame(piece, BYTES))
+        harness.drain()
+
+
+@pytest.mark.parametrize(
+    ("element", "if_exists", "content"),
+    [
+        ("lines", IfExists.REPLACE, b"new"),
+        ("lines", IfExists.FAIL, None),
+        ("lines", IfExists.CONTINUE, None),
+        ("appended", IfExists.CONTINUE, b"oldnew"),
+    ],
+)
+def test_an_older_file(tmp_path: Path, element: str, if_exists: IfExists, content: bytes | None) -> None:
+    """It is replaced, continued, or refused with the remedies before the first frame."""
+    path = tmp_path / "a.bin"
+    written(element, path, b"old", if_exists=if_exists)
+    if content is not None:
+        written(element, path, b"new", if_exists=if_exists)
+    else:
+        with pytest.raises(
+            ResourceError, match=r"exists already.*; name another file.*%Y.*if-exists=replace"
+        ):
+            written(element, path, b"new", if_exists=if_exists)
+    assert path.read_bytes() == (content or b"old")
+
+
+@pytest.mark.parametrize(
+    ("if_exists", "names"),
+    [(IfExists.CONTINUE, "000 001 002 003"), (IfExists.REPLACE, "000 001"), (IfExists.FAIL, None)],
+)
+def test_older_parts(tmp_path: Path, if_exists: IfExists, names: str | None) -> None:
+    """Their numbers are continued by default, so that none is overwritten."""
+    for _ in range(2):
+        if names is None and list(tmp_path.iterdir()):
+            with pytest.raises(ResourceError, match=r"2 such files exist; name another"):
+                written("parts", tmp_path / "p-%03d.bin", b"a", if_exists=if_exists)
+            return
+        written("parts", tmp_path / "p-%03d.bin", b"a", b"b", if_exists=if_exists)
+    assert [path.stem[2:] for path in sorted(tmp_path.iterdir())] == (names or "").split()
+
+
+def test_times_in_names(tmp_path: Path) -> None:
+    """UTC; two files of one second get two names."""
+    clock = ManualClock(1_763_690_000 * 10**9)
+    with Harness("parts", location=f"{tmp_path}/p-%Y%m%dT%H%M%SZ.bin", clock=clock) as harness:
+        for _ in range(2):
+            harness.push(Frame(b"a", BYTES))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "p-20251121T015320Z-1.bin", "p-20251121T015320Z.bin",
+    ]  # fmt: skip
+
+
+def test_only_the_newest_are_kept(tmp_path: Path) -> None:
+    """Across runs, and never a file of somebody else."""
+    (tmp_path / "p-100.bin").write_bytes(b"mine")
+    for _ in range(2):
+        written("parts", tmp_path / "p-%03d.bin", b"a", b"b", b"c", max_files=2)
+    kept = sorted(path.name for path in tmp_path.iterdir() if not path.name.startswith("."))
+    assert kept == ["p-100.bin", "p-105.bin", "p-106.bin"]
+
+
+def test_a_stop_before_the_first_frame_leaves_the_older_file(tmp_path: Path) -> None:
+    """As Ctrl-C does while a source connects."""
+    (tmp_path / "a").write_bytes(b"old")
+    Harness("lines", location=str(tmp_path / "a")).close()
+    assert (tmp_path / "a").read_bytes() == b"old"
+
+
+def test_an_error_is_raised_once(tmp_path: Path) -> None:
+    """Neither EOS nor the stop has another one."""
+    with Harness("lines", location="/dev/full") as harness:
+        with pytest.raises(
+            ElementFailure, match=r"location=/dev/full: cannot be written: No space .*free some"
+        ):
+            harness.push(Frame(b"a", BYTES))
+        harness.drain()
+        assert not [message for message in harness.messages if message.text]
+
+
+@pytest.mark.parametrize("pts", [float("nan"), 1.5, "1"])
+def test_a_time_that_is_no_integer_is_an_error(tmp_path: Path, pts: Any) -> None:
+    """It would be written as something else; numpy's integers are fine."""
+    with Harness("lines", location=str(tmp_path / "a")) as harness:
+        harness.push(Frame(b"a", BYTES, pts=np.int64(5)))  # type: ignore[arg-type]
+        with pytest.raises(ElementFailure, match="the pts of a frame must be an integer, ns, or None"):
+            harness.push(Frame(b"b", BYTES, pts=pts))
+    assert (tmp_path / "a").read_bytes() == b"a"
+
+
+def test_a_writer_that_does_not_return_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stop does not use the file beside it."""
+    monkeypatch.setattr("streamkit.element.output_sink.CLOSE_LIMIT_S", 0.01)
+    assert CLOSE_LIMIT_S > 1
+    sink = Lines(location=str(tmp_path / "a"))
+    sink.start()
+    with sink._writing, pytest.raises(ResourceError, match=r"writing took more than 0\.01 s"):
+        sink.stop()
