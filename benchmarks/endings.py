@@ -3,7 +3,7 @@
 Every run writes all outputs at once, from a live source of 20 frames a second that notes each frame it has
 given. The file systems for the full disk and the unwritable folder need the right to mount.
 
-Run it:  python benchmarks/endings.py [KILLS]           the table, in Markdown, as docs/outputs.md has it
+Run it:  python benchmarks/endings.py [KILLS]           writes the table in docs/outputs.md
          python benchmarks/endings.py recorder [KILLS]  segments of a recorder that is killed again and again
 """
 
@@ -36,6 +36,8 @@ from mcap.stream_reader import StreamReader
 RATE = 20
 KILLS, RECORDER_KILLS = 20, 200
 BINARY = str(Path(sys.executable).with_name("streamkit"))
+PAGE = Path(__file__).parents[1] / "docs" / "outputs.md"
+BEGIN, END = "<!-- endings -->", "<!-- end -->"
 SOURCE = '''
 import math, os, time
 import cv2
@@ -282,6 +284,12 @@ def table(kills: int) -> str:
     names = ("SIGINT", "SIGTERM", "SIGHUP")
     columns = {name: by_signal(signal.Signals[name], 1) for name in names}
     columns["SIGKILL"] = by_signal(signal.SIGKILL, kills)
+    # Every run writes into a folder that is not there.
+    made = {
+        name: "not made" if loss.startswith("everything") else "made"
+        for name, loss in columns["SIGTERM"].items()
+    }
+    columns["missing folder"] = made
     columns["full disk"] = {name: on_a_full_disk(name) for name in SINKS}
     columns["unwritable folder"] = {name: unwritable(name) for name in SINKS}
     columns["closed pipe"] = {name: closed_pipe(name) for name in SINKS}
@@ -328,7 +336,10 @@ def main() -> None:
     if arguments[:1] == ["recorder"]:
         print(recorder(int(arguments[1]) if len(arguments) > 1 else RECORDER_KILLS))
     else:
-        print(table(int(arguments[0]) if arguments else KILLS))
+        text = table(int(arguments[0]) if arguments else KILLS)
+        before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+        PAGE.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.partition(END)[2]}", encoding="utf-8")
+        print(text)
 
 
 if __name__ == "__main__":

@@ -149,8 +149,11 @@ def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
             first = last = file.next()
             while (sample := file.next()) is not None:
                 last = sample
-    except (NoTelemetry, OSError, ValueError):
-        return Report(where, (*checks, Check("stream", Verdict.BAD, error)), "")
+    except (OSError, ValueError) as fault:
+        checks.append(Check("stream", Verdict.BAD, error))
+        if isinstance(fault, NoTelemetry):
+            checks.append(Check("telemetry", Verdict.BAD, str(fault)))
+        return Report(where, tuple(checks), "")
     assert first is not None
     assert last is not None
     counts = file.reader.counts()

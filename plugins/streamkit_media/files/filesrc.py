@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
+from urllib.parse import urlsplit
 
 from av.container import InputContainer
 from av.packet import Packet
@@ -23,16 +25,20 @@ from streamkit import (
 from streamkit.output.names import local_path
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import (
+    LOCAL_LIMIT_S,
     MEDIA_ERRORS,
+    TimedOut,
     check_file,
     open_container,
     reason_of,
     rotation_of,
     video_stream,
 )
+from streamkit_media.files.datagrams import await_datagram
 from streamkit_media.files.playrange import PlayRange
 from streamkit_media.location import is_network, redact
 from streamkit_media.packets import SECOND_NS, DecodeOnly, packet_frame, read_packets
+from streamkit_media.rtsp.sockets import cut_connections, open_sockets
 from streamkit_media.streams import (
     AUDIO_CAPS,
     BARE_PACKETS,
@@ -52,6 +58,8 @@ PAD_CAPS = {
     StreamKind.SUBTITLE: SUBTITLE_CAPS,
     StreamKind.AUDIO: AUDIO_CAPS,
 }
+CUT_LIMIT_S, CUT_EVERY_S = 1.0, 0.02
+DEFAULT_PORTS = {"http": 80, "https": 443, "rtmp": 1935, "rtsp": 554}
 # FFmpeg takes bare KLV packets for any other format.
 KLV_CONTAINERS = frozenset({"mpegts", "mpeg", "mxf", "mov", "matroska", "avi"})
 
@@ -82,9 +90,12 @@ class FileSrc(Source):
     )
     loop: bool = Property(False, doc="Repeat forever; times continue.")
 
+    _is_opening = False
+
     def start(self) -> None:
         """Opens the file, so that a bad one fails before playing."""
         self._container: InputContainer | None = None
+        self._sockets = frozenset(open_sockets()) if is_network(self.location) else frozenset()
         if not self.location:
             raise ResourceError("location= must name a file, it is empty; write filesrc location=flight.mp4")
         if self.stop_s is not None and self.stop_s <= self.start_s:
@@ -93,7 +104,11 @@ class FileSrc(Source):
         self._caps: dict[StreamKind, Caps] = {}
         self._offset = self._end = 0
         self._rotation = 0
-        container = self._open()
+        self._is_opening = True
+        try:
+            container = self._open()
+        finally:
+            self._is_opening = False
         try:
             self._kinds = kinds_of(container)
             if self._video_is_wanted():
@@ -108,6 +123,7 @@ class FileSrc(Source):
     def _open(self) -> InputContainer:
         """The container; for bare KLV packets FFmpeg needs the format's name."""
         if is_network(self.location):
+            self._await_datagram()
             return open_container(self.location)
         check_file(self.location)
         if not holds_klv(local_path(self.location)):
@@ -120,6 +136,17 @@ class FileSrc(Source):
             return container
         container.close()
         return open_container(self.location, format_name=BARE_PACKETS)
+
+    def _await_datagram(self) -> None:
+        if not self.location.startswith("udp://") or ":" in (urlsplit(self.location).hostname or ""):
+            return
+        where = redact(self.location)
+        try:
+            has_come = await_datagram(self.location, LOCAL_LIMIT_S, self.stopping)
+        except (OSError, ValueError) as error:
+            raise ResourceError(f"{where}: the port cannot be used: {error}; name another") from None
+        if not has_come:
+            raise TimedOut(f"{where}: no packet within {LOCAL_LIMIT_S:g} s; start what sends to this port")
 
     def duration_ns(self) -> int | None:
         """Duration of the part that is played."""
@@ -151,6 +178,18 @@ class FileSrc(Source):
                 return
             self._offset = self._end
             container = self._open()
+
+    def interrupt(self) -> None:
+        """Cuts a connection that is being opened or read."""
+        super().interrupt()
+        if not is_network(self.location):
+            return
+        parts, deadline_s = urlsplit(self.location), time.monotonic() + CUT_LIMIT_S
+        port = parts.port or DEFAULT_PORTS.get(parts.scheme, 0)
+        cut_connections(port, self._sockets)
+        while self._is_opening and time.monotonic() < deadline_s:  # it may just begin, or try again
+            time.sleep(CUT_EVERY_S)
+            cut_connections(port, self._sockets)
 
     def stop(self) -> None:
         """Closes the file if `frames` never ran."""
@@ -218,6 +257,8 @@ class FileSrc(Source):
                 shown += frame.get(DecodeOnly) is None
                 yield stream, frame
         except StreamError as error:
+            if self.stopping.is_set():
+                return
             if not count:
                 raise StreamError(f"{where}: {error}; the file is damaged or cut short") from None
             self.post_warning(f"{where}: {error} after {count} packets; ending there")

@@ -13,6 +13,7 @@ from streamkit_media.rtsp.backoff import Backoff
 from streamkit_media.rtsp.reachability import (
     DEFAULT_PORTS,
     SECURE,
+    connection_failure,
     port_of,
     tls_failure,
     trusted_authorities,
@@ -122,6 +123,11 @@ class RtspEndpoint(Element):
         """Why the server's certificate is refused; "" where it is accepted."""
         host, limit_s = urlsplit(self.location).hostname or "", min(self.timeout_s, HANDSHAKE_LIMIT_S)
         return tls_failure(host, port_of(self.location), self._tls_options.get("ca_file"), limit_s)
+
+    def _connection_failure(self) -> str:
+        """Why the server cannot be reached; "" where it can."""
+        host, limit_s = urlsplit(self.location).hostname or "", min(self.timeout_s, HANDSHAKE_LIMIT_S)
+        return connection_failure(host, port_of(self.location), limit_s)
 
     def _has_tried_enough(self, *, has_worked: bool) -> bool:
         """Whether to give up; `has_worked` means that a connection has worked before."""

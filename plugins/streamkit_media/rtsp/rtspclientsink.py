@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import threading
 import time
 from typing import Any
@@ -269,6 +271,10 @@ class RtspClientSink(RtspEndpoint, Sink):
             )
         if not self._is_connected and self._tls_options and (failure_text := self._certificate_failure()):
             return f"{self._where}: {failure_text}"
+        # FFmpeg's words for an unknown host.
+        is_vague = reason == os.strerror(errno.EIO) and not self._is_connected
+        if is_vague and (failure_text := self._connection_failure()):
+            return f"{self._where}: {failure_text}; check address and port, and that the server runs"
         if self._is_connected:
             return f"{self._where}: the server has ended the connection: {reason}; check that it still runs"
         return (

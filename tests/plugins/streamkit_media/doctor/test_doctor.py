@@ -159,3 +159,12 @@ def test_damaged_telemetry_alone(tmp_path: Path, klv_packet: Callable[..., bytes
     check = report.checks[-1]
     assert (check.name, check.verdict, check.facts["positions"]) == ("telemetry", Verdict.NOTE, 1)
     assert "1 telemetry values left out" in check.text
+
+
+def test_subtitles_without_positions(tmp_path: Path) -> None:
+    """What posesync says of them."""
+    path = tmp_path / "flight.srt"
+    path.write_text("1\n00:00:00,000 --> 00:00:00,033\nFrameCnt: 1\n\n")
+    report = examine(str(path), 1, 5, "tcp")
+    assert verdicts(report) == {"file": "good", "stream": "bad", "telemetry": "bad"}
+    assert "no position in it; it must hold MISB" in report.as_text()

@@ -1,6 +1,8 @@
 import json
 import random
 import resource
+import socket
+import threading
 import time
 from collections.abc import Callable
 from fractions import Fraction
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 
 from streamkit import ElementFailure, Frame, MessageKind, Pipeline, Pose
+from streamkit_media.rtsp.sockets import open_sockets
 
 MakeVideo = Callable[..., Path]
 
@@ -253,3 +256,35 @@ def test_a_file_of_subtitles_goes_to_a_reader_of_them(streamkit_data: Path) -> N
     with Pipeline.parse(f"filesrc location={location} ! telemetryparse ! appsink name=out") as pipeline:
         pipeline.play()
         assert json.loads(next(iter(pipeline["out"])).data)["latitude"] == 41.424724
+
+
+@pytest.mark.parametrize("scheme", ["http", "udp"])
+def test_a_connection_that_is_being_opened_can_be_cancelled(scheme: str) -> None:
+    """A silent server does not hold up the stop, and no thread stays."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        pipeline = Pipeline.parse(f"filesrc location={scheme}://127.0.0.1:{port} ! fakesink")
+        known = set(open_sockets())
+        failures: list[Exception] = []
+
+        def play() -> None:
+            try:
+                pipeline.play()
+            except ElementFailure as failure:
+                failures.append(failure)
+
+        starting = threading.Thread(target=play)
+        starting.start()
+        if scheme == "http":
+            connection, _ = server.accept()
+        else:
+            while not set(open_sockets()) - known:
+                time.sleep(0.001)
+        began = time.monotonic()
+        pipeline.cancel()
+        starting.join(10)
+        assert time.monotonic() - began < 2
+        assert "its start was interrupted" in str(failures[0])
+        assert not [thread for thread in threading.enumerate() if "filesrc" in thread.name]
+        if scheme == "http":
+            connection.close()

@@ -207,6 +207,12 @@ def test_a_closed_port_is_reported() -> None:
     assert not children()
 
 
+def test_an_unknown_host_is_told() -> None:
+    """FFmpeg calls it an input/output error."""
+    error, _ = fails(f"{NOT_PACED} location=rtsp://no-such-host.invalid/live")
+    assert "the host name 'no-such-host.invalid' is not known here; check address" in error
+
+
 def test_a_server_that_closes_is_reported(closing_server: Close) -> None:
     """A connection closed amid the stream is one error, without reconnecting."""
     location = f"rtsp://127.0.0.1:{closing_server(5)}/live"
