@@ -198,8 +198,9 @@ class Run:
         if number is not None:
             self.process.send_signal(number)
         self.process.wait(60)
-        self.log.seek(0)
-        return self.log.read()
+        with self.log:
+            self.log.seek(0)
+            return self.log.read()
 
 
 def lost(name: str, folder: Path, seen: int) -> str:

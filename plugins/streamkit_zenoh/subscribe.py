@@ -20,7 +20,12 @@ if TYPE_CHECKING:
     from streamkit_zenoh.subscriber import TrackSubscriber, Update
 
 LOOK_EVERY_S = 0.2
+RETURN_LIMIT_S = 2.0  # a link that was cut is back within it, as after this process was suspended
 MAX_RECORDS = 4096
+VANISHED = (
+    "the publisher has gone without ending its stream: killed, or the way to it is cut; "
+    "--stay waits for the next one"
+)
 
 
 class RecordFormat(enum.StrEnum):
@@ -100,13 +105,19 @@ def _print_all(
 ) -> tuple[int, str]:
     """Exit code and error."""
     printed, last_s = 0, time.monotonic()
+    gone_s: float | None = None
     while not stopped() and (count is None or printed < count):
         update: Update | None = subscriber.update(LOOK_EVERY_S)
         printer.refresh()
         if update is None and subscriber.is_over:
-            if subscriber.has_vanished:
-                return 1, "the publisher has gone without ending its stream: killed, or the way to it is cut"
-            return 0, ""
+            if not subscriber.has_vanished:
+                return 0, ""
+            gone_s = gone_s or time.monotonic()
+            if time.monotonic() - gone_s > RETURN_LIMIT_S:
+                return 1, VANISHED
+            time.sleep(LOOK_EVERY_S)
+            continue
+        gone_s = None
         if update is None:
             if timeout_s is not None and time.monotonic() - last_s > timeout_s:
                 return 1, f"no record has come within {timeout_s:g} s{_remedy(subscriber)}"

@@ -10,14 +10,17 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from streamkit import Frame, Track, Tracks, TrackState, raw_video_caps, track_record
+from streamkit import Frame, Track, TrackRecord, Tracks, TrackState, raw_video_caps, track_record
 from streamkit.testing import Harness
+from streamkit_zenoh import subscribe as command
 from streamkit_zenoh.subscribe_output import as_table, as_text
+from streamkit_zenoh.subscriber import Update
 
 BINARY = Path(sys.executable).with_name("streamkit")
 PUBLISHER = Path(__file__).with_name("endless_publisher.py")
@@ -182,3 +185,36 @@ def test_a_record_without_time_as_text() -> None:
     """An unknown time is a question mark, not zero."""
     record = track_record(_frame(5).replace(pts=None), source="uav/1", published_ns=1)
     assert as_text(record).startswith("uav/1 seq 5        ? s  1 tracks")
+
+
+class _Returning:
+    """A subscriber whose publisher is gone for a while, or for good."""
+
+    has_vanished = True
+
+    def __init__(self, looks: int) -> None:
+        self._looks = looks
+        self.record = track_record(_frame(5), source="a", published_ns=1)
+
+    @property
+    def is_over(self) -> bool:
+        return self._looks > 0
+
+    def update(self, _: float) -> Update | None:
+        self._looks -= 1
+        return None if self.is_over else Update("a/tracks", self.record)
+
+
+@pytest.mark.parametrize(("looks", "code"), [(3, 0), (10**9, 1)])
+def test_a_publisher_that_is_back_in_time_is_no_error(
+    monkeypatch: pytest.MonkeyPatch, looks: int, code: int
+) -> None:
+    """As after this process was suspended; else the error says how to wait for the next."""
+    monkeypatch.setattr(command, "LOOK_EVERY_S", 0.001)
+    monkeypatch.setattr(command, "RETURN_LIMIT_S", 0.05)
+    shown: list[TrackRecord] = []
+    printer = SimpleNamespace(refresh=lambda: None, show=shown.append)
+    found, message = command._print_all(_Returning(looks), printer, 1, None, lambda: False)
+    assert found == code
+    assert len(shown) == 1 - code
+    assert ("--stay waits" in message) is bool(code)
