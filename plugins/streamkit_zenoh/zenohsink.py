@@ -155,7 +155,8 @@ class ZenohSink(Connection, Sink):
         if publication is None:
             return
         settings = self.settings
-        if (settings.tracks or settings.track) and (text := self._tally.shortfall()):
+        publishes_images = self._publishes_frames or FRAME in self.pads
+        if not publishes_images and (text := self._tally.shortfall()):
             self.post_warning(f"key={settings.key}: {text}", "shortfall")
         is_closed = publication.close(limit_s, cancelled)
         for stream, reason, count in publication.drops():

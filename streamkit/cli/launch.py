@@ -111,7 +111,7 @@ def launch(
         typer.echo(to_json(statistics))
     if stats_file is not None:
         try:
-            stats_file.write_text(to_json(statistics) + "\n", encoding="utf-8")
+            _write_whole(stats_file, to_json(statistics) + "\n")
         except OSError as error:
             display.print_line(f"error: --stats-file {stats_file} cannot be written: {error.strerror}")
             code = code or 1
@@ -169,6 +169,18 @@ def to_json(statistics: RunStatistics) -> str:
 
     plain = presentable_value(msgspec.to_builtins(statistics), mask_secrets)
     return msgspec.json.encode(plain).decode()
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Writes a file, in place of an older one when it is whole."""
+    from streamkit.output.file import OutputFile
+
+    file = OutputFile(path, is_whole=True)
+    try:
+        file.write(text.encode())
+        file.finish()
+    finally:
+        file.discard()
 
 
 def _exit(code: int) -> NoReturn:

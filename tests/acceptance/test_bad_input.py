@@ -82,9 +82,10 @@ def test_text_named_mp4_ends_with_1(tmp_path: Path) -> None:
     assert_one_clear_error(launch(f"filesrc location={text} ! decode ! fakesink", 3), 1, str(text))
 
 
-def test_output_folder_missing_ends_with_1(tmp_path: Path) -> None:
+def test_output_that_cannot_be_written_ends_with_1(tmp_path: Path) -> None:
     """A file that cannot be written is named before the work begins."""
-    target = tmp_path / "no" / "folder" / "x.jsonl"
+    (tmp_path / "file").touch()
+    target = tmp_path / "file" / "folder" / "x.jsonl"
     assert_one_clear_error(launch(f"fakesrc num-buffers=1 ! filesink location={target}", 3), 1, str(target))
 
 

@@ -27,7 +27,7 @@ ALLOWED = {
     "elements": {"masking", "errors", "flow", "element", "handoff"},
     "graph": {"masking", "errors", "flow", "element", "handoff", "output"},
     "testing": {"masking", "errors", "flow", "element", "graph"},
-    "cli": {"masking", "errors", "flow", "element", "graph"},
+    "cli": {"masking", "errors", "flow", "element", "graph", "output"},
 }
 MODULES = {"masking", "errors", "settings"}  # rooms of one module
 # Rooms of the engine that are libraries: they know no frame, caps or element, and everybody may use them.

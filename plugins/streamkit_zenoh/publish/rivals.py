@@ -19,6 +19,10 @@ LOOK_EVERY_S = 0.1
 EXCLUSIVE, SHARED, TAKEOVER = "exclusive", "shared", "takeover"
 
 
+# Runs of this process whose session may still be closing in the background.
+_ENDED: set[int] = set()
+
+
 class KeyInUse(Exception):
     """Another publisher is at the key."""
 
@@ -80,7 +84,8 @@ def refuse_rivals(session: zenoh.Session, root: str, cancelled: threading.Event)
 def _first(session: zenoh.Session, root: str) -> Publisher | None:
     replies = session.liveliness().get(f"{tokens_at(root)}/**", timeout=QUERY_LIMIT_S)
     tokens = (str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
-    return next((found for token in tokens if (found := Publisher.of(token)) is not None), None)
+    found = (Publisher.of(token) for token in tokens)
+    return next((other for other in found if other is not None and other.run not in _ENDED), None)
 
 
 class RivalWatch:
@@ -113,5 +118,6 @@ class RivalWatch:
             self._found(KeyInUse(f"key={self._root}: another publisher was there before: {other}"))
 
     def close(self) -> None:
-        """Stops watching."""
+        """Stops watching; the key is free for another publisher of this process."""
+        _ENDED.add(self._own.run)
         self._watch.close()

@@ -410,3 +410,52 @@ def test_a_codec_that_the_container_does_not_take_is_an_error(tmp_path: Path) ->
     with pytest.raises(ElementFailure, match="cannot be written"):
         recorded(tmp_path / "x.mp4", [Frame(b"BM", caps, pts=0, flags=FrameFlags.KEYFRAME)])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_is_never_overwritten(make_video: MakeVideo, tmp_path: Path) -> None:
+    """Started again, segments and their arrivals go on at the next number; one file is refused."""
+    source = make_video("long_for_segments.mp4", count=60)
+    sink = "packetsink arrivals=true max-size-time=700000000"
+    for _ in range(2):
+        Pipeline.parse(f"filesrc location={source} ! {sink} location={tmp_path}/flight-%05d.ts").run(20)
+    segments = sorted(tmp_path.glob("flight-*.ts"))
+    assert [path.name for path in segments] == [f"flight-{number:05d}.ts" for number in range(6)]
+    assert pictures(segments[0]) == pictures(segments[3])
+    assert len(list(tmp_path.glob("flight-*.arrivals.jsonl"))) == 6
+    text = f"filesrc location={source} ! packetsink location={tmp_path}/one.ts"
+    Pipeline.parse(text).run(20)
+    with pytest.raises(ElementFailure, match=r"one\.ts exists already, .*; name another file, number them"):
+        Pipeline.parse(text).run(20)
+    Pipeline.parse(f"{text} if-exists=replace").run(20)
+    assert len(pictures(tmp_path / "one.ts")) == 60
+
+
+def test_the_oldest_segments_are_deleted(make_video: MakeVideo, tmp_path: Path) -> None:
+    """With their arrivals, also those of an earlier run, and nothing else."""
+    source = make_video("long_for_segments.mp4", count=60)
+    (tmp_path / "flight-copy.ts").write_bytes(b"mine")
+    sink = f"packetsink location={tmp_path}/flight-%05d.ts arrivals=true max-size-time=700000000 max-files=2"
+    for _ in range(2):
+        Pipeline.parse(f"filesrc location={source} ! {sink}").run(20)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        ".flight-05d.ts.written", "flight-00004.ts", "flight-00004.ts.arrivals.jsonl",
+        "flight-00005.ts", "flight-00005.ts.arrivals.jsonl", "flight-copy.ts",
+    ]  # fmt: skip
+
+
+def test_a_full_disk_ends_the_recording_and_not_the_pipeline(small_video: Path, tmp_path: Path) -> None:
+    """Behind a tee; a warning names the file and the remedy."""
+    (tmp_path / "full.ts").symlink_to("/dev/full")
+    text = (
+        f"filesrc location={small_video} ! tee name=t  t. ! queue ! packetsink location={tmp_path}/full.ts "
+        "t. ! queue ! fakesink name=other"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        warning = pipeline.bus.pop(10, (MessageKind.WARNING,))
+        ended = pipeline.wait(10)
+    assert warning is not None
+    assert "full.ts: cannot be written: No space left on device; free some space" in warning.text
+    assert ended is not None
+    assert ended.kind is MessageKind.EOS
+    assert pipeline["other"].count == 12
