@@ -156,7 +156,8 @@ class ZenohSink(Connection, Sink):
             return
         settings = self.settings
         publishes_images = self._publishes_frames or FRAME in self.pads
-        if not publishes_images and (text := self._tally.shortfall()):
+        needs_tracks = (settings.tracks or settings.track) and not publishes_images
+        if needs_tracks and (text := self._tally.shortfall()):
             self.post_warning(f"key={settings.key}: {text}", "shortfall")
         is_closed = publication.close(limit_s, cancelled)
         for stream, reason, count in publication.drops():
