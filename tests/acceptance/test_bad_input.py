@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 BINARY = Path(sys.executable).with_name("streamkit")
+ROOT = Path(__file__).parents[2]
 START_UP_S = 8.0
 
 
@@ -112,3 +113,28 @@ def test_silent_rtsp_ends_with_1(listener: socket.socket) -> None:
     port = listener.getsockname()[1]
     done = launch(f"rtspsrc location=rtsp://127.0.0.1:{port}/live timeout-s=2 ! decode ! fakesink", 3)
     assert_one_clear_error(done, 1, f"127.0.0.1:{port}")
+
+
+def test_a_run_that_never_starts_leaves_the_last_results(tmp_path: Path) -> None:
+    """A missing input, and an output that is the input, are one error; every file stays as it was."""
+    kept = {name: tmp_path / name for name in ("keep.jsonl", "keep.mp4", "flight.mp4")}
+    for name, path in kept.items():
+        path.write_text(name)
+    pipe = ROOT / "pipelines" / "file-to-overlay.pipe"
+    for source, overlay, code, words in (
+        ("missing.mp4", "keep.mp4", 1, "missing.mp4"),
+        ("flight.mp4", "flight.mp4", 2, "must not write"),
+    ):
+        settings = {
+            "input": tmp_path / source,
+            "output": kept["keep.jsonl"],
+            "overlay": tmp_path / overlay,
+        }
+        arguments = [word for name, value in settings.items() for word in ("--set", f"{name}={value}")]
+        done = subprocess.run(
+            [BINARY, "launch", "-f", pipe, *arguments],
+            capture_output=True, text=True, timeout=60, check=False,
+        )  # fmt: skip
+        assert done.returncode == code, done.stderr
+        assert words in done.stderr
+    assert {name: path.read_text() for name, path in kept.items()} == {name: name for name in kept}
