@@ -116,7 +116,10 @@ class Pipeline:
             if self.state is not State.NULL:
                 return
             self.graph.check_links()
-            self._check_files()
+            try:
+                check_files(self.graph.elements)
+            except FileConflict as error:
+                raise error.element.failure(error) from None
             self._cancelled.clear()
             self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
             self.timing.reset()
@@ -306,12 +309,6 @@ class Pipeline:
             raise StateError(f"{', '.join(stuck)}: a call has not returned; its thread is abandoned")
 
     # Internal.
-
-    def _check_files(self) -> None:
-        try:
-            check_files(self.graph.elements)
-        except FileConflict as error:
-            raise error.element.failure(error) from None
 
     def _limits(self) -> CallLimits:
         return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self._post)
