@@ -1,27 +1,40 @@
-"""One target from a first window: success, precision, errors and time, beside OpenCV's trackers.
+"""One target from a first window: success, precision, false confirmations and time, beside OpenCV's trackers.
 
-    STREAMKIT_DATA=... python benchmarks/tracking.py [--seeds 5] [--sequences 6] [--first 500]
-        [--contrib PYTHON] [--only TEXT] [--variants]
+    STREAMKIT_DATA=... python benchmarks/tracking.py [--seeds 1] [--sequences 6] [--first 500]
+        [--peers FOLDER] [--only TEXT] [--frames 9999] [--grey] [--set SETTING=NUMBER]
 
-Real sequences (every folder of data/sot) run once for each seed of ours, mean and spread; rendered ones once
-for each sequence. `--variants` adds the real ones backwards, from their middle, and from a shifted box.
-`--contrib` names a Python with opencv-contrib-python, for CSRT and KCF. One thread.
+Real sequences (data/sot and data/sot_video) run once for each seed of ours; rendered ones once for each of
+`--sequences`. The real ones are dealt into five folds by name: choose a setting by four of them, and judge it
+by the fifth. `elsewhere` is the share of the frames reported as confirmed that do not overlap the truth; a
+peer confirms all of its boxes. `--peers` names a folder that `tracking_peers.py` has filled. One thread.
 """
 
 import argparse
-import json
-import subprocess
-import sys
+import dataclasses
+import itertools
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-from tracking_sequences import GONE_FROM, KINDS, FloatArray, Scores, Step, rendered, score, sequences, upright
+from tracking_sequences import (
+    GONE_FROM,
+    KINDS,
+    FloatArray,
+    Scores,
+    Step,
+    planes,
+    real_names,
+    rendered,
+    score,
+    sequences,
+    upright,
+)
 
 from streamkit_tracker.observation import Observation
+from streamkit_tracker.report.reports import TargetReport
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker
@@ -29,44 +42,43 @@ from streamkit_tracker.window_geometry import half_turn
 
 STEP_S = 0.04
 LOST_WITHIN = 5
+FOLDS = 5
+PEERS = ("CSRT", "KCF", "MIL")
+MEASURES = ("success", "precision", "elsewhere", "milliseconds", "angle")
 
 
 class Run:
     """One pass of our tracker over a sequence."""
 
-    def __init__(self, make: Callable[[], Iterator[Step]], seed: int) -> None:
-        tracker = MultiTargetTracker(TrackerSettings(seed=seed, auto_start=False))
-        self.found: list[FloatArray | None] = []
-        self.truth: list[FloatArray] = []
-        self.turns: list[float] = []
+    def __init__(self, steps: Iterator[Step], settings: TrackerSettings, *, grey: bool = False) -> None:
+        tracker = MultiTargetTracker(settings)
+        found, truth, turns, spent = [], [], [], []
         self.states: list[TargetState] = []
-        spent: list[float] = []
-        for index, step in enumerate(make()):
-            grey = cv2.cvtColor(step.picture, cv2.COLOR_BGR2GRAY)
-            observation = Observation(STEP_S, to_previous=step.to_previous)
+        for index, step in enumerate(steps):
+            levels, chroma = planes(step.picture)
+            observation = Observation(STEP_S, to_previous=step.to_previous, chroma=None if grey else chroma)
             began = time.thread_time()
             if index == 0:
-                reports = (tracker.start_target(grey, _first(step), observation),)
+                reports: tuple[TargetReport, ...] = (tracker.start_target(levels, _first(step), observation),)
             else:
-                reports = tracker.step(grey, observation)
-            spent.append(time.thread_time() - began)
-            self.truth.append(step.box)
+                reports = tracker.step(levels, observation)
+                spent.append(time.thread_time() - began)
+            truth.append(step.box)
             self.states.append(reports[0].state if reports else TargetState.LOST)
-            window = reports[0].window if reports else None
-            self.found.append(None if window is None else upright(window))
-            if window is not None and step.window is not None:
-                self.turns.append(abs(float(half_turn(window[4] - step.window[4]))))
-        self.milliseconds = float(np.mean(spent)) * 1e3
+            window = reports[0].window if reports else np.full(5, np.nan)
+            found.append(upright(window))
+            if step.window is not None:
+                turns.append(abs(float(half_turn(window[4] - step.window[4]))))
+        claimed = np.array([state is TargetState.CONFIRMED for state in self.states])
+        self.milliseconds = 1e3 * float(np.mean(spent))
+        self.angle = float(np.degrees(np.nanmedian(turns))) if turns else float("nan")
+        self.scores: Scores = score(np.array(found), np.array(truth), claimed)
 
     @property
-    def scores(self) -> Scores:
-        """Against the truth."""
-        return score(self.found, self.truth)
-
-    @property
-    def turn(self) -> float:
-        """Median error of the angle, degrees; NaN where the truth has none."""
-        return float(np.degrees(np.median(self.turns))) if self.turns else float("nan")
+    def row(self) -> list[float]:
+        """The numbers of `MEASURES`."""
+        scores = self.scores
+        return [scores.success, scores.precision, scores.elsewhere, self.milliseconds, self.angle]
 
 
 def _first(step: Step) -> FloatArray:
@@ -76,91 +88,101 @@ def _first(step: Step) -> FloatArray:
     return np.array([x + (width - 1) / 2, y + (height - 1) / 2, width, height, 0.0])
 
 
-def ours(seeds: int, rendered_seeds: range, only: str, variants: bool) -> dict[str, list[list[float]]]:
-    """Rows success, precision, centre error, milliseconds, angle by sequence."""
-    rows: dict[str, list[list[float]]] = defaultdict(list)
-    for label, make in sequences(rendered_seeds, variants):
-        if only not in label:
-            continue
-        for seed in range(1 if label in KINDS else seeds):
-            run = Run(make, seed)
-            scores = run.scores
-            rows[label].append(
-                [scores.success, scores.precision, scores.centre_error, run.milliseconds, run.turn]
-            )
-    return rows
+def peer(path: Path, frames: int) -> list[float]:
+    """The same of a peer's boxes."""
+    with np.load(path) as file:
+        scores = score(file["found"][:frames], file["truth"][:frames])
+        spent = float(file["milliseconds"])
+    return [scores.success, scores.precision, scores.elsewhere, spent, float("nan")]
 
 
-def peer(
-    python: str, name: str, rendered_seeds: range, only: str, variants: bool
-) -> dict[str, list[list[float]]]:
-    """The same of a tracker of OpenCV, without angle."""
-    script = Path(__file__).with_name("tracking_peers.py")
-    command = [python, str(script), name, str(rendered_seeds.start), str(len(rendered_seeds))]
-    command += [f"only={only}"] + ["variants"] * variants
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    rows: dict[str, list[list[float]]] = defaultdict(list)
-    for line in done.stdout.splitlines():
-        label, *numbers = json.loads(line)
-        rows[label].append([*numbers, float("nan")])
-    return rows
-
-
-def removed(rendered_seeds: range) -> None:
+def removed(seeds: range, settings: TrackerSettings) -> None:
     """Prints how soon a target that is gone is not reported as confirmed, and how often one that is there."""
     soon, false, frames = 0, 0, 0
-    for seed in rendered_seeds:
-        states = Run(lambda s=seed: rendered("removed", s), 0).states
-        confirmed = [state is TargetState.CONFIRMED for state in states]
+    for seed in seeds:
+        confirmed = [
+            state is TargetState.CONFIRMED for state in Run(rendered("removed", seed), settings).states
+        ]
         soon += not any(confirmed[GONE_FROM + LOST_WITHIN :])
         false += confirmed[:GONE_FROM].count(False)
         frames += GONE_FROM
     print(
-        f"removed: unseen within {LOST_WITHIN} frames and for good in {soon} of {len(rendered_seeds)}; "
+        f"removed: unseen within {LOST_WITHIN} frames and for good in {soon} of {len(seeds)}; "
         f"falsely unseen in {100 * false / frames:.2f} % of frames",
         flush=True,
     )
 
 
-def show(method: str, rows: dict[str, list[list[float]]]) -> None:
-    """Prints a row for each sequence, and the mean over the real ones."""
-    real = [values for label, values in rows.items() if label not in KINDS]
-    for label, values in rows.items():
-        success, precision, error, spent, turn = np.array(values).T
-        print(
-            f"| {label} | {method} | {success.mean():.3f} ({success.std():.3f}) | {precision.mean():.3f} "
-            f"| {np.median(error):.2f} | {np.median(turn):.1f} | {spent.mean():.1f} |",
-            flush=True,
-        )
-    if real:
-        mean = np.mean([np.array(values).mean(axis=0) for values in real], axis=0)
-        print(
-            f"| mean of the real | {method} | {mean[0]:.3f} | {mean[1]:.3f} | | | {mean[3]:.1f} |", flush=True
-        )
+def table(
+    chosen: list[tuple[str, Callable[[], Iterator[Step]]]],
+    settings: TrackerSettings,
+    options: argparse.Namespace,
+) -> dict[str, dict[str, FloatArray]]:
+    """Runs all sequences and prints a row for each: numbers of `MEASURES` by tracker, then by sequence."""
+    rows: dict[str, dict[str, FloatArray]] = {"particletrack": {}}
+    print("| sequence | tracker | " + " | ".join(MEASURES) + " |\n|---" + "|---" * (len(MEASURES) + 1) + "|")
+    for label, make in chosen:
+        seeds = range(options.seeds if label in real_names() else 1)
+        runs = [
+            Run(
+                itertools.islice(make(), options.frames),
+                dataclasses.replace(settings, seed=seed),
+                grey=options.grey,
+            ).row
+            for seed in seeds
+        ]
+        rows["particletrack"][label] = np.mean(runs, axis=0)
+        for name in PEERS:
+            path = Path(options.peers) / name / f"{label}.npz"
+            if options.peers and path.exists():
+                rows.setdefault(name, {})[label] = np.array(peer(path, options.frames))
+        for name, found in rows.items():
+            if label in found:
+                print(f"| {label} | {name} | " + _numbers(found[label]), flush=True)
+        if len(runs) > 1:
+            print(f"| {label} | spread of the seeds | " + _numbers(np.std(runs, axis=0)), flush=True)
+    return rows
+
+
+def _numbers(values: FloatArray) -> str:
+    return " | ".join(f"{value:.3f}" for value in values) + " |"
+
+
+def summary(rows: dict[str, dict[str, FloatArray]]) -> None:
+    """Prints the means over the real sequences, by fold and all, and over each kind of rendered ones."""
+    real = [name for name in real_names() if name in rows["particletrack"]]
+    groups = {f"fold {fold + 1}": real[fold::FOLDS] for fold in range(FOLDS)} | {"all real": real}
+    groups |= {kind: [label for label in rows["particletrack"] if label.startswith(kind)] for kind in KINDS}
+    for group, labels in groups.items():
+        for name, found in rows.items():
+            held = [label for label in labels if label in found]
+            if held:
+                mean = np.mean([found[label] for label in held], axis=0)
+                ahead = np.mean([rows["particletrack"][label][0] > found[label][0] for label in held])
+                print(f"| {group} | {name} | {_numbers(mean)} particletrack ahead in {ahead:.2f} |")
 
 
 def main() -> None:
     """Prints the tables."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--sequences", type=int, default=6)
     parser.add_argument("--first", type=int, default=500)
-    parser.add_argument("--contrib", default="")
+    parser.add_argument("--peers", default="")
     parser.add_argument("--only", default="", help="sequences whose name has this in it")
-    parser.add_argument("--variants", action="store_true")
+    parser.add_argument("--frames", type=int, default=9999)
+    parser.add_argument("--grey", action="store_true", help="withhold the colour")
+    parser.add_argument("--set", action="append", default=[], metavar="SETTING=NUMBER")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    chosen = range(options.first, options.first + options.sequences)
-    print("| sequence | tracker | success (spread) | precision | centre px | angle deg | ms |")
-    print("|---|---|---|---|---|---|---|")
-    show("particletrack", ours(options.seeds, chosen, options.only, options.variants))
-    peers = [(sys.executable, "MIL")] + [
-        (options.contrib, name) for name in ("CSRT", "KCF") if options.contrib
-    ]
-    for python, name in peers:
-        show(name, peer(python, name, chosen, options.only, options.variants))
+    changes: dict[str, Any] = {
+        name: float(number) for name, number in (text.split("=") for text in options.set)
+    }
+    settings = dataclasses.replace(TrackerSettings(auto_start=False), **changes)
+    seeds = range(options.first, options.first + options.sequences)
+    summary(table([each for each in sequences(seeds) if options.only in each[0]], settings, options))
     if options.only in "removed":
-        removed(range(options.first, options.first + 10))
+        removed(range(options.first, options.first + 10), settings)
 
 
 if __name__ == "__main__":

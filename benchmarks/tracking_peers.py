@@ -1,32 +1,32 @@
-"""Runs a tracker of OpenCV over the sequences; one JSON row for each on stdout.
+"""Runs a tracker of OpenCV over the sequences; a file of boxes for each, which is not made twice.
 
-    python benchmarks/tracking_peers.py MIL|CSRT|KCF FIRST_SEED SEEDS [variants] [only=TEXT]
+    python benchmarks/tracking_peers.py FOLDER CSRT|KCF|MIL FIRST_SEED SEEDS
 
 CSRT and KCF need opencv-contrib-python, which cannot live beside opencv-python: give it an environment of its
-own and name its interpreter to `tracking.py --contrib`.
+own. `tracking.py --peers FOLDER` reads the files.
 """
 
-import json
 import sys
 import time
+from pathlib import Path
 
 import cv2
 import numpy as np
-from tracking_sequences import FloatArray, score, sequences
+from tracking_sequences import sequences
 
 
 def main() -> None:
     """Follows every sequence once."""
-    name, first, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-    only = next((text[5:] for text in sys.argv[4:] if text.startswith("only=")), "")
+    name, first, count = sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
+    folder = Path(sys.argv[1]) / name
+    folder.mkdir(parents=True, exist_ok=True)
     cv2.setNumThreads(1)
-    for label, make in sequences(range(first, first + count), "variants" in sys.argv[4:]):
-        if only not in label:
+    for label, make in sequences(range(first, first + count)):
+        path = folder / f"{label}.npz"
+        if path.exists():
             continue
         tracker = getattr(cv2, f"Tracker{name}").create()
-        found: list[FloatArray | None] = []
-        truth: list[FloatArray] = []
-        spent = 0.0
+        found, truth, spent = [], [], []
         for index, step in enumerate(make()):
             truth.append(step.box)
             began = time.thread_time()
@@ -35,11 +35,10 @@ def main() -> None:
                 seen, box = True, step.box
             else:
                 seen, box = tracker.update(step.picture)
-            spent += time.thread_time() - began
-            found.append(np.array(box, np.float64) if seen else None)
-        scores = score(found, truth)
-        row = [label, scores.success, scores.precision, scores.centre_error, spent / len(truth) * 1e3]
-        print(json.dumps(row), flush=True)
+            spent.append(time.thread_time() - began)
+            found.append(np.array(box, np.float64) if seen else np.full(4, np.nan))
+        np.savez(path, found=found, truth=truth, milliseconds=1e3 * np.mean(spent))
+        print(label, flush=True)
 
 
 if __name__ == "__main__":

@@ -16,8 +16,6 @@ FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
 LevelArray = NDArray[np.float32]
 
-VARIANTS = ("", " backwards", " from its middle", " box shifted")
-SHIFT = 0.1  # of the first box's sides
 KINDS = ("turn, size, light", "view change", "occluder", "removed")
 FRAMES = 150
 GONE_FROM = 100
@@ -50,24 +48,41 @@ def shared_data() -> Path:
     return folder
 
 
-def real(name: str, variant: str = "") -> Iterator[Step]:
-    """A real sequence, or one of its `VARIANTS`; its published pixels start at 1."""
-    folder = shared_data() / "sot" / name
-    boxes = np.genfromtxt(folder / "groundtruth.txt", delimiter=",")[:, :4] - [1, 1, 0, 0]
-    pairs = list(zip(sorted((folder / "img").iterdir()), boxes, strict=False))
-    if variant == " backwards":
-        pairs.reverse()
-    if variant == " from its middle":
-        pairs = pairs[len(pairs) // 2 :]
-    for index, (path, box) in enumerate(pairs):
-        shifted = index == 0 and variant == " box shifted"
-        start = box + SHIFT * np.array([box[2], -box[3], 0, 0]) if shifted else box
-        yield Step(cv2.imread(str(path)), start, None, np.eye(3))
+def real(name: str) -> Iterator[Step]:
+    """A real sequence; its published pixels start at 1. Pictures have an even width and height."""
+    boxes = np.genfromtxt(_folder(name) / "groundtruth.txt", delimiter=",")[:, :4] - [1, 1, 0, 0]
+    for picture, box in zip(_pictures(_folder(name)), boxes, strict=False):
+        rows, columns = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
+        yield Step(np.ascontiguousarray(picture[:rows, :columns]), box, None, np.eye(3))
 
 
 def real_names() -> list[str]:
-    """The sequences in the shared data."""
-    return sorted(path.name for path in (shared_data() / "sot").iterdir() if path.is_dir())
+    """The sequences in the shared data, as folders of pictures and as video."""
+    folders = [*(shared_data() / "sot").iterdir(), *(shared_data() / "sot_video").iterdir()]
+    return sorted(path.name for path in folders if path.is_dir())
+
+
+def _folder(name: str) -> Path:
+    return next(shared_data().glob(f"sot*/{name}"))
+
+
+def _pictures(folder: Path) -> Iterator[ByteArray]:
+    """uint8[h, w, 3] of every frame of a sequence, from its pictures or its video."""
+    video = folder / "video.mp4"
+    if not video.exists():
+        yield from (cv2.imread(str(path)) for path in sorted((folder / "img").iterdir()))
+        return
+    capture = cv2.VideoCapture(str(video))
+    while (read := capture.read())[0]:
+        yield read[1]
+
+
+def planes(picture: ByteArray) -> tuple[ByteArray, tuple[ByteArray, ByteArray]]:
+    """Grey levels uint8[h, w] and chroma, two planes uint8[h / 2, w / 2], of a picture of even size."""
+    rows, columns = picture.shape[:2]
+    both = cv2.cvtColor(picture, cv2.COLOR_BGR2YUV_I420)
+    chroma = both[rows:].reshape(2, rows // 2, columns // 2)
+    return both[:rows], (chroma[0], chroma[1])
 
 
 def rendered(kind: str, seed: int) -> Iterator[Step]:
@@ -112,12 +127,12 @@ def upright(window: FloatArray) -> FloatArray:
     return np.array([window[0] - (width - 1) / 2, window[1] - (height - 1) / 2, width, height])
 
 
-def overlap(first: FloatArray, second: FloatArray) -> float:
-    """Intersection over union of two boxes x0 y0 width height."""
-    low = np.maximum(first[:2], second[:2])
-    high = np.minimum(first[:2] + first[2:], second[:2] + second[2:])
-    common = float(np.prod(np.maximum(high - low, 0)))
-    return common / (float(np.prod(first[2:]) + np.prod(second[2:])) - common)
+def overlaps(found: FloatArray, truth: FloatArray) -> FloatArray:
+    """Intersection over union of boxes float64[n, 4], x0 y0 width height: float64[n]; 0 for a box of NaN."""
+    low = np.maximum(found[:, :2], truth[:, :2])
+    high = np.minimum(found[:, :2] + found[:, 2:], truth[:, :2] + truth[:, 2:])
+    common = np.prod(np.maximum(high - low, 0), axis=1)
+    return np.nan_to_num(common / (np.prod(found[:, 2:], axis=1) + np.prod(truth[:, 2:], axis=1) - common))
 
 
 @dataclass(frozen=True)
@@ -128,40 +143,46 @@ class Scores:
         success: area under the success curve over 21 thresholds, as in OTB.
         precision: share of frames with a centre error of at most 20 px.
         centre_error: median, px.
+        elsewhere: share of the frames claimed to be confirmed that do not overlap the truth.
     """
 
     success: float
     precision: float
     centre_error: float
+    elsewhere: float
 
 
-def score(found: list[FloatArray | None], truth: list[FloatArray]) -> Scores:
-    """Scores boxes x0 y0 width height; None where the tracker gave none. Frames without truth do not count.
+def score(found: FloatArray, truth: FloatArray, claimed: NDArray[np.bool_] | None = None) -> Scores:
+    """Scores boxes float64[n, 4], NaN where the tracker gave none. Frames without truth do not count.
+
+    Args:
+        found: of the tracker.
+        truth: float64[n, 4].
+        claimed: bool[n], frames in which the tracker claims to see the target; None is all with a box.
 
     Source: Wu, Lim and Yang, Online Object Tracking: A Benchmark, CVPR 2013.
     """
-    overlaps, errors = [], []
-    for box, true in zip(found, truth, strict=True):
-        if not np.isfinite(true).all() or true[2] <= 0:
-            continue
-        overlaps.append(0.0 if box is None else overlap(box, true))
-        errors.append(np.inf if box is None else np.hypot(*(box[:2] + box[2:] / 2 - true[:2] - true[2:] / 2)))
-    curve = [np.mean(np.array(overlaps) > threshold) for threshold in np.linspace(0, 1, 21)]
-    return Scores(float(np.mean(curve)), float(np.mean(np.array(errors) <= 20)), float(np.median(errors)))
+    there = np.isfinite(truth).all(axis=1) & (truth[:, 2] > 0)
+    claimed = np.isfinite(found[:, 0]) if claimed is None else claimed
+    found, truth, claimed = found[there], truth[there], claimed[there]
+    overlap = overlaps(found, truth)
+    apart = found[:, :2] + found[:, 2:] / 2 - truth[:, :2] - truth[:, 2:] / 2
+    errors = np.nan_to_num(np.hypot(apart[:, 0], apart[:, 1]), nan=np.inf)
+    success = float(np.mean(overlap[None] > np.linspace(0, 1, 21)[:, None]))
+    elsewhere = float(np.sum(claimed & (overlap <= 0)) / max(np.sum(claimed), 1))
+    return Scores(success, float(np.mean(errors <= 20)), float(np.median(errors)), elsewhere)
 
 
-def sequences(seeds: range, variants: bool = False) -> list[tuple[str, Callable[[], Iterator[Step]]]]:
+def sequences(seeds: range) -> list[tuple[str, Callable[[], Iterator[Step]]]]:
     """Name and maker of every sequence that has a truth to the end.
 
     Args:
         seeds: of the rendered ones.
-        variants: whether the real ones are also run backwards, from their middle and from a wrong box.
     """
     made: list[tuple[str, Callable[[], Iterator[Step]]]] = []
-    for variant in VARIANTS if variants else VARIANTS[:1]:
-        made += [(name + variant, lambda n=name, v=variant: real(n, v)) for name in real_names()]
+    made += [(name, lambda n=name: real(n)) for name in real_names()]
     for kind in KINDS[:3]:
-        made += [(kind, lambda k=kind, s=seed: rendered(k, s)) for seed in seeds]
+        made += [(f"{kind} {seed}", lambda k=kind, s=seed: rendered(k, s)) for seed in seeds]
     return made
 
 

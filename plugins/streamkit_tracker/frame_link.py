@@ -6,8 +6,18 @@ from typing import cast
 
 import numpy as np
 
-from streamkit import Detections, Features, FeatureSpace, Frame, FrameFlags, Registration, RegistrationStatus
+from streamkit import (
+    Detections,
+    Features,
+    FeatureSpace,
+    Frame,
+    FrameFlags,
+    Registration,
+    RegistrationStatus,
+    luma,
+)
 from streamkit_tracker.appearance.feature_template import Space
+from streamkit_tracker.appearance.window_sampling import Chroma
 from streamkit_tracker.observation import Continuity, Observation
 from streamkit_tracker.window_geometry import FloatArray, invertible
 
@@ -43,6 +53,7 @@ class FrameLink:
             continuity=self._continuity(frame),
             to_previous=self._to_previous(frame, registration),
             to_reference=registration.to_reference,
+            chroma=chroma(frame),
             centroids=centroids,
             boxes=np.asarray(detections.boxes).reshape(-1, 4),
             are_objects=bool(detections.labels),
@@ -87,3 +98,17 @@ class FrameLink:
         if from_plane is None:
             return np.asarray(registration.to_previous, np.float64)
         return np.asarray(from_plane @ registration.to_reference, np.float64)
+
+
+def chroma(frame: Frame) -> Chroma | None:
+    """Views of a frame's planes u and v, uint8[h / 2, w / 2]; None where it has none, or an odd size."""
+    if frame.caps.get("format") not in ("I420", "NV12"):
+        return None
+    height, width = luma(frame).shape
+    if height % 2 or width % 2:
+        return None
+    planes = frame.data[height:]
+    if frame.caps["format"] == "NV12":
+        return planes[:, 0::2], planes[:, 1::2]
+    both = planes.reshape(2, height // 2, width // 2)
+    return both[0], both[1]

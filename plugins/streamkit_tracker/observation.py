@@ -9,6 +9,7 @@ import numpy as np
 
 from streamkit_tracker.appearance.feature_template import Space
 from streamkit_tracker.appearance.frame_crops import Float32Array
+from streamkit_tracker.appearance.window_sampling import Chroma
 from streamkit_tracker.window_geometry import FloatArray
 
 
@@ -29,6 +30,7 @@ class Observation:
         continuity: known; lost (no registration: targets coast); new (a cut: all targets end).
         to_previous: float64[3, 3], this frame's pixels to the previous frame's.
         to_reference: float64[3, 3], this frame's pixels to the reference plane.
+        chroma: planes u and v, uint8[h / 2, w / 2], or None for a frame without colour.
         centroids: float64[n, 2], px.
         boxes: float64[n, 4], x0 y0 x1 y1 px.
         are_objects: whether each box is one whole object, as a classifier gives them; else they are regions
@@ -42,6 +44,7 @@ class Observation:
     continuity: Continuity = Continuity.KNOWN
     to_previous: FloatArray = field(default_factory=lambda: np.eye(3))
     to_reference: FloatArray = field(default_factory=lambda: np.eye(3))
+    chroma: Chroma | None = None
     centroids: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     boxes: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
     are_objects: bool = False

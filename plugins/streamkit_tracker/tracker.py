@@ -65,7 +65,7 @@ class MultiTargetTracker:
         self._shape = (image.shape[0], image.shape[1])
         if visible_fraction(window[None], self._shape)[0] <= 0:
             raise ValueError(f"a window must overlap the {image.shape[1]}x{image.shape[0]} frame")
-        self._sampler.look_at(image)
+        self._sampler.look_at(image, observation.chroma)
         count = int(np.count_nonzero(followed(self.targets.rows)))
         row = self.targets.add(window, self.settings, manual=True, cause="drawn by hand")
         self.targets.rows["state"][row] = CONFIRMED
@@ -100,7 +100,7 @@ class MultiTargetTracker:
             return self._report(observation)
         rows = targets.rows
         detected = np.concatenate([observation.centroids, observation.boxes], axis=1, dtype=np.float64)
-        self._sampler.look_at(image)
+        self._sampler.look_at(image, observation.chroma)
         began = time.perf_counter()
         self._frames += 1
         free = associate(targets, detected, observation, settings)

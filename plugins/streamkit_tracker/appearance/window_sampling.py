@@ -26,6 +26,8 @@ from streamkit_tracker.appearance.frame_crops import (
 )
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
 
+Chroma = tuple[ByteArray, ByteArray]
+
 MOST_TOGETHER = 32  # patches that are compared at once
 
 
@@ -60,9 +62,14 @@ class WindowSampler:
         self._quads = np.zeros(0, np.int32)
         self._used = 0
         self._patches = self._templates = np.zeros(0, np.float32)
+        self._chroma: list[WindowSampler] = []
 
-    def look_at(self, image: ByteArray) -> None:
-        """Sets the frame, uint8[h, w] grey levels; the parts of the last one are overwritten.
+    def look_at(self, image: ByteArray, chroma: Chroma | None = None) -> None:
+        """Sets the frame; the parts of the last one are overwritten.
+
+        Args:
+            image: uint8[h, w], grey levels.
+            chroma: planes u and v, uint8[h / 2, w / 2], or None for a frame without colour.
 
         Raises:
             ValueError: the image is not grey or has no pixels.
@@ -70,6 +77,22 @@ class WindowSampler:
         if image.ndim != 2 or image.size == 0:
             raise ValueError(f"look_at needs a grey image with pixels, got shape {image.shape}")
         self._image, self.shape, self._used = image, (image.shape[0], image.shape[1]), 0
+        if chroma is None:
+            self._chroma = []
+            return
+        self._chroma = self._chroma or [WindowSampler(), WindowSampler()]
+        for sampler, plane in zip(self._chroma, chroma, strict=True):
+            sampler.look_at(plane)
+
+    def sample_chroma(self, windows: FloatArray, patch: tuple[int, int]) -> Float32Array:
+        """Resamples the chroma planes at one window, float64[1, 5]: float32[2, rows * columns], 0 is grey."""
+        if not self._chroma:
+            return np.zeros((2, patch[0] * patch[1]), np.float32)
+        half = windows.copy()
+        half[:, :2] = (windows[:, :2] - 0.5) / 2
+        half[:, LENGTH : WIDTH + 1] /= 2
+        factor = shrink_factor(half[0], patch, self._chroma[0].shape)
+        return np.concatenate([sampler.sample(half, patch, factor) for sampler in self._chroma])
 
     def crop(self, windows: FloatArray, factor: int, groups: int = 1, margin: float = 0.0) -> Crops:
         """The parts of the frame around `groups` equal runs of windows, for several samples.

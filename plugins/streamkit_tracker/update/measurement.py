@@ -147,7 +147,6 @@ def _expect_manual(
             appearance.discriminator,
             evidence,
             sampler,
-            target["window"],
             predicted,
             int(target["frames_unseen"]),
         )

@@ -31,13 +31,13 @@ def trained(scenes: ModuleType, window: np.ndarray) -> tuple[WindowSampler, Corr
 @pytest.mark.parametrize("angle", [0.0, 0.7, -1.2])
 @pytest.mark.parametrize("step", [(3.3, -2.6), (17.0, 11.0)])
 def test_a_shift_is_found(scenes: ModuleType, angle: float, step: tuple[float, float]):
-    """Within a pixel, whatever the turn of the window, up to a good part of its side."""
+    """Within a quarter of a cell of 5 px, whatever the turn of the window, up to half of its side."""
     window = np.array([150.0, 120, 48, 34, angle])
     sampler, discriminator = trained(scenes, window)
     moved = window + np.array([*step, 0, 0, 0])
     sampler.look_at(seen(scenes, moved))
-    response = discriminator.respond(sampler, window[None])
-    assert np.hypot(*(np.array(response.position) - moved[:2])) < 1.0
+    response = discriminator.respond(sampler, window)
+    assert np.hypot(*(np.array(response.position) - moved[:2])) < 1.25
     assert response.sharpness > 9
 
 
@@ -45,9 +45,9 @@ def test_light_does_not_count(scenes: ModuleType):
     """Half the light gives nearly the same response."""
     window = np.array([150.0, 120, 48, 34, 0.3])
     sampler, discriminator = trained(scenes, window)
-    bright = discriminator.respond(sampler, window[None])
+    bright = discriminator.respond(sampler, window)
     sampler.look_at(seen(scenes, window, light=0.5))
-    dark = discriminator.respond(sampler, window[None])
+    dark = discriminator.respond(sampler, window)
     assert dark.peak > 0.7 * bright.peak
     np.testing.assert_allclose(dark.position, window[:2], atol=0.5)
 
@@ -56,30 +56,10 @@ def test_ground_without_the_target_responds_faintly(scenes: ModuleType):
     """A third of what the target gives at most."""
     window = np.array([150.0, 120, 48, 34, 0.0])
     sampler, discriminator = trained(scenes, window)
-    there = discriminator.respond(sampler, window[None])
+    there = discriminator.respond(sampler, window)
     sampler.look_at(seen(scenes, None))
-    gone = discriminator.respond(sampler, window[None])
+    gone = discriminator.respond(sampler, window)
     assert gone.peak < there.peak / 3
-
-
-def test_the_right_size_responds_best(scenes: ModuleType):
-    """A target that has grown answers loudest at its new size."""
-    window = np.array([150.0, 120, 48, 34, 0.0])
-    sampler, discriminator = trained(scenes, window)
-    grown = window * [1, 1, 1.15, 1.15, 1]
-    sampler.look_at(seen(scenes, grown))
-    found = discriminator.respond(sampler, np.stack([window, grown, window * [1, 1, 0.87, 0.87, 1]]))
-    assert found.sides == (grown[2], grown[3])
-
-
-def test_the_first_size_is_kept_unless_another_is_clearly_better(scenes: ModuleType):
-    """A lead of the first window is enough for it to win, so that the size does not tremble."""
-    window = np.array([150.0, 120, 48, 34, 0.0])
-    sampler, discriminator = trained(scenes, window)
-    grown = window * [1, 1, 1.15, 1.15, 1]
-    sampler.look_at(seen(scenes, grown))
-    found = discriminator.respond(sampler, np.stack([window, grown]), lead=0.1)
-    assert found.sides == (window[2], window[3])
 
 
 def test_learning_follows_a_new_look(scenes: ModuleType):
@@ -89,10 +69,10 @@ def test_learning_follows_a_new_look(scenes: ModuleType):
     generator = np.random.default_rng(9)
     other = scenes.paint(scenes.ground(generator, *SIZE), scenes.blob_texture(generator), window)
     sampler.look_at(scenes.grey(other, generator, 2.0))
-    before = discriminator.respond(sampler, window[None])
+    before = discriminator.respond(sampler, window)
     for _ in range(30):
         discriminator.learn(sampler, window)
-    after = discriminator.respond(sampler, window[None])
+    after = discriminator.respond(sampler, window)
     assert after.peak > before.peak + 0.2
 
 
@@ -101,6 +81,6 @@ def test_a_flat_patch_gives_no_peak():
     sampler = WindowSampler()
     sampler.look_at(np.full((60, 80), 90, np.uint8))
     window = np.array([40.0, 30, 20, 10, 0])
-    response = CorrelationFilter(sampler, window).respond(sampler, window[None])
+    response = CorrelationFilter(sampler, window).respond(sampler, window)
     assert abs(response.peak) < 1e-4
     assert response.sharpness < LEAST_SHARPNESS
