@@ -16,6 +16,7 @@ from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
 
 COLOUR_SHARE = np.float32(0.3)  # of the place, that colours decide
 SIDELOBE = 5  # cells around the peak that do not count as ground
+NEAR = 2  # cells between the peak with colours and that of the filter
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,10 @@ class CorrelationFilter:
         colours = self._colours.respond(region)
         both = response + COLOUR_SHARE * (colours - response)
         row, column = divmod(int(both.argmax()), GRID)
-        # between the cells the filter alone decides: colours only tell the place roughly
-        down = row + parabola_peak(*(float(response[(row + step) % GRID, column]) for step in (-1, 0, 1)))
-        along = column + parabola_peak(*(float(response[row, (column + step) % GRID]) for step in (-1, 0, 1)))
+        # between the cells the filter alone decides, whose peak is a Gaussian: colours tell the place roughly
+        heights = np.log(np.maximum(response, 1e-3)).astype(np.float64)
+        down = row + parabola_peak(*(float(heights[(row + step) % GRID, column]) for step in (-1, 0, 1)))
+        along = column + parabola_peak(*(float(heights[row, (column + step) % GRID]) for step in (-1, 0, 1)))
         dx, dy = (along - GRID // 2) * region.side / GRID, (down - GRID // 2) * region.side / GRID
         cosine, sine = np.cos(window[ANGLE]), np.sin(window[ANGLE])
         position = float(window[0] + dx * cosine - dy * sine), float(window[1] + dx * sine + dy * cosine)
@@ -79,8 +81,7 @@ class CorrelationFilter:
             position,
             (float(window[LENGTH]), float(window[WIDTH])),
             float(window[ANGLE]),
-            float(response[row, column]),
-            _sharpness(response, row, column),
+            *_clearness(response, row, column),
         )
 
     def growth(self, sampler: WindowSampler, window: FloatArray) -> float:
@@ -95,15 +96,16 @@ class CorrelationFilter:
         self._sizes.learn(sampler, window, share)
 
 
-def _sharpness(response: Float32Array, row: int, column: int) -> float:
-    """Peak to sidelobe ratio; 0 where all values are alike.
+def _clearness(response: Float32Array, row: int, column: int) -> tuple[float, float]:
+    """Height of the peak near a cell, and its peak to sidelobe ratio, 0 where all values are alike.
 
     Source: Bolme, Beveridge, Draper and Lui, Visual Object Tracking using Adaptive Correlation Filters,
     CVPR 2010.
     """
+    top, left = max(row - SIDELOBE, 0), max(column - SIDELOBE, 0)
     ground = np.ones(response.shape, np.bool_)
-    ground[max(row - SIDELOBE, 0) : row + SIDELOBE + 1, max(column - SIDELOBE, 0) : column + SIDELOBE + 1] = (
-        False
-    )
+    ground[top : row + SIDELOBE + 1, left : column + SIDELOBE + 1] = False
     sidelobes = response[ground]
-    return float((response[row, column] - sidelobes.mean()) / max(float(sidelobes.std()), 1e-6))
+    near = response[max(row - NEAR, 0) : row + NEAR + 1, max(column - NEAR, 0) : column + NEAR + 1]
+    peak = float(near.max())
+    return peak, (peak - float(sidelobes.mean())) / max(float(sidelobes.std()), 1e-6)

@@ -16,7 +16,8 @@ from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, IntArra
 
 GRID = 40  # cells
 SAMPLES = GRID * CELL
-PADDING = 5.0  # side of the region relative to the mean side of the target
+PADDING = 4.0  # side of the region relative to the mean side of the target ...
+LEAST_SIDE = 64.0  # ... and px at first: small targets move by more of their sides
 GRADIENTS, COLOURS = 10, 4  # components kept of the channels
 HUES = 6
 COLOUR_CHANNELS = HUES + 3
@@ -57,7 +58,8 @@ class RegionFeatures:
 
     def __init__(self, sampler: WindowSampler, window: FloatArray) -> None:
         mean_side = math.sqrt(window[LENGTH] * window[WIDTH])
-        self.extent = np.asarray(window[LENGTH : WIDTH + 1]) / (PADDING * mean_side)
+        self._padding = max(PADDING, LEAST_SIDE / mean_side)
+        self.extent = np.asarray(window[LENGTH : WIDTH + 1]) / (self._padding * mean_side)
         hann = np.hanning(GRID + 2)[1:-1]
         self._hann = np.outer(hann, hann).astype(np.float32)
         gradients, colours, _ = self._channels(sampler, window, self._side(window))
@@ -73,7 +75,7 @@ class RegionFeatures:
         return Region(window, side, fft.rfft2(features.reshape(-1, GRID, GRID) * self._hann), bins)
 
     def _side(self, window: FloatArray) -> float:
-        return PADDING * math.sqrt(window[LENGTH] * window[WIDTH])
+        return self._padding * math.sqrt(window[LENGTH] * window[WIDTH])
 
     def _channels(
         self, sampler: WindowSampler, window: FloatArray, side: float

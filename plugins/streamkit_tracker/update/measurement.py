@@ -141,8 +141,10 @@ def _expect_manual(
     target, evidence = table.rows[index], table.models[index].evidence
     appearance.response = None
     if appearance.discriminator is not None:
+        # a velocity is noise beside the reach of the filter, but for a target that is not seen
         predicted = target["window"].copy()
-        predicted[:2] += target["mean"][2:] * observation.step_s
+        if target["frames_unseen"] > 0:
+            predicted[:2] += target["mean"][2:] * observation.step_s
         appearance.response = find_response(
             appearance.discriminator,
             evidence,

@@ -13,10 +13,9 @@ from streamkit_tracker.update.evidence import LEAST_SHARPNESS, Evidence
 from streamkit_tracker.update.expectations import Prior
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
-PEAK_STD = 0.08  # of a filter's peak, relative to the target's side
-PEAK_SIDES_STD = 0.02
-TURN_STD = 0.1  # rad about the drawn angle, for a target too soft to show its turn
-SOFT = 5.0
+PEAK_STD = 0.02  # of a filter's peak, relative to the target's side
+PEAK_SIDES_STD = 0.004
+TURN_STD = 0.35  # rad about the drawn angle, for a rigid target
 TURN_CHANGE = 0.2
 FAR = 0.4  # sides; a peak nearer to the rim of what was looked at is faint
 GAIN = 0.1  # logarithms of a response, above the other one
@@ -85,7 +84,7 @@ def response_prior(response: Response, tolerance: float, drawn_angle: float) -> 
     """
     firm = 1 / math.sqrt(tolerance)
     side = math.sqrt(response.sides[0] * response.sides[1])
-    turn_std = TURN_STD * math.sqrt(SOFT / (tolerance - 1)) if tolerance > 1 else math.inf
+    turn_std = TURN_STD / tolerance
     return Prior(
         response.position,
         PEAK_STD * firm * side,
