@@ -195,7 +195,7 @@ class Split(Element):
                 for caps in counts:
                     common = common if caps is left_out else common & caps
                 met[left_out] = common
-            pad.known_caps = pad.template.caps & met[left_out]
+            pad.known_caps = met[left_out] & pad.template.caps
 
     @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:

@@ -118,10 +118,10 @@ class Pad:
         self.push = self.not_linked
 
     def query_caps(self) -> Caps:
-        """Caps that the pad can carry, given the other pads of its element."""
+        """Caps that the pad can carry, in the order that the other pads of its element prefer."""
         if self.known_caps is not None:
             return self.known_caps
-        return self.template.caps & self.element.query_caps(self)
+        return self.element.query_caps(self) & self.template.caps
 
     def peer_caps(self) -> Caps:
         """Caps that the peer can carry; ANY without a peer."""

@@ -102,3 +102,20 @@ def test_a_loop_builds_but_does_not_start() -> None:
     assert [code for code, _ in build(text, {}).warnings] == ["loop"]
     with Pipeline.parse(text) as pipeline, pytest.raises(StateError, match="the links form a loop"):
         pipeline.play()
+
+
+def test_a_preference_travels_up_through_transforms(register: Register) -> None:
+    """A transform that takes either format offers its source the one that its sink prefers."""
+
+    class Either(Transform):
+        sink = src = "video/x-raw, format={ GRAY8, I420 }"
+
+        def transform(self, frame: Frame) -> Frame:
+            return frame
+
+    class Colour(Sink):
+        sink = "video/x-raw, format={ I420, GRAY8 }"
+
+    register(either=Either, colour=Colour)
+    graph = Pipeline.parse("fakesrc ! either name=e ! colour").graph
+    assert str(graph.element("e").pads["sink"].query_caps()) == "video/x-raw, format=(string){ I420, GRAY8 }"
