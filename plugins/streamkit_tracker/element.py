@@ -7,7 +7,6 @@ import enum
 import numpy as np
 
 from streamkit import (
-    LUMA_CAPS,
     FeatureSpace,
     Frame,
     Property,
@@ -54,7 +53,7 @@ class ParticleTrack(Transform):
         dronetestsrc num-buffers=40 ! stitch ! framediff ! particletrack ! fakesink
     """
 
-    sink = src = LUMA_CAPS
+    sink = src = "video/x-raw, format={ I420, NV12, GRAY8 }"
     window: str | None = Property(
         None,
         unit="px",

@@ -1,0 +1,68 @@
+"""What the filters see, and the histogram of colours."""
+
+import numpy as np
+import pytest
+
+from streamkit_tracker.appearance.colour_histogram import ColourHistogram
+from streamkit_tracker.appearance.region_features import GRID, RegionFeatures
+from streamkit_tracker.appearance.window_sampling import WindowSampler
+
+WINDOW = np.array([120.0, 90, 40, 30, 0.0])
+
+
+def sampler_of(shift: tuple[int, int] = (0, 0), red: int = 200, light: float = 1.0) -> WindowSampler:
+    """A red target upon a green ground of the same grey level."""
+    levels = 128 + 6 * np.random.default_rng(0).standard_normal((180, 240))
+    u, v = np.full((90, 120), 90, np.uint8), np.full((90, 120), 90, np.uint8)
+    row, column = 90 + shift[1] - 15, 120 + shift[0] - 20
+    v[row // 2 : row // 2 + 15, column // 2 : column // 2 + 20] = red
+    sampler = WindowSampler()
+    sampler.look_at((light * levels).astype(np.uint8), (u, v))
+    return sampler
+
+
+@pytest.mark.parametrize("shift", [(0, 0), (24, -10), (-16, 20)])
+def test_a_target_is_found_by_its_colour_alone(shift: tuple[int, int]):
+    """The likeliest place is where it went, within a cell and a half."""
+    first = sampler_of()
+    features = RegionFeatures(first, WINDOW)
+    histogram = ColourHistogram(features.read(first, WINDOW), features.extent)
+    region = features.read(sampler_of(shift), WINDOW)
+    likely = histogram.respond(region)
+    row, column = np.unravel_index(int(likely.argmax()), likely.shape)
+    place = (np.array([column, row]) - GRID / 2) * region.side / GRID
+    np.testing.assert_allclose(place, shift, atol=1.5 * region.side / GRID)
+    assert likely.max() > 0.9
+
+
+def test_a_new_colour_is_learnt():
+    """After some frames the target is told from its ground by the colour it has now."""
+    first, other = sampler_of(), sampler_of(red=30)
+    features = RegionFeatures(first, WINDOW)
+    histogram = ColourHistogram(features.read(first, WINDOW), features.extent)
+    region = features.read(other, WINDOW)
+    for _ in range(80):
+        histogram.learn(region, 1.0)
+    likely = histogram.respond(region)
+    assert likely[GRID // 2, GRID // 2] > 0.9
+    assert likely[2, 2] < 0.2
+
+
+def test_a_grey_frame_has_no_hue():
+    """Without chroma planes the channels are those of grey pixels, and the same as with neutral planes."""
+    levels = np.random.default_rng(0).integers(0, 255, (180, 240)).astype(np.uint8)
+    neutral = np.full((90, 120), 128, np.uint8)
+    spectra = []
+    for chroma in (None, (neutral, neutral)):
+        sampler = WindowSampler()
+        sampler.look_at(levels, chroma)
+        spectra.append(RegionFeatures(sampler, WINDOW).read(sampler, WINDOW).spectra)
+    np.testing.assert_array_equal(spectra[0], spectra[1])
+
+
+def test_a_small_target_is_read_with_more_ground():
+    """The region is 64 px wide at least."""
+    sampler = sampler_of()
+    tiny = np.array([120.0, 90, 8, 8, 0])
+    assert RegionFeatures(sampler, tiny).read(sampler, tiny).side == pytest.approx(64.0)
+    assert RegionFeatures(sampler, WINDOW).read(sampler, WINDOW).side == pytest.approx(4 * np.sqrt(1200))
