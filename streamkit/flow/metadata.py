@@ -41,6 +41,7 @@ class Registration:
         matches: matched points.
         inliers: points consistent with the homography.
         rmse: root mean square residual of the inliers, px.
+        corner_std: predicted error of `to_reference` at the frame's worst corner, px; None if unknown.
     """
 
     to_previous: FloatArray
@@ -52,6 +53,7 @@ class Registration:
     matches: int = 0
     inliers: int = 0
     rmse: float = 0.0
+    corner_std: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,6 +32,7 @@ class RegistrationRecord(msgspec.Struct, frozen=True, kw_only=True, omit_default
     Attributes:
         to_reference: rows of the 3x3 matrix; None if unknown.
         matches, inliers, rmse: only with provenance.
+        corner_std: predicted error at the frame's worst corner, px.
     """
 
     reference: int
@@ -40,6 +41,7 @@ class RegistrationRecord(msgspec.Struct, frozen=True, kw_only=True, omit_default
     matches: int | None = None
     inliers: int | None = None
     rmse: float | None = None
+    corner_std: float | None = None
 
 
 class GeoRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -240,6 +242,7 @@ def _registration_record(registration: Registration, provenance: bool) -> Regist
         matches=int(registration.matches) if provenance else None,
         inliers=int(registration.inliers) if provenance else None,
         rmse=float(registration.rmse) if provenance and isfinite(registration.rmse) else None,
+        corner_std=None if registration.corner_std is None else round(float(registration.corner_std), 3),
     )
 
 

@@ -29,9 +29,16 @@ def scale_metadata(frame: Frame, scaling: FloatArray, previous_scaling: FloatArr
         to_previous, to_reference = scale_homographies(
             scaling, previous_scaling, registration.to_previous, registration.to_reference
         )
-        rmse = registration.rmse * math.sqrt(scaling[0, 0] * scaling[1, 1])
+        size = math.sqrt(scaling[0, 0] * scaling[1, 1])
+        corner_std = None if registration.corner_std is None else registration.corner_std * size
         changed.append(
-            dataclasses.replace(registration, to_previous=to_previous, to_reference=to_reference, rmse=rmse)
+            dataclasses.replace(
+                registration,
+                to_previous=to_previous,
+                to_reference=to_reference,
+                rmse=registration.rmse * size,
+                corner_std=corner_std,
+            )
         )
     if (detections := frame.get(Detections)) is not None:
         changed.append(

@@ -55,6 +55,7 @@ class MotionRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     matches: int = 0
     inliers: int = 0
     rmse: float | None = None
+    corner_std: float | None = None
 
 
 class FrameHeader(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -161,6 +162,7 @@ def _motion(item: Registration) -> MotionRecord:
         matches=int(item.matches),
         inliers=int(item.inliers),
         rmse=float(item.rmse) if math.isfinite(item.rmse) else None,
+        corner_std=None if item.corner_std is None else float(item.corner_std),
     )
 
 
@@ -195,6 +197,7 @@ def _registration(item: MotionRecord) -> Registration:
         matches=item.matches,
         inliers=item.inliers,
         rmse=math.nan if item.rmse is None else item.rmse,
+        corner_std=item.corner_std,
     )
 
 

@@ -93,4 +93,5 @@ def _registration(record: TrackRecord) -> Registration | None:
         to_reference=np.array(record.registration.to_reference or unknown),
         reference=record.registration.reference,
         status=record.registration.status,
+        corner_std=record.registration.corner_std,
     )

@@ -18,9 +18,9 @@ FIELDS = {
     "GeoRecord": "lat lon error_m?",
     "MatchRecord": "row gate? centroid bbox area score label?",
     "MotionRecord": "reference status to_previous? to_reference? reference_change? keyframe? matches? "
-    "inliers? rmse?",
+    "inliers? rmse? corner_std?",
     "ProvenanceRecord": "predicted? detection? shared? similarity? learnt? cause?",
-    "RegistrationRecord": "reference to_reference? status matches? inliers? rmse?",
+    "RegistrationRecord": "reference to_reference? status matches? inliers? rmse? corner_std?",
     "StatusRecord": "schema source state run published_ns uptime_s frames seq? epoch? tracks age_ms? streams "
     "drops",
     "StreamStatus": "name run settled_number published bytes has_subscriber next_number? first_number?",
