@@ -240,6 +240,7 @@ def registration(registered: FrameRegistration) -> Registration:
         matches=registered.matches,
         inliers=registered.inliers,
         rmse=registered.rmse,
+        corner_std=registered.corner_std,
     )
 
 

@@ -1,5 +1,6 @@
 """Registration of frames to keyframes, and the choice of new keyframes."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
@@ -14,9 +15,10 @@ from streamkit.geometry.homography import (
     scale_change,
     tilt,
 )
+from streamkit_stitcher.plane.dense_matching import DenseMatcher
 from streamkit_stitcher.plane.following import KeyframeFollower, following_level
-from streamkit_stitcher.plane.frame_registration import AnchoredFrame
-from streamkit_stitcher.plane.keyframe_content import LEVELS
+from streamkit_stitcher.plane.frame_registration import OK_STD, AnchoredFrame
+from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher, pooled_fit
@@ -65,16 +67,21 @@ class KeyframeAnchor:
         self.keyframes = KeyframeMap(settings)
         self._follower = KeyframeFollower()
         self._matcher = KeyframeMatcher()
+        self._dense = DenseMatcher()
         self._relocaliser = Relocaliser()
         self._description: Description | None = None
         self._unmatched = 0
         self._is_prediction_reliable = True
 
     def add(
-        self, images: Sequence[GreyArray], to_reference: FloatArray, ties: Sequence[Tie] = ()
+        self,
+        images: Sequence[GreyArray],
+        to_reference: FloatArray,
+        ties: Sequence[Tie] = (),
+        corner_std: float = 0.0,
     ) -> Keyframe:
         """Makes a frame the current keyframe; the ties to earlier keyframes may name any observer."""
-        keyframe = self.keyframes.add(images, to_reference, self._level, ties)
+        keyframe = self.keyframes.add(images, to_reference, self._level, ties, corner_std)
         self._follower.prepare(keyframe, self.keyframes.executor)
         if self._description is not None:
             self._relocaliser.remember(keyframe, self._description)
@@ -94,17 +101,44 @@ class KeyframeAnchor:
             return match
         return self._certain(self._match(active, images, expected, _FOLLOW_LEVEL, coarse=_FOLLOW_POINTS))
 
-    def recognise(self, small: GreyArray) -> KeyframeMatch | None:
-        """Matches a frame of unknown motion with the newest keyframes by features.
+    def align(
+        self,
+        small: GreyArray,
+        before: FloatArray,
+        before_std: float,
+        expected: FloatArray,
+        followed: KeyframeMatch | None,
+    ) -> KeyframeMatch | None:
+        """Matches a frame with the current keyframe by all of its area, see `DenseMatcher.match`.
 
-        `small` is uint8[h, w], at working size. The matching keyframe becomes current.
+        `small` is uint8[h, w], at working size; `before` and `expected` map to the plane.
+        """
+        active = self.keyframes.active
+        if active is None or active.small.shape != small.shape:
+            return followed
+        to_key = inverse(active.to_reference)
+        before, expected = normalised(to_key @ before), normalised(to_key @ expected)
+        return self._dense.match(active, small, before, before_std, expected, followed)
+
+    def recognise(self, images: Sequence[GreyArray]) -> KeyframeMatch | None:
+        """Matches a frame of unknown motion by features: the newest keyframes, then the likeliest of all.
+
+        The matching keyframe becomes current.
         """
         active = self.keyframes.active
         if active is None:
             return None
-        description = self._description = describe(small)
-        recent = [keyframe for keyframe in self.keyframes.stored if keyframe.index != active.index]
-        for keyframe in [active, *recent[::-1][: _RELOCALISED - 1]]:
+        level = scene_level(images[0].shape)
+        description = self._description = describe(pyramid(images, level + 1)[level])
+        others = [keyframe for keyframe in self.keyframes.stored[::-1] if keyframe.index != active.index]
+        recent, older = [active, *others[: _RELOCALISED - 1]], others[_RELOCALISED - 1 :]
+        return self._recognised(description, recent) or self._recognised(
+            description, self._relocaliser.likeliest(description, older, _RELOCALISED)
+        )
+
+    def _recognised(self, description: Description, candidates: Sequence[Keyframe]) -> KeyframeMatch | None:
+        """The first match, of the keyframe that becomes current."""
+        for keyframe in candidates:
             match = self._relocaliser.match(description, keyframe)
             if match is not None:
                 self.keyframes.active = keyframe
@@ -120,6 +154,7 @@ class KeyframeAnchor:
         recognised: KeyframeMatch | None = None,
         due: bool = False,
         consecutive: bool = False,
+        predicted_std: float = 0.0,
     ) -> AnchoredFrame:
         """Registers a frame, and makes it a keyframe where one is needed.
 
@@ -133,12 +168,13 @@ class KeyframeAnchor:
             due: whether the frame becomes a keyframe in any case.
             consecutive: whether a recognised frame directly follows the previous one, as photographs do; it
                 is then registered by its small overlap, and not certain.
+            predicted_std: error of `predicted` at the frame's worst corner, px.
         """
         if recognised is None:
             self._description = None
         active = self.keyframes.active
         if active is None:
-            return AnchoredFrame(predicted, measured=False)
+            return AnchoredFrame(predicted, measured=False, corner_std=predicted_std)
         match = followed
         if recognised is not None:
             predicted = normalised(active.to_reference @ recognised.fit.matrix)
@@ -147,7 +183,9 @@ class KeyframeAnchor:
             match = self._search(active, images, predicted, trusted)
         certain = recognised is None or self._certain(match) is not None
         certain = certain and (match is None or match.sharp)
-        found = AnchoredFrame(predicted, measured=False) if match is None else _anchored(active, match)
+        found = AnchoredFrame(predicted, measured=False, corner_std=predicted_std)
+        if match is not None:
+            found = _anchored(active, match)
         found = replace(found, certain=certain)
         self._unmatched = 0 if match is not None else self._unmatched + 1
         self._is_prediction_reliable = match is not None or (
@@ -253,9 +291,19 @@ class KeyframeAnchor:
                 moved = normalised(pooled.matrix @ inverse(found.to_reference))
                 change = moved if change is None else normalised(moved @ change)
             found = AnchoredFrame(
-                pooled.matrix, True, matches=len(pooled.inliers), inliers=pooled.count, rmse=pooled.rmse
+                pooled.matrix,
+                True,
+                matches=len(pooled.inliers),
+                inliers=pooled.count,
+                rmse=pooled.rmse,
+                corner_std=min(_anchored(*pair).corner_std for pair in matches),
             )
-        self.add(images, found.to_reference, [tie_of(keyframe, 0, match) for keyframe, match in matches])
+        # Of its own registration only: ties and adjustments correct what earlier keyframes had.
+        own = min((match.corner_std for _, match in matches), default=found.corner_std)
+        doubt = own if own > OK_STD else 0.0
+        self.add(
+            images, found.to_reference, [tie_of(keyframe, 0, match) for keyframe, match in matches], doubt
+        )
         return replace(found, keyframe=True, change=change, certain=certain)
 
     def _pooled_matches(
@@ -331,4 +379,5 @@ def _anchored(keyframe: Keyframe, match: KeyframeMatch) -> AnchoredFrame:
         matches=len(match.fit.inliers),
         inliers=match.fit.count,
         rmse=match.fit.rmse,
+        corner_std=math.hypot(match.corner_std, keyframe.corner_std),
     )

@@ -1,5 +1,6 @@
 """Camera shifts too large for optical flow, as between survey photographs, by cross-correlation."""
 
+from dataclasses import replace
 from typing import Final
 
 import cv2
@@ -7,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit.geometry.homography import FloatArray, GreyArray, translation
+from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
+from streamkit_stitcher.registration.pairwise import PairwiseMotion, WorkingImage, register
 
 _WIDTH: Final = 160
 _SMALLEST_SIDE: Final = 16
@@ -37,6 +40,27 @@ def search_shift(earlier: GreyArray, current: GreyArray, factor: int) -> FloatAr
         return None
     x, y = int(column) - size[0], int(row) - size[1]
     return translation(factor * np.array([x * width / size[0], y * height / size[1]]))
+
+
+def motion_since(
+    earlier: WorkingImage, current: WorkingImage, guess: FloatArray, limits: FitLimits, lost: int
+) -> PairwiseMotion:
+    """The motion since an earlier frame, searched by cross-correlation after a large shift.
+
+    Args:
+        earlier: the last registered frame.
+        current: the frame.
+        guess: predicted motion of full-size pixels, `current` to `earlier`.
+        limits: what a motion must reach.
+        lost: frames between the two.
+    """
+    reach = replace(limits, max_step=min(1.0, limits.max_step * (1 + lost)))
+    motion = register(earlier, current, guess, reach)
+    shift = None if motion.model is not None else search_shift(earlier.grey, current.grey, current.factor)
+    if shift is None:
+        return motion
+    shifted = register(earlier, current, shift, replace(limits, max_step=1.0))
+    return shifted if shifted.model is MotionModel.HOMOGRAPHY else motion
 
 
 def _texture(grey: GreyArray, size: tuple[int, int]) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 from streamkit.geometry.homography import FloatArray, GreyArray, from_reduced, inverse, is_plausible
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.plane.keyframe_content import LEVELS, at_level, deferred
-from streamkit_stitcher.plane.keyframe_matcher import ANY_STEP
+from streamkit_stitcher.plane.keyframe_matcher import ANY_STEP, ANY_TILT
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
 from streamkit_stitcher.registration.joint_alignment import (
     JointAlignment,
@@ -37,8 +37,6 @@ _MIN_AGREEING: Final = 0.5
 _MOSTLY_AGREEING: Final = 0.75
 _SHARP_CORRELATION: Final = 0.9
 _SHARE: Final = 0.68
-# A camera that looks obliquely and turns halves the scale of one side of the frame within a second or two.
-_ANY_TILT: Final = 1.0
 # A patch is left out after two frames in a row off the plane, and used again after some 20 frames.
 _SUSPECT: Final = 1.5
 _TRUST: Final = 0.3
@@ -195,7 +193,7 @@ def _accepted(
     if agreeing < max(limits.min_inliers, _MIN_AGREEING * found.visible_count):
         return None
     matrix, rmse = from_reduced(inverse(found.key_to_frame), factor), found.rmse * factor
-    if not is_plausible(matrix, shape, ANY_STEP, _ANY_TILT):
+    if not is_plausible(matrix, shape, ANY_STEP, ANY_TILT):
         return None
     offset = (factor - 1) / 2
     frame_points, key_points = found.frame_points * factor + offset, found.key_points * factor + offset
@@ -213,4 +211,5 @@ def _accepted(
         found.deviation * factor,
         found.variances,
         agreeing > _MOSTLY_AGREEING * found.visible_count or found.correlation > _SHARP_CORRELATION,
+        agreeing / found.visible_count,
     )

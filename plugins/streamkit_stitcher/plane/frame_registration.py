@@ -2,10 +2,14 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, corners
+
+# Largest predicted error of a frame that is ok, px: 99.5 % are then within 2 px.
+OK_STD: Final = 0.7
 
 
 class Status(StrEnum):
@@ -35,6 +39,7 @@ class AnchoredFrame:
         inliers: patches that agree with `to_reference`.
         rmse: root mean square residual of the inliers.
         certain: whether the measurement fixes the whole frame, not only a part of it.
+        corner_std: predicted error of the measurement at the frame's worst corner, px.
     """
 
     to_reference: FloatArray
@@ -45,6 +50,7 @@ class AnchoredFrame:
     inliers: int = 0
     rmse: float = 0.0
     certain: bool = True
+    corner_std: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +67,7 @@ class FrameRegistration:
         matches: points compared.
         inliers: matches that agree with the motion.
         rmse: root mean square residual of the inliers.
+        corner_std: predicted error of `to_reference` at the worst corner, px, against its keyframe.
         anchored: whether `to_reference` was measured against a keyframe.
         key_index: the keyframe it was measured against, or that it became.
         to_key: the frame to that keyframe.
@@ -77,6 +84,7 @@ class FrameRegistration:
     matches: int = 0
     inliers: int = 0
     rmse: float = 0.0
+    corner_std: float = 0.0
     anchored: bool = False
     key_index: int = 0
     to_key: FloatArray = field(default_factory=lambda: IDENTITY)

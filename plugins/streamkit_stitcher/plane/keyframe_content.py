@@ -14,6 +14,7 @@ from streamkit_stitcher.registration.patches import cut_patches, pyramid
 
 LEVELS: Final = 4
 TIMEOUT_S: Final = 20.0
+_SCENE_WIDTH: Final = 1000
 _GRID: Final = (25, 16)
 _Result = TypeVar("_Result")
 
@@ -25,12 +26,14 @@ class KeyframeContent:
     Attributes:
         points: float64[n, 2], patch centres, full-size px.
         patches: one uint8[n, 17, 17] per pyramid level, finest first.
-        small: uint8[h, w], the frame at working size, for feature matching.
+        small: uint8[h, w], the frame at working size.
+        scene: uint8[h, w], the frame at the size for feature matching.
     """
 
     points: FloatArray
     patches: tuple[GreyArray, ...]
     small: GreyArray
+    scene: GreyArray
 
 
 def keyframe_content(images: Sequence[GreyArray], level: int) -> KeyframeContent:
@@ -46,7 +49,16 @@ def patches_around(points: FloatArray, images: Sequence[GreyArray], level: int) 
     patches = tuple(
         cut_patches(image, at_level(rounded, number)) for number, image in enumerate(images[:LEVELS])
     )
-    return KeyframeContent(rounded, patches, images[level].copy())
+    small, scene = images[level].copy(), scene_level(images[0].shape)
+    return KeyframeContent(rounded, patches, small, small if scene == level else images[scene].copy())
+
+
+def scene_level(shape: Sequence[int]) -> int:
+    """How often a frame of (height, width) is halved for feature matching."""
+    level = 0
+    while shape[1] >> level > _SCENE_WIDTH:
+        level += 1
+    return level
 
 
 def at_level(points: FloatArray, level: int) -> FloatArray:

@@ -104,14 +104,19 @@ class KeyframeMap:
         self._selection.add(inliers.frame_points, inliers.key_points)
 
     def add(
-        self, images: Sequence[GreyArray], to_reference: FloatArray, level: int, ties: Sequence[Tie]
+        self,
+        images: Sequence[GreyArray],
+        to_reference: FloatArray,
+        level: int,
+        ties: Sequence[Tie],
+        corner_std: float = 0.0,
     ) -> Keyframe:
         """Makes a frame a keyframe, and the active one; the ties may name any observer."""
         shape = (images[0].shape[0], images[0].shape[1])
         # Copies: the buffer behind the frame may be reused.
         own = tuple(image.copy() for image in images[: level + 1])
         content = deferred(self.executor, keyframe_content, own, level)
-        self.active = self._store.add(content, to_reference, shape, level)
+        self.active = self._store.add(content, to_reference, shape, level, corner_std)
         index = self.active.index
         self._graph.add(index, to_reference, [replace(tie, observer=index) for tie in ties])
         self._graph.forget(
@@ -132,21 +137,23 @@ class KeyframeMap:
         if self.active is None or self._settings.window <= 0:
             return
         candidates = self._loop_candidates(self.active)
+        tried = {self.active.index, *self._graph.hosts(self.active.index), *(one.index for one in candidates)}
+        others = () if description is None else tuple(one for one in self.stored if one.index not in tried)
         tied = self._graph.tied
         free = tied[-_WHOLE_LIMIT:] if whole or self._loop_closed else tied[-self._settings.window :]
-        steps = self._graph.steps_from(self.active.index) if candidates else {}
+        steps = self._graph.steps_from(self.active.index) if candidates or others else {}
         near = frozenset(index for index, count in steps.items() if count <= FEW_STEPS)
         found = self._graph.problem(free, self._reference)
         self._loop_closed = False
-        if found is None and not candidates:
+        if found is None and not candidates and not others:
             return
         # Copies: the buffer behind the frame may be reused.
-        own = pyramid(tuple(image.copy() for image in images), LEVELS) if candidates else ()
+        own = pyramid(tuple(image.copy() for image in images), LEVELS) if candidates or others else ()
         keyframe = self.active
         self._adjuster.submit(
             found,
             self._adjustment(),
-            lambda closer: closer.close(keyframe, own, candidates, near, description),
+            lambda closer: closer.close(keyframe, own, candidates, near, description, others),
         )
 
     def adopt(self) -> FloatArray | None:
@@ -165,6 +172,11 @@ class KeyframeMap:
         self._reference = reference
         self._refresh()
         return change
+
+    def level(self, change: FloatArray) -> None:
+        """Moves all keyframes to another plane, old to new, whose reference is no keyframe's."""
+        self._graph.rebase(change)
+        self._refresh()
 
     def finish(self) -> float:
         """Adjusts all tied keyframes; returns the root mean square residual of the ties, px."""

@@ -32,6 +32,8 @@ _COARSE_THRESHOLD: Final = 1.5
 _COARSE_TOLERANCE: Final = 0.2
 _FINE_TOLERANCE: Final = 0.1
 ANY_STEP: Final = 10.0
+# A camera that looks obliquely and turns halves the scale of one side of the frame.
+ANY_TILT: Final = 1.0
 _WIDE_OVERLAP: Final = 0.8
 # Smallest deviation of a patch, px: lens, shutter and terrain do not quite follow a plane's homography.
 _FLOOR: Final = 0.04
@@ -86,7 +88,7 @@ class KeyframeMatcher:
                 coarse is not None
                 and coarse.count >= min(limits.min_inliers, _COARSE_INLIERS)
                 and coarse.count >= limits.min_inlier_ratio * found.visible_count
-                and is_plausible(coarse.matrix, keyframe.shape, ANY_STEP)
+                and is_plausible(coarse.matrix, keyframe.shape, ANY_STEP, ANY_TILT)
             ):
                 key_to_frame = from_reduced(coarse.matrix, 2**level)
         return None
@@ -155,7 +157,7 @@ def _accepted(
     if fit is None or fit.count < max(limits.min_inliers, limits.min_inlier_ratio * found.visible_count):
         return None
     fit = rule.apply(fit, frame_points, key_points)
-    if not is_plausible(fit.matrix, shape, ANY_STEP):
+    if not is_plausible(fit.matrix, shape, ANY_STEP, ANY_TILT):
         return None
     patches = chosen[found.patches[fit.inliers]]
     inliers = frame_points[fit.inliers]
@@ -165,4 +167,5 @@ def _accepted(
     squares = np.einsum("ni,ni->n", residuals, residuals) * weights[fit.inliers]
     off_plane = squares > _TRIM * np.median(squares)
     variances = np.where(off_plane, np.inf, found.variances[fit.inliers])
-    return KeyframeMatch(fit, inliers, key_points[fit.inliers], patches, deviation, variances)
+    share = fit.count / found.visible_count
+    return KeyframeMatch(fit, inliers, key_points[fit.inliers], patches, deviation, variances, share=share)

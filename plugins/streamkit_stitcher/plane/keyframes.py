@@ -1,5 +1,6 @@
 """Keyframes, their matches, and the store of those that frames can be matched with."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
@@ -22,6 +23,8 @@ from streamkit_stitcher.registration.motion_models import MotionFit
 
 _SCALE_RANGE: Final = (0.7, 1.4)
 _MANY: Final = 60
+_FLOOR: Final = 0.2
+_LEAST_SHARE: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +37,7 @@ class Keyframe:
         shape: of the frame.
         factor: the reduction of `small`.
         content: returns what is kept of its pixels; waits until that is computed.
+        corner_std: predicted error of a doubtful one when it was added, px; 0 for the others.
     """
 
     index: int
@@ -41,6 +45,7 @@ class Keyframe:
     shape: tuple[int, int]
     factor: int
     content: Callable[[], KeyframeContent]
+    corner_std: float = 0.0
 
     @property
     def points(self) -> FloatArray:
@@ -54,8 +59,13 @@ class Keyframe:
 
     @property
     def small(self) -> GreyArray:
-        """uint8[h, w], the frame at working size, for feature matching."""
+        """uint8[h, w], the frame at working size."""
         return self.content().small
+
+    @property
+    def scene(self) -> GreyArray:
+        """uint8[h, w], the frame at the size for feature matching."""
+        return self.content().scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +80,8 @@ class KeyframeMatch:
         deviation: standard deviation of the fit at the worst corner of the frame, px.
         variances: float64[n], of each patch's position, in any unit, infinite off the plane; None if unknown.
         sharp: whether most patches agree or correlate well with those of the keyframe.
+        share: patches that agree, as a part of those in view.
+        std: predicted error at the worst corner, px, systematic errors included; None to derive it.
     """
 
     fit: MotionFit
@@ -79,6 +91,15 @@ class KeyframeMatch:
     deviation: float = 0.0
     variances: FloatArray | None = None
     sharp: bool = True
+    share: float = 1.0
+    std: float | None = None
+
+    @property
+    def corner_std(self) -> float:
+        """Predicted error at the worst corner, px: the fit's, larger as fewer patches agree."""
+        if self.std is not None:
+            return self.std
+        return math.hypot(_FLOOR, self.deviation / max(_LEAST_SHARE, self.share) ** 2)
 
     def on_plane(self) -> "KeyframeMatch":
         """The match without the patches off the plane."""
@@ -129,9 +150,10 @@ class KeyframeStore:
         to_reference: FloatArray,
         shape: tuple[int, int],
         level: int,
+        corner_std: float = 0.0,
     ) -> Keyframe:
         """Stores a keyframe that was halved `level` times to working size."""
-        keyframe = Keyframe(self._next_index, to_reference, shape, 2**level, content)
+        keyframe = Keyframe(self._next_index, to_reference, shape, 2**level, content, corner_std)
         self._next_index += 1
         self._keyframes.append(keyframe)
         if len(self._keyframes) > self._capacity:

@@ -18,11 +18,11 @@ from streamkit.geometry.homography import (
     overlap,
     to_reduced,
 )
-from streamkit_stitcher.plane.keyframe_content import LEVELS
+from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_graph import Tie
-from streamkit_stitcher.plane.keyframe_matcher import ANY_STEP, KeyframeMatcher
+from streamkit_stitcher.plane.keyframe_matcher import ANY_STEP, ANY_TILT, KeyframeMatcher
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
-from streamkit_stitcher.registration.descriptors import Description, describe, recognise
+from streamkit_stitcher.registration.descriptors import Description, describe, match_features, recognise
 from streamkit_stitcher.registration.gauss_newton import corner_deviation
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit
 
@@ -30,6 +30,10 @@ _MAX_TIE_POINTS: Final = 80
 _POINTS: Final = 200
 _CACHED: Final = 24
 _MIN_INLIERS: Final = 20
+_SUMMARY: Final = 600
+_FEW_MATCHES: Final = 8
+_RETRIEVED: Final = 3
+_SUMMARISED: Final = 160
 _MIN_OVERLAP: Final = 0.08
 _AGREEING: Final = 0.5
 _FINE: Final = 1.5
@@ -43,12 +47,13 @@ class Relocaliser:
 
     def __init__(self) -> None:
         self._descriptions: dict[int, Description] = {}
+        self._summaries: dict[int, Description] = {}
 
     def description(self, keyframe: Keyframe) -> Description:
         """The features of a keyframe."""
         found = self._descriptions.get(keyframe.index)
         if found is None:
-            found = describe(keyframe.small)
+            found = describe(keyframe.scene)
         self.remember(keyframe, found)
         return found
 
@@ -59,15 +64,29 @@ class Relocaliser:
         if len(self._descriptions) > _CACHED:
             del self._descriptions[next(iter(self._descriptions))]
 
+    def likeliest(self, frame: Description, keyframes: Sequence[Keyframe], most: int) -> list[Keyframe]:
+        """At most `most` keyframes, by their number of matches among a few hundred features each."""
+        part, counts = _strongest(frame), []
+        for keyframe in keyframes:
+            summary = self._summaries.get(keyframe.index)
+            if summary is None:
+                summary = self._summaries[keyframe.index] = _strongest(self.description(keyframe))
+            counts.append(len(match_features(part, summary)[0]))
+        for index in list(self._summaries)[: max(0, len(self._summaries) - _SUMMARISED)]:
+            del self._summaries[index]
+        order = np.argsort(-np.array(counts), kind="stable")[:most]
+        return [keyframes[number] for number in order if counts[number] >= _FEW_MATCHES]
+
     def match(self, frame: Description, keyframe: Keyframe) -> KeyframeMatch | None:
-        """Registers a frame of the same working size to a keyframe; None where it does not match."""
+        """Registers a frame of the same size to a keyframe; None where it does not match."""
         found = recognise(frame, self.description(keyframe), _MIN_INLIERS)
         if found is None:
             return None
-        factor = keyframe.factor
+        factor = 2 ** scene_level(keyframe.shape)
         matrix = from_reduced(found.fit.matrix, factor)
         if not (
-            overlap(matrix, keyframe.shape) > _MIN_OVERLAP and is_plausible(matrix, keyframe.shape, ANY_STEP)
+            overlap(matrix, keyframe.shape) > _MIN_OVERLAP
+            and is_plausible(matrix, keyframe.shape, ANY_STEP, ANY_TILT)
         ):
             return None
         offset = (factor - 1) / 2
@@ -81,6 +100,11 @@ class Relocaliser:
             found.target_indices + _FIRST_FEATURE,
             corner_deviation(matrix, source, fit.rmse, keyframe.shape),
         )
+
+
+def _strongest(description: Description) -> Description:
+    """The features that OpenCV ranks first, which other views show most likely."""
+    return Description(description.points[:_SUMMARY], description.descriptors[:_SUMMARY])
 
 
 def tie_of(keyframe: Keyframe, observer: int, match: KeyframeMatch) -> Tie:
@@ -103,6 +127,7 @@ class LoopCloser:
         candidates: Sequence[Keyframe],
         near: Collection[int] = (),
         description: Description | None = None,
+        others: Sequence[Keyframe] = (),
     ) -> tuple[Tie, ...]:
         """The ties to those of `candidates` that match the new keyframe.
 
@@ -113,9 +138,11 @@ class LoopCloser:
             near: those whose homography is known to a few px; they are not searched by features, unless the
                 new one had to be relocalised itself.
             description: features of the new keyframe, if they exist already.
+            others: keyframes whose features may match, wherever they are thought to lie.
         """
         if description is not None:
             self._relocaliser.remember(keyframe, description)
+            candidates = [*candidates, *self._relocaliser.likeliest(description, others, _RETRIEVED)]
         ties = []
         limits = replace(FitLimits(), max_step=1.0, ransac_threshold=2.0)
         for candidate in candidates:

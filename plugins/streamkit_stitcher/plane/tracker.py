@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -13,13 +14,20 @@ from streamkit.geometry.homography import (
     corner_shift,
     inverse,
     normalised,
-    scale_change,
 )
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
-from streamkit_stitcher.plane.correlation_shift import search_shift
-from streamkit_stitcher.plane.frame_registration import AnchoredFrame, FrameRegistration, Status, depth_ratio
+from streamkit_stitcher.plane.correlation_shift import motion_since
+from streamkit_stitcher.plane.frame_registration import (
+    OK_STD,
+    AnchoredFrame,
+    FrameRegistration,
+    Status,
+)
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
+from streamkit_stitcher.plane.keyframes import KeyframeMatch
+from streamkit_stitcher.plane.levelling import is_stretched, levelling_due
 from streamkit_stitcher.plane.motion_prediction import MotionPredictor
+from streamkit_stitcher.plane.recognition_pauses import is_recognition_due
 from streamkit_stitcher.plane.schedule import ReferenceSchedule
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.corners import CornerDetector
@@ -28,7 +36,6 @@ from streamkit_stitcher.registration.pairwise import (
     PairwiseMotion,
     WorkingImage,
     is_flat,
-    register,
     working_image,
     working_level,
 )
@@ -36,14 +43,15 @@ from streamkit_stitcher.registration.patches import pyramid
 from streamkit_stitcher.warm_up import warm_up
 
 _MAX_LOST: Final = 25
+# Growth of the predicted error with each lost frame, px.
+_LOST_STD: Final = 1.0
 _STILL_SHIFT: Final = 0.2
+# Patches that agree, as a part of those in view, which no mover can outvote.
+_DOMINANT: Final = 0.75
+# Share of the contrast that agrees with a dense alignment: certainly, and beyond chance.
+_AGREEING: Final = 0.2
+_RELATED: Final = 0.12
 _ADOPT_AFTER: Final = 10
-_RECOGNISE_EVERY: Final = 2
-_RECOGNISE_OFTEN: Final = 4
-_RECOGNISE_RARELY: Final = 16
-# Well within the limits of a mosaic, see `mosaic.is_paintable`.
-_PLANE_SCALE: Final = (0.3, 3.3)
-_MAX_DEPTH_RATIO: Final = 1.5
 
 
 class PlaneTracker:
@@ -168,39 +176,43 @@ class PlaneTracker:
     ) -> FrameRegistration:
         expected = self._motion.expected(self._before)
         due = 0 < self._settings.keyframe_interval <= self._since_key
-        followed = anchor.follow(images, expected) if self._motion.predicted == 0 else None
-        if followed is not None:
-            anchored = anchor.register(images, expected, trusted=True, followed=followed, due=due)
+        consecutive = self._motion.predicted == 0
+        aligned = self._aligned(images, anchor, expected) if consecutive else None
+        if aligned is not None and aligned.share >= _AGREEING:
+            anchored = anchor.register(images, expected, trusted=True, followed=aligned, due=due)
             return self._accept(images, anchored, None)
         if is_flat(images[self._level]):
             return self._predict()
         image = self._working_image(images, self._level)
         if image.is_blank:
             return self._predict()
-        motion = self._pairwise_motion(base, image, expected)
+        earlier = replace(self._working_image((base,), 0), factor=image.factor)
+        guess = normalised(inverse(self._base_to_reference) @ expected)
+        motion = motion_since(earlier, image, guess, self._settings.limits, self._motion.predicted)
         known = motion.model is not None
-        consecutive = self._motion.predicted == 0
+        if aligned is not None and aligned.share >= _RELATED:
+            # Movers may win among the corners: the area decides.
+            measured = normalised(self._base_to_reference @ motion.matrix) if known else expected
+            aligned = anchor.align(images[self._level], self._before, self._std_before, measured, None)
+        if aligned is not None and aligned.share >= _RELATED:
+            anchored = anchor.register(images, expected, trusted=True, followed=aligned, due=due)
+            return self._accept(images, anchored, None)
         recognised = None
         if motion.is_cut:
-            recognised = anchor.recognise(image.grey)
+            recognised = anchor.recognise(images)
             if recognised is None and consecutive:
                 return self._restart_plane(images)
         predicted = normalised(self._base_to_reference @ motion.matrix) if known else expected
+        std = motion.rmse * motion.matches / max(1, motion.inliers) if known else _LOST_STD
+        std += self._std_before
         trusted = motion.model is MotionModel.HOMOGRAPHY
-        anchored = anchor.register(
-            images,
-            predicted,
-            trusted or recognised is not None,
-            recognised=recognised,
-            due=due and trusted,
-            consecutive=consecutive,
-        )
-        if not anchored.measured and recognised is None and self._is_recognition_due(known):
-            recognised = anchor.recognise(image.grey)
+        place = partial(anchor.register, images, predicted, consecutive=consecutive, predicted_std=std)
+        anchored = place(trusted or recognised is not None, recognised=recognised, due=due and trusted)
+        is_open = not (anchored.measured or anchored.keyframe or recognised is not None)
+        if is_open and is_recognition_due(self._unmeasured, known and consecutive):
+            recognised = anchor.recognise(images)
             if recognised is not None:
-                anchored = anchor.register(
-                    images, predicted, trusted=True, recognised=recognised, due=due, consecutive=consecutive
-                )
+                anchored = place(trusted=True, recognised=recognised, due=due)
         if not (known or recognised is not None or anchored.measured):
             self._lost += 1
             self._unmeasured += 1
@@ -209,30 +221,19 @@ class PlaneTracker:
             return self._predict()
         return self._accept(images, anchored, motion)
 
-    def _pairwise_motion(self, base: GreyArray, image: WorkingImage, expected: FloatArray) -> PairwiseMotion:
-        """The motion since the last registered frame, searched by cross-correlation after a large shift."""
-        limits = self._settings.limits
-        reach = replace(limits, max_step=min(1.0, limits.max_step * (1 + self._motion.predicted)))
-        guess = normalised(inverse(self._base_to_reference) @ expected)
-        earlier = replace(self._working_image((base,), 0), factor=image.factor)
-        motion = register(earlier, image, guess, reach)
-        if motion.model is not None:
-            return motion
-        shift = search_shift(earlier.grey, image.grey, image.factor)
-        if shift is None:
-            return motion
-        shifted = register(earlier, image, shift, replace(limits, max_step=1.0))
-        return shifted if shifted.model is MotionModel.HOMOGRAPHY else motion
+    def _aligned(
+        self, images: Sequence[GreyArray], anchor: KeyframeAnchor, expected: FloatArray
+    ) -> KeyframeMatch | None:
+        """The match near the prediction: by patches, and by the whole area where fewer of them agree."""
+        followed = anchor.follow(images, expected)
+        if followed is not None and followed.share >= _DOMINANT:
+            return followed
+        return anchor.align(images[self._level], self._before, self._std_before, expected, followed)
 
-    def _is_recognition_due(self, known: bool) -> bool:
-        """Whether to relocalise an unmeasured frame.
-
-        Where the motion is known but keyframes never match, as over relief, the tries become rarer.
-        """
-        count = self._unmeasured
-        if known and not self._motion.predicted and count > _RECOGNISE_OFTEN:
-            return count & (count - 1) == 0 or count % _RECOGNISE_RARELY == 0
-        return count % _RECOGNISE_EVERY == 0
+    @property
+    def _std_before(self) -> float:
+        """Predicted error of the previous frame, px."""
+        return 0.0 if self._previous is None else self._previous.corner_std
 
     def _accept(
         self, images: Sequence[GreyArray], anchored: AnchoredFrame, motion: PairwiseMotion | None
@@ -245,7 +246,8 @@ class PlaneTracker:
         previous, before = self._previous, self._before
         self._base, self._base_to_reference = images[self._level], to_reference
         to_previous = normalised(inverse(before) @ to_reference)
-        status = Status.OK if anchored.measured and anchored.certain else Status.WEAK
+        certain = anchored.measured and anchored.certain and anchored.corner_std <= OK_STD
+        status = Status.OK if certain else Status.WEAK
         steady = previous is not None and previous.status is not Status.LOST
         if status is Status.OK and steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT:
             # Compared with the measured homography, never accumulated: slow drift is released after 0.2 px.
@@ -266,6 +268,7 @@ class PlaneTracker:
                 matches=counted.matches,
                 inliers=counted.inliers,
                 rmse=counted.rmse,
+                corner_std=anchored.corner_std,
                 anchored=anchored.measured,
                 key_index=0 if active is None else active.index,
                 to_key=to_key,
@@ -281,20 +284,27 @@ class PlaneTracker:
         anchor = self._anchor
         if anchor is None or anchor.keyframes.active is None:
             return to_reference
-        scale = scale_change(to_reference, self._shape)
-        stretched = depth_ratio(to_reference, self._shape) > _MAX_DEPTH_RATIO
-        if stretched or not _PLANE_SCALE[0] < scale < _PLANE_SCALE[1]:
+        keys = [keyframe.to_reference for keyframe in anchor.keyframes.stored]
+        levelled = levelling_due([*keys, to_reference], self._shape)
+        if levelled is not None:
+            anchor.keyframes.level(levelled)
+            to_reference = self._rebase_plane(levelled, to_reference)
+        if is_stretched(to_reference, self._shape):
             return self._open_plane(images, to_reference)
         reference = self._schedule.at(len(anchor.keyframes)) if self._settings.is_centred else None
         if reference is not None:
             change = anchor.keyframes.rebase(reference)
             if not np.allclose(change, IDENTITY, atol=1e-12):
-                self._reference += 1
-                self._move_plane(change)
-                self._rebase = change
-                to_reference = normalised(change @ to_reference)
+                to_reference = self._rebase_plane(change, to_reference)
         anchor.begin_adjustment(images, whole=reference is not None)
         return to_reference
+
+    def _rebase_plane(self, change: FloatArray, to_reference: FloatArray) -> FloatArray:
+        """Moves the whole plane, old to new; returns the new homography of a frame."""
+        self._reference += 1
+        self._move_plane(change)
+        self._rebase = change if self._rebase is None else normalised(change @ self._rebase)
+        return normalised(change @ to_reference)
 
     def _open_plane(self, images: Sequence[GreyArray], to_reference: FloatArray) -> FloatArray:
         """Continues on the plane of a new keyframe, without the earlier keyframes."""
@@ -332,7 +342,10 @@ class PlaneTracker:
         expected = self._motion.expected(self._before)
         self._motion.predicted += 1
         to_previous = normalised(inverse(self._before) @ expected)
-        return self._publish(FrameRegistration(to_previous, expected, self._reference, Status.LOST))
+        std = self._std_before + corner_shift(to_previous, self._shape) + _LOST_STD
+        return self._publish(
+            FrameRegistration(to_previous, expected, self._reference, Status.LOST, corner_std=std)
+        )
 
     def _publish(self, registered: FrameRegistration) -> FrameRegistration:
         if self._change is not None:

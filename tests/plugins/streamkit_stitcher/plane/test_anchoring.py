@@ -106,7 +106,7 @@ def matched_in_a_corner(ground):
     frame[237:, 420:] = ground[612:735, 370:590]
     anchor = KeyframeAnchor(PlaneSettings(), 0)
     anchor.add((key,), IDENTITY)
-    seen = anchor.recognise(frame)
+    seen = anchor.recognise((frame,))
     assert seen is not None
     assert seen.deviation > 1.0
     yield anchor, frame, seen

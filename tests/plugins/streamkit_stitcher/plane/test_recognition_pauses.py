@@ -26,6 +26,7 @@ class Blindness:
         for owner, name in (
             (KeyframeFollower, "follow"),
             (KeyframeMatcher, "match"),
+            (KeyframeAnchor, "align"),
             (KeyframeAnchor, "recognise"),
         ):
             monkeypatch.setattr(owner, name, self._blinded(getattr(owner, name)))
@@ -70,7 +71,7 @@ def test_a_keyframe_that_is_seen_again_ends_the_pauses(ground, make_flight, blin
     for blindness.number in range(1, 30):
         tracker.track(flight.frame(blindness.number))
     blindness.on = False
-    assert tracker.track(flight.frame(30)).status is Status.OK
+    assert tracker.track(flight.frame(30)).anchored
     blindness.on = True
     blindness.looks.clear()
     for blindness.number in range(31, 40):

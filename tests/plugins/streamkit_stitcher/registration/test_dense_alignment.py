@@ -1,0 +1,79 @@
+"""Dense alignment against exact motions, with movers, and where nothing can agree."""
+
+import cv2
+import numpy as np
+import pytest
+
+from streamkit.geometry.homography import corner_shift, inverse, translation
+from streamkit_stitcher.registration.dense_alignment import (
+    STEP_RATIOS,
+    DenseLevel,
+    align_densely,
+    levels_of,
+)
+
+SHAPE = (180, 320)
+LOOSE = np.diag((3.0 * STEP_RATIOS) ** 2)
+STEADY = np.diag((0.3 * STEP_RATIOS) ** 2)
+
+
+@pytest.fixture
+def faint_road(ground):
+    """A keyframe with little contrast, uint8[180, 320]."""
+    return np.asarray(110 + (ground[300:480, 300:620].astype(float) - 110) / 2, dtype=np.uint8)
+
+
+def with_cars(image, shift):
+    """Three large cars of strong contrast on a copy, moved by `shift` px."""
+    random = np.random.default_rng(4)
+    result = image.copy()
+    for left, top in ((40, 20), (150, 90), (240, 40)):
+        car = cv2.resize(random.integers(0, 255, (9, 8), dtype=np.uint8), (44, 50))
+        result[top + shift : top + shift + 50, left : left + 44] = car
+    return result
+
+
+def levels(image):
+    """A keyframe, coarsest first."""
+    return [DenseLevel(part) for part in levels_of(image)]
+
+
+def test_a_known_motion_is_found(ground):
+    """To a quarter of a pixel at the corners, from a prediction 2 px off."""
+    key = ground[300:480, 300:620]
+    true = translation(np.array([-2.3, 1.4]))
+    frame = cv2.warpPerspective(ground, true @ translation(np.array([-300.0, -300.0])), (320, 180))
+    found = align_densely(levels(key), frame, [np.eye(3)], LOOSE)
+    assert corner_shift(inverse(true) @ found.key_to_frame, SHAPE) < 0.25
+    assert found.agreement > 0.8
+    assert found.corner_std < 0.1
+
+
+def test_movers_with_most_of_the_contrast_do_not_move_the_world(faint_road):
+    """Cars move by 4 px on a road of little contrast; the camera at rest explains the frame."""
+    found = align_densely(
+        levels(with_cars(faint_road, 0)), with_cars(faint_road, 4), [np.eye(3)], STEADY, preferred=(0,)
+    )
+    assert found.prediction == 0
+    assert np.array_equal(found.key_to_frame, np.eye(3))
+
+
+def test_rest_is_not_preferred_to_a_real_motion(ground):
+    """A shift of 2 px is no rest."""
+    frame = ground[302:482, 300:620]
+    found = align_densely(levels(ground[300:480, 300:620]), frame, [np.eye(3)], LOOSE, preferred=(0,))
+    assert found.prediction is None
+    assert corner_shift(inverse(translation(np.array([0.0, -2.0]))) @ found.key_to_frame, SHAPE) < 0.25
+
+
+def test_unrelated_frames_agree_by_chance_only(ground):
+    """The agreement of another place is near 0, and the predicted error is large."""
+    found = align_densely(levels(ground[300:480, 300:620]), ground[900:1080, 1200:1520], [np.eye(3)], LOOSE)
+    assert found.agreement < 0.12
+    assert found.corner_std > 2.0
+
+
+def test_a_flat_frame_agrees_with_nothing(ground):
+    """Without contrast there is no agreement and no error."""
+    flat = np.full(SHAPE, 90, np.uint8)
+    assert align_densely(levels(ground[300:480, 300:620]), flat, [np.eye(3)], LOOSE).agreement < 0.12
