@@ -1,0 +1,158 @@
+"""Whether registration knows when it is wrong: fixed cameras, whose exact homography is the identity.
+
+    STREAMKIT_DATA=... python benchmarks/fixed_cameras.py [NAME...]
+
+Every sequence runs as it is, then cropped and warped by known motions: shake, pan, zoom, turn. The error of
+a frame is that of its worst corner, of `to_previous` or `to_reference`, whichever is larger. `called` is the
+share of frames with status ok or still, `wrong` the share of these off by more than 2 px, `worst` the largest
+error of a frame so called, `spread` the root mean square of the error divided by `corner_std` (1 for an
+honest prediction). fixed_camera_cars is a camera that drifts: its marks on the road move by 3 px within the
+first 20 frames and by 8 px within 150, all alike; without truth it is not in the table.
+"""
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from streamkit.geometry.homography import FloatArray, corners, project
+from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.plane.tracker import PlaneTracker
+
+GreyArray = npt.NDArray[np.uint8]
+DATA = Path(os.environ.get("STREAMKIT_DATA", "/nonexistent")) / "data"
+VIDEOS = {"pets09": "pets09_s2l1.avi"}
+# Cameras that move: no truth.
+MOVING = {"ucsd_jump", "ucsd_skiing", "ucsd_surf"}
+MARGIN = 0.12
+LIMIT_PX = 2.0
+NOISE = 1.0
+MOTIONS = ("shake", "pan", "zoom", "turn")
+
+
+def sequences() -> dict[str, list[GreyArray]]:
+    """The frames of each fixed camera, uint8[h, w]."""
+    found = {}
+    for folder in sorted((DATA / "change").iterdir()):
+        if folder.name not in MOVING:
+            found[folder.name] = [
+                np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
+                for path in sorted((folder / "input").glob("*.jpg"))
+            ]
+    for name, file in VIDEOS.items():
+        found[name] = list(_decoded(DATA / "video" / file))
+    return found
+
+
+def _decoded(path: Path) -> Iterator[GreyArray]:
+    video = cv2.VideoCapture(str(path))
+    while True:
+        read, frame = video.read()
+        if not read:
+            return
+        yield np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+
+
+def views(kind: str, count: int, shape: tuple[int, int], seed: int = 1) -> FloatArray:
+    """Known motions, float64[count, 3, 3]: pixels of a view to pixels of the frame it is cut from."""
+    random = np.random.default_rng(seed)
+    height, width = shape
+    inner = np.array([width, height]) * (1 - 2 * MARGIN)
+    free = np.array([width, height]) * MARGIN
+    time = np.arange(count)
+    shift, angle, scale = np.zeros((count, 2)), np.zeros(count), np.ones(count)
+    if kind == "shake":
+        shift = random.normal(0, 0.004 * width, (count, 2))
+        angle = random.normal(0, 0.003, count)
+    elif kind == "pan":
+        shift[:, 0] = 0.9 * free[0] * np.sin(2 * np.pi * time / 200)
+        shift[:, 1] = 0.5 * free[1] * np.sin(2 * np.pi * time / 330)
+    elif kind == "zoom":
+        scale = 1 + 0.1 * np.sin(2 * np.pi * time / 150)
+    elif kind == "turn":
+        angle = 0.1 * np.sin(2 * np.pi * time / 180)
+    middle = (inner - 1) / 2
+    cos, sin = scale * np.cos(angle), scale * np.sin(angle)
+    matrices = np.zeros((count, 3, 3))
+    matrices[:, 0, 0] = matrices[:, 1, 1] = cos
+    matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 2, 2] = -sin, sin, 1
+    centre = (np.array([width, height]) - 1) / 2 + shift
+    matrices[:, :2, 2] = centre - np.einsum("nij,j->ni", matrices[:, :2, :2], middle)
+    return matrices
+
+
+def warped(frames: list[GreyArray], to_frame: FloatArray) -> Iterator[GreyArray]:
+    """Frames seen through moving views, smaller than the frames, with a grey level of noise."""
+    height, width = frames[0].shape
+    size = round(width * (1 - 2 * MARGIN)), round(height * (1 - 2 * MARGIN))
+    flags = cv2.INTER_LANCZOS4 | cv2.WARP_INVERSE_MAP
+    for index, (frame, matrix) in enumerate(zip(frames, to_frame, strict=True)):
+        view = cv2.warpPerspective(frame, matrix, size, flags=flags, borderMode=cv2.BORDER_REFLECT)
+        noise = NOISE * np.random.default_rng(index).standard_normal(view.shape, dtype=np.float32)
+        yield np.clip(np.rint(view + noise), 0, 255).astype(np.uint8)
+
+
+def measure(frames: Iterator[GreyArray], to_world: FloatArray) -> npt.NDArray[np.object_]:
+    """Status, error in px and predicted error of each frame but the first, object[n, 3]."""
+    tracker = PlaneTracker(PlaneSettings())
+    rows, start, reference = [], 0, 0
+    try:
+        for index, frame in enumerate(frames):
+            found = tracker.track(frame)
+            if found.reference != reference:
+                start, reference = index, found.reference
+            if not index:
+                continue
+            outline = corners((int(frame.shape[0]), int(frame.shape[1])))
+            errors = [
+                float(np.hypot(*(project(measured, outline) - project(true, outline)).T).max())
+                for measured, true in (
+                    (found.to_reference, np.linalg.inv(to_world[start]) @ to_world[index]),
+                    (found.to_previous, np.linalg.inv(to_world[index - 1]) @ to_world[index]),
+                )
+                if found.status.value != "cut" or measured is found.to_reference
+            ]
+            rows.append((found.status.value, max(errors), found.corner_std))
+    finally:
+        tracker.close()
+    return np.array(rows, dtype=object)
+
+
+def row(name: str, found: npt.NDArray[np.object_]) -> str:
+    """One row of the table."""
+    states, errors, deviations = found[:, 0], found[:, 1].astype(float), found[:, 2].astype(float)
+    called = np.isin(states, ("ok", "still"))
+    wrong = called & (errors > LIMIT_PX)
+    counts = {str(state): int((states == state).sum()) for state in np.unique(states)}
+    known = called & (deviations > 0)
+    spread = (
+        float(np.sqrt(np.mean((errors[known] / deviations[known]) ** 2))) if known.any() else float("nan")
+    )
+    return (
+        f"| {name} | {len(found)} | {called.mean():.1%} | {wrong.sum() / max(1, called.sum()):.1%} "
+        f"| {errors[called].max(initial=0):.2f} | {np.median(errors):.3f} | {spread:.2f} "
+        f"| {', '.join(f'{count} {state}' for state, count in counts.items())} |"
+    )
+
+
+def main() -> None:
+    """Prints one row per sequence and motion."""
+    cv2.setNumThreads(1)
+    print("| sequence | frames | called | wrong | worst px | median px | spread | states |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name, frames in sequences().items():
+        if sys.argv[1:] and name not in sys.argv[1:]:
+            continue
+        shape = (int(frames[0].shape[0]), int(frames[0].shape[1]))
+        print(row(name, measure(iter(frames), np.tile(np.eye(3), (len(frames), 1, 1)))), flush=True)
+        for kind in MOTIONS:
+            matrices = views(kind, len(frames), shape)
+            print(row(f"{name}, {kind}", measure(warped(frames, matrices), matrices)), flush=True)
+
+
+if __name__ == "__main__":
+    main()
