@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import asdict, replace
 from fractions import Fraction
 from functools import partial
@@ -42,7 +43,7 @@ from streamkit_stitcher.mosaic.image_file import check_location
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.mosaic_pad import MosaicPad
-from streamkit_stitcher.plane.frame_registration import FrameRegistration
+from streamkit_stitcher.plane.frame_registration import FrameRegistration, Status
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.plane.tracker import PlaneTracker
 
@@ -60,8 +61,9 @@ class Stitch(Transform):
     `reference_change`, so that downstream elements can move their state along.
 
     The mosaic is painted in a background thread, and written at EOS or when the pipeline stops earlier; the
-    message `mosaic` reports its size. The pad `mosaic` shows it while it grows, from a thread of its own: a
-    slow consumer gets fewer updates, and always the last.
+    message `mosaic` reports its size. At EOS the message `summary` counts the frames by status. The pad
+    `mosaic` shows it while it grows, from a thread of its own: a slow consumer gets fewer updates, and always
+    the last.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! fakesink
@@ -100,6 +102,7 @@ class Stitch(Transform):
         Raises:
             ResourceError: the location or the strip cannot be used.
         """
+        self._counts: Counter[str] = Counter()
         with telling(lambda: self.post_warning(COMPILING)):
             self._tracker = PlaneTracker(self.settings)
         self._mosaic: LiveMosaic | None = None
@@ -157,9 +160,12 @@ class Stitch(Transform):
             self._tracker.restart()
         self._epoch = frame.epoch
         if frame.flags & FrameFlags.CORRUPT:
+            self._counts[Status.LOST] += 1
             return frame.attach(registration(self._tracker.skip()))
         grey = grey_of(frame)
         registered = self._tracker.track(grey)
+        self._counts[registered.status] += 1
+        self._counts["planes"] += registered.opens_plane or registered.status is Status.CUT
         if self._mosaic is not None:
             if self._mosaic.is_new_plane(registered):
                 self._mosaic.start_writing(self._tracker.take_plane())
@@ -181,6 +187,11 @@ class Stitch(Transform):
             ResourceError: it cannot be written.
         """
         plane = self._tracker.take_plane(current=True)
+        states = {status.value: self._counts[status] for status in Status}
+        if any(states.values()):
+            self.post_message(
+                "summary", frames=sum(states.values()), **states, planes=1 + self._counts["planes"]
+            )
         try:
             if self._mosaic is not None:
                 self._mosaic.show_last()

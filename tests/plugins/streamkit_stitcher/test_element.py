@@ -274,6 +274,19 @@ def test_a_mosaic_asks_for_colour(tmp_path):
     assert np.ptp(cv2.imread(str(tmp_path / "m.png")).astype(int), axis=2).max() > 20
 
 
+def test_the_summary_counts_frames_by_status(flight):
+    """At EOS: a black frame is lost, the others are registered, all on one plane."""
+    caps = raw_video_caps("GRAY8", 640, 360, Fraction(10))
+    with Harness("stitch") as harness:
+        for index in range(4):
+            pixels = np.zeros((360, 640), np.uint8) if index == 3 else flight.frame(index)
+            push(harness, Frame(pixels, caps, seq=index))
+        harness.drain()
+    summary = next(m.fields for m in harness.messages if m.fields.get("name") == "summary")
+    assert (summary["frames"], summary["lost"], summary["planes"]) == (4, 1, 1)
+    assert summary["ok"] + summary["still"] == 3
+
+
 def test_a_strip_sets_its_length(flight):
     """The flight plan is posted, and keyframes come at its interval."""
     pytest.importorskip("pyproj")
