@@ -16,14 +16,14 @@ from streamkit.geometry.homography import (
     tilt,
 )
 from streamkit_stitcher.plane.dense_matching import DenseMatcher
-from streamkit_stitcher.plane.following import KeyframeFollower, following_level
 from streamkit_stitcher.plane.frame_registration import OK_STD, AnchoredFrame
 from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
-from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher, pooled_fit
+from streamkit_stitcher.plane.keyframe_matcher import pooled_fit
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
 from streamkit_stitcher.plane.loop_closure import Relocaliser, better, tie_of
+from streamkit_stitcher.plane.patch_matching import PatchMatching
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.descriptors import Description, describe
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
@@ -65,8 +65,7 @@ class KeyframeAnchor:
         self._level = level
         self._search_level = max(0, level - 1)
         self.keyframes = KeyframeMap(settings)
-        self._follower = KeyframeFollower()
-        self._matcher = KeyframeMatcher()
+        self._patches = PatchMatching(self.keyframes, self._limits, settings.max_points)
         self._dense = DenseMatcher()
         self._relocaliser = Relocaliser()
         self._description: Description | None = None
@@ -82,7 +81,7 @@ class KeyframeAnchor:
     ) -> Keyframe:
         """Makes a frame the current keyframe; the ties to earlier keyframes may name any observer."""
         keyframe = self.keyframes.add(images, to_reference, self._level, ties, corner_std)
-        self._follower.prepare(keyframe, self.keyframes.executor)
+        self._patches.prepare(keyframe)
         if self._description is not None:
             self._relocaliser.remember(keyframe, self._description)
         self._unmatched = 0
@@ -94,12 +93,14 @@ class KeyframeAnchor:
         active = self.keyframes.active
         if active is None:
             return None
-        match = self._certain(self._follow(active, images, expected, self._settings.max_points))
+        match = self._patches.certain(self._patches.follow(active, images, expected))
         if match is not None:
             if self.keyframes.rule.model is not MotionModel.HOMOGRAPHY is match.fit.model:
                 self.keyframes.learn(match)
             return match
-        return self._certain(self._match(active, images, expected, _FOLLOW_LEVEL, coarse=_FOLLOW_POINTS))
+        return self._patches.certain(
+            self._patches.match(active, images, expected, _FOLLOW_LEVEL, coarse=_FOLLOW_POINTS)
+        )
 
     def align(
         self,
@@ -181,7 +182,7 @@ class KeyframeAnchor:
             match, predicted = self._aligned(active, images, predicted, recognised, consecutive)
         elif match is None:
             match = self._search(active, images, predicted, trusted)
-        certain = recognised is None or self._certain(match) is not None
+        certain = recognised is None or self._patches.certain(match) is not None
         certain = certain and (match is None or match.sharp)
         found = AnchoredFrame(predicted, measured=False, corner_std=predicted_std)
         if match is not None:
@@ -216,10 +217,10 @@ class KeyframeAnchor:
     ) -> KeyframeMatch | None:
         """Matches with the current keyframe from fast to thorough."""
         level = self._search_level if trusted else LEVELS - 1
-        match = self._certain(self._follow(active, images, predicted, self._settings.max_points))
-        match = match or self._certain(self._match(active, images, predicted, level))
+        match = self._patches.certain(self._patches.follow(active, images, predicted))
+        match = match or self._patches.certain(self._patches.match(active, images, predicted, level))
         if match is None and trusted:
-            match = self._certain(self._match(active, images, predicted, LEVELS - 1))
+            match = self._patches.certain(self._patches.match(active, images, predicted, LEVELS - 1))
         return match
 
     def _aligned(
@@ -234,10 +235,12 @@ class KeyframeAnchor:
 
         Returns the match, None where there is none and the frame is not consecutive, and the homography.
         """
-        aligned = self._certain(self._follow(active, images, predicted, self._settings.max_points))
-        aligned = aligned or self._match(active, images, predicted, LEVELS - 1)
+        aligned = self._patches.certain(self._patches.follow(active, images, predicted))
+        aligned = aligned or self._patches.match(active, images, predicted, LEVELS - 1)
         best = better(recognised, aligned, active, self._settings.max_points)
-        found = self._certain(best) or self._certain(aligned) or (best if consecutive else None)
+        found = (
+            self._patches.certain(best) or self._patches.certain(aligned) or (best if consecutive else None)
+        )
         if found is None and aligned is not None and aligned.deviation < recognised.deviation:
             predicted = normalised(active.to_reference @ aligned.fit.matrix)
         return found, predicted
@@ -250,9 +253,9 @@ class KeyframeAnchor:
         near = self.keyframes.overlapping(found.to_reference, active.shape, min(least, 0.95))
         candidates = [keyframe for _, keyframe in near if keyframe.index != active.index]
         for keyframe in candidates[:_REVISIT_TRIES]:
-            match = self._certain(
-                self._follow(keyframe, images, found.to_reference, self._settings.max_points)
-                or self._match(keyframe, images, found.to_reference, LEVELS - 1)
+            match = self._patches.certain(
+                self._patches.follow(keyframe, images, found.to_reference)
+                or self._patches.match(keyframe, images, found.to_reference, LEVELS - 1)
             )
             if match is not None:
                 self.keyframes.active = keyframe
@@ -319,49 +322,13 @@ class KeyframeAnchor:
             if known is not None and known[0].index == keyframe.index and known[1].variances is not None:
                 match: KeyframeMatch | None = known[1]
             else:
-                match = self._follow(keyframe, images, to_reference, _POOLED_POINTS) or self._match(
-                    keyframe, images, to_reference, self._search_level, _POOLED_POINTS
-                )
+                match = self._patches.follow(
+                    keyframe, images, to_reference, _POOLED_POINTS
+                ) or self._patches.match(keyframe, images, to_reference, self._search_level, _POOLED_POINTS)
             if match is not None:
                 matches.append((keyframe, match.most_precise()))
                 self.keyframes.learn(match)
         return matches
-
-    def _certain(self, match: KeyframeMatch | None) -> KeyframeMatch | None:
-        """The match where it fixes the whole frame, not only the part with the patches; else None."""
-        return match if match is not None and match.deviation <= self._limits.ransac_threshold else None
-
-    def _follow(
-        self, keyframe: Keyframe, images: Sequence[GreyArray], to_reference: FloatArray, most: int
-    ) -> KeyframeMatch | None:
-        return self._follower.follow(
-            keyframe,
-            pyramid(images, following_level(keyframe.shape) + 2),
-            normalised(inverse(keyframe.to_reference) @ to_reference),
-            self._limits,
-            most,
-            self.keyframes.rule,
-        )
-
-    def _match(
-        self,
-        keyframe: Keyframe,
-        images: Sequence[GreyArray],
-        to_reference: FloatArray,
-        top_level: int,
-        most: int = 0,
-        coarse: int = 96,
-    ) -> KeyframeMatch | None:
-        return self._matcher.match(
-            keyframe,
-            pyramid(images, top_level + 1),
-            normalised(inverse(keyframe.to_reference) @ to_reference),
-            self._limits,
-            top_level=top_level,
-            max_points=most or self._settings.max_points,
-            rule=self.keyframes.rule,
-            coarse_points=coarse,
-        )
 
 
 def _is_leaving(keyframe: Keyframe, to_reference: FloatArray, least: float) -> bool:

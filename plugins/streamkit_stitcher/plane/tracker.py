@@ -7,22 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from streamkit.geometry.homography import (
-    IDENTITY,
-    FloatArray,
-    GreyArray,
-    corner_shift,
-    inverse,
-    normalised,
-)
+from streamkit.geometry.homography import IDENTITY, FloatArray, GreyArray, corner_shift, inverse, normalised
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.correlation_shift import motion_since
-from streamkit_stitcher.plane.frame_registration import (
-    OK_STD,
-    AnchoredFrame,
-    FrameRegistration,
-    Status,
-)
+from streamkit_stitcher.plane.frame_registration import OK_STD, AnchoredFrame, FrameRegistration, Status
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import KeyframeMatch
 from streamkit_stitcher.plane.levelling import is_stretched, levelling_due
