@@ -20,13 +20,13 @@ HIGHEST_BACKGROUND = 100
 
 @kernel(BYTES, BYTES, BYTES, REGION)
 def set_mask_values(mask: ByteImage, quiet: ByteImage, values: ByteImage, region: Region) -> None:
-    """Tells moving foreground from stopped.
+    """Writes `MOVING` or `STOPPED` for each pixel of the foreground.
 
     Args:
-        mask: uint8[h, w], foreground.
+        mask: uint8[h, w], 255 for foreground, else 0.
         quiet: uint8[h, w], mask of the pixels that did not change within quiet_frames.
         values: uint8[h, w], output: 0 for background, else `MOVING` or `STOPPED`.
-        region: of all three.
+        region: the part of the three arrays to process.
     """
     top, bottom, left, right = region
     for row in range(top, bottom):

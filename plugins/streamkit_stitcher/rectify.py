@@ -20,7 +20,7 @@ class Rectify(Transform):
     """Undistorts frames, levels them by their `Pose`, and crops them to one size without empty corners.
 
     Put it before `stitch`. A frame without a pose, or with a stale one, is undistorted only. A frame
-    tilted by more than `max-tilt` is levelled by that much.
+    tilted by more than `max-tilt` is levelled by `max-tilt` only.
 
     Example:
         videotestsrc num-buffers=5 ! rectify field-of-view=70 distortion=-0.1,0.02,0,0 ! fakesink
@@ -37,7 +37,11 @@ class Rectify(Transform):
     distortion: str | None = Property(None, doc="Brown's k1,k2,p1,p2 or k1,k2,p1,p2,k3; OpenCV's order.")
     level: bool = Property(True, doc="Remove the tilt that the pose reports.")
     max_tilt: float = Property(
-        5.0, min=0.0, max=30.0, unit="deg", doc="Tilt up to which the crop is filled; more crops more."
+        5.0,
+        min=0.0,
+        max=30.0,
+        unit="deg",
+        doc="Largest tilt that leaves no empty corners; a larger value crops more.",
     )
     aspect: Fraction = Property(
         Fraction(4, 3), min=Fraction(1, 4), max=Fraction(4), doc="Width over height of the crop."
@@ -103,7 +107,7 @@ class Rectify(Transform):
     def _warn_once(self, kind: str, what: str) -> None:
         if kind not in self._warned:
             self._warned.add(kind)
-            self.post_warning(f"a frame {what}, as others may be")
+            self.post_warning(f"a frame {what}; others may follow")
 
     def _rectifier_of(self, caps: Caps) -> Rectifier:
         shape = caps.integer("height"), caps.integer("width")

@@ -87,8 +87,8 @@ def launch(
 ) -> None:
     """Runs a pipeline until EOS, error or Ctrl-C.
 
-    Exit code 0 at EOS or a clean stop, 1 if the pipeline fails, 2 for a bad description or usage. An
-    interrupt is always a clean stop.
+    Exit code 0 at EOS or a clean stop, 1 if the pipeline fails, 2 for a bad description or usage. The
+    first interrupt stops cleanly; a further one ends the process at once.
     """
     limit_blas_threads()
     source = read_description(description, file, settings or [])

@@ -17,10 +17,12 @@ UINT64 = 2**64 - 1
 
 
 class PlainSink(Sink):
-    """A sink that counts frames, keeps the last one, and refuses frames after EOS.
+    """State and checks that fakesink and appsink share: counters, the last frame, the segment, EOS.
+
+    `render` of a subclass calls `check_open` and `is_outside`, and keeps `count` and `last_frame`.
 
     Attributes:
-        count: frames received since the start.
+        count: frames rendered since the start.
         last_frame: the newest frame, or None if `enable_last_sample` is off.
     """
 

@@ -56,7 +56,7 @@ def build(text: str, variables: Mapping[str, str]) -> Graph:
 
 @dataclass(frozen=True, slots=True)
 class Ends:
-    """The ends of a node on its sink and src side; None if a link cannot enter."""
+    """The ends of a node on its sink and src side; None where no link is possible."""
 
     entry: End | None
     leave: End | None
@@ -89,7 +89,7 @@ class GraphBuilder:
             self.graph.warnings.append(("loop", what))
             for element in self.graph.elements:
                 for pad in element.pads.values():
-                    pad.known_caps = pad.template.caps  # a query would not end
+                    pad.known_caps = pad.template.caps  # a query would never return
         else:
             self._negotiate()
         return self.graph
@@ -112,7 +112,7 @@ class GraphBuilder:
             try:
                 self._linker.make(link)
             except DescriptionError:
-                # Conflicts of earlier links come first.
+                # Report caps conflicts of earlier links before this error.
                 if not self.graph.has_loop():
                     self._negotiate()
                 raise

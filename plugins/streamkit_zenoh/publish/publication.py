@@ -37,7 +37,7 @@ class Publication:
         qos: quality of service by stream.
         image_streams: which of `frame` and `mosaic` to publish.
         utc_ns: the clock.
-        failed: called in the sending threads with what went wrong.
+        failed: called with what went wrong, from any thread.
         cancelled: ends a wait for another publisher at the key.
 
     Attributes:
@@ -86,7 +86,7 @@ class Publication:
         image_replies = (images.replies for images in self.images.values())
         providers = [self.records.replies, *image_replies, self._status_reply, self._schema_replies]
         self._responder = QueryResponder(session, root, providers, failed)
-        # Undeclared by the session's close: on its own, its end overtakes the last records.
+        # Closing the session removes the token; undeclared alone, its end could overtake the last records.
         self._token = declare_publisher_token(session, self.tracks.key)
         self._rivals = RivalWatch(session, root, Publisher.here(settings.claim, self._run), self._give_way)
 
@@ -100,7 +100,7 @@ class Publication:
         return left
 
     def close(self, limit_s: float, cancelled: threading.Event | None = None) -> bool:
-        """Ends all streams and the session; whether that was done within the limit."""
+        """Ends all streams and the session; returns whether that was done within the limit."""
         left, *_ = [executor.abandon() for executor in self._executors]
         if left:
             self.records.count_lost(left, "not sent before the end")
