@@ -12,11 +12,10 @@ from streamkit_tracker.appearance.window_sampling import (
     WindowSampler,
     shrink_factor,
     template_distances,
-    unit_grid,
 )
 from streamkit_tracker.update.expectations import SEARCH
 from streamkit_tracker.update.layered_filter import LayerSettings, Particles, Score, layered_step
-from streamkit_tracker.window_geometry import FloatArray, half_turn
+from streamkit_tracker.window_geometry import FloatArray, half_turn, unit_grid
 
 PATCH = (32, 32)
 SETTINGS = LayerSettings()

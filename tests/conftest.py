@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import os
+import signal
 import subprocess
 import sys
 import sysconfig
@@ -18,6 +19,10 @@ from streamkit.element import registry
 ROOT = Path(__file__).parents[1]
 MODULE = "elements_of_a_test"
 Register = Callable[..., None]
+# Who runs the tests in the background, or under nohup, has these ignored, and each child would inherit that.
+for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, handler)
 COMMANDS = {
     "streamkit": "exec {python} -c 'from streamkit.cli.main import main; main()' \"$@\"",
     "pip": 'verb=$1; shift; exec {python} -m pip "$verb" --quiet --disable-pip-version-check '

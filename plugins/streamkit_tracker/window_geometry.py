@@ -6,6 +6,8 @@ towards +y. `length` lies along the angle, `width` across it.
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -118,3 +120,20 @@ def visible_part(window: FloatArray, height: int, width: int) -> float:
     inside_x = min(window[0] + half_x, width - 0.5) - max(window[0] - half_x, -0.5)
     inside_y = min(window[1] + half_y, height - 0.5) - max(window[1] - half_y, -0.5)
     return float(max(inside_x, 0.0) * max(inside_y, 0.0) / max(4 * half_x * half_y, 1e-9))
+
+
+@cache
+def unit_grid(patch: tuple[int, int]) -> NDArray[np.float32]:
+    """Sampling points of a patch in its own unit square.
+
+    Args:
+        patch: samples across and along the window (rows, columns).
+
+    Returns:
+        float32[2, rows * columns]: u (along the length) and v (across); row by row from -0.5 to 0.5.
+    """
+    rows, columns = patch
+    steps_across = (np.arange(rows, dtype=np.float32) + 0.5) / rows - 0.5
+    steps_along = (np.arange(columns, dtype=np.float32) + 0.5) / columns - 0.5
+    across, along = np.meshgrid(steps_across, steps_along, indexing="ij")
+    return np.stack([along.ravel(), across.ravel()])

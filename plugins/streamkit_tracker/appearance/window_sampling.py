@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import cv2
 import numpy as np
 
@@ -24,28 +22,10 @@ from streamkit_tracker.appearance.frame_crops import (
     pack_parts,
     place_parts,
 )
-from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
+from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray, unit_grid
 
 Chroma = tuple[ByteArray, ByteArray]
-
 MOST_TOGETHER = 32  # patches that are compared at once
-
-
-@cache
-def unit_grid(patch: tuple[int, int]) -> Float32Array:
-    """Sampling points of a patch in its own unit square.
-
-    Args:
-        patch: samples across and along the window (rows, columns).
-
-    Returns:
-        float32[2, rows * columns]: u (along the length) and v (across); row by row from -0.5 to 0.5.
-    """
-    rows, columns = patch
-    steps_across = (np.arange(rows, dtype=np.float32) + 0.5) / rows - 0.5
-    steps_along = (np.arange(columns, dtype=np.float32) + 0.5) / columns - 0.5
-    across, along = np.meshgrid(steps_across, steps_along, indexing="ij")
-    return np.stack([along.ravel(), across.ravel()])
 
 
 class WindowSampler:

@@ -10,12 +10,12 @@ import numpy as np
 from streamkit_tracker.appearance.eigen_template import EigenTemplate
 from streamkit_tracker.appearance.feature_template import FeatureTemplate, feature_distances
 from streamkit_tracker.appearance.frame_crops import Crops, Float32Array
-from streamkit_tracker.appearance.window_sampling import WindowSampler, template_distances, unit_grid
+from streamkit_tracker.appearance.window_sampling import WindowSampler, template_distances
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import Appearance, TargetModel
 from streamkit_tracker.update.expectations import SearchRows, log_scores
 from streamkit_tracker.update.layered_filter import LayerSettings, Particles, layered_step
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, unit_grid
 
 LEAST_CONTRAST = 1e-3
 LEAST_SPREAD = 0.5  # px

@@ -10,8 +10,8 @@ from streamkit_tracker.appearance.window_sampling import (
     WindowSampler,
     shrink_factor,
     template_distances,
-    unit_grid,
 )
+from streamkit_tracker.window_geometry import unit_grid
 
 
 def ramp(height: int = 80, width: int = 100) -> np.ndarray:
