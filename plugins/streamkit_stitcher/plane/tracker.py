@@ -15,7 +15,7 @@ from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import KeyframeMatch
 from streamkit_stitcher.plane.levelling import is_stretched, levelling_due
 from streamkit_stitcher.plane.motion_prediction import MotionPredictor
-from streamkit_stitcher.plane.recognition_pauses import is_recognition_due
+from streamkit_stitcher.plane.recognition_pauses import CheckPauses, is_recognition_due
 from streamkit_stitcher.plane.schedule import ReferenceSchedule
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.corners import CornerDetector
@@ -129,7 +129,7 @@ class PlaneTracker:
         self._retire()
         self._base: GreyArray | None = None
         self._base_to_reference = IDENTITY
-        self._motion = MotionPredictor(shape)
+        self._motion, self._checks = MotionPredictor(shape), CheckPauses()
         self._lost = self._unmeasured = self._since_key = 0
 
     @property
@@ -214,9 +214,11 @@ class PlaneTracker:
     ) -> KeyframeMatch | None:
         """The match near the prediction: by patches, and by the whole area where fewer of them agree."""
         followed = anchor.follow(images, expected)
-        if followed is not None and followed.share >= _DOMINANT:
+        if followed is not None and (followed.share >= _DOMINANT or not self._checks.is_due()):
             return followed
-        return anchor.align(images[self._level], self._before, self._std_before, expected, followed)
+        aligned = anchor.align(images[self._level], self._before, self._std_before, expected, followed)
+        self._checks.add(aligned is followed)
+        return aligned
 
     @property
     def _std_before(self) -> float:

@@ -6,6 +6,7 @@ from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.following import KeyframeFollower
 from streamkit_stitcher.plane.frame_registration import Status
 from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher
+from streamkit_stitcher.plane.recognition_pauses import CheckPauses
 
 SHAPE = (360, 640)
 
@@ -77,3 +78,15 @@ def test_a_keyframe_that_is_seen_again_ends_the_pauses(ground, make_flight, blin
     for blindness.number in range(31, 40):
         assert tracker.track(flight.frame(blindness.number)).status is Status.WEAK
     assert blindness.looks == [31, 33, 35, 39]
+
+
+def test_patches_that_are_confirmed_are_checked_more_rarely():
+    """Three checks in a row, then pauses of 1, 2, 4, 8 frames; a doubt ends them."""
+    pauses, checked = CheckPauses(), []
+    for frame in range(40):
+        if pauses.is_due():
+            checked.append(frame)
+            pauses.add(True)
+    assert checked == [0, 1, 2, 4, 7, 12, 21, 30, 39]
+    pauses.add(False)
+    assert all(pauses.is_due() for _ in range(3))
