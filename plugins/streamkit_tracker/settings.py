@@ -31,7 +31,7 @@ class TrackerSettings:
 
     auto_start: bool = setting(True, doc="Whether detections start targets.")
     max_targets: int = setting(
-        64, min=1, max=1000, doc="Confirmed targets at once; 4 times as many tentative."
+        200, min=1, max=1000, doc="Confirmed targets at once; 4 times as many tentative."
     )
     budget_ms: float = setting(
         0.0,
