@@ -48,7 +48,7 @@ class VideoWriter:
         self._last = -self._frame_ticks
         self._failure: Exception | None = None
         self._file = file
-        self._container: OutputContainer | None = open_muxer(file)
+        self._container: OutputContainer | None = open_muxer(file, encoded_here=True)
         settings = replace(settings, live=framerate < LOWEST_RATE)
         self._encoder = Encoder(
             settings, pixel_format, (width, height), framerate, self._container, TIME_BASE

@@ -20,8 +20,9 @@ SECOND_NS = 1_000_000_000
 FRAGMENT_TICKS = TIME_BASE.denominator  # an older file is replaced once so much can be played
 # Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.
 ALWAYS = {"flush_packets": "1", "max_interleave_delta": "500000"}
-# In fragments while it grows; when it is complete, with one index as other MP4 files.
-FRAGMENTED = {"movflags": "hybrid_fragmented+frag_keyframe+negative_cts_offsets", "frag_duration": "500000"}
+# FFmpeg's hybrid, which gets one index in the end, crashes on some damaged streams: for frames encoded here.
+FRAGMENTED = {"movflags": "frag_keyframe+empty_moov+default_base_moof", "frag_duration": "500000"}
+HYBRID = {"movflags": "hybrid_fragmented+frag_keyframe+negative_cts_offsets", "frag_duration": "500000"}
 FORMATS: dict[str, tuple[str, dict[str, str]]] = {
     ".mp4": ("mp4", FRAGMENTED),
     ".mov": ("mov", FRAGMENTED),
@@ -167,9 +168,11 @@ class PacketWriter:
             raise self._failure
 
 
-def open_muxer(file: OutputFile) -> OutputContainer:
+def open_muxer(file: OutputFile, *, encoded_here: bool = False) -> OutputContainer:
     """A container of the format that the ending of the file's name asks for."""
     name, options = FORMATS[file.path.suffix.lower()]
+    if encoded_here and options is FRAGMENTED:
+        options = HYBRID
     return av.open(file, "w", format=name, container_options={**ALWAYS, **options})
 
 
