@@ -272,16 +272,19 @@ class Element(PadOwner):
         return ElementFailure(self.name, self.factory, cause, where)
 
     def set_property(self, name: str, value: Any) -> None:
-        """Sets a property by name, with dashes or underscores. Read-only ones are ignored with a warning.
+        """Sets a property by name, with dashes or underscores; ignores a read-only one with a warning.
 
         Raises:
             PropertyError: the property does not exist, refuses the value, or cannot change while playing.
         """
         declaration = self.find_property(name)
         if name.replace("-", "_") in declaration.aliases:
-            self.post_warning(f"property {name} is called {declaration.spelling} now; use that name")
+            text = f"property {name} is called {declaration.spelling} now; use that name"
+            self.post_warning(text, "renamed-property")
         if declaration.readonly:
-            self.post_warning(f"property {declaration.spelling} can only be read; the value is ignored")
+            declaration.check(value, self.name)
+            text = f"property {declaration.spelling} can only be read; the value is ignored"
+            self.post_warning(text, "read-only-property")
             return
         if self.is_playing and not declaration.live:
             raise PropertyError(

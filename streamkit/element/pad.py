@@ -154,8 +154,8 @@ class Pad:
         """The error for a src pad and its peer without common caps: names both and the field in conflict."""
         sink = self.peer.path if self.peer is not None else "nothing"
         return NotNegotiated(
-            f"{self.path} -> {sink}: not negotiated, the pads disagree on {offered.conflict(accepted)}: "
-            f"{self.path} offers {offered}; {sink} takes {accepted}"
+            f"{self.path} -> {sink}: not negotiated, the pads "
+            f"{offered.disagreement(accepted, self.path, sink)}"
         )
 
     def not_linked(self, frame: Frame) -> None:

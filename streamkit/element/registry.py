@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.metadata
+from collections.abc import Iterator
 from typing import Any
 
 from streamkit.element.base import Element
 from streamkit.element.entries import PluginEntry
-from streamkit.errors import DescriptionError, PluginBroken, StreamkitError, did_you_mean
+from streamkit.errors import DescriptionError, Place, PluginBroken, StreamkitError, did_you_mean
 
 GROUP = "streamkit.elements"
 
@@ -41,6 +43,17 @@ def element_class(name: str) -> type[Element]:
             f"{entry.where} must be a subclass of streamkit.Element, got {found!r}; tell its author"
         )
     return found
+
+
+@contextlib.contextmanager
+def located(place: Place | None) -> Iterator[None]:
+    """Context that turns errors of finding or making an element into a `DescriptionError` with a place."""
+    try:
+        yield
+    except DescriptionError as error:
+        raise error.at(place or error.place) from None
+    except PluginBroken as error:
+        raise DescriptionError("plugin-broken", str(error), place) from error
 
 
 def make_element(factory: str, name: str = "", **properties: Any) -> Element:

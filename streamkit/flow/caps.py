@@ -190,6 +190,10 @@ class Caps(NestedCaps):
                     return str(field_name)
         return "media type"
 
+    def disagreement(self, accepted: Caps, src: str, sink: str) -> str:
+        """Text for an error: the field in which offered and accepted caps conflict, and both, with names."""
+        return f"disagree on {self.conflict(accepted)}: {src} offers {self}; {sink} takes {accepted}"
+
 
 def _merge(found: list[Structure], structure: Structure) -> None:
     """Appends a structure unless it is a subset of one found already."""

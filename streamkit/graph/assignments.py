@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from streamkit.element.base import Element
 from streamkit.element.property import PropertyDeclaration
-from streamkit.element.property_text import unquote_string, value_from_text
-from streamkit.errors import DescriptionError, Place, StreamkitError, did_you_mean
+from streamkit.element.property_text import unquote_string
+from streamkit.errors import DescriptionError, StreamkitError, did_you_mean
+from streamkit.flow.messages import Message
 from streamkit.graph.bins import Bin
 from streamkit.graph.parse import Assignment, ElementNode, resolve_escapes, unquote_value
 
@@ -38,58 +39,47 @@ def set_properties(element: Element, assignments: Iterable[Assignment], warnings
     """Sets the properties of an element, except its name; raises the first `DescriptionError`."""
     for item in assignments:
         if item.name != "name":
-            declaration = find_declaration(element, item, warnings)
-            set_text(element, declaration, unquote_value(item.value), item.place, warnings)
+            set_property(element, item, warnings)
 
 
-def find_declaration(element: Element, item: Assignment, warnings: Warnings) -> PropertyDeclaration:
-    """The property of an assignment; aliases are accepted with a warning; raises `DescriptionError`."""
+def set_property(element: Element, item: Assignment, warnings: Warnings) -> PropertyDeclaration:
+    """Sets a property of an element, whose warnings are added to those of the graph.
+
+    Raises:
+        DescriptionError: the property does not exist (code `no-such-property`), or refuses the value.
+    """
     declaration = element.declaration_of(item.name)
-    if declaration is not None:
-        if item.name.replace("-", "_") in declaration.aliases:
-            what = f"{element.name}: {item.name} is called {declaration.spelling} now; use that name"
-            warnings.append(("renamed-property", what))
-        return declaration
-    if item.name == "parent":
+    if declaration is None and item.name == "parent":
         rule = "the parent of an element is the bin that contains it"
         raise DescriptionError("could-not-set-property", rule, item.place)
-    hint = did_you_mean(item.name, ["name", *(known.spelling for known in element.properties.values())])
-    raise DescriptionError(
-        "no-such-property", f"{element.factory} has no property {item.name!r}", item.place, hint
-    )
+    if declaration is None:
+        hint = did_you_mean(item.name, ["name", *(known.spelling for known in element.properties.values())])
+        raise DescriptionError(
+            "no-such-property", f"{element.factory} has no property {item.name!r}", item.place, hint
+        )
+    value: str | None = unquote_value(item.value)
 
+    def collect(message: Message) -> None:
+        text = message.text.removeprefix("property ")
+        warnings.append((str(message.fields["code"]), f"{element.name}: {text}"))
 
-def set_text(
-    element: Element, declaration: PropertyDeclaration, text: str, place: Place, warnings: Warnings
-) -> None:
-    """Sets a property from text without launch-level quotes; raises `DescriptionError`."""
-    if declaration.readonly:
-        _check_readable(element, declaration, text, place)
-        what = f"{element.name}: {declaration.spelling} can only be read; {text} is ignored"
-        warnings.append(("read-only-property", what))
-        return
+    element.poster = collect
     try:
-        value: str | None = text
-        if declaration.kind is str:
-            value = unquote_string(text)
-            if text == "NULL":  # GStreamer's null string
-                value = None if declaration.optional else ""
-        element.set_property(declaration.name, value)
+        if declaration.kind is str and value == "NULL":  # GStreamer's null string
+            value = None if declaration.optional else ""
+        elif declaration.kind is str:
+            value = unquote_string(value or "")
+        element.set_property(item.name, value)
     except Exception as error:
         if not isinstance(error, StreamkitError):
-            error = declaration.refusal(text, f"{type(error).__name__}: {error}", element.name)
-        hint = did_you_mean(text, declaration.choices) if declaration.choices else ""
-        raise DescriptionError("could-not-set-property", str(error), place, hint) from None
-    element.set_in_text[declaration.spelling] = text
-
-
-def _check_readable(element: Element, declaration: PropertyDeclaration, text: str, place: Place) -> None:
-    """Refuses a text of the wrong type for a read-only property."""
-    try:
-        value_from_text(declaration.kind, text)
-    except ValueError as error:
-        refusal = declaration.refusal(text, str(error), element.name)
-        raise DescriptionError("could-not-set-property", str(refusal), place) from None
+            error = declaration.refusal(value, f"{type(error).__name__}: {error}", element.name)
+        hint = did_you_mean(value or "", declaration.choices)
+        raise DescriptionError("could-not-set-property", str(error), item.place, hint) from None
+    finally:
+        element.poster = None
+    if not declaration.readonly:
+        element.set_in_text[declaration.spelling] = value
+    return declaration
 
 
 def load_presets(element: Element, presets: Iterable[Assignment]) -> None:
@@ -134,12 +124,9 @@ def set_on_bin(group: Bin, assignments: tuple[Assignment, ...], warnings: Warnin
                 waiting.append(pending)
         elif item.name == "name":
             group.name = name_value(item) or group.name
-        else:
-            declaration = find_declaration(group, item, warnings)
-            set_text(group, declaration, unquote_value(item.value), item.place, warnings)
-            if not declaration.readonly:
-                text = f"{group.name}: {item.name} is accepted for gst-launch's sake and changes nothing here"
-                warnings.append(("no-effect", text))
+        elif not set_property(group, item, warnings).readonly:
+            text = f"{group.name}: {item.name} is accepted for gst-launch's sake and changes nothing here"
+            warnings.append(("no-effect", text))
     return waiting
 
 
@@ -152,10 +139,8 @@ def try_child(pending: PendingProperty, warnings: Warnings) -> bool:
         target = target.child(step) if isinstance(target, Bin) else None
     if target is None:
         return False
-    inner = Assignment(name, item.value, item.place)
     try:
-        declaration = find_declaration(target, inner, warnings)
+        set_property(target, Assignment(name, item.value, item.place), warnings)
     except DescriptionError as error:
         raise DescriptionError("could-not-set-property", error.message, item.place, error.hint) from None
-    set_text(target, declaration, unquote_value(item.value), item.place, warnings)
     return True

@@ -23,7 +23,7 @@ from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.bus import Bus
 from streamkit.graph.files import FileConflict, check_files
-from streamkit.graph.graph import Graph, downstream, upstream, walk
+from streamkit.graph.graph import Graph, downstream, free_name, upstream, walk
 from streamkit.graph.link import find_pad
 from streamkit.graph.negotiate import negotiate, remember_caps
 from streamkit.graph.stream_end import StreamEnd
@@ -85,16 +85,11 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
 def _rename(added: Graph, taken: set[str]) -> None:
     """Renumbers automatic names that are already in use."""
     for element in added.elements:
-        if element.name not in taken:
-            taken.add(element.name)
-            continue
-        plain = element.factory.replace("-", "")
-        if not re.fullmatch(re.escape(plain) + r"-?\d+", element.name):
-            raise DescriptionError("link", f"the pipeline has an element {element.name!r} already")
-        number = 0
-        while f"{plain}{number}" in taken:
-            number += 1
-        element.name = f"{plain}{number}"
+        if element.name in taken:
+            plain = element.factory.replace("-", "")
+            if not re.fullmatch(re.escape(plain) + r"-?\d+", element.name):
+                raise DescriptionError("link", f"the pipeline has an element {element.name!r} already")
+            element.name = free_name(element.factory, taken)
         taken.add(element.name)
 
 

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from streamkit.element.base import Element
-from streamkit.element.registry import element_class, make_element
-from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, Place, PluginBroken, did_you_mean
+from streamkit.element.registry import element_class, located, make_element
+from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, Place, did_you_mean
 from streamkit.flow.caps import Caps
 from streamkit.graph.addresses import factory_for, location_of
 from streamkit.graph.assignments import (
@@ -26,7 +26,7 @@ from streamkit.graph.assignments import (
 from streamkit.graph.bins import BIN_CLASSES, Bin, BinTree
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph
-from streamkit.graph.linking import End, Linker, PendingLink
+from streamkit.graph.linking import Endpoint, Linker, PendingLink
 from streamkit.graph.negotiate import negotiate
 from streamkit.graph.parse import (
     BinNode,
@@ -55,11 +55,11 @@ def build(text: str, variables: Mapping[str, str]) -> Graph:
 
 
 @dataclass(frozen=True, slots=True)
-class Ends:
-    """The ends of a node on its sink and src side; None where no link is possible."""
+class Endpoints:
+    """Where links can attach to a node, on its sink and src side; None where no link is possible."""
 
-    entry: End | None
-    leave: End | None
+    entry: Endpoint | None
+    leave: Endpoint | None
 
 
 class GraphBuilder:
@@ -127,17 +127,17 @@ class GraphBuilder:
 
     # Chains.
 
-    def _add_chain(self, chain: ChainNode, members: list[Element]) -> Ends:
+    def _add_chain(self, chain: ChainNode, members: list[Element]) -> Endpoints:
         """Makes the elements of a chain, records its links, and appends what is to be placed to `members`."""
-        ends = self._add_node(chain.nodes[0], members, is_first=True)
-        entry = ends.entry
+        endpoints = self._add_node(chain.nodes[0], members, is_first=True)
+        entry = endpoints.entry
         for link, node in zip(chain.links, chain.nodes[1:], strict=True):
             caps = _filter_caps(link)
             right = self._add_node(node, members, is_first=False)
-            self._record_link(ends.leave, right.entry, link, caps)
-            ends = right
+            self._record_link(endpoints.leave, right.entry, link, caps)
+            endpoints = right
         self._refuse_unused(chain)
-        return Ends(entry, ends.leave)
+        return Endpoints(entry, endpoints.leave)
 
     def _refuse_unused(self, chain: ChainNode) -> None:
         last = chain.nodes[-1]
@@ -148,7 +148,9 @@ class GraphBuilder:
             what = f"unexpected pad {last.src_pads[0]!r}: no link follows that could use it"
             raise DescriptionError("syntax", what, last.place)
 
-    def _record_link(self, left: End | None, right: End | None, link: LinkNode, caps: Caps | None) -> None:
+    def _record_link(
+        self, left: Endpoint | None, right: Endpoint | None, link: LinkNode, caps: Caps | None
+    ) -> None:
         if left is None or right is None:
             kind, edge = ("source", "ends") if left is None else ("sink", "begins")
             rule = f"link has no {kind}: the chain in the brackets {edge} with a reference or an address"
@@ -157,33 +159,35 @@ class GraphBuilder:
 
     # Nodes.
 
-    def _add_node(self, node: Node, members: list[Element], *, is_first: bool) -> Ends:
+    def _add_node(self, node: Node, members: list[Element], *, is_first: bool) -> Endpoints:
         if isinstance(node, FaultNode):
             raise node.error
         if isinstance(node, BinNode):
             return self._add_bin(node, members)
         if isinstance(node, ReferenceNode):
-            end = End(None, node.name, node.pads, node.place)
-            return Ends(None, end) if is_first else Ends(end, None)
+            endpoint = Endpoint(None, node.name, node.pads, node.place)
+            return Endpoints(None, endpoint) if is_first else Endpoints(endpoint, None)
         if isinstance(node, UrlNode):
             element = self._make_from_uri(node, as_source=is_first)
-            end = End(element, "", (), node.place)
-            ends = Ends(None, end) if is_first else Ends(end, None)
+            endpoint = Endpoint(element, "", (), node.place)
+            endpoints = Endpoints(None, endpoint) if is_first else Endpoints(endpoint, None)
         else:
             element = self._make_element(node)
-            end = End(element, "", node.sink_pads, node.place)
-            ends = Ends(end, replace(end, pads=node.src_pads))
+            endpoint = Endpoint(element, "", node.sink_pads, node.place)
+            endpoints = Endpoints(endpoint, replace(endpoint, pads=node.src_pads))
         self._places[id(element)] = node.place
         members.append(element)
-        return ends
+        return endpoints
 
     def _make_element(self, node: ElementNode) -> Element:
         if node.factory in BIN_CLASSES:
             return self._make_empty_bin(node)
-        _check_known(node.factory, node.place)
+        with located(node.place):
+            element_class(node.factory)  # its error comes before one of the name
         warnings = self.graph.warnings
         name = name_in_text(node, warnings) or self._auto_name(node.factory)
-        element = _make(node.factory, name, node.place)
+        with located(node.place):
+            element = make_element(node.factory, name)
         set_properties(element, node.assignments, warnings)
         load_presets(element, node.presets)
         self.graph.elements.append(element)
@@ -202,7 +206,8 @@ class GraphBuilder:
     def _make_from_uri(self, node: UrlNode, *, as_source: bool) -> Element:
         factory = factory_for(node.url, as_source=as_source, place=node.place)
         location = location_of(node.url, node.place)
-        element = _make(factory, self._auto_name(factory), node.place)
+        with located(node.place):
+            element = make_element(factory, self._auto_name(factory))
         try:
             element.set_property("location", location)
         except ValueError as error:
@@ -211,10 +216,10 @@ class GraphBuilder:
         self.graph.elements.append(element)
         return element
 
-    def _add_bin(self, node: BinNode, members: list[Element]) -> Ends:
+    def _add_bin(self, node: BinNode, members: list[Element]) -> Endpoints:
         inside: list[Element] = []
-        ends = [self._add_chain(chain, inside) for chain in node.chains]
-        if not ends:
+        endpoints = [self._add_chain(chain, inside) for chain in node.chains]
+        if not endpoints:
             raise DescriptionError("empty-bin", "a bin holds at least one element", node.place)
         if node.factory not in BIN_CLASSES:
             hint = did_you_mean(node.factory, BIN_CLASSES)
@@ -227,8 +232,8 @@ class GraphBuilder:
         self._places[id(group)] = node.place
         self.graph.bins.append(group)
         members.append(group)
-        entry, leave = ends[0].entry, ends[-1].leave
-        return Ends(
+        entry, leave = endpoints[0].entry, endpoints[-1].leave
+        return Endpoints(
             replace(entry, pads=node.sink_pads or entry.pads) if entry else None,
             replace(leave, pads=node.src_pads) if leave else None,
         )
@@ -261,19 +266,3 @@ def _filter_caps(link: LinkNode) -> Caps | None:
         shown = mask_secrets(link.caps)
         shown = shown if len(shown) <= 60 else shown[:57] + "..."
         raise DescriptionError("link", f"could not parse caps {shown!r}: {error.rule}", place, hint) from None
-
-
-def _check_known(factory: str, place: Place) -> None:
-    try:
-        element_class(factory)
-    except DescriptionError as error:
-        raise error.at(place) from None
-    except PluginBroken as error:
-        raise DescriptionError("plugin-broken", str(error), place) from error
-
-
-def _make(factory: str, name: str, place: Place) -> Element:
-    try:
-        return make_element(factory, name)
-    except PluginBroken as error:
-        raise DescriptionError("plugin-broken", str(error), place) from error

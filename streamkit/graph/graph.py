@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import dataclass, field
 
 from streamkit.element.base import Element
@@ -86,6 +87,12 @@ class Graph:
                     raise element.failure(
                         StateError(f"nothing is linked to its pad {pad.name}, so no frame can arrive")
                     )
+
+
+def free_name(factory: str, taken: Container[str]) -> str:
+    """The first automatic name of an element type, such as "queue0", that is not taken."""
+    names = (f"{factory.replace('-', '')}{number}" for number in itertools.count())
+    return next(name for name in names if name not in taken)
 
 
 def downstream(element: Element) -> list[Element]:

@@ -14,7 +14,7 @@ from streamkit.flow.caps import Caps
 RAW_VIDEO = Caps("video/x-raw")
 
 
-class Ends(NamedTuple):
+class LinkRequest(NamedTuple):
     """The two elements of a link, the pad named on each or "", and the place in the text."""
 
     source: Element
@@ -26,10 +26,10 @@ class Ends(NamedTuple):
 
 def pad_pairs(
     source: Element, src_names: Sequence[str], sink: Element, sink_names: Sequence[str], place: Place
-) -> list[Ends]:
+) -> list[LinkRequest]:
     """The links of a `!` with lists of pads; raises `DescriptionError` if the lists differ in length."""
     if not (src_names and sink_names):
-        return [Ends(source, "".join(src_names[:1]), sink, "".join(sink_names[:1]), place)]
+        return [LinkRequest(source, "".join(src_names[:1]), sink, "".join(sink_names[:1]), place)]
     if len(src_names) != len(sink_names):
         raise DescriptionError(
             "link",
@@ -37,10 +37,10 @@ def pad_pairs(
             place,
         )
     pairs = zip(src_names, sink_names, strict=True)
-    return [Ends(source, src_name, sink, sink_name, place) for src_name, sink_name in pairs]
+    return [LinkRequest(source, src_name, sink, sink_name, place) for src_name, sink_name in pairs]
 
 
-def choose_pads(ends: Ends, *, strict: bool = False) -> tuple[Pad, Pad]:
+def choose_pads(request: LinkRequest, *, strict: bool = False) -> tuple[Pad, Pad]:
     """The pads of a link: those named, else the first free or requested pads that fit.
 
     If there is only one choice, caps are left to negotiation, unless `strict`.
@@ -48,14 +48,14 @@ def choose_pads(ends: Ends, *, strict: bool = False) -> tuple[Pad, Pad]:
     Raises:
         DescriptionError: code `link`; no pad was made.
     """
-    source, src_name, sink, sink_name, place = ends
+    source, src_name, sink, sink_name, place = request
     if source is sink:
         raise DescriptionError("link", f"{source.name} cannot be linked to itself", place)
     made: list[Pad] = []
     try:
         srcs = [_named(source, Direction.SRC, src_name, place, made)] if src_name else None
         sinks = [_named(sink, Direction.SINK, sink_name, place, made)] if sink_name else None
-        return _pair(ends, srcs, sinks, strict)
+        return _pair(request, srcs, sinks, strict)
     except (DescriptionError, StreamkitError) as error:
         for pad in made:
             pad.element.release_pad(pad)
@@ -77,18 +77,20 @@ def find_pad(element: Element, direction: Direction, name: str, place: Place) ->
     raise _nothing_free(element, direction, place)
 
 
-def _pair(ends: Ends, srcs: list[Pad] | None, sinks: list[Pad] | None, strict: bool) -> tuple[Pad, Pad]:
+def _pair(
+    request: LinkRequest, srcs: list[Pad] | None, sinks: list[Pad] | None, strict: bool
+) -> tuple[Pad, Pad]:
     """The first pair that fits: pads before templates, in the source's order before the sink's."""
-    src_choices = [*(srcs or _choices(ends.source, Direction.SRC))]
-    sink_choices = [*(sinks or _choices(ends.sink, Direction.SINK))]
+    src_choices = [*(srcs or _choices(request.source, Direction.SRC))]
+    sink_choices = [*(sinks or _choices(request.sink, Direction.SINK))]
     for element, direction, choices in (
-        (ends.source, Direction.SRC, src_choices),
-        (ends.sink, Direction.SINK, sink_choices),
+        (request.source, Direction.SRC, src_choices),
+        (request.sink, Direction.SINK, sink_choices),
     ):
         if not choices:
-            raise _nothing_free(element, direction, ends.place)
-    if not strict and len(src_choices) == len(sink_choices) == 1 and not awaits_pads(ends.source):
-        return _make(ends.source, src_choices[0]), _make(ends.sink, sink_choices[0])
+            raise _nothing_free(element, direction, request.place)
+    if not strict and len(src_choices) == len(sink_choices) == 1 and not awaits_pads(request.source):
+        return _make(request.source, src_choices[0]), _make(request.sink, sink_choices[0])
     # Existing pads come before pads to be requested, on the source's side first.
     pairs = sorted(
         ((src, sink) for src in src_choices for sink in sink_choices),
@@ -97,8 +99,8 @@ def _pair(ends: Ends, srcs: list[Pad] | None, sinks: list[Pad] | None, strict: b
     for fits in (_intersect,) if strict else (_intersect, _convertible):
         for src, sink in pairs:
             if fits(_caps(src), _caps(sink)):
-                return _make(ends.source, src), _make(ends.sink, sink)
-    raise _caps_conflict(ends, src_choices[0], sink_choices[0])
+                return _make(request.source, src), _make(request.sink, sink)
+    raise _caps_conflict(request, src_choices[0], sink_choices[0])
 
 
 def awaits_pads(element: Element) -> bool:
@@ -178,15 +180,10 @@ def _nothing_free(element: Element, direction: Direction, place: Place) -> Descr
     return DescriptionError("link", f"link has no {kind}: {element.name} has no {direction} pad", place)
 
 
-def _caps_conflict(ends: Ends, src: Pad | PadTemplate, sink: Pad | PadTemplate) -> DescriptionError:
-    offered, accepted = _caps(src), _caps(sink)
-    left, right = f"{ends.source.name}.{src.name}", f"{ends.sink.name}.{sink.name}"
-    return DescriptionError(
-        "link",
-        f"could not link {left} to {right}: they disagree on {offered.conflict(accepted)}: "
-        f"{left} offers {offered}; {right} takes {accepted}",
-        ends.place,
-    )
+def _caps_conflict(request: LinkRequest, src: Pad | PadTemplate, sink: Pad | PadTemplate) -> DescriptionError:
+    left, right = f"{request.source.name}.{src.name}", f"{request.sink.name}.{sink.name}"
+    text = _caps(src).disagreement(_caps(sink), left, right)
+    return DescriptionError("link", f"could not link {left} to {right}: they {text}", request.place)
 
 
 @dataclass(slots=True)
@@ -194,39 +191,39 @@ class DelayedLink:
     """A link that is tried whenever its source adds a pad.
 
     Attributes:
-        ends: the two elements and the named pads.
+        request: the two elements and the named pads.
         make: makes a link, with its caps filter.
         every_pad: whether it links every new pad.
         has_succeeded: whether it has linked a pad.
     """
 
-    ends: Ends
-    make: Callable[[Ends], list[tuple[Pad, Pad]]]
+    request: LinkRequest
+    make: Callable[[LinkRequest], list[tuple[Pad, Pad]]]
     every_pad: bool = False
     has_succeeded: bool = False
 
     @property
     def source(self) -> Element:
         """The element that adds the pad."""
-        return self.ends.source
+        return self.request.source
 
     @property
     def description(self) -> str:
         """The link as text."""
-        ends = self.ends
-        src = f"{ends.source.name}.{ends.src_name}"
-        return f"{src} ! {ends.sink.name}{'.' if ends.sink_name else ''}{ends.sink_name}"
+        request = self.request
+        src = f"{request.source.name}.{request.src_name}"
+        return f"{src} ! {request.sink.name}{'.' if request.sink_name else ''}{request.sink_name}"
 
     def try_link(self, element: Element, pad: Pad) -> list[tuple[Pad, Pad]]:
         """Links a new pad if it matches; returns the links made."""
-        if element is not self.ends.source or pad.template.direction is not Direction.SRC:
+        if element is not self.request.source or pad.template.direction is not Direction.SRC:
             return []
         if pad.peer is not None or (self.has_succeeded and not self.every_pad):
             return []
-        if self.ends.src_name not in ("", pad.name, pad.template.name):
+        if self.request.src_name not in ("", pad.name, pad.template.name):
             return []
         try:
-            made = self.make(self.ends._replace(src_name=pad.name))
+            made = self.make(self.request._replace(src_name=pad.name))
         except DescriptionError:
             return []
         self.has_succeeded = True

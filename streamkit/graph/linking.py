@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad, Presence
-from streamkit.element.registry import make_element
-from streamkit.errors import DescriptionError, Place, PluginBroken, did_you_mean
+from streamkit.element.registry import located, make_element
+from streamkit.errors import DescriptionError, Place, did_you_mean
 from streamkit.flow.caps import Caps
 from streamkit.graph.bins import BinTree
 from streamkit.graph.graph import Graph
-from streamkit.graph.link import DelayedLink, Ends, awaits_pads, choose_pads, pad_pairs
+from streamkit.graph.link import DelayedLink, LinkRequest, awaits_pads, choose_pads, pad_pairs
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class Endpoint:
     """One end of a link: an element or its name, and the named pads."""
 
     element: Element | None
@@ -29,8 +29,8 @@ class End:
 class PendingLink:
     """A link to be made once all elements exist."""
 
-    source: End
-    sink: End
+    source: Endpoint
+    sink: Endpoint
     caps: Caps | None
     every_pad: bool
     place: Place
@@ -53,50 +53,50 @@ class Linker:
         """Makes a link, or a delayed link if the stream may add the pad; raises `DescriptionError`."""
         source, sink = self._resolve(link.source), self._resolve(link.sink)
         both_named = bool(link.source.pads and link.sink.pads)
-        for ends in pad_pairs(source, link.source.pads, sink, link.sink.pads, link.place):
+        for request in pad_pairs(source, link.source.pads, sink, link.sink.pads, link.place):
             if link.every_pad and not both_named:
-                self._make_all(ends, link.caps)
+                self._make_all(request, link.caps)
             else:
-                self._make_or_delay(ends, link.caps, link.every_pad)
+                self._make_or_delay(request, link.caps, link.every_pad)
 
-    def _make_or_delay(self, ends: Ends, caps: Caps | None, every_pad: bool) -> None:
+    def _make_or_delay(self, request: LinkRequest, caps: Caps | None, every_pad: bool) -> None:
         try:
-            self._connect(ends, caps, strict=False)
+            self._connect(request, caps, strict=False)
         except DescriptionError:
-            if not awaits_pads(ends.source):
+            if not awaits_pads(request.source):
                 raise
-            self._delay(ends, caps, every_pad)
+            self._delay(request, caps, every_pad)
 
-    def _make_all(self, ends: Ends, caps: Caps | None) -> None:
+    def _make_all(self, request: LinkRequest, caps: Caps | None) -> None:
         """Links all pads that fit; once if both sides have request pads."""
         try:
-            made = self._connect(ends, caps, strict=True)
+            made = self._connect(request, caps, strict=True)
             while not (_on_request(made[0][0]) and _on_request(made[-1][1])):
-                made = self._connect(ends, caps, strict=True)
+                made = self._connect(request, caps, strict=True)
         except DescriptionError:
             pass
-        if awaits_pads(ends.source):
-            self._delay(ends, caps, every_pad=True)
+        if awaits_pads(request.source):
+            self._delay(request, caps, every_pad=True)
 
-    def _delay(self, ends: Ends, caps: Caps | None, every_pad: bool) -> None:
-        def connect(now: Ends) -> list[tuple[Pad, Pad]]:
+    def _delay(self, request: LinkRequest, caps: Caps | None, every_pad: bool) -> None:
+        def connect(now: LinkRequest) -> list[tuple[Pad, Pad]]:
             return self._connect(now, caps, strict=True)
 
-        self._graph.delayed_links.append(DelayedLink(ends, connect, every_pad))
+        self._graph.delayed_links.append(DelayedLink(request, connect, every_pad))
 
-    def _connect(self, ends: Ends, caps: Caps | None, *, strict: bool) -> list[tuple[Pad, Pad]]:
+    def _connect(self, request: LinkRequest, caps: Caps | None, *, strict: bool) -> list[tuple[Pad, Pad]]:
         if caps is None:
-            return [self._link(*choose_pads(ends, strict=strict), ends.place)]
-        capsfilter = self._make_filter(caps, ends.place)
-        self._bins.add(capsfilter, self._bins.container_of(ends.source), ends.place)
+            return [self._link(*choose_pads(request, strict=strict), request.place)]
+        capsfilter = self._make_filter(caps, request.place)
+        self._bins.add(capsfilter, self._bins.container_of(request.source), request.place)
         self._bins.check_unique(capsfilter)
         made: list[tuple[Pad, Pad]] = []
         try:
             for now in (
-                ends._replace(sink=capsfilter, sink_name=""),
-                ends._replace(source=capsfilter, src_name=""),
+                request._replace(sink=capsfilter, sink_name=""),
+                request._replace(source=capsfilter, src_name=""),
             ):
-                made.append(self._link(*choose_pads(now, strict=strict), ends.place))
+                made.append(self._link(*choose_pads(now, strict=strict), request.place))
         except DescriptionError:
             self._undo(made)
             self._bins.remove(capsfilter)
@@ -105,10 +105,8 @@ class Linker:
         return made
 
     def _make_filter(self, caps: Caps, place: Place) -> Element:
-        try:
+        with located(place):
             capsfilter = make_element("capsfilter", self._auto_name("capsfilter"))
-        except PluginBroken as error:
-            raise DescriptionError("plugin-broken", str(error), place) from error
         capsfilter.set_property("caps", caps)
         capsfilter.set_in_text["caps"] = str(caps)
         return capsfilter
@@ -126,12 +124,12 @@ class Linker:
             if src.template.presence is Presence.REQUEST:
                 src.element.release_pad(src)
 
-    def _resolve(self, end: End) -> Element:
-        found = end.element or self._bins.find(end.name)
+    def _resolve(self, endpoint: Endpoint) -> Element:
+        found = endpoint.element or self._bins.find(endpoint.name)
         if found is None:
             raise DescriptionError(
-                "no-such-element", f"no element named {end.name!r} in the pipeline", end.place,
-                did_you_mean(end.name, [element.name for element in self._graph.elements]),
+                "no-such-element", f"no element named {endpoint.name!r} in the pipeline", endpoint.place,
+                did_you_mean(endpoint.name, [element.name for element in self._graph.elements]),
             )  # fmt: skip
         self._bins.check_unique(found)
         return found

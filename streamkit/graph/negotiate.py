@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 from streamkit.element.branching import Split
 from streamkit.element.pad import Pad
-from streamkit.element.registry import installed_elements, make_element
-from streamkit.errors import DescriptionError, Place, PluginBroken
+from streamkit.element.registry import installed_elements, located, make_element
+from streamkit.errors import DescriptionError, Place
 from streamkit.flow.caps import Caps
-from streamkit.graph.graph import Graph
+from streamkit.graph.graph import Graph, free_name
 
 CONVERTER = "videoconvert"
 RAW_VIDEO = "video/x-raw"
@@ -85,13 +85,9 @@ def _links_from_sinks(graph: Graph) -> list[tuple[Pad, Pad]]:
 
 
 def _conflict(src: Pad, sink: Pad, places: dict[str, Place]) -> DescriptionError:
-    offered, accepted = src.query_caps(), sink.query_caps()
-    return DescriptionError(
-        "link",
-        f"could not link {src.path} to {sink.path}: they disagree on {offered.conflict(accepted)}: "
-        f"{src.path} offers {offered}; {sink.path} takes {accepted}",
-        places.get(src.path),
-    )
+    text = src.query_caps().disagreement(sink.query_caps(), src.path, sink.path)
+    what = f"could not link {src.path} to {sink.path}: they {text}"
+    return DescriptionError("link", what, places.get(src.path))
 
 
 def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, place: Place | None) -> bool:
@@ -100,10 +96,10 @@ def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, p
         return False
     if (accepted.without_fields("format") & offered.without_fields("format") & Caps(RAW_VIDEO)).is_empty:
         return False
-    try:
-        converter = make_element(CONVERTER, _free_name(graph))
-    except PluginBroken as error:
-        raise DescriptionError("plugin-broken", str(error), place) from error
+    with located(place):
+        converter = make_element(
+            CONVERTER, free_name(CONVERTER, {element.name for element in graph.elements})
+        )
     entry, leave = converter.pads["sink"], converter.pads["src"]
     src.unlink()
     src.link(entry)
@@ -119,11 +115,3 @@ def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, p
     text = f"{converter.name} was inserted between {src.path} and {sink.path}: {offered} is not {accepted}"
     graph.warnings.append(("converter-inserted", text))
     return True
-
-
-def _free_name(graph: Graph) -> str:
-    taken = {element.name for element in graph.elements}
-    number = 0
-    while f"{CONVERTER}{number}" in taken:
-        number += 1
-    return f"{CONVERTER}{number}"

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from importlib.resources import files
 from typing import Any
 
-from lark import Token, Transformer
+from lark import Lark, Token, Transformer
 from lark.exceptions import UnexpectedToken
 from lark.parsers.lalr_interactive_parser import InteractiveParser
 from lark.visitors import v_args
 
 from streamkit.errors import DescriptionError, Place
-from streamkit.graph.grammar import parser
 from streamkit.graph.tokens import TOKEN_LIMIT, DescriptionLexer
 from streamkit.graph.variables import ExpandedText, expand
 from streamkit.masking import mask_secrets
@@ -114,10 +115,16 @@ def with_pads(node: Node, *, sink: tuple[str, ...] = (), src: tuple[str, ...] = 
     return replace(node, sink_pads=sink or node.sink_pads, src_pads=src or node.src_pads)
 
 
+@functools.cache
+def _parser() -> Lark:
+    grammar = (files("streamkit.graph") / "grammar.lark").read_text(encoding="utf-8")
+    return Lark(grammar, parser="lalr", lexer=DescriptionLexer, maybe_placeholders=False)
+
+
 def parse(text: str, variables: Mapping[str, str]) -> tuple[ChainNode, ...]:
     """The chains of a description; a `FaultNode` marks a syntax error; raises `DescriptionError`."""
     expanded = expand(text, variables)
-    machine = parser().parse_interactive("")
+    machine = _parser().parse_interactive("")
     fault: DescriptionError | None = None
     token, depth, count = Token("$END", "", start_pos=len(expanded.text)), 0, 0
     try:

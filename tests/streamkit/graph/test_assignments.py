@@ -91,7 +91,7 @@ def test_what_can_only_be_read_is_ignored_with_a_warning(register: Register) -> 
     graph = build("coder frames-coded=3 speed=2", {})
     assert graph.elements[0].properties_set() == {"speed": 2}
     assert graph.warnings == [
-        ("read-only-property", "coder0: frames-coded can only be read; 3 is ignored"),
+        ("read-only-property", "coder0: frames-coded can only be read; the value is ignored"),
     ]  # fmt: skip
 
 
