@@ -17,10 +17,8 @@ from streamkit_media.codecs import CODED_CAPS, caps_parameters, caps_rate
 from streamkit_media.container import reason_of
 from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, rotated
 from streamkit_media.decoding.framenumbers import FrameNumbers
-from streamkit_media.decoding.freshness import Freshness, InherentDelay
-from streamkit_media.decoding.hardware import accelerator
-from streamkit_media.decoding.marks import FrameMarks
-from streamkit_media.decoding.videodecoder import AscendingNumbers, Threading, VideoDecoder
+from streamkit_media.decoding.marks import AscendingNumbers, FrameMarks, Freshness, InherentDelay
+from streamkit_media.decoding.videodecoder import Threading, VideoDecoder, accelerator
 from streamkit_media.nalunits import is_reference
 from streamkit_media.packets import SECOND_NS, DecodeOnly
 
@@ -93,7 +91,6 @@ class Decode(Transform):
         self._numbers = AscendingNumbers()
         self._inherent_delay = InherentDelay()
         self._frame_numbers: FrameNumbers | None = None
-        self._lacks_reference = False
         self._next_pts = 0
         self._packets = self._frames_decoded = 0
         self._reported: set[str] = set()
@@ -106,14 +103,11 @@ class Decode(Transform):
         """Every raw format, in the size and rate of the packets' caps."""
         if direction == "src" or not caps.is_fixed:
             return super().transform_caps(caps, direction)
-        fields = {
-            name: value for name in ("width", "height", "framerate") if (value := caps.get(name)) is not None
-        }
-        is_odd = any(
-            isinstance(fields.get(name), int) and caps.integer(name) % 2 for name in ("width", "height")
-        )
+        known = ((name, caps.get(name)) for name in ("width", "height", "framerate"))
+        fields = {name: value for name, value in known if value is not None}
         if caps.get("rotation") in SIDEWAYS and {"width", "height"} <= fields.keys():
             fields["width"], fields["height"] = fields["height"], fields["width"]
+        is_odd = any(isinstance(size := fields.get(name), int) and size % 2 for name in ("width", "height"))
         is_packed_only = is_odd or caps.get("rotation")
         formats = "GRAY8, BGR, RGB" if is_packed_only else "GRAY8, I420, NV12, BGR, RGB"
         return Caps(f"video/x-raw, format={{ {formats} }}").with_fields(**fields)
@@ -183,9 +177,7 @@ class Decode(Transform):
         self._coded_caps, self._epoch = frame.caps, frame.epoch
         self._next_pts = 0
         self._numbers = AscendingNumbers()
-        is_h264 = parameters.codec == "h264"
-        self._frame_numbers = FrameNumbers(parameters.extradata) if is_h264 else None
-        self._lacks_reference = False
+        self._frame_numbers = FrameNumbers(parameters.extradata) if parameters.codec == "h264" else None
 
     def _threading(self) -> Threading:
         if self.threads_type is ThreadsType.AUTO:
@@ -209,10 +201,11 @@ class Decode(Transform):
 
     def _decode(self, frame: Frame) -> Frame | list[Frame]:
         assert self._decoder is not None
-        if not memoryview(frame.data).nbytes:
+        data, is_keyframe = memoryview(frame.data), bool(frame.flags & KEYFRAME)
+        if not data.nbytes:
             self._drop_packet(frame, "empty packet")
             return []
-        if self._frame_numbers is not None and self._is_behind_gap(self._frame_numbers, frame):
+        if self._frame_numbers is not None and self._frame_numbers.lacks_reference(data, is_keyframe):
             frame = frame.replace(flags=frame.flags | CORRUPT)
         if self.skip is not Skip.NONE and self._is_skipped(frame):
             self._drop_packet(frame, f"skip={self.skip}")
@@ -220,19 +213,12 @@ class Decode(Transform):
         self._packets += 1
         self._numbers.put(frame.seq)
         try:
-            decoded = self._decoder.decode(frame.data, frame, bool(frame.flags & KEYFRAME))
+            decoded = self._decoder.decode(frame.data, frame, is_keyframe)
         except FFmpegError as error:
             self._undecodable(frame, error)
             return []
         frames = self._shown(decoded)
         return frames[0] if len(frames) == 1 else frames
-
-    def _is_behind_gap(self, numbers: FrameNumbers, frame: Frame) -> bool:
-        """Whether a frame is missing that this one depends on, directly or not."""
-        is_keyframe = bool(frame.flags & KEYFRAME)
-        has_gap = numbers.has_gap(memoryview(frame.data), is_keyframe)
-        self._lacks_reference = has_gap or (self._lacks_reference and not is_keyframe)
-        return self._lacks_reference
 
     def _drop_packet(self, frame: Frame, reason: str, *, is_damage: bool = False) -> None:
         is_discontinuity = bool(frame.flags & DISCONTINUITY)
@@ -279,11 +265,11 @@ class Decode(Transform):
         frames = []
         for video_frame, origin in decoded:
             number = self._numbers.take(origin.seq)
-            reason = self._reason_to_hide(origin)
             is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
-            self._marks.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
+            is_damaged = self._marks.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
+            reason = self._reason_to_hide(origin) if origin.metadata else None
             if reason is None:
-                frames.append(self._frame(video_frame, origin, number))
+                frames.append(self._frame(video_frame, origin, number, is_damaged))
             else:
                 self._drop_packet(origin, reason)
         return frames
@@ -291,7 +277,7 @@ class Decode(Transform):
     def _reason_to_hide(self, origin: Frame) -> str | None:
         """Why a frame is not shown, "" where that is not counted; None where it is shown."""
         hidden, freshness = origin.get(DecodeOnly), origin.get(Freshness)
-        age_ns = self.clock_ns() - origin.arrival_ns if freshness is not None else 0
+        age_ns = self.clock_ns() - origin.arrival_ns
         if hidden is not None:
             if freshness is not None:
                 self._inherent_delay.add(age_ns)
@@ -300,28 +286,28 @@ class Decode(Transform):
             return TOO_OLD
         return None
 
-    def _frame(self, video_frame: VideoFrame, origin: Frame, number: int) -> Frame:
+    def _frame(self, video_frame: VideoFrame, origin: Frame, number: int, is_damaged: bool) -> Frame:
         try:
             pixels = self._reader.read(video_frame)
         except OddSize as error:
             raise StreamError(str(error)) from None
-        width, height = video_frame.width, video_frame.height
+        size = video_frame.width, video_frame.height
         if self._rotation:
             pixels = rotated(pixels, self._rotation)
-            width, height = (height, width) if self._rotation in SIDEWAYS else (width, height)
-        caps = self._raw_caps
-        if caps is None or self._raw_size != (width, height):
-            caps = self._raw_caps = raw_video_caps(self._reader.pixel_format, width, height, self._framerate)
-            self._raw_size = width, height
+            size = size[::-1] if self._rotation in SIDEWAYS else size
+        if self._raw_caps is None or self._raw_size != size:
+            self._raw_caps = raw_video_caps(self._reader.pixel_format, *size, self._framerate)
+            self._raw_size = size
         flags = origin.flags & ~(KEYFRAME | CORRUPT)
         flags |= DISCONTINUITY if self._marks.take_discontinuity() else 0
         flags |= KEYFRAME if video_frame.key_frame else 0
-        flags |= CORRUPT if self._marks.is_damaged else 0
+        flags |= CORRUPT if is_damaged else 0
         duration = origin.duration
         if duration is None and self._framerate is not None:
             duration = round(SECOND_NS / self._framerate)
         pts = self._next_pts if origin.pts is None else origin.pts
         self._next_pts = pts + (duration or 0)
         return origin.replace(
-            data=pixels, caps=caps, pts=pts, duration=duration, flags=flags, seq=number, epoch=self._epoch
-        )
+            data=pixels, caps=self._raw_caps, pts=pts, duration=duration, flags=flags, seq=number,
+            epoch=self._epoch,
+        )  # fmt: skip

@@ -68,25 +68,16 @@ class FrameReader:
         return plane_rows(frame, 0)[:, : frame.width]
 
     def _subsampled(self, frame: VideoFrame) -> Pixels:
-        width, height = frame.width, frame.height
-        if width % 2 or height % 2:
+        if frame.width % 2 or frame.height % 2:
             raise OddSize(
-                f"{self.pixel_format} needs even width and height, the frame is {width} x {height}; "
-                "ask for GRAY8, BGR or RGB instead"
+                f"{self.pixel_format} needs even width and height, the frame is {frame.width} x "
+                f"{frame.height}; ask for GRAY8, BGR or RGB instead"
             )
         if self.pixel_format == "NV12":
             frame = self._converted(frame, "nv12")
         elif frame.format.name not in SAME_AS_I420:
             frame = self._converted(frame, "yuv420p")
-        pixels = np.empty((height * 3 // 2, width), np.uint8)
-        pixels[:height] = plane_rows(frame, 0)[:, :width]
-        if self.pixel_format == "NV12":
-            pixels[height:] = plane_rows(frame, 1)[:, :width]
-        else:
-            chroma = pixels[height:].reshape(2, height // 2, width // 2)
-            chroma[0] = plane_rows(frame, 1)[:, : width // 2]
-            chroma[1] = plane_rows(frame, 2)[:, : width // 2]
-        return pixels
+        return np.asarray(frame.to_ndarray(), np.uint8)
 
     def _converted(self, frame: VideoFrame, name: str) -> VideoFrame:
         return self._reformatter.reformat(frame, format=name)

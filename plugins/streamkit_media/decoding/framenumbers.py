@@ -47,12 +47,13 @@ class FrameNumbers:
         self._sequences: dict[int, Sequence] = {}
         self._sequence_of: dict[int, int] = {}
         self._reference: int | None = None
+        self._lacks_reference = False
         with suppress(BadPacket):
             for unit in parameter_sets("h264", extradata):
                 self._take(unit)
 
-    def has_gap(self, data: bytes | memoryview, is_keyframe: bool) -> bool:
-        """Whether a reference frame is missing before this packet's frame.
+    def lacks_reference(self, data: bytes | memoryview, is_keyframe: bool) -> bool:
+        """Whether a frame is missing that the one in this packet depends on, directly or not.
 
         Args:
             data: the packet.
@@ -63,13 +64,14 @@ class FrameNumbers:
             if kind in (SEQUENCE_SET, PICTURE_SET):
                 self._take(unit)
             elif kind in (SLICE, KEY_SLICE):
-                try:
-                    return self._is_behind_gap(unit, is_keyframe or kind == KEY_SLICE)
-                except IndexError:  # the header is cut short: the decoder will say so
-                    return False
-        return False
+                is_keyframe = is_keyframe or kind == KEY_SLICE
+                with suppress(IndexError):  # the header is cut short: the decoder reports it
+                    self._lacks_reference |= self._is_behind_gap(unit)
+                break
+        self._lacks_reference &= not is_keyframe
+        return self._lacks_reference
 
-    def _is_behind_gap(self, unit: bytes, is_keyframe: bool) -> bool:
+    def _is_behind_gap(self, unit: bytes) -> bool:
         bits = _Bits(unit[1:HEADER_BYTES])
         bits.unsigned()  # first macroblock
         bits.unsigned()  # kind of slice
@@ -80,9 +82,7 @@ class FrameNumbers:
         number, before = bits.read(sequence.bits), self._reference
         if unit[0] & 0x60:
             self._reference = number
-        if is_keyframe or sequence.has_gaps or before is None:
-            return False
-        return number != before and number != (before + 1) % (1 << sequence.bits)
+        return not sequence.has_gaps and before is not None and (number - before) % (1 << sequence.bits) > 1
 
     def _take(self, unit: bytes) -> None:
         """Takes a parameter set."""

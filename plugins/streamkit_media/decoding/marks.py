@@ -1,22 +1,49 @@
-"""Flags that outlast a frame: damage until it heals, a discontinuity until a frame is shown."""
+"""What follows a live or damaged stream from frame to frame: numbers, damage, discontinuities, age."""
 
 from __future__ import annotations
 
+import heapq
+from collections import deque
+from dataclasses import dataclass
+
 # Frames that depend on a damaged one are damaged, too, until a key frame; streams without one heal in time.
 DAMAGE_LASTS = 300
+# No codec holds more frames back.
+PENDING_LIMIT = 256
+WINDOW = 32
+FIRST_DELAY_NS = 50_000_000
+LEAST_GAIN_NS = 5_000_000
+
+
+class AscendingNumbers:
+    """Gives out numbers that came in decoding order so that they ascend in order of presentation."""
+
+    def __init__(self) -> None:
+        self._heap: list[int] = []
+
+    def put(self, number: int) -> None:
+        """A packet came in with this number."""
+        heapq.heappush(self._heap, number)
+        if len(self._heap) > PENDING_LIMIT:
+            heapq.heappop(self._heap)
+
+    def discard(self, number: int) -> None:
+        """The packet with this number becomes no frame."""
+        if number in self._heap:
+            self._heap.remove(number)
+            heapq.heapify(self._heap)
+
+    def take(self, default: int) -> int:
+        """The lowest number not given out, or the default where there is none."""
+        return heapq.heappop(self._heap) if self._heap else default
 
 
 class FrameMarks:
-    """Follows all packets and frames of one stream, also those that are not shown."""
+    """Flags that outlast a frame: damage until it heals, a discontinuity until a frame is shown."""
 
     def __init__(self) -> None:
         self._damaged_frames_left = 0
         self._has_discontinuity = False
-
-    @property
-    def is_damaged(self) -> bool:
-        """Whether the last frame, or one that it depends on, is damaged."""
-        return self._damaged_frames_left > 0
 
     def packet_dropped(self, *, is_discontinuity: bool, is_damage: bool) -> None:
         """A packet gives no frame; `is_damage` means that later frames depend on it."""
@@ -24,14 +51,52 @@ class FrameMarks:
         if is_damage:
             self._damaged_frames_left = DAMAGE_LASTS
 
-    def next_frame(self, *, is_corrupt: bool, is_key: bool) -> None:
-        """A frame has been decoded; `is_key` means that it depends on no other."""
+    def next_frame(self, *, is_corrupt: bool, is_key: bool) -> bool:
+        """Whether the next decoded frame, or one that it depends on, is damaged; a key frame has none."""
         if is_corrupt:
             self._damaged_frames_left = DAMAGE_LASTS
         elif self._damaged_frames_left:
             self._damaged_frames_left = 0 if is_key else self._damaged_frames_left - 1
+        return self._damaged_frames_left > 0
 
     def take_discontinuity(self) -> bool:
         """Whether there is a gap between this shown frame and the one shown before."""
         found, self._has_discontinuity = self._has_discontinuity, False
         return found
+
+
+@dataclass(frozen=True, slots=True)
+class Freshness:
+    """Metadata of a live packet: its frame is shown soon or not at all.
+
+    Attributes:
+        slack_ns: by how much the frame's age may exceed the inherent delay.
+    """
+
+    slack_ns: int
+
+
+class InherentDelay:
+    """Estimates the delay that every frame has, and finds frames that have waited in addition.
+
+    The minimum age of the last 32 frames is the inherent delay: reordering of the codec, and the time that
+    decoding takes. Older frames have waited; they are dropped only while that makes the next one younger.
+    """
+
+    def __init__(self) -> None:
+        self._ages = deque([FIRST_DELAY_NS] * WINDOW, WINDOW)
+        self._dropped_age_ns: int | None = None
+
+    def add(self, age_ns: int) -> None:
+        """Adds the age of a frame that is not shown for another reason."""
+        self._ages.append(age_ns)
+
+    def has_waited(self, age_ns: int, slack_ns: int) -> bool:
+        """Adds the next frame's age since arrival; whether to drop it, older than the delay and the slack."""
+        self._ages.append(age_ns)
+        if self._dropped_age_ns is None:
+            has_waited = age_ns - min(self._ages) > slack_ns
+        else:
+            has_waited = self._dropped_age_ns - age_ns > LEAST_GAIN_NS
+        self._dropped_age_ns = age_ns if has_waited else None
+        return has_waited

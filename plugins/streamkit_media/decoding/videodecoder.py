@@ -1,14 +1,14 @@
-"""Decoder that returns each frame with the packet it came from."""
+"""Decoder that returns each frame with the packet it came from, on the processor or a graphics device."""
 
 from __future__ import annotations
 
 import enum
-import heapq
 from collections import OrderedDict
+from pathlib import Path
 from typing import Generic, TypeAlias, TypeVar
 
 from av.codec.context import CodecContext, Flags, ThreadType
-from av.codec.hwaccel import HWAccel
+from av.codec.hwaccel import HWAccel, hwdevices_available
 from av.error import FFmpegError
 from av.packet import Packet
 from av.stream import Stream
@@ -17,15 +17,20 @@ from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from streamkit_media.codecs import CodecParameters, decoder_for
+from streamkit_media.container import MAX_PIXELS
+from streamkit_media.decoding.marks import PENDING_LIMIT
 
 Origin = TypeVar("Origin")
 Data: TypeAlias = "Packet[VideoStream] | bytes | bytearray | memoryview"
-# No codec holds more frames back; beyond it, entries of packets that gave no frame are forgotten.
-PENDING_LIMIT = 256
-MAX_PIXELS = 8192 * 8192
 # Frame threads of these can wait for each other without end where damaged frames come out too; where these do
 # not, a third of all frames of a damaged stream is lost.
 SLICE_THREADS_ONLY = frozenset({"hevc"})
+# In this order; each only where the machine has the device, because asking a driver for one may take seconds.
+DEVICES = {
+    "cuda": ("/dev", "nvidia[0-9]*"),
+    "vaapi": ("/dev/dri", "renderD*"),
+    "videotoolbox": ("/System/Library/Frameworks", "VideoToolbox.framework"),
+}
 
 
 class Threading(enum.StrEnum):
@@ -48,6 +53,7 @@ class VideoDecoder(Generic[Origin]):
 
     Attributes:
         threading: what it has.
+        unaccounted: packets that gave neither a frame nor an error yet; after `flush` they never will.
 
     Raises:
         UnknownCodecError: this FFmpeg has no decoder for it.
@@ -63,28 +69,38 @@ class VideoDecoder(Generic[Origin]):
     ) -> None:
         context = CodecContext.create(decoder_for(parameters.codec), "r", device)
         assert isinstance(context, VideoCodecContext)
-        self.threading = Threading.SLICE if parameters.codec in SLICE_THREADS_ONLY else threading
-        self._context = _configured(context, parameters, self.threading, threads)
-        if holds_for_order and parameters.codec == "h264":
-            self._context.options = {**self._context.options, "strict": "1"}
+        self._context = context
+        self._configure(parameters)
+        is_slices = threading is Threading.SLICE or parameters.codec in SLICE_THREADS_ONLY
+        self.threading = Threading.SLICE if is_slices else Threading.FRAME
+        context.thread_type = ThreadType.SLICE if is_slices else ThreadType.FRAME
+        context.thread_count = threads
+        is_strict = holds_for_order and parameters.codec == "h264"
+        context.options = {"max_pixels": str(MAX_PIXELS), **({"strict": "1"} if is_strict else {})}
+        # Damaged frames come out, marked, instead of disappearing.
+        context.flags |= Flags.output_corrupt
         self._pending: OrderedDict[int, Origin] = OrderedDict()
-        self._count = self._accounted = 0
+        self._count = self.unaccounted = 0
+
+    def _configure(self, parameters: CodecParameters) -> None:
+        context = self._context
+        context.extradata = parameters.extradata or None
+        if parameters.width and parameters.height:
+            context.width, context.height = parameters.width, parameters.height
+        if parameters.tag:
+            context.codec_tag = parameters.tag.to_bytes(4, "little").decode("ascii")
+        if parameters.bits:
+            context.bits_per_coded_sample = parameters.bits
+        if parameters.pixel_format:
+            context.pix_fmt = parameters.pixel_format
 
     @property
     def is_on_device(self) -> bool:
         """Whether the device decodes, and not software in its place."""
         return self._context.is_hwaccel
 
-    @property
-    def unaccounted(self) -> int:
-        """Packets that gave neither a frame nor an error yet; after `flush` they never will."""
-        return self._count - self._accounted
-
     def decode(
-        self,
-        data: Data,
-        origin: Origin,
-        is_keyframe: bool = False,
+        self, data: Data, origin: Origin, is_keyframe: bool = False
     ) -> list[tuple[VideoFrame, Origin]]:
         """Gives one packet to the decoder.
 
@@ -97,6 +113,7 @@ class VideoDecoder(Generic[Origin]):
         packet = _own_packet(data)
         packet.is_keyframe = is_keyframe
         self._count += 1
+        self.unaccounted += 1
         # FFmpeg carries a packet's pts to its frame untouched: a number there finds the origin again.
         packet.pts = self._count
         self._pending[self._count] = origin
@@ -110,10 +127,7 @@ class VideoDecoder(Generic[Origin]):
         Raises:
             FFmpegError: a packet could not be decoded; frames of later packets are lost.
         """
-        if not self._count:
-            return []
-        last = next(reversed(self._pending.values()), None)
-        return self._decoded(None, last)
+        return self._decoded(None, next(reversed(self._pending.values()), None)) if self._count else []
 
     def _decoded(
         self, packet: Packet[Stream] | None, fallback: Origin | None
@@ -121,59 +135,16 @@ class VideoDecoder(Generic[Origin]):
         try:
             frames = self._context.decode(packet)
         except FFmpegError:
-            self._accounted += 1
+            self.unaccounted -= 1
             raise
         found = []
         for frame in frames:
             is_pending = frame.pts in self._pending
-            self._accounted += is_pending
+            self.unaccounted -= is_pending
             origin = self._pending.pop(frame.pts or 0) if is_pending else fallback
             if origin is not None:
                 found.append((frame, origin))
         return found
-
-
-class AscendingNumbers:
-    """Gives out numbers that came in decoding order so that they ascend in order of presentation."""
-
-    def __init__(self) -> None:
-        self._heap: list[int] = []
-
-    def put(self, number: int) -> None:
-        """A packet came in with this number."""
-        heapq.heappush(self._heap, number)
-        if len(self._heap) > PENDING_LIMIT:
-            heapq.heappop(self._heap)
-
-    def discard(self, number: int) -> None:
-        """The packet with this number becomes no frame."""
-        if number in self._heap:
-            self._heap.remove(number)
-            heapq.heapify(self._heap)
-
-    def take(self, default: int) -> int:
-        """The lowest number not given out, or the default where there is none."""
-        return heapq.heappop(self._heap) if self._heap else default
-
-
-def _configured(
-    context: VideoCodecContext, parameters: CodecParameters, threading: Threading, threads: int
-) -> VideoCodecContext:
-    context.extradata = parameters.extradata or None
-    if parameters.width and parameters.height:
-        context.width, context.height = parameters.width, parameters.height
-    if parameters.tag:
-        context.codec_tag = parameters.tag.to_bytes(4, "little").decode("ascii")
-    if parameters.bits:
-        context.bits_per_coded_sample = parameters.bits
-    if parameters.pixel_format:
-        context.pix_fmt = parameters.pixel_format
-    context.thread_type = ThreadType.FRAME if threading is Threading.FRAME else ThreadType.SLICE
-    context.thread_count = threads
-    context.options = {"max_pixels": str(MAX_PIXELS)}
-    # Damaged frames come out, marked, instead of disappearing.
-    context.flags |= Flags.output_corrupt
-    return context
 
 
 def _own_packet(data: Data) -> Packet[Stream]:
@@ -189,3 +160,19 @@ def _own_packet(data: Data) -> Packet[Stream]:
         for item in data.iter_sidedata():
             item.to_packet(packet)
     return packet
+
+
+def accelerator(wanted: str) -> tuple[HWAccel | None, str]:
+    """The accelerator for auto, none or a device of FFmpeg, and its name; None and why for software."""
+    if wanted == "none":
+        return None, "software"
+    present = [name for name, (folder, pattern) in DEVICES.items() if any(Path(folder).glob(pattern))]
+    built_in = hwdevices_available()
+    for name in present if wanted == "auto" else [wanted]:
+        if name not in built_in:
+            continue
+        try:
+            return HWAccel(name, allow_software_fallback=True), name
+        except (FFmpegError, ValueError, RuntimeError, OSError):
+            continue
+    return None, f"software: {'no device' if wanted == 'auto' else f'{wanted} is not available here'}"

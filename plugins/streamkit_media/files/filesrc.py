@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 from av.container import InputContainer
-from av.packet import Packet
 from av.stream import Stream
 
 from streamkit import (
@@ -35,9 +34,9 @@ from streamkit_media.container import (
     video_stream,
 )
 from streamkit_media.files.datagrams import await_datagram
-from streamkit_media.files.playrange import PlayRange
+from streamkit_media.files.playrange import Place, PlayRange
 from streamkit_media.location import is_network, redact
-from streamkit_media.packets import SECOND_NS, DecodeOnly, packet_frame, read_packets
+from streamkit_media.packets import DECODE_ONLY, SECOND_NS, DecodeOnly, packet_frame, read_packets
 from streamkit_media.rtsp.sockets import cut_connections, open_sockets
 from streamkit_media.streams import (
     AUDIO_CAPS,
@@ -233,75 +232,66 @@ class FileSrc(Source):
     # One round through the file.
 
     def _round(self, container: InputContainer) -> Iterator[Frame | tuple[str, Frame]]:
+        """The frames of the linked pads; an error where none is shown, a warning where some are."""
         wanted = {kind for kind in self._kinds if self._is_linked(kind.value)}
         is_plain = self._is_linked("src") or not wanted
         streams = streams_of(container, wanted | ({StreamKind.VIDEO} if is_plain else set()))
-        if not streams:
-            raise StreamError(f"{redact(self.location)}: none of its streams is linked")
-        self._seek(container, streams[0][0])
-        kinds = {stream.index: kind for stream, kind in streams}
-        caps = {stream.index: self._packet_caps(stream, kind) for stream, kind in streams}
-        for stream, frame in self._checked(self._in_range(container, streams, kinds, caps)):
-            kind = kinds[stream.index]
-            if self._is_linked(kind.value):
-                yield kind.value, frame
-            if kind is StreamKind.VIDEO and is_plain:
-                yield frame
-
-    def _checked(self, items: Iterator[tuple[Stream, Frame]]) -> Iterator[tuple[Stream, Frame]]:
-        """The items; an error where none is shown, a warning where the file ends in an error after some."""
         where, count, shown = redact(self.location), 0, 0
+        if not streams:
+            raise StreamError(f"{where}: none of its streams is linked")
+        self._seek(container, streams[0][0])
         try:
-            for stream, frame in items:
+            for kind, frame in self._in_range(container, streams):
                 count += 1
                 shown += frame.get(DecodeOnly) is None
-                yield stream, frame
+                if kind in wanted:
+                    yield kind.value, frame
+                if kind is StreamKind.VIDEO and is_plain:
+                    yield frame
         except StreamError as error:
             if self.stopping.is_set():
                 return
             if not count:
                 raise StreamError(f"{where}: {error}; the file is damaged or cut short") from None
             self.post_warning(f"{where}: {error} after {count} packets; ending there")
-        if shown:
-            return
-        if self.start_s:
+        if not shown and self.start_s:
             length = "" if self._duration is None else f"; it is {self._duration / 1e6:.1f} s long"
             self.post_warning(
                 f"{where}: there is no frame from start-s={self.start_s:g} on{length}", "shortfall"
             )
-            return
-        fault = "the file's own edit list shows none of its frames" if count else "the video holds no packets"
-        raise StreamError(f"{where}: {fault}; the file is damaged or cut short")
+        elif not shown:
+            fault = (
+                "the file's own edit list shows none of its frames" if count else "the video holds no packets"
+            )
+            raise StreamError(f"{where}: {fault}; the file is damaged or cut short")
 
     def _in_range(
-        self,
-        container: InputContainer,
-        streams: list[tuple[Stream, StreamKind]],
-        kinds: dict[int, StreamKind],
-        caps: dict[int, Caps],
-    ) -> Iterator[tuple[Stream, Frame]]:
-        open_streams = {stream.index for stream, _ in streams}
+        self, container: InputContainer, streams: list[tuple[Stream, StreamKind]]
+    ) -> Iterator[tuple[StreamKind, Frame]]:
+        """Frames with their kinds; video outside of the range is for decoding only."""
+        carried = {stream.index: (kind, self._packet_caps(stream, kind)) for stream, kind in streams}
+        playing = set(carried)
         latest: int | None = None
         for packet in read_packets(container, *(stream for stream, _ in streams)):
-            stream, index = packet.stream, packet.stream_index
-            if self._range.is_over(packet, stream):
-                open_streams.discard(index)
-                if not open_streams:
+            place = self._range.place(packet)
+            if place is Place.OVER:
+                playing.discard(packet.stream_index)
+                if not playing:
                     return
                 continue
-            frame = self._frame(packet, caps[index], latest)
-            latest = frame.pts if kinds[index] is StreamKind.VIDEO and frame.pts is not None else latest
-            wanted = self._range.within(frame, packet, stream, kinds[index])
-            if wanted is not None:
-                yield stream, wanted
-
-    def _frame(self, packet: Packet[Stream], caps: Caps, latest: int | None) -> Frame:
-        frame = packet_frame(packet, caps)
-        if frame.pts is None:  # asynchronous KLV gets the time of the video around it
-            return frame if latest is None or caps.name.startswith("video/") else frame.replace(pts=latest)
-        pts = frame.pts + self._offset
-        self._end = max(self._end, pts + (frame.duration or 0))
-        return frame.replace(pts=pts) if self._offset else frame
+            kind, caps = carried[packet.stream_index]
+            frame = packet_frame(packet, caps)
+            if frame.pts is not None:
+                pts = frame.pts + self._offset
+                self._end = max(self._end, pts + (frame.duration or 0))
+                frame = frame.replace(pts=pts) if self._offset else frame
+                latest = pts if kind is StreamKind.VIDEO else latest
+            elif latest is not None and kind is not StreamKind.VIDEO:
+                frame = frame.replace(pts=latest)  # asynchronous KLV gets the time of the video around it
+            if place is Place.INSIDE:
+                yield kind, frame
+            elif kind is StreamKind.VIDEO:
+                yield kind, frame.attach(DECODE_ONLY)
 
     def _seek(self, container: InputContainer, stream: Stream) -> None:
         try:

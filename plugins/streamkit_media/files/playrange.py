@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 
 from av.container import InputContainer
@@ -9,9 +10,11 @@ from av.packet import Packet
 from av.stream import Stream
 from av.video.stream import VideoStream
 
-from streamkit import Frame
-from streamkit_media.packets import DECODE_ONLY
-from streamkit_media.streams import StreamKind
+
+class Place(enum.Enum):
+    """Where a packet lies: in the range, outside of it, or after it with all that follow of its stream."""
+
+    INSIDE, OUTSIDE, OVER = range(3)
 
 
 @dataclass(frozen=True)
@@ -28,38 +31,25 @@ class PlayRange:
             FFmpegError: the format does not allow it.
         """
         if self.start_s:
-            container.seek(_first_tick(stream) + _ticks(self.start_s, stream), stream=stream)
+            container.seek(_tick(self.start_s, stream), stream=stream)
 
-    def is_over(self, packet: Packet[Stream], stream: Stream) -> bool:
-        """Whether this packet and all that follow of its stream are too late."""
-        if self.stop_s is None:
-            return False
+    def place(self, packet: Packet[Stream]) -> Place:
+        """Where a packet lies; one without a time is inside."""
         decoded = packet.dts if packet.dts is not None else packet.pts
-        return decoded is not None and decoded >= _first_tick(stream) + _ticks(self.stop_s, stream)
-
-    def within(self, frame: Frame, packet: Packet[Stream], stream: Stream, kind: StreamKind) -> Frame | None:
-        """The frame of a packet, marked decode-only where it lies outside; None where it is not needed."""
-        if not self.start_s and self.stop_s is None:
-            return frame
-        shown = packet.pts if packet.pts is not None else packet.dts
-        if shown is None:
-            return frame
-        first = _first_tick(stream)
-        is_early = shown < first + _ticks(self.start_s, stream)
-        is_late = self.stop_s is not None and shown >= first + _ticks(self.stop_s, stream)
-        if not is_early and not is_late:
-            return frame
-        return frame.attach(DECODE_ONLY) if kind is StreamKind.VIDEO else None
+        if decoded is None or (not self.start_s and self.stop_s is None):
+            return Place.INSIDE
+        stream, shown = packet.stream, packet.pts if packet.pts is not None else decoded
+        end = None if self.stop_s is None else _tick(self.stop_s, stream)
+        if end is not None and decoded >= end:
+            return Place.OVER
+        is_inside = shown >= _tick(self.start_s, stream) and (end is None or shown < end)
+        return Place.INSIDE if is_inside else Place.OUTSIDE
 
 
-def _first_tick(stream: Stream) -> int:
-    """Where the video begins, in the stream's ticks: the other streams count from there too."""
+def _tick(seconds: float, stream: Stream) -> int:
+    """A time from the beginning of the video, in a stream's ticks; other streams count from there too."""
     video = next((s for s in stream.container.streams if isinstance(s, VideoStream)), stream)
     start = video.start_time or 0
-    if video is stream or not stream.time_base or not video.time_base:
+    if not stream.time_base or not video.time_base:
         return start
-    return round(start * video.time_base / stream.time_base)
-
-
-def _ticks(seconds: float, stream: Stream) -> int:
-    return round(seconds / stream.time_base) if stream.time_base else 0
+    return round(start * video.time_base / stream.time_base) + round(seconds / stream.time_base)

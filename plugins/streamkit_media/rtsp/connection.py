@@ -12,7 +12,7 @@ from av.packet import Packet
 from av.stream import Stream
 
 from streamkit import Caps, Capture, Frame, FrameFlags
-from streamkit_media.decoding.freshness import Freshness
+from streamkit_media.decoding.marks import Freshness
 from streamkit_media.packets import DecodeOnly, packet_frame
 from streamkit_media.rtsp.packetqueue import packet_queue
 from streamkit_media.rtsp.packetreader import PacketReader, silence

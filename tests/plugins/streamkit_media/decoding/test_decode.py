@@ -13,7 +13,7 @@ from streamkit import Caps, ElementFailure, Frame, FrameFlags, MessageKind, NotN
 from streamkit.testing import Harness, ManualClock
 from streamkit_media.codecs import CodecParameters, coded_caps
 from streamkit_media.decoding.decode import Decode
-from streamkit_media.decoding.freshness import Freshness
+from streamkit_media.decoding.marks import Freshness
 from streamkit_media.packets import DECODE_ONLY
 
 MakeVideo = Callable[..., Path]

@@ -51,13 +51,13 @@ def test_each_frame_that_is_missing_is_noticed(name: str) -> None:
     """Of a whole stream no packet is behind a gap; without one that others need, the next one is."""
     packets, extradata = encoded(*STREAMS[name])
     numbers = FrameNumbers(extradata)
-    assert not any(numbers.has_gap(data, is_keyframe) for data, is_keyframe in packets)
+    assert not any(numbers.lacks_reference(data, is_keyframe) for data, is_keyframe in packets)
     for lost in range(1, COUNT - 1):
         numbers = FrameNumbers(extradata)
         gaps = [
             at
             for at, (data, is_keyframe) in enumerate(packets)
-            if at != lost and numbers.has_gap(data, is_keyframe)
+            if at != lost and numbers.lacks_reference(data, is_keyframe)
         ]
         is_needed = is_reference(packets[lost][0]) and not packets[lost + 1][1]
         assert gaps[:1] == ([lost + 1] if is_needed else [])
@@ -70,9 +70,9 @@ def test_packets_of_a_file_are_understood(small_video: Path) -> None:
         extradata = stream.codec_context.extradata or b""
         packets = [(bytes(packet), packet.is_keyframe) for packet in container.demux(stream) if packet.size]
     numbers = FrameNumbers(extradata)
-    assert not any(numbers.has_gap(data, is_keyframe) for data, is_keyframe in packets)
+    assert not any(numbers.lacks_reference(data, is_keyframe) for data, is_keyframe in packets)
     numbers = FrameNumbers(extradata)
-    assert [numbers.has_gap(data, is_keyframe) for data, is_keyframe in (packets[0], packets[2])] == [
+    assert [numbers.lacks_reference(data, is_keyframe) for data, is_keyframe in (packets[0], packets[2])] == [
         False,
         True,
     ]
@@ -85,7 +85,7 @@ def test_rubbish_is_no_gap(data: bytes) -> None:
     """What cannot be read is for the decoder to judge."""
     packets, extradata = encoded({"bf": "0"})
     numbers = FrameNumbers(extradata)
-    assert not numbers.has_gap(*packets[0])
-    assert not numbers.has_gap(data, is_keyframe=False)
-    assert not FrameNumbers(data).has_gap(packets[1][0], is_keyframe=False)
-    assert not FrameNumbers(b"\1\x64\0\x1f\xff\xff\xff\xff").has_gap(data, is_keyframe=False)
+    assert not numbers.lacks_reference(*packets[0])
+    assert not numbers.lacks_reference(data, is_keyframe=False)
+    assert not FrameNumbers(data).lacks_reference(packets[1][0], is_keyframe=False)
+    assert not FrameNumbers(b"\1\x64\0\x1f\xff\xff\xff\xff").lacks_reference(data, is_keyframe=False)

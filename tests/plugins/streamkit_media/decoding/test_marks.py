@@ -6,42 +6,37 @@ def test_damage_lasts_until_a_key_frame() -> None:
     marks = FrameMarks()
     seen = []
     for is_corrupt, is_key in ((False, True), (True, False), (False, False), (False, True), (False, False)):
-        marks.next_frame(is_corrupt=is_corrupt, is_key=is_key)
-        seen.append(marks.is_damaged)
+        seen.append(marks.next_frame(is_corrupt=is_corrupt, is_key=is_key))
     assert seen == [False, True, True, False, False]
 
 
 def test_a_damaged_key_frame_heals_nothing() -> None:
-    """A key frame that is itself not whole leaves what is built on it damaged."""
+    """Frames that depend on a damaged key frame are damaged."""
     marks = FrameMarks()
     marks.next_frame(is_corrupt=True, is_key=True)
-    marks.next_frame(is_corrupt=False, is_key=False)
-    assert marks.is_damaged
+    assert marks.next_frame(is_corrupt=False, is_key=False)
 
 
 def test_a_packet_that_could_not_be_decoded_is_damage() -> None:
-    """What follows it is built on something else than was meant; what nobody builds on does no harm."""
+    """Later frames decode from wrong references; a packet that no frame depends on does no harm."""
     marks = FrameMarks()
     marks.packet_dropped(is_discontinuity=False, is_damage=False)
-    marks.next_frame(is_corrupt=False, is_key=False)
-    assert not marks.is_damaged
+    assert not marks.next_frame(is_corrupt=False, is_key=False)
     marks.packet_dropped(is_discontinuity=False, is_damage=True)
-    marks.next_frame(is_corrupt=False, is_key=False)
-    assert marks.is_damaged
+    assert marks.next_frame(is_corrupt=False, is_key=False)
 
 
 def test_streams_without_key_frames_heal_in_time() -> None:
     """Damage ends after a while where no key frame ever comes."""
     marks = FrameMarks()
-    marks.next_frame(is_corrupt=True, is_key=False)
-    for _ in range(DAMAGE_LASTS):
-        assert marks.is_damaged
-        marks.next_frame(is_corrupt=False, is_key=False)
-    assert not marks.is_damaged
+    assert marks.next_frame(is_corrupt=True, is_key=False)
+    for _ in range(DAMAGE_LASTS - 1):
+        assert marks.next_frame(is_corrupt=False, is_key=False)
+    assert not marks.next_frame(is_corrupt=False, is_key=False)
 
 
 def test_a_discontinuity_is_reported_once_with_the_next_frame_shown() -> None:
-    """One that lay on packets which are not shown is not lost."""
+    """A discontinuity on packets that are not shown moves to the next shown frame."""
     marks = FrameMarks()
     assert not marks.take_discontinuity()
     marks.packet_dropped(is_discontinuity=True, is_damage=False)

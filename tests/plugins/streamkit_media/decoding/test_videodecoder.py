@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from streamkit_media.codecs import stream_parameters
 from streamkit_media.container import open_container, video_stream
-from streamkit_media.decoding.videodecoder import AscendingNumbers, Threading, VideoDecoder
+from streamkit_media.decoding.marks import AscendingNumbers
+from streamkit_media.decoding.videodecoder import Threading, VideoDecoder
 from streamkit_media.packets import read_packets
 
 MakeVideo = Callable[..., Path]

@@ -1,4 +1,4 @@
-from streamkit_media.decoding.hardware import accelerator
+from streamkit_media.decoding.videodecoder import accelerator
 
 
 def test_software_where_no_device_is_wanted() -> None:
