@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import enum
-import operator
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import ClassVar
 
 from streamkit.element.property import Property
 from streamkit.element.sink import Sink
-from streamkit.errors import PropertyError, ResourceError, StreamError, StreamkitError, write_remedy
+from streamkit.errors import PropertyError, ResourceError, StreamkitError, write_remedy
 from streamkit.flow.frame import Frame
 from streamkit.output.file import OutputFile, check_writable, is_special
 from streamkit.output.names import FileNames, local_path
@@ -178,10 +177,7 @@ class OutputFileSink(Sink):
 
         Raises:
             ResourceError: the disk refuses.
-            StreamError: the time of the frame is no integer.
         """
-        if frame.pts is not None and type(frame.pts) is not int:
-            _check_time(frame)
         with self._writing, self._reported():
             if not self.has_begun:
                 self.has_begun = True
@@ -262,13 +258,3 @@ class SegmentSink(OutputFileSink):
     def file_is_complete(self, path: Path, companion: Path | None = None) -> None:
         """Notes a complete file, and one that is kept as long; deletes what is kept no longer."""
         self._retention.add(path, self.clock.utc_ns() / 1e9, companion)
-
-
-def _check_time(frame: Frame) -> None:
-    try:
-        operator.index(frame.pts)  # type: ignore[arg-type]  # what is not an integer is what is looked for
-    except TypeError:
-        raise StreamError(
-            f"the pts of a frame must be an integer, ns, or None, it is {frame.pts!r}; "
-            "see the element that made it"
-        ) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import time
 from collections.abc import Callable
 from typing import Any
@@ -10,6 +11,7 @@ from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
+from streamkit.errors import StreamError
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import CapsEvent, EosEvent, Event, Flushing, GapEvent
 from streamkit.flow.frame import Frame
@@ -89,10 +91,11 @@ class Sink(Element):
         """The function called with each frame, for the current state and properties."""
         is_timed = self.sync or self.throttle_time > 0
         if self.timing.running.is_set() and not is_timed:
-            return self.render
+            return self._receive_now
         render = self._render_in_time if is_timed else self._render_now
 
         def receive(frame: Frame) -> None:
+            _check_time(frame)
             if frame.pts is not None and not pad.segment.holds(frame.pts, frame.duration):
                 self.count_drop("outside the segment")
                 return
@@ -101,6 +104,10 @@ class Sink(Element):
             render(pad, frame)
 
         return receive
+
+    def _receive_now(self, frame: Frame) -> None:
+        _check_time(frame)
+        self.render(frame)
 
     def _render_now(self, pad: Pad, frame: Frame) -> None:
         self.render(frame)
@@ -199,3 +206,16 @@ class Sink(Element):
             self.host.sink_ended(self)
         else:
             self.post(Message(MessageKind.EOS, self.name))
+
+
+def _check_time(frame: Frame) -> None:
+    """Raises StreamError for a time that is neither None nor an integer of any kind."""
+    if frame.pts is None:
+        return
+    try:
+        operator.index(frame.pts)
+    except TypeError:
+        raise StreamError(
+            f"the pts of a frame must be an integer, ns, or None, it is {frame.pts!r}; "
+            "see the element that made it"
+        ) from None

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from streamkit import Caps, ElementFailure, Frame, NotNegotiated, Pipeline, Sink
@@ -120,3 +121,15 @@ def test_stop_ends_the_wait(register: Register) -> None:
             pipeline["in"].push(Frame(b"", ANYTHING, seq=seq, arrival_ns=1, pts=pts))
         assert clock.wait_for_waiter()
     assert pipeline["k"].kept == ["a/b", 0]
+
+
+@pytest.mark.parametrize("pts", [float("nan"), 1.5, "1"])
+@pytest.mark.parametrize("properties", [{}, {"sync": True}])
+def test_a_time_that_is_not_an_integer_is_an_error(pts: object, properties: dict[str, bool]) -> None:
+    """Every sink refuses it, with and without `sync`; None and integers of NumPy are accepted."""
+    with Harness(Keeping("k", **properties)) as harness:
+        harness.push(Frame(b"", ANYTHING, seq=1))
+        harness.push(Frame(b"", ANYTHING, pts=np.int64(5), seq=2))  # type: ignore[arg-type]
+        with pytest.raises(ElementFailure, match="the pts of a frame must be an integer, ns, or None"):
+            harness.push(Frame(b"", ANYTHING, pts=pts))  # type: ignore[arg-type]
+        assert harness.element.kept == ["a/b", 1, 2]  # type: ignore[attr-defined]
