@@ -77,25 +77,25 @@ class BinTree:
 
     def __init__(self) -> None:
         self.root: list[Element] = []
-        self._containers: dict[int, Bin | None] = {}
+        self._containers: dict[Element, Bin | None] = {}
         self._by_name: defaultdict[str, list[Element]] = defaultdict(list)
-        self._names: defaultdict[int, set[str]] = defaultdict(set)
-        self._duplicates: dict[int, DescriptionError] = {}
-        self._crossings: dict[int, list[tuple[Bin, str]]] = {}
+        self._names: defaultdict[Bin | None, set[str]] = defaultdict(set)
+        self._duplicates: dict[Element, DescriptionError] = {}
+        self._crossings: dict[Pad, list[tuple[Bin, str]]] = {}
         self._ghost_number = 0
 
     def add(self, element: Element, container: Bin | None, place: Place) -> None:
         """Adds an element or bin to a bin, or to none; records duplicate names as errors instead."""
-        names = self._names[id(container)]
+        names = self._names[container]
         if element.name in names:
             what = f"two elements are named {element.name!r}; names are unique in a pipeline"
             if container is not None:
                 what = f"two elements are named {element.name!r}; names are unique in a bin"
-            self._duplicates[id(element)] = DescriptionError("link", what, place)
+            self._duplicates[element] = DescriptionError("link", what, place)
             return
         names.add(element.name)
         self._by_name[element.name].append(element)
-        self._containers[id(element)] = container
+        self._containers[element] = container
         (self.root if container is None else container.children).append(element)
         element.parent = "" if container is None else container.name
         if isinstance(element, Bin):
@@ -103,14 +103,14 @@ class BinTree:
 
     def remove(self, element: Element) -> None:
         """Undoes `add` for the element added last."""
-        container = self._containers.pop(id(element))
-        self._names[id(container)].discard(element.name)
+        container = self._containers.pop(element)
+        self._names[container].discard(element.name)
         self._by_name[element.name].remove(element)
         (self.root if container is None else container.children).remove(element)
 
     def container_of(self, element: Element) -> Bin | None:
         """The bin of an element, or None."""
-        return self._containers.get(id(element))
+        return self._containers.get(element)
 
     def find(self, name: str) -> Element | None:
         """The element or bin of a reference, or None."""
@@ -122,8 +122,8 @@ class BinTree:
 
     def check_unique(self, element: Element) -> None:
         """Raises a `DescriptionError` (code `link`) if the element's name is a duplicate in its bin."""
-        if id(element) in self._duplicates:
-            raise self._duplicates[id(element)]
+        if element in self._duplicates:
+            raise self._duplicates[element]
 
     def check_all_unique(self) -> None:
         """Raises the first `DescriptionError` for a duplicate name, if any."""
@@ -135,21 +135,21 @@ class BinTree:
         source, target = self.container_of(src.element), self.container_of(sink.element)
         if source is target:
             return
-        self._crossings[id(src)] = []
+        self._crossings[src] = []
         outer, inner = list(containers(source)), list(containers(target))
-        common = {id(group) for group in outer} & {id(group) for group in inner}
+        common = set(outer) & set(inner)
         for pad, chain in ((src, outer), (sink, inner)):
             reached = pad.path
             for group in chain:
-                if id(group) in common:
+                if group in common:
                     break
                 name = f"ghost{self._ghost_number}"
                 self._ghost_number += 1
                 group.ghost_pads[name] = reached
-                self._crossings[id(src)].append((group, name))
+                self._crossings[src].append((group, name))
                 reached = f"{group.name}.{name}"
 
     def uncross(self, src: Pad) -> None:
         """Undoes `cross` for a link; the numbers of its ghost pads are not reused."""
-        for group, name in self._crossings.pop(id(src), ()):
+        for group, name in self._crossings.pop(src, ()):
             del group.ghost_pads[name]

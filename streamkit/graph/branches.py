@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import re
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -94,9 +93,8 @@ def _rename(added: Graph, taken: set[str]) -> None:
 
 
 def _start(graph: Graph, branch: Branch, playback: Playback) -> None:
-    members = {id(element) for element in branch.elements}
     for element in graph.from_sinks():
-        if id(element) in members:
+        if element in branch.elements:
             playback.adopt(element)
     if playback.is_streaming:
         remember_caps(graph)
@@ -107,7 +105,7 @@ def remove_branch(graph: Graph, branch: Branch, playback: Playback | None, timeo
     """Removes a branch after it has drained; its elements stay started."""
     if playback is not None and playback.is_streaming:
         _close(branch.src)
-        playback.end.wait(branch.elements, time.monotonic() + timeout_s)
+        playback.end.wait(branch.elements, timeout_s)
         playback.leave_branch(branch.src, branch.elements)
     _detach(graph, branch)
     if playback is not None and playback.is_streaming:
@@ -133,9 +131,8 @@ def _close(src: Pad) -> None:
 def _detach(graph: Graph, branch: Branch) -> None:
     branch.src.element.release_pad(branch.src)
     branch.src.element.pads_changed()
-    members = {id(element) for element in branch.elements}
-    graph.elements[:] = [element for element in graph.elements if id(element) not in members]
-    graph.inserted[:] = [element for element in graph.inserted if id(element) not in members]
+    graph.elements[:] = [element for element in graph.elements if element not in branch.elements]
+    graph.inserted[:] = [element for element in graph.inserted if element not in branch.elements]
     parents = {element.parent for element in branch.elements} - {e.parent for e in graph.elements}
     graph.bins[:] = [group for group in graph.bins if group.name not in parents]
 
@@ -209,7 +206,7 @@ class BranchFailures:
         self._bus = bus
         self._end = end
         self._lock = threading.Lock()
-        self._dropped: set[int] = set()  # ids of sinks
+        self._dropped: set[Element] = set()  # sinks
 
     def reset(self) -> None:
         """Resets the state of an earlier run."""
@@ -244,9 +241,9 @@ class BranchFailures:
     def _drop(self, src: Pad, error: Exception) -> bool:
         """Drops a branch; False if no other sink would be left."""
         sinks = sinks_behind(src)
-        every_sink = {id(element) for element in self._graph.elements if isinstance(element, Sink)}
+        every_sink = {element for element in self._graph.elements if isinstance(element, Sink)}
         with self._lock:
-            dropped = self._dropped | {id(sink) for sink in sinks}
+            dropped = self._dropped.union(sinks)
             if not every_sink - dropped:
                 return False
             is_first = dropped != self._dropped

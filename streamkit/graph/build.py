@@ -69,7 +69,7 @@ class GraphBuilder:
         self.graph = Graph()
         self._bins = BinTree()
         self._linker = Linker(self.graph, self._bins, self._auto_name)
-        self._places: dict[int, Place] = {}
+        self._places: dict[Element, Place] = {}
         self._numbers: Counter[str] = Counter()
         self._pending_links: list[PendingLink] = []
         self._pending_properties: list[PendingProperty] = []
@@ -104,7 +104,7 @@ class GraphBuilder:
         try:
             check_files(self.graph.elements)
         except FileConflict as error:
-            place = self._places.get(id(error.element), Place())
+            place = self._places.get(error.element, Place())
             raise DescriptionError("could-not-set-property", str(error), place) from None
 
     def _make_links(self) -> None:
@@ -175,7 +175,7 @@ class GraphBuilder:
             element = self._make_element(node)
             endpoint = Endpoint(element, "", node.sink_pads, node.place)
             endpoints = Endpoints(endpoint, replace(endpoint, pads=node.src_pads))
-        self._places[id(element)] = node.place
+        self._places[element] = node.place
         members.append(element)
         return endpoints
 
@@ -229,7 +229,7 @@ class GraphBuilder:
         self._pending_properties += set_on_bin(group, node.assignments, self.graph.warnings)
         for child in inside:
             child.parent = group.name
-        self._places[id(group)] = node.place
+        self._places[group] = node.place
         self.graph.bins.append(group)
         members.append(group)
         entry, leave = endpoints[0].entry, endpoints[-1].leave
@@ -240,7 +240,7 @@ class GraphBuilder:
 
     def _add_to_bin(self, members: Sequence[Element], container: Bin | None) -> None:
         for member in members:
-            self._bins.add(member, container, self._places.get(id(member), Place()))
+            self._bins.add(member, container, self._places.get(member, Place()))
 
     def _auto_name(self, factory: str) -> str:
         """An automatic name as in GStreamer: the type, without dashes, and a number per type."""

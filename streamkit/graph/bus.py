@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 from streamkit.flow.messages import Message, MessageKind
@@ -12,9 +13,14 @@ CAPACITY = 4096
 
 
 class Bus:
-    """A bounded queue of messages; if full, it drops the oldest that is neither error nor eos."""
+    """A bounded queue of messages; if full, it drops the oldest that is neither error nor eos.
+
+    Attributes:
+        counts: messages since the last `flush`, by source and kind.
+    """
 
     def __init__(self) -> None:
+        self.counts: Counter[tuple[str, MessageKind]] = Counter()
         self._queue = BoundedQueue[Message](CAPACITY, choose_dropped=_choose_dropped)
         self._watchers: list[Callable[[Message], None]] = []
 
@@ -25,12 +31,14 @@ class Bus:
 
     def post(self, message: Message) -> None:
         """Queues a message; watchers are called with it in the posting thread."""
+        self.counts[message.source, message.kind] += 1
         for watcher in tuple(self._watchers):
             watcher(message)
         self._queue.put(message)
 
     def flush(self) -> None:
-        """Discards unread messages."""
+        """Discards unread messages, and counts anew."""
+        self.counts.clear()
         while self._queue.get() is not None:
             continue
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from streamkit.element.base import AT_WORK, IDLE
+from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated
@@ -71,11 +72,6 @@ class Chain:
         self._left_ns = 0
         self.frames = self.upstream_ns = 0
 
-    @property
-    def terminal(self) -> Element | None:
-        """The last element, or None if a pad is not linked."""
-        return self.stages[-1].element if self.stages and self.stages[-1].is_terminal else None
-
     def push(self, frame: Frame) -> None:
         """Sends a frame through all stages.
 
@@ -122,8 +118,8 @@ class Chain:
                 self._left_ns = clock()
 
     def refresh(self) -> None:
-        """Gets the receiver function of the last element again."""
-        if self.terminal is not None:
+        """Gets the receiver function again if the chain ends in a sink."""
+        if self.stages and isinstance(self.stages[-1].element, Sink):
             last = self.stages[-1]
             last.call = last.element.receiver(last.sink)
 
@@ -210,7 +206,7 @@ def chain_on_first_frame(src: Pad, chains: list[Chain]) -> Callable[[Frame], Non
 
 
 class RetiredChainTotals:
-    """Counters of the chains of removed branches, by the `id` of the element before them.
+    """Counters of the chains of removed branches, by the element before them.
 
     Attributes:
         frames: frames sent to them.
@@ -218,16 +214,16 @@ class RetiredChainTotals:
     """
 
     def __init__(self) -> None:
-        self.frames: Counter[int] = Counter()
-        self.busy_ns: Counter[int] = Counter()
+        self.frames: Counter[Element] = Counter()
+        self.busy_ns: Counter[Element] = Counter()
 
     def add(self, chain: Chain) -> None:
         """Adds the counters of a chain."""
-        self.frames[id(chain.src.element)] += chain.frames
-        self.busy_ns[id(chain.src.element)] += chain.busy_ns
+        self.frames[chain.src.element] += chain.frames
+        self.busy_ns[chain.src.element] += chain.busy_ns
 
-    def forget(self, elements: Iterable[int]) -> None:
-        """Removes the totals of elements, given by `id`."""
+    def forget(self, elements: Iterable[Element]) -> None:
+        """Removes the totals of elements."""
         for element in elements:
             self.frames.pop(element, None)
             self.busy_ns.pop(element, None)

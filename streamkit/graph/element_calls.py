@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import threading
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -35,34 +34,59 @@ class CallLimits:
 
 
 class ElementCall(threading.Thread):
-    """One call of a method of an element.
+    """A call of `start` or `stop` of an element; it begins when it is made."""
 
-    Attributes:
-        error: raised by the method, or None.
-    """
-
-    def __init__(self, element: Element, method: str) -> None:
+    def __init__(self, element: Element, method: str, limits: CallLimits) -> None:
         super().__init__(name=f"streamkit:{element.name}:{method}")
-        self.element = element
-        self.method = method
-        self.error: BaseException | None = None
+        self._element = element
+        self._method = method
+        self._limits = limits
+        self._error: Exception | None = None
+        self.start()
 
     def run(self) -> None:
         """Calls the method."""
         try:
-            with self.element.calling(self.method):
-                getattr(self.element, self.method)()
-        except BaseException as error:
-            self.error = error
+            with self._element.calling(self._method):
+                getattr(self._element, self._method)()
+        except Exception as error:
+            self._error = error
+        except BaseException as error:  # SystemExit must not end the process in silence
+            self._error = RuntimeError(f"its {self._method} raised {error!r}")
 
-    def interrupt(self, grace_s: float) -> bool:
-        """Makes the element end its waits; whether the call returned in time."""
-        self.element.stopping.set()
-        self.element.waking.set()
+    def wait(self, limit_s: float | None = None) -> None:
+        """Waits until the call returns, is cancelled, or reaches its limit; warns once.
+
+        Time is counted in polls, because a suspended process does not hang.
+        """
+        limits, polls = self._limits, 0
+        self.join(POLL_S)
+        while self.is_alive() and not limits.cancelled.is_set():
+            polls += 1
+            seconds = polls * POLL_S
+            if limits.watchdog_s and seconds - POLL_S < limits.watchdog_s <= seconds:
+                limits.post(hang_warning(self._element, hang_of(self._method, limits.watchdog_s)))
+            if limit_s is not None and seconds >= limit_s:
+                return
+            self.join(POLL_S)
+        if limit_s is not None and self.is_alive():
+            self.join(min(1.0, limit_s))
+
+    def interrupt(self) -> None:
+        """Makes the element end its waits, and gives the call some time to return."""
+        self._element.stopping.set()
+        self._element.waking.set()
         with contextlib.suppress(Exception):
-            self.element.interrupt()
-        self.join(grace_s)
-        return not self.is_alive()
+            self._element.interrupt()
+        self.join(CANCEL_GRACE_S)
+
+    def check(self, limit_s: float) -> None:
+        """Raises the error of the call, or `HangDetected` if it has not returned."""
+        if self.is_alive():
+            what = f"its {self._method} has not returned within {limit_s:.0f} s; its thread is abandoned"
+            raise HangDetected(what)
+        if self._error is not None:
+            raise self._error
 
 
 def start_element(element: Element, limits: CallLimits) -> None:
@@ -75,26 +99,26 @@ def start_element(element: Element, limits: CallLimits) -> None:
     element.stopping.clear()
     element.rearm()
     element.is_flushing = False
-    try:
-        _call_start(element, limits)
-    except Exception as cause:
-        raise (cause if isinstance(cause, ElementFailure) else element.failure(cause)) from cause
-
-
-def _call_start(element: Element, limits: CallLimits) -> None:
-    call = _begin_call(element, "start")
-    if call is None:
+    if not _overrides(element, "start"):
         return
+    call = ElementCall(element, "start", limits)
     try:
-        _wait(call, limits, None)
+        call.wait()
     except BaseException:  # Ctrl-C in the calling thread: `start` must not overlap with `stop`
-        call.interrupt(CANCEL_GRACE_S)
+        call.interrupt()
         raise
-    if limits.cancelled.is_set():
-        if not call.interrupt(CANCEL_GRACE_S):
-            raise _hang("start", CANCEL_GRACE_S)
-        raise StartCancelled(f"{element.name}: its start was interrupted")
-    _raise_error(call)
+    was_cancelled = limits.cancelled.is_set()
+    if was_cancelled:
+        call.interrupt()
+    try:
+        call.check(CANCEL_GRACE_S)
+    except HangDetected as cause:
+        raise element.failure(cause) from cause
+    except Exception as cause:
+        if not was_cancelled:
+            raise (cause if isinstance(cause, ElementFailure) else element.failure(cause)) from cause
+    if was_cancelled:
+        raise element.failure(StartCancelled(f"{element.name}: its start was interrupted"))
 
 
 def wake_elements(elements: Iterable[Element], post: Callable[[Message], None]) -> None:
@@ -121,10 +145,13 @@ def stop_elements(elements: list[Element], limits: CallLimits) -> list[str]:
         element = elements.pop()
         element.is_playing = False
         try:
-            _call_stop(element, limits)
+            if _overrides(element, "stop"):
+                call = ElementCall(element, "stop", limits)
+                call.wait(limits.stop_s)
+                call.check(limits.stop_s)
         except HangDetected as cause:
             stuck.append(element.name)
-            limits.post(Message(MessageKind.WARNING, element.name, str(cause), {"code": "watchdog"}))
+            limits.post(hang_warning(element, cause))
         except Exception as cause:
             failure = element.failure(cause)
             limits.post(Message(MessageKind.WARNING, element.name, f"stop failed: {failure}"))
@@ -133,51 +160,5 @@ def stop_elements(elements: list[Element], limits: CallLimits) -> list[str]:
     return stuck
 
 
-def _call_stop(element: Element, limits: CallLimits) -> None:
-    call = _begin_call(element, "stop")
-    if call is None:
-        return
-    began = time.monotonic()
-    _wait(call, limits, limits.stop_s)
-    if call.is_alive():
-        raise _hang("stop", time.monotonic() - began)
-    _raise_error(call)
-
-
-def _begin_call(element: Element, method: str) -> ElementCall | None:
-    """Starts the call; None if the element does not override the method."""
-    if getattr(type(element), method) is getattr(Element, method) and method not in vars(element):
-        return None
-    call = ElementCall(element, method)
-    call.start()
-    return call
-
-
-def _wait(call: ElementCall, limits: CallLimits, limit_s: float | None) -> None:
-    """Waits until the call returns, is cancelled, or reaches its limit; warns once.
-
-    Time is counted in polls, because a suspended process does not hang.
-    """
-    polls = 0
-    call.join(POLL_S)
-    while call.is_alive() and not limits.cancelled.is_set():
-        polls += 1
-        seconds = polls * POLL_S
-        if limits.watchdog_s and seconds - POLL_S < limits.watchdog_s <= seconds:
-            limits.post(hang_warning(call.element, hang_of(call.method, limits.watchdog_s)))
-        if limit_s is not None and seconds >= limit_s:
-            return
-        call.join(POLL_S)
-    if limit_s is not None and call.is_alive():
-        call.join(min(1.0, limit_s))
-
-
-def _raise_error(call: ElementCall) -> None:
-    if isinstance(call.error, Exception):
-        raise call.error
-    if call.error is not None:  # SystemExit must not end the process in silence
-        raise RuntimeError(f"its {call.method} raised {call.error!r}")
-
-
-def _hang(method: str, seconds: float) -> HangDetected:
-    return HangDetected(f"its {method} has not returned within {seconds:.0f} s; its thread is abandoned")
+def _overrides(element: Element, method: str) -> bool:
+    return getattr(type(element), method) is not getattr(Element, method) or method in vars(element)

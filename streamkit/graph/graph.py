@@ -49,31 +49,31 @@ class Graph:
 
     def from_sinks(self) -> list[Element]:
         """The elements in reverse topological order: sinks first, sources last; loops are cut."""
-        waits_for = {id(element): len(downstream(element)) for element in self.elements}
-        ready = deque(element for element in reversed(self.elements) if not waits_for[id(element)])
+        waits_for = {element: len(downstream(element)) for element in self.elements}
+        ready = deque(element for element in reversed(self.elements) if not waits_for[element])
         left = deque(reversed(self.elements))
         ordered: list[Element] = []
-        visited: set[int] = set()
+        visited: set[Element] = set()
         while len(ordered) < len(waits_for):
             if ready:
                 element = ready.popleft()
             else:
-                element = next(element for element in left if id(element) not in visited)
-            if id(element) in visited:
+                element = next(element for element in left if element not in visited)
+            if element in visited:
                 continue
-            visited.add(id(element))
+            visited.add(element)
             ordered.append(element)
             for pad in element.sink_pads():
-                if pad.peer is not None and id(pad.peer.element) in waits_for:
-                    waits_for[id(pad.peer.element)] -= 1
-                    if not waits_for[id(pad.peer.element)]:
+                if pad.peer is not None and pad.peer.element in waits_for:
+                    waits_for[pad.peer.element] -= 1
+                    if not waits_for[pad.peer.element]:
                         ready.append(pad.peer.element)
         return ordered
 
     def has_loop(self) -> bool:
         """Whether the links form a loop."""
-        position = {id(element): index for index, element in enumerate(self.from_sinks())}
-        return any(position[id(src.element)] < position[id(sink.element)] for src, sink in self.links())
+        position = {element: index for index, element in enumerate(self.from_sinks())}
+        return any(position[src.element] < position[sink.element] for src, sink in self.links())
 
     def check_links(self) -> None:
         """Raises `StateError` for a loop, and `ElementFailure` for an unlinked sink pad."""
@@ -108,10 +108,10 @@ def upstream(element: Element) -> list[Element]:
 def walk(start: Iterable[Element], neighbours: Callable[[Element], Iterable[Element]]) -> Iterator[Element]:
     """The elements reachable from `start`, each once, the nearest first."""
     waiting = deque(start)
-    seen: set[int] = set()
+    seen: set[Element] = set()
     while waiting:
         element = waiting.popleft()
-        if id(element) not in seen:
-            seen.add(id(element))
+        if element not in seen:
+            seen.add(element)
             yield element
             waiting.extend(neighbours(element))

@@ -80,8 +80,8 @@ def remembered_caps(graph: Graph) -> Iterator[None]:
 
 
 def _links_from_sinks(graph: Graph) -> list[tuple[Pad, Pad]]:
-    position = {id(element): index for index, element in enumerate(graph.from_sinks())}
-    return sorted(graph.links(), key=lambda link: position[id(link[0].element)])
+    position = {element: index for index, element in enumerate(graph.from_sinks())}
+    return sorted(graph.links(), key=lambda link: position[link[0].element])
 
 
 def _conflict(src: Pad, sink: Pad, places: dict[str, Place]) -> DescriptionError:

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from streamkit.element.base import Element
+from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.timing import Timing
 from streamkit.errors import StateError
@@ -20,8 +21,8 @@ from streamkit.graph.element_calls import CallLimits, start_element, stop_elemen
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph
 from streamkit.graph.playback import Playback
-from streamkit.graph.queries import Latency, State, StateChange, duration_ns, graph_latency, position_ns
-from streamkit.graph.statistics import ElementStatistics, MessageCounts, collect_statistics
+from streamkit.graph.queries import Latency, State, StateChange, graph_latency
+from streamkit.graph.statistics import ElementStatistics, collect_statistics
 
 STOP_LIMIT_S = 5.0
 WATCHDOG_S = 30.0
@@ -49,8 +50,6 @@ class Pipeline:
         self._cancelled = threading.Event()
         self._lock = threading.RLock()
         self._started: list[Element] = []
-        self._message_counts = MessageCounts()
-        self.bus.watch(self._message_counts)
         self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
 
     @classmethod
@@ -125,7 +124,6 @@ class Pipeline:
             self.timing.reset()
             self.timing.running.set()
             self.bus.flush()
-            self._message_counts.counts.clear()
             try:
                 for element in self.graph.from_sinks():
                     self._adopt(element)
@@ -261,7 +259,7 @@ class Pipeline:
         """Counters of every element since streaming began."""
         chains, retired = list(self._playback.chains), self._playback.retired
         now_ns = self.clock.monotonic_ns()
-        return collect_statistics(self.graph, chains, retired, self._message_counts.counts, now_ns)
+        return collect_statistics(self.graph, chains, retired, self.bus.counts, now_ns)
 
     def latency(self) -> Latency:
         """Minimum and maximum latency of live frames; posts a warning if they cannot be buffered."""
@@ -272,11 +270,14 @@ class Pipeline:
 
     def position_ns(self) -> int | None:
         """Timestamp of the newest frame that a sink with `sync` has rendered, or None."""
-        return position_ns(self.graph)
+        positions = [element.position_ns for element in self.graph.elements if isinstance(element, Sink)]
+        return max((position for position in positions if position is not None), default=None)
 
     def duration_ns(self) -> int | None:
         """Duration of the longest source; None if that of any source is unknown."""
-        return duration_ns(self.graph)
+        durations = [element.duration_ns() for element in self.graph.elements if isinstance(element, Source)]
+        known = [duration for duration in durations if duration is not None]
+        return max(known) if known and len(known) == len(durations) else None
 
     # Branches.
 

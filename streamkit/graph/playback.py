@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterable
 
 from streamkit.element.base import Element
@@ -106,16 +107,17 @@ class Playback:
     def join(self, deadline: float, elements: Iterable[Element] | None = None) -> list[str]:
         """Waits until the threads (of some elements) end; returns the names of those that did not."""
         with self._lock:
-            wanted = None if elements is None else {id(element) for element in elements}
-            threads = [thread for thread in self._threads if wanted is None or id(thread.element) in wanted]
-        stuck = [thread.element.name for thread in threads if not thread.join(deadline)]
+            members = None if elements is None else set(elements)
+            threads = [thread for thread in self._threads if members is None or thread.element in members]
+        for thread in threads:
+            thread.join(max(0.0, deadline - time.monotonic()))
         with self._lock:
             self._threads = [thread for thread in self._threads if thread not in threads]
-        return stuck
+        return [thread.element.name for thread in threads if thread.is_alive()]
 
     def is_own_thread(self) -> bool:
         """Whether the caller is a streaming thread of the graph."""
-        return any(thread.is_current for thread in self._threads)
+        return threading.current_thread() in self._threads
 
     def stop(self) -> None:
         """Stops reporting hangs and the end of the stream."""
@@ -133,7 +135,7 @@ class Playback:
             element.waking.set()
             if isinstance(element, Source) and element.is_live:
                 element.hold(True)
-        self.refresh()
+        self._refresh()
 
     def go_on(self) -> None:
         """Resumes rendering."""
@@ -141,15 +143,14 @@ class Playback:
             if not element.is_flushing:
                 element.rearm()
         self._timing.go_on()
-        self.refresh()
+        self._refresh()
         for source in self._sources():
             source.hold(False)
 
-    def refresh(self) -> None:
-        """Updates the receiver function of every sink."""
+    def _refresh(self) -> None:
+        """Gets the receiver functions of all sinks again."""
         for chain in list(self.chains):
-            if isinstance(chain.terminal, Sink):
-                chain.refresh()
+            chain.refresh()
 
     def _expect_preroll(self) -> None:
         self.end.expect_preroll([] if self.is_live else self._sinks())
@@ -185,21 +186,18 @@ class Playback:
     def pad_added(self, pad: Pad) -> None:
         """Tries the delayed links of a new pad, and composes the chain behind it."""
         with self._lock:
-            known = {id(element) for element in self._graph.elements}
+            known = set(self._graph.elements)
             for link in list(self._graph.delayed_links):
                 link.try_link(pad.element, pad)
-            joined = [element for element in self._graph.elements if id(element) not in known]
+            joined = [element for element in self._graph.elements if element not in known]
             for element in joined:
                 self.adopt(element)
-            self._compose(pad, joined)
+            remember_caps(self._graph)
+            compose_chains(joined, self.chains)
+            chain = Chain(pad)
+            pad.push = chain.push
+            self.chains.append(chain)
         pad.element.pads_changed()
-
-    def _compose(self, pad: Pad, joined: list[Element]) -> None:
-        remember_caps(self._graph)
-        compose_chains(joined, self.chains)
-        chain = Chain(pad)
-        pad.push = chain.push
-        self.chains.append(chain)
 
     def no_more_pads(self, element: Element) -> None:
         """Warns of delayed links without a pad and sends EOS to their sinks.
@@ -226,8 +224,10 @@ class Playback:
     def join_branch(self, src: Pad, elements: list[Element]) -> None:
         """Starts streaming into a branch of started elements behind a request pad."""
         with self._lock:
-            is_paused = not self._timing.running.is_set() and not self.is_live
-            self.end.add((e for e in elements if isinstance(e, Sink)), is_paused=is_paused)
+            sinks = [element for element in elements if isinstance(element, Sink)]
+            self.end.expect_end(sinks)
+            if not self._timing.running.is_set() and not self.is_live:
+                self.end.expect_preroll(sinks)
             for element in elements:
                 for pad in element.pads.values():
                     pad.reset()
@@ -244,21 +244,19 @@ class Playback:
 
     def leave_branch(self, src: Pad, elements: list[Element]) -> None:
         """Removes a branch; the run no longer waits for its sinks."""
-        members = {id(element) for element in elements}
         with self._lock:
-            gone = [c for c in self.chains if c.src is src or id(c.src.element) in members]
-            for chain in gone:
+            for chain in [c for c in self.chains if c.src is src or c.src.element in elements]:
                 self.chains.remove(chain)
                 if chain.src is src:
                     self.retired.add(chain)
-            self.retired.forget(members)
+            self.retired.forget(elements)
         self.end.remove(elements)
 
     # End of the run.
 
     def sink_ended(self, element: Element) -> None:
         """A sink has drained after EOS."""
-        self.end.sink_ended(element)
+        self.end.remove([element])
 
     def fail(self, error: Exception) -> None:
         """Handles a failure: drops the branch if that is allowed, else ends the run."""

@@ -1,10 +1,11 @@
-"""What an application asks of a graph: state, latency, position, duration."""
+"""States of a pipeline, and the latency of a graph."""
 
 from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
 
+from streamkit.element.base import Element
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.graph.graph import Graph
@@ -58,19 +59,17 @@ def graph_latency(graph: Graph) -> Latency:
     """
     if not any(isinstance(element, Source) and element.is_live for element in graph.elements):
         return Latency(False)
-    known: dict[int, Latency] = {}
+    known: dict[Element, Latency] = {}
     for element in reversed(graph.from_sinks()):
-        upstream = _joined(
-            [known[id(pad.peer.element)] for pad in element.sink_pads() if pad.peer is not None]
-        )
+        upstream = _joined([known[pad.peer.element] for pad in element.sink_pads() if pad.peer is not None])
         minimum_ns, maximum_ns = element.latency()
         is_live = upstream.is_live or (isinstance(element, Source) and bool(element.is_live))
-        known[id(element)] = Latency(
+        known[element] = Latency(
             is_live,
             upstream.minimum_ns + minimum_ns,
             None if upstream.maximum_ns is None or maximum_ns is None else upstream.maximum_ns + maximum_ns,
         )
-    ends = [known[id(element)] for element in graph.elements if isinstance(element, Sink)]
+    ends = [known[element] for element in graph.elements if isinstance(element, Sink)]
     return _joined([end for end in ends if end.is_live] or ends)
 
 
@@ -81,16 +80,3 @@ def _joined(paths: list[Latency]) -> Latency:
         max((path.minimum_ns for path in paths), default=0),
         min(bounds) if bounds else (None if paths else 0),
     )
-
-
-def position_ns(graph: Graph) -> int | None:
-    """Timestamp of the newest frame that a sink with `sync` has rendered, ns, or None."""
-    sinks = (element for element in graph.elements if isinstance(element, Sink))
-    return max((sink.position_ns for sink in sinks if sink.position_ns is not None), default=None)
-
-
-def duration_ns(graph: Graph) -> int | None:
-    """Duration of the longest source, ns; None if that of any source is unknown."""
-    found = [element.duration_ns() for element in graph.elements if isinstance(element, Source)]
-    known = [duration for duration in found if duration is not None]
-    return max(known) if known and len(known) == len(found) else None

@@ -16,7 +16,7 @@ from streamkit.element.pad import Pad
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
-from streamkit.flow.messages import Message, MessageKind
+from streamkit.flow.messages import MessageKind
 from streamkit.graph.chain import Chain, RetiredChainTotals
 from streamkit.graph.graph import Graph
 from streamkit.handoff.frame_queue import FrameQueue
@@ -108,34 +108,22 @@ class RunStatistics(msgspec.Struct, frozen=True, kw_only=True):
     shortfalls: list[str] = []
 
 
-class MessageCounts:
-    """Counts errors and warnings of each element; a watcher of the bus."""
-
-    def __init__(self) -> None:
-        self.counts: Counter[tuple[str, MessageKind]] = Counter()
-
-    def __call__(self, message: Message) -> None:
-        """Counts one message."""
-        if message.kind in (MessageKind.ERROR, MessageKind.WARNING):
-            self.counts[message.source, message.kind] += 1
-
-
 class _ChainTotals:
-    """Totals of the chains of a graph by pad, and by `id` of the element."""
+    """Totals of the chains of a graph by pad and by element."""
 
     def __init__(self, chains: Iterable[Chain], retired: RetiredChainTotals) -> None:
         self.frames: Counter[Pad] = Counter()
-        self.frames_in: Counter[int] = Counter()
-        self.frames_out: Counter[int] = Counter(retired.frames)
-        self.busy_ns: Counter[int] = Counter()
-        self.newest_ns: dict[int, int] = {}
-        self._behind: dict[int, list[Chain]] = {}
+        self.frames_in: Counter[Element] = Counter()
+        self.frames_out: Counter[Element] = Counter(retired.frames)
+        self.busy_ns: Counter[Element] = Counter()
+        self.newest_ns: dict[Element, int] = {}
+        self._behind: dict[Element, list[Chain]] = {}
         self._retired = retired
         for chain in chains:
-            self._behind.setdefault(id(chain.src.element), []).append(chain)
+            self._behind.setdefault(chain.src.element, []).append(chain)
             self._add(chain)
-        for owner in [behind[0].src.element for behind in self._behind.values()]:
-            self._attribute_work(owner, self._behind[id(owner)])
+        for owner, behind in self._behind.items():
+            self._attribute_work(owner, behind)
 
     def _add(self, chain: Chain) -> None:
         """Adds the counters of a chain."""
@@ -145,28 +133,28 @@ class _ChainTotals:
             newest_ns = stage.newest_ns or newest_ns  # a bypassed stage has the time of the next one
             element = stage.element
             self._update_newest(element, newest_ns)
-            self.frames_in[id(element)] += count
+            self.frames_in[element] += count
             self.frames[stage.sink] += count
-            self.busy_ns[id(element)] += stage.busy_ns
+            self.busy_ns[element] += stage.busy_ns
             if isinstance(element, Transform):
                 self._count_output(element.src_pad, count - stage.swallowed)
         self._update_newest(chain.src.element, newest_ns)
 
     def _count_output(self, pad: Pad, count: int) -> None:
         self.frames[pad] += count
-        self.frames_out[id(pad.element)] += count
+        self.frames_out[pad.element] += count
 
     def _update_newest(self, element: Element, newest_ns: int) -> None:
-        self.newest_ns[id(element)] = max(newest_ns, self.newest_ns.get(id(element), 0))
+        self.newest_ns[element] = max(newest_ns, self.newest_ns.get(element, 0))
 
     def _attribute_work(self, owner: Element, behind: list[Chain]) -> None:
         """Separates the work of a source or tee from that of the chains that it calls."""
         if isinstance(owner, Source):
             made_ns = 0 if owner.is_live else behind[0].upstream_ns
-            self.busy_ns[id(owner)] = made_ns - sum(self._spent_ns(chain) for chain in behind[1:])
+            self.busy_ns[owner] = made_ns - sum(self._spent_ns(chain) for chain in behind[1:])
         elif not isinstance(owner, Transform) and not hasattr(owner, "stream"):  # without its own thread
-            called_ns = self._retired.busy_ns[id(owner)]
-            self.busy_ns[id(owner)] -= called_ns + sum(self._spent_ns(chain) for chain in behind)
+            called_ns = self._retired.busy_ns[owner]
+            self.busy_ns[owner] -= called_ns + sum(self._spent_ns(chain) for chain in behind)
 
     def _spent_ns(self, chain: Chain) -> int:
         """Working time in a chain, including chains behind transforms that return several frames."""
@@ -174,7 +162,7 @@ class _ChainTotals:
             beyond
             for stage in chain.stages
             if isinstance(stage.element, Transform)
-            for beyond in self._behind.get(id(stage.element), ())
+            for beyond in self._behind.get(stage.element, ())
         )
         return chain.busy_ns + sum(self._spent_ns(beyond) for beyond in nested)
 
@@ -199,18 +187,18 @@ def collect_statistics(
 
     def row(element: Element) -> ElementStatistics:
         name = element.name
-        newest_ns = totals.newest_ns.get(id(element), 0)
+        newest_ns = totals.newest_ns.get(element, 0)
         waited_ns = element.waited_ns if isinstance(element, Sink) else 0
         return ElementStatistics(
             element=name,
             parent=element.parent,
             factory=element.factory,
-            frames_in=totals.frames_in[id(element)],
-            frames_out=totals.frames_out[id(element)],
+            frames_in=totals.frames_in[element],
+            frames_out=totals.frames_out[element],
             dropped=dict(element.drops),
             errors=counts[name, MessageKind.ERROR],
             warnings=counts[name, MessageKind.WARNING],
-            busy_ns=max(0, totals.busy_ns[id(element)] - waited_ns),
+            busy_ns=max(0, totals.busy_ns[element] - waited_ns),
             age_ns=max(0, now_ns - newest_ns) if newest_ns else None,
             queue=_levels(element),
             pads=[_pad_row(pad, totals.frames[pad]) for pad in list(element.pads.values())],

@@ -27,61 +27,39 @@ class StreamEnd:
         self.ended = threading.Event()
         self.is_prerolled = threading.Event()
         self._bus = bus
-        self._sink_ended = threading.Condition()
-        self._open: set[int] = set()
-        self._not_prerolled: set[int] = set()
+        self._changed = threading.Condition()
+        self._open: set[Element] = set()
+        self._not_prerolled: set[Element] = set()
 
     def expect_end(self, sinks: Iterable[Sink]) -> None:
-        """Sets the sinks whose end is the end of the run."""
-        with self._sink_ended:
-            self._open = {id(sink) for sink in sinks}
+        """Adds sinks that have to end before the run does."""
+        with self._changed:
+            self._open.update(sinks)
 
     def expect_preroll(self, sinks: Iterable[Sink]) -> None:
-        """Sets the sinks of a paused graph that have to preroll, unless `async` is off."""
-        with self._sink_ended:
-            self._not_prerolled = {id(sink) for sink in sinks if sink.wait_for_preroll}
-            self._update_prerolled()
-
-    def add(self, sinks: Iterable[Sink], *, is_paused: bool) -> None:
-        """Adds sinks to the run."""
-        joined = list(sinks)
-        with self._sink_ended:
-            self._open |= {id(sink) for sink in joined}
-            if is_paused:
-                self._not_prerolled |= {id(sink) for sink in joined if sink.wait_for_preroll}
-                self._update_prerolled()
-
-    def _update_prerolled(self) -> None:
-        if self._not_prerolled:
-            self.is_prerolled.clear()
-        else:
-            self.is_prerolled.set()
+        """Adds sinks of a paused graph that have to preroll, unless their `async` is off."""
+        with self._changed:
+            self._not_prerolled.update(sink for sink in sinks if sink.wait_for_preroll)
+            if self._not_prerolled:
+                self.is_prerolled.clear()
+            else:
+                self.is_prerolled.set()
 
     def remove(self, elements: Iterable[Element]) -> None:
-        """Removes sinks from the run, which ends if no other sinks are open."""
-        members = {id(element) for element in elements}
-        with self._sink_ended:
+        """Removes sinks that have ended or leave the run, which ends with the last one."""
+        with self._changed:
             had_some = bool(self._open)
-            self._open -= members
-            self._not_prerolled -= members
+            self._open.difference_update(elements)
+            self._not_prerolled.difference_update(elements)
             is_over = had_some and not self._open
-            self._sink_ended.notify_all()
-        if is_over:
-            self.post_eos()
-
-    def sink_ended(self, sink: Element) -> None:
-        """A sink has drained after EOS; the last one ends the run."""
-        with self._sink_ended:
-            self._open.discard(id(sink))
-            is_over = not self._open
-            self._sink_ended.notify_all()
+            self._changed.notify_all()
         if is_over:
             self.post_eos()
 
     def sink_prerolled(self, sink: Element) -> None:
         """A sink of the paused graph holds its first frame."""
-        with self._sink_ended:
-            self._not_prerolled.discard(id(sink))
+        with self._changed:
+            self._not_prerolled.discard(sink)
             is_last = not self._not_prerolled and not self.is_prerolled.is_set()
             if is_last:
                 self.is_prerolled.set()
@@ -98,24 +76,20 @@ class StreamEnd:
                 return False
         return True
 
-    def wait(self, elements: Iterable[Element], deadline: float) -> None:
-        """Waits until these sinks have ended, the run has failed, or the deadline."""
-        members = {id(element) for element in elements}
-        with self._sink_ended:
-            while members & self._open and self.error is None:
-                left_s = deadline - time.monotonic()
-                if left_s <= 0:
-                    return
-                self._sink_ended.wait(left_s)
+    def wait(self, elements: Iterable[Element], timeout_s: float) -> None:
+        """Waits until these sinks have ended, the run has failed, or the timeout."""
+        members = set(elements)
+        with self._changed:
+            self._changed.wait_for(lambda: self.error is not None or not members & self._open, timeout_s)
 
     def fail(self, error: Exception) -> None:
         """Posts a failure; the first one ends the run, later ones are warnings."""
         source = error.element if isinstance(error, ElementFailure) else ""
-        with self._sink_ended:
+        with self._changed:
             is_first = self.error is None
             if is_first:
                 self.error = error if isinstance(error, StreamkitError) else ResourceError(str(error))
-            self._sink_ended.notify_all()
+            self._changed.notify_all()
         if is_first:
             self._bus.post(Message(MessageKind.ERROR, source, str(error), error=self.error))
             self.ended.set()
@@ -124,7 +98,7 @@ class StreamEnd:
 
     def post_eos(self) -> None:
         """Posts EOS, once, and not after a failure."""
-        with self._sink_ended:
+        with self._changed:
             if self.ended.is_set() or self.error is not None:
                 return
             self.ended.set()

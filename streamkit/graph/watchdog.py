@@ -39,7 +39,7 @@ class Watchdog:
         self._post = post
         self._fail = fail
         self._interval_s = min(POLL_S, limit_s / 4)
-        self._checks: dict[int, tuple[int, int]] = {}  # start of the call and number of checks, by element id
+        self._checks: dict[Element, tuple[int, int]] = {}  # start of the call and number of checks
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -61,15 +61,15 @@ class Watchdog:
 
     def check(self) -> None:
         """Checks every element once; reports calls that exceed the limit."""
-        checks: dict[int, tuple[int, int]] = {}
+        checks: dict[Element, tuple[int, int]] = {}
         for element in list(self._elements()):
             activity = element.activity
             if activity is None or not _is_stuck(element):
                 continue
             since_ns = activity[1]
-            known_ns, count = self._checks.get(id(element), (since_ns, 0))
+            known_ns, count = self._checks.get(element, (since_ns, 0))
             count = count + 1 if known_ns == since_ns else 1
-            checks[id(element)] = since_ns, count
+            checks[element] = since_ns, count
             if (count - 1) * self._interval_s < self.limit_s <= count * self._interval_s:
                 self._report(element, activity[0])
         self._checks = checks

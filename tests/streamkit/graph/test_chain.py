@@ -21,7 +21,7 @@ def test_a_chain_ends_at_the_first_element_that_is_no_transform() -> None:
     )
     chain = Chain(pipeline["fakesrc0"].src_pad)
     assert [stage.element.name for stage in chain.stages] == ["a", "capsfilter0", "b", "queue0"]
-    assert chain.terminal is pipeline["queue0"]
+    assert chain.stages[-1].is_terminal
 
 
 def test_an_open_end_is_not_linked() -> None:
