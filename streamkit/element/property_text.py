@@ -7,16 +7,24 @@ from __future__ import annotations
 
 import enum
 import re
-import sys
 from fractions import Fraction
 from typing import Any
 
 from streamkit.flow.caps import Caps
-from streamkit.flow.caps_text import read_boolean, read_float, read_fraction, read_integer
+from streamkit.flow.caps_text import (
+    BYTE_ORDERS,
+    read_boolean,
+    read_double,
+    read_fraction,
+    read_integer,
+    read_width,
+)
 
-INT32_MAX, INT64_MIN, INT64_MAX = 2**31 - 1, -(2**63), 2**63 - 1
-UINT32_MAX, UINT64_MAX = 2**32 - 1, 2**64 - 1
-BYTE_ORDERS = {"little_endian": 1234, "big_endian": 4321}
+INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
+# Bits, and whether it is signed, of the C type whose maximum a property has.
+WIDTHS: dict[Any, tuple[int, bool]] = {
+    2**31 - 1: (32, True), 2**32 - 1: (32, False), 2**63 - 1: (64, True), 2**64 - 1: (64, False),
+}  # fmt: skip
 BLANKS = " \t\n\r\f\v"  # C's functions skip them in front of a number
 ESCAPE = re.compile(rb"\\([0-3][0-7]{2}|.)", re.DOTALL)
 UNESCAPED_QUOTE = re.compile(r'(?:[^"\\]|\\.)*(?:"|\\$)', re.DOTALL)
@@ -66,9 +74,7 @@ def value_from_text(kind: type, text: str, *, minimum: Any = None, maximum: Any 
     if kind is int:
         return _integer(text, minimum, maximum)
     if kind is float:
-        if text.lower() in ("min", "max"):
-            return sys.float_info.max if text.lower() == "max" else -sys.float_info.max
-        return _demand(read_float(text.lstrip(BLANKS)), "it takes a number such as 0.5 or 1e3")
+        return _demand(read_double(text.lstrip(BLANKS)), "it takes a number such as 0.5 or 1e3")
     if kind is Fraction:
         return _demand(read_fraction(text), "it takes a fraction such as 30/1")
     if kind is Caps:
@@ -116,21 +122,17 @@ def _demand(value: Any, rule: str) -> Any:
 
 def _integer(text: str, minimum: int | None, maximum: int | None) -> int:
     word = text.lower()
-    if word == "max":
-        return INT64_MAX if maximum is None else int(maximum)
-    if word == "min":
-        return INT64_MIN if minimum is None else int(minimum)
-    if word in BYTE_ORDERS or word == "byte_order":
-        return BYTE_ORDERS.get(word, BYTE_ORDERS[f"{sys.byteorder}_endian"])
+    if word in ("min", "max"):
+        given, widest = (minimum, INT64_MIN) if word == "min" else (maximum, INT64_MAX)
+        return widest if given is None else int(given)
     rule = "it takes a whole number such as 12, -1 or 0x10"
+    if maximum in WIDTHS or word in BYTE_ORDERS:
+        bits, is_signed = WIDTHS.get(maximum, (64, True))
+        wrapped = read_width(text.lstrip(BLANKS), bits, signed=is_signed)
+        if wrapped is not None:
+            return wrapped
     value = int(_demand(read_integer(text.lstrip(BLANKS)), rule))
-    if maximum in (UINT32_MAX, UINT64_MAX) and -maximum - 1 <= 2 * value < 0:
-        return value + int(maximum) + 1
-    if maximum in (INT32_MAX, INT64_MAX) and INT64_MAX < value <= UINT64_MAX:
-        value -= UINT64_MAX + 1
-    if maximum in (INT32_MAX, INT64_MAX) and maximum < value <= 2 * maximum + 1:
-        return value - 2 * (int(maximum) + 1)
-    if not INT64_MIN <= value <= (UINT64_MAX if maximum == UINT64_MAX else INT64_MAX):
+    if not INT64_MIN <= value <= INT64_MAX:
         raise ValueError("it takes a number of at most 64 bits")
     return value
 

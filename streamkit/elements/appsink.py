@@ -112,9 +112,7 @@ class AppSink(PlainSink):
                     raise Flushing(self.name)
                 with self.waiting():
                     self.changed.wait(POLL_S)
-            self.count += 1
-            if self._keeps_last:
-                self.last_frame = frame
+            self.note(frame)
             self.pending.append(frame)
             self.changed.notify_all()
         if self.emit_signals:

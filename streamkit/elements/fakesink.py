@@ -60,7 +60,6 @@ class FakeSink(PlainSink):
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_handoff = Callbacks()
         self.on_preroll_handoff = Callbacks()
-        self._is_plain = True
         super().__init__(name, **properties)
 
     def start(self) -> None:
@@ -76,17 +75,6 @@ class FakeSink(PlainSink):
         if self.state_error in GOING_DOWN:
             raise StateError(f"state-error={self.state_error}: fails at this state change on purpose")
 
-    def apply_state(self) -> None:
-        """Caches whether frames are only counted."""
-        super().apply_state()
-        self._is_plain = (
-            self._keeps_last
-            and not (self._has_ended or self.signal_handoffs or self.dump)
-            and self._clip is None
-            and self.silent
-            and self.num_buffers < 0
-        )
-
     @override
     def preroll(self, frame: Frame | None) -> None:
         if frame is not None and self.signal_handoffs:
@@ -94,22 +82,13 @@ class FakeSink(PlainSink):
 
     @override
     def render(self, frame: Frame) -> None:
-        if self._is_plain:
-            self.count += 1
-            self.last_frame = frame
-        else:
-            self._render_fully(frame)
-
-    def _render_fully(self, frame: Frame) -> None:
         self.check_open()
         limit = self.num_buffers
         if 0 <= limit <= self.count:
             raise EndOfStream(self.name)
         if self.drop_out_of_segment and self.is_outside(frame):
             return
-        self.count += 1
-        if self._keeps_last:
-            self.last_frame = frame
+        self.note(frame)
         report_frame(self, "chain", self.pads["sink"], frame, frame, self.pads["sink"])
         if self.count == limit:
             raise EndOfStream(self.name)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import random
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -16,7 +15,6 @@ from streamkit.element.source import Source
 from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.errors import NotNegotiated
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.clock import SystemClock
 from streamkit.flow.frame import Frame
 
 INT = 2**31 - 1
@@ -107,13 +105,7 @@ class FakeSrc(Source):
     @override
     def frames(self) -> Iterator[Frame]:
         caps = self.src_pad.caps or ANY
-        clock = self.clock
-        now_ns = time.monotonic_ns if type(clock) is SystemClock else clock.monotonic_ns
         numbers = range(self.num_buffers) if self.num_buffers >= 0 else itertools.count()
-        if self._is_plain():
-            for number in numbers:
-                yield Frame(b"", caps, None, None, 0, number, now_ns())
-            return
         make_data = self._data_maker()
         sent = 0
         for number in numbers:
@@ -124,14 +116,9 @@ class FakeSrc(Source):
             if self.sync and pts is not None and not self.wait_until_due(pts):
                 return
             sent += len(content)
-            frame = Frame(content, caps, pts, duration, 0, number, now_ns())
+            frame = Frame(content, caps, pts, duration, seq=number, arrival_ns=self.clock_ns())
             report_frame(self, "create", self.src_pad, frame, frame, self.src_pad)
             yield frame
-
-    def _is_plain(self) -> bool:
-        is_reported = self.dump or self.signal_handoffs or not self.silent
-        is_timed = self.is_live or self.do_timestamp or self.datarate
-        return self.sizetype is SizeType.EMPTY and not is_reported and not is_timed
 
     def _times(self, sent: int, size: int) -> tuple[int | None, int | None]:
         """Timestamp and duration, ns, of a frame after `sent` bytes."""

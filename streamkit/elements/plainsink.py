@@ -19,7 +19,7 @@ UINT64 = 2**64 - 1
 class PlainSink(Sink):
     """State and checks that fakesink and appsink share: counters, the last frame, the segment, EOS.
 
-    `render` of a subclass calls `check_open` and `is_outside`, and keeps `count` and `last_frame`.
+    `render` of a subclass calls `check_open`, `is_outside` and `note`.
 
     Attributes:
         count: frames rendered since the start.
@@ -33,7 +33,6 @@ class PlainSink(Sink):
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.count = 0
         self.last_frame: Frame | None = None
-        self._keeps_last = True
         self._has_ended = False
         self._clip: Segment | None = None
         super().__init__(name, **properties)
@@ -48,24 +47,17 @@ class PlainSink(Sink):
         self.last_frame = None
         self._has_ended = False
         self._clip = None
-        self.apply_state()
-
-    def apply_state(self) -> None:
-        """Caches what properties and stream state mean for the next frame."""
-        self._keeps_last = self.enable_last_sample
-        if not self._keeps_last:
-            self.last_frame = None
 
     @override
     def property_changed(self, name: str) -> None:
-        self.apply_state()
+        if not self.enable_last_sample:
+            self.last_frame = None
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Stores the segment for clipping, then handles the event as any sink."""
         if isinstance(event, SegmentEvent):
             segment = event.segment
             self._clip = segment if segment.start_ns or segment.stop_ns is not None else None
-            self.apply_state()
         super().receive_event(pad, event)
 
     def is_outside(self, frame: Frame) -> bool:
@@ -76,6 +68,12 @@ class PlainSink(Sink):
         self.count_drop("outside the segment")
         return True
 
+    def note(self, frame: Frame) -> None:
+        """Counts a frame that is rendered, and keeps it as the last one."""
+        self.count += 1
+        if self.enable_last_sample:
+            self.last_frame = frame
+
     def check_open(self) -> None:
         """Raises `EndOfStream` after EOS."""
         if self._has_ended:
@@ -84,11 +82,9 @@ class PlainSink(Sink):
     def drain(self) -> None:
         """Refuses frames after EOS."""
         self._has_ended = True
-        self.apply_state()
 
     def flush(self, *, begins: bool) -> None:
         """A flush lets the sink accept frames again."""
         super().flush(begins=begins)
         self._has_ended = False
         self._clip = None
-        self.apply_state()

@@ -52,7 +52,7 @@ class Queue(Element):
         on_overrun: called with the queue when a frame arrives at a full queue.
         on_underrun: called with the queue when it becomes empty.
         on_running: called with the queue when frames arrive after that.
-        pending: queued frames and events; changed under the queue's lock only.
+        pending: queued frames and events, guarded by `changed`.
 
     Example:
         fakesrc num-buffers=100 ! queue max-size-buffers=10 ! fakesink
@@ -88,10 +88,7 @@ class Queue(Element):
         self.on_underrun = Callbacks()
         self.on_running = Callbacks()
         self.pending = FrameQueue()
-        self._lock = threading.Lock()  # guards everything below, and `pending`
-        self._room = threading.Condition(self._lock)
-        self._filled = threading.Condition(self._lock)
-        self._waits_for_room = self._waits_for_frames = False  # set before a wait, cleared by who notifies
+        # Guarded by `changed`, as `pending` is.
         self._refusal: type[FlowStop] | None = None  # why frames from upstream are refused
         self._is_halted = False  # downstream gets nothing for now
         self._is_flush_pending = False
@@ -112,27 +109,12 @@ class Queue(Element):
 
     def property_changed(self, name: str) -> None:
         """Applies new limits, and wakes both threads."""
-        with self._lock:
+        with self.changed:
             self.pending.limits = self.max_size_buffers, self.max_size_bytes, self.max_size_time
             self._has_thresholds = any(
                 (self.min_threshold_buffers, self.min_threshold_bytes, self.min_threshold_time)
             )
-            self._notify_upstream()
-            self._notify_downstream()
-
-    @override
-    def wake(self) -> None:
-        with self._lock:
-            self._notify_upstream()
-            self._notify_downstream()
-
-    def _notify_upstream(self) -> None:
-        self._waits_for_room = False
-        self._room.notify_all()
-
-    def _notify_downstream(self) -> None:
-        self._waits_for_frames = False
-        self._filled.notify_all()
+            self.changed.notify_all()
 
     def _emit(self, callbacks: Callbacks) -> None:
         """Runs callbacks, without the lock, unless `silent`."""
@@ -146,14 +128,14 @@ class Queue(Element):
         return self._put
 
     def _put(self, frame: Frame) -> None:
-        with self._lock:
+        with self.changed:
             if self._refusal is not None:
                 raise self._refusal(self.name)
             if not self.pending.is_full():
                 self._append(frame)
                 return
         self._emit(self.on_overrun)
-        with self._lock:
+        with self.changed:
             if self._make_room():
                 self._append(frame)
 
@@ -169,8 +151,7 @@ class Queue(Element):
             self._has_tail_gap = False
             frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
         self.pending.append(frame)
-        if self._waits_for_frames:
-            self._notify_downstream()
+        self.changed.notify_all()
 
     def _make_room(self) -> bool:
         """Waits, or drops by `leaky`; False if the new frame is dropped."""
@@ -185,8 +166,7 @@ class Queue(Element):
                 self._has_head_gap = True
                 continue
             with self.waiting():
-                self._waits_for_room = True
-                self._room.wait(POLL_S)
+                self.changed.wait(POLL_S)
         self._check_open()
         return True
 
@@ -197,13 +177,13 @@ class Queue(Element):
         elif isinstance(event, FlushStop):
             self._finish_flush(event)
         else:
-            with self._lock:
+            with self.changed:
                 if self._refusal is not None and not self.is_flushing:
                     return
                 if isinstance(event, EosEvent) and self.flush_on_eos:
                     self.count_drop("dropped at EOS", self.pending.drop_frames())
                 self.pending.append(event)
-                self._notify_downstream()
+                self.changed.notify_all()
 
     # Called in the flushing thread.
 
@@ -212,7 +192,7 @@ class Queue(Element):
         if begins:
             self._parked.clear()
             self._flush_over.clear()
-            with self._lock:
+            with self.changed:
                 self._refusal = self._refusal or Flushing
                 self._is_flush_pending = self._is_halted = True
                 if EOS in self.pending.items:
@@ -222,7 +202,7 @@ class Queue(Element):
             return
         if self._thread_id and self._thread_id != threading.get_ident():
             self._parked.wait(PARK_S)
-        with self._lock:
+        with self.changed:
             newest = {
                 type(item): item for item in self.pending.items if not isinstance(item, Frame | GapEvent)
             }
@@ -232,7 +212,7 @@ class Queue(Element):
     def _finish_flush(self, event: Event) -> None:
         """Sends the end of the flush downstream, then lets both threads continue."""
         self.pads["src"].send_event(event)
-        with self._lock:
+        with self.changed:
             self._is_halted = self.stopping.is_set()
             if self._refusal is Flushing and not self._is_halted:
                 self._refusal = None
@@ -242,7 +222,7 @@ class Queue(Element):
 
     def prepare_run(self) -> None:
         """Resets the state of an earlier run."""
-        with self._lock:
+        with self.changed:
             self.pending.reset()
             self._refusal = None
             self._is_flush_pending = self._is_halted = self._has_head_gap = self._has_tail_gap = False
@@ -285,13 +265,12 @@ class Queue(Element):
     def _take(self) -> Frame | Event:
         """Waits until the queue may be read; takes the oldest item."""
         while True:
-            with self._lock:
+            with self.changed:
                 if self._is_halted:
                     raise Flushing(self.name)
                 if self._may_read():
                     item = self.pending.popleft()
-                    if self._waits_for_room:
-                        self._notify_upstream()
+                    self.changed.notify_all()
                     if self._has_head_gap and isinstance(item, Frame):
                         self._has_head_gap = False
                         item = item.replace(flags=item.flags | FrameFlags.DISCONTINUITY)
@@ -299,10 +278,9 @@ class Queue(Element):
                 is_empty = not self.pending.items
             if is_empty:
                 self._emit(self.on_underrun)
-            with self._lock:
+            with self.changed:
                 while not self._may_read() and not self._is_halted:
-                    self._waits_for_frames = True
-                    self._filled.wait(POLL_S)
+                    self.changed.wait(POLL_S)
             self._emit(self.on_running)
 
     def _may_read(self) -> bool:
@@ -319,7 +297,7 @@ class Queue(Element):
 
     def _park(self) -> None:
         """Waits until a flush ends; without a flush, ends streaming."""
-        with self._lock:
+        with self.changed:
             is_flush, self._is_flush_pending = self._is_flush_pending, False
         if not is_flush or self.stopping.is_set():
             raise Flushing(self.name)
@@ -330,15 +308,15 @@ class Queue(Element):
 
     def _refuse(self, stop: type[FlowStop]) -> None:
         """Drops queued frames and raises the reason at every later push."""
-        with self._lock:
+        with self.changed:
             self._refusal = stop
             self.pending.keep([])
-            self._notify_upstream()
+            self.changed.notify_all()
 
     def interrupt(self) -> None:
         """Wakes both threads, for good if the pipeline stops."""
         if self.stopping.is_set():
-            with self._lock:
+            with self.changed:
                 self._is_halted = True
                 self._refusal = self._refusal or Flushing
             self._flush_over.set()
@@ -346,5 +324,5 @@ class Queue(Element):
 
     @override
     def stop(self) -> None:
-        with self._lock:
+        with self.changed:
             self.pending.keep([])
