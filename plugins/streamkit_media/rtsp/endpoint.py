@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import enum
 import random
-from typing import Any
+from typing import Any, NoReturn
 from urllib.parse import urlsplit
 
 from streamkit import Element, Property, ResourceError
 from streamkit_media.location import redact, with_credentials
-from streamkit_media.rtsp.backoff import Backoff
-from streamkit_media.rtsp.reachability import (
-    DEFAULT_PORTS,
-    SECURE,
-    connection_failure,
-    port_of,
-    tls_failure,
-    trusted_authorities,
-)
+from streamkit_media.rtsp.reachability import DEFAULT_PORTS, SECURE, port_of, trusted_authorities, unreachable
 
-HANDSHAKE_LIMIT_S = 1.0
+GROWTH = 2.0
+LEAST_SHARE = 0.5  # jitter: many clients of one server that restarts are not to come back at the same moment
 
 
 class Transport(enum.StrEnum):
@@ -35,6 +28,33 @@ class Reconnect(enum.StrEnum):
     NEVER = "never"
     ON_ERROR = "on-error"
     ALWAYS = "always"
+
+
+class Backoff:
+    """Capped exponential delays with jitter.
+
+    Args:
+        first_s: the first delay before jitter, s.
+        cap_s: none is longer, s.
+        random_source: of the jitter.
+
+    Source: Brooker, Exponential Backoff and Jitter, "equal jitter".
+    """
+
+    def __init__(self, first_s: float, cap_s: float, random_source: random.Random) -> None:
+        self._first_s, self._cap_s, self._random = first_s, cap_s, random_source
+        self.tries = 0
+
+    def next_delay_s(self) -> float:
+        """The delay before the next try, which is counted."""
+        # Past 60 doublings every cap is reached; the power itself would overflow at a thousand.
+        longest = min(self._cap_s, self._first_s * GROWTH ** min(self.tries, 60))
+        self.tries += 1
+        return longest * self._random.uniform(LEAST_SHARE, 1.0)
+
+    def reset(self) -> None:
+        """It worked: the next delay is the first one again."""
+        self.tries = 0
 
 
 class RtspEndpoint(Element):
@@ -119,21 +139,28 @@ class RtspEndpoint(Element):
         except OSError as error:
             raise ResourceError(f"tls-ca-file={self.tls_ca_file}: {error}") from None
 
-    def _certificate_failure(self) -> str:
-        """Why the server's certificate is refused; "" where it is accepted."""
-        host, limit_s = urlsplit(self.location).hostname or "", min(self.timeout_s, HANDSHAKE_LIMIT_S)
-        return tls_failure(host, port_of(self.location), self._tls_options.get("ca_file"), limit_s)
-
-    def _connection_failure(self) -> str:
-        """Why the server cannot be reached; "" where it can."""
-        host, limit_s = urlsplit(self.location).hostname or "", min(self.timeout_s, HANDSHAKE_LIMIT_S)
-        return connection_failure(host, port_of(self.location), limit_s)
+    def _unreachable(self, remedy: str) -> str:
+        """Why the server cannot be reached or trusted; "" where it can."""
+        return unreachable(self.location, self._tls_options.get("ca_file"), self.timeout_s, remedy)
 
     def _has_tried_enough(self, *, has_worked: bool) -> bool:
         """Whether to give up; `has_worked` means that a connection has worked before."""
         if self.max_retries >= 0:
             return self._backoff.tries >= self.max_retries
         return not has_worked and self.reconnect is not Reconnect.ALWAYS
+
+    def _give_up(self, error: ResourceError) -> NoReturn:
+        """Raises the error of the last try."""
+        tries = self._backoff.tries
+        self._post_state("gave-up", attempt=tries, reason=str(error))
+        raise ResourceError(f"{error}; gave up after {tries} retries") if tries else error
+
+    def _delay_before_retry(self, reason: str) -> float:
+        """Counts and reports the next try; the delay before it, s."""
+        delay_s = self._backoff.next_delay_s()
+        self._post_state("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=reason)
+        self.post_warning(f"{reason}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
+        return delay_s
 
     def _post_state(self, state: str, **fields: object) -> None:
         self.post_message("connection", state=state, **fields)

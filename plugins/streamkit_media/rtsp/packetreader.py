@@ -20,12 +20,11 @@ from streamkit_media.container import AccessRefused, InvalidMedia, TimedOut, ope
 from streamkit_media.location import redact
 from streamkit_media.packets import read_packets
 from streamkit_media.rtsp.low_latency.completeframes import UNPARSED, can_be_joined, complete_frames
-from streamkit_media.rtsp.reachability import SECURE, connection_failure, port_of, tls_failure
+from streamkit_media.rtsp.reachability import port_of, unreachable
 from streamkit_media.rtsp.sockets import CLAIMS, cut_connections, is_closed_by_peer, open_sockets
 from streamkit_media.streams import StreamKind, stream_caps, streams_of
 
 CUT_EVERY_S = 0.05
-DIAGNOSIS_LIMIT_S = 1.0
 PLAIN = "rtsp"
 NO_OPTIONS: Mapping[str, str] = {}
 Arrival: TypeAlias = "Callable[[Packet[Stream], Caps, StreamKind], None]"
@@ -179,20 +178,12 @@ class PacketReader:
         except ResourceError as error:
             if more and isinstance(error, InvalidMedia):
                 raise
-            left = self.timeout_s - (time.monotonic() - began)
-            if left > 0 and not self._ending.is_set() and (reason := self._diagnosis(left)):
-                raise ResourceError(f"{redact(self.location)}: {reason}") from None
-            raise
-
-    def _diagnosis(self, left_s: float) -> str:
-        """Why the server cannot be reached, where FFmpeg does not say so."""
-        parts = urlsplit(self.location)
-        host, port, limit_s = parts.hostname or "", port_of(self.location), min(left_s, DIAGNOSIS_LIMIT_S)
-        if reason := connection_failure(host, port, limit_s):
-            return f"{reason}; check the address"
-        if parts.scheme != SECURE:
-            return ""
-        return tls_failure(host, port, self._options.get("ca_file"), limit_s)
+            left_s = self.timeout_s - (time.monotonic() - began)
+            if left_s <= 0 or self._ending.is_set():
+                raise
+            # FFmpeg often does not say why.
+            reason = unreachable(self.location, self._options.get("ca_file"), left_s, "check the address")
+            raise ResourceError(f"{redact(self.location)}: {reason}") if reason else error from None
 
 
 def frame_duration(video: VideoStream) -> int:

@@ -8,6 +8,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 SECURE = "rtsps"
+LOOK_LIMIT_S = 1.0
 DEFAULT_PORTS = {"rtsp": 554, SECURE: 322}
 MISMATCHES = (62, 63, 64)  # OpenSSL's X509_V_ERR_HOSTNAME_MISMATCH and those of other kinds of names
 # Where Python's own TLS was built without a place, as in wheels: Debian, Red Hat, Alpine and macOS.
@@ -31,6 +32,22 @@ def port_of(location: str) -> int:
         raise ValueError(
             "the port must be a number from 0 to 65535, and / ? # @ in a password %2F %3F %23 %40"
         ) from None
+
+
+def unreachable(location: str, ca_file: str | None, limit_s: float, remedy: str) -> str:
+    """Why a server cannot be reached or trusted, with what to do; "" where it can be.
+
+    Args:
+        location: its URL.
+        ca_file: see `tls_failure`.
+        limit_s: longest wait for each answer; at most a second is waited.
+        remedy: for a server that cannot be reached.
+    """
+    parts, limit_s = urlsplit(location), min(limit_s, LOOK_LIMIT_S)
+    host, port = parts.hostname or "", port_of(location)
+    if reason := connection_failure(host, port, limit_s):
+        return f"{reason}; {remedy}"
+    return tls_failure(host, port, ca_file, limit_s) if parts.scheme == SECURE else ""
 
 
 def connection_failure(host: str, port: int, limit_s: float) -> str:

@@ -247,15 +247,13 @@ class RtspClientSink(RtspEndpoint, Sink):
             self._post_state("stalled", reason=error)
         if self._is_connected and time.monotonic() - self._opened_s >= STEADY_S:
             self._backoff.reset()
-        tries = self._backoff.tries
-        is_over = self.reconnect is Reconnect.NEVER or failure.is_refused
-        if is_over or self._has_tried_enough(has_worked=self._was_connected):
-            self._post_state("gave-up", attempt=tries, reason=error)
-            raise ResourceError(f"{error}; gave up after {tries} retries" if tries else error)
-        delay_s = self._backoff.next_delay_s()
-        self._retry_s = time.monotonic() + delay_s
-        self._post_state("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=error)
-        self.post_warning(f"{error}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
+        if (
+            self.reconnect is Reconnect.NEVER
+            or failure.is_refused
+            or self._has_tried_enough(has_worked=self._was_connected)
+        ):
+            self._give_up(ResourceError(error))
+        self._retry_s = self._delay_before_retry(error) + time.monotonic()
 
     def _error(self, failure: PushFailure) -> str:
         reason = redact(failure.reason)
@@ -269,12 +267,12 @@ class RtspClientSink(RtspEndpoint, Sink):
                 f"{self._where}: the server has been silent for {self.timeout_s:g} s (timeout-s); "
                 "check that it takes recordings, or allow more time"
             )
-        if not self._is_connected and self._tls_options and (failure_text := self._certificate_failure()):
-            return f"{self._where}: {failure_text}"
-        # FFmpeg's words for an unknown host.
-        is_vague = reason == os.strerror(errno.EIO) and not self._is_connected
-        if is_vague and (failure_text := self._connection_failure()):
-            return f"{self._where}: {failure_text}; check address and port, and that the server runs"
+        # FFmpeg reports an unknown host in these words, and every failure of TLS.
+        is_vague = bool(self._tls_options) or reason == os.strerror(errno.EIO)
+        if not self._is_connected and is_vague:
+            cause = self._unreachable("check address and port, and that the server runs")
+            if cause:
+                return f"{self._where}: {cause}"
         if self._is_connected:
             return f"{self._where}: the server has ended the connection: {reason}; check that it still runs"
         return (

@@ -256,14 +256,7 @@ class RtspSrc(RtspEndpoint, Source):
         elif (
             ends or isinstance(failure, AccessRefused) or self._has_tried_enough(has_worked=self._epoch >= 0)
         ):
-            tries = self._backoff.tries
-            self._post_state("gave-up", attempt=tries, reason=str(failure))
-            if tries:
-                raise ResourceError(f"{failure}; gave up after {tries} retries")
-            raise failure
+            self._give_up(failure)
         reason = str(failure) if failure is not None else f"{self._where}: the stream has ended"
-        delay_s = self._backoff.next_delay_s()
-        self._post_state("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=reason)
-        self.post_warning(f"{reason}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
-        self.over.wait(delay_s)
+        self.over.wait(self._delay_before_retry(reason))
         return True

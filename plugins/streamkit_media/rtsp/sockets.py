@@ -10,11 +10,14 @@ import errno
 import os
 import socket
 import threading
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 DESCRIPTORS = Path("/proc/self/fd")
 TCP_INFO_BYTES = 8
 TCP_ESTABLISHED = 1
+FAMILIES = (socket.AF_INET, socket.AF_INET6)
+IS_LISTENING = (socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
 
 
 def open_sockets() -> dict[str, int]:
@@ -41,8 +44,8 @@ class Claims:
         """Assigns an owner the sockets to a port that were opened after `known` and have no owner."""
         with self._lock:
             taken = known.union(*self._of.values())
-            found = {name for name, number in open_sockets().items() if name not in taken}
-            mine = frozenset(name for name in found if leads_to(name, port))
+            found = _duplicates(open_sockets().keys() - taken)
+            mine = frozenset(name for name, connection in found if _leads_to(connection, port))
             self._of[owner] = mine
             return mine
 
@@ -60,37 +63,14 @@ class Claims:
 CLAIMS = Claims()
 
 
-def leads_to(name: str, port: int) -> bool:
-    """Whether an open socket is connected to a port."""
-    connection = duplicate(name)
-    if connection is None:
-        return False
-    with connection:
-        try:
-            return bool(connection.type == socket.SOCK_STREAM and connection.getpeername()[1] == port)
-        except (OSError, IndexError, TypeError):
-            return False
-
-
 def is_closed_by_peer(names: frozenset[str]) -> bool:
     """Whether the other side has closed one of these TCP connections."""
-    for name in names:
-        connection = duplicate(name)
-        if connection is None:
-            continue
-        with connection:
-            try:
-                info = connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, TCP_INFO_BYTES)
-            except OSError:
-                continue
-            if info[0] != TCP_ESTABLISHED:
-                return True
-    return False
+    return any(_state(connection) != TCP_ESTABLISHED for _, connection in _duplicates(names))
 
 
 def cut_connections(port: int, known: frozenset[str]) -> int:
     """Shuts down the TCP connections to a port, also half-open ones, except `known`; returns their number."""
-    return sum(_cut(name, port) for name in open_sockets() if name not in known)
+    return sum(_cut(connection, port) for _, connection in _duplicates(open_sockets().keys() - known))
 
 
 def duplicate(name: str) -> socket.socket | None:
@@ -112,26 +92,37 @@ def duplicate(name: str) -> socket.socket | None:
     return None
 
 
-def _cut(name: str, port: int) -> int:
-    connection = duplicate(name)
-    if connection is None:
-        return 0
-    with connection:
-        if connection.type != socket.SOCK_STREAM or connection.family not in (
-            socket.AF_INET,
-            socket.AF_INET6,
-        ):
-            return 0
-        try:
-            if connection.getpeername()[1] != port:
-                return 0
-        except OSError as error:
-            if error.errno != errno.ENOTCONN or connection.getsockopt(
-                socket.SOL_SOCKET, socket.SO_ACCEPTCONN
-            ):
-                return 0
-        try:
-            connection.shutdown(socket.SHUT_RDWR)
-        except OSError:
-            return 0
-        return 1
+def _duplicates(names: Iterable[str]) -> Iterator[tuple[str, socket.socket]]:
+    """The sockets of these names that are still open, each closed when the next is asked for."""
+    for name in names:
+        if (connection := duplicate(name)) is not None:
+            with connection:
+                yield name, connection
+
+
+def _leads_to(connection: socket.socket, port: int, *, or_is_half_open: bool = False) -> bool:
+    """Whether a socket is a TCP connection to a port."""
+    if connection.type != socket.SOCK_STREAM or connection.family not in FAMILIES:
+        return False
+    try:
+        return bool(connection.getpeername()[1] == port)
+    except OSError as error:
+        is_half_open = error.errno == errno.ENOTCONN and not connection.getsockopt(*IS_LISTENING)
+        return or_is_half_open and is_half_open
+
+
+def _state(connection: socket.socket) -> int:
+    try:
+        return connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, TCP_INFO_BYTES)[0]
+    except OSError:
+        return TCP_ESTABLISHED
+
+
+def _cut(connection: socket.socket, port: int) -> bool:
+    try:
+        if not _leads_to(connection, port, or_is_half_open=True):
+            return False
+        connection.shutdown(socket.SHUT_RDWR)
+    except OSError:
+        return False
+    return True

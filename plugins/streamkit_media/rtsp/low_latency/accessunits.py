@@ -15,48 +15,37 @@ from dataclasses import dataclass
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit_media.nalunits import units
+from streamkit_media.nalunits import unit_type, units
 
 START_CODES = (b"\0\0\0\1", b"\0\0\1")
 MOST_REORDERED = 16
-RECOVERY_POINT = 6
+SUPPLEMENT, RECOVERY_POINT = 6, 6  # type of such units of H.264, and of the message in them
 
 
 @dataclass(frozen=True)
 class Kinds:
-    """Kinds of NAL units of a codec.
+    """Types of NAL units of a codec.
 
     Attributes:
-        shift: of the kind in the first byte; it has so many bits as `mask` has.
-        mask: see there.
         header_bytes: of a unit.
         slices: slices; what follows the header begins with a set bit in the first one of a frame.
         keys: of those, the ones of frames that decoding can begin with.
         leading: types that precede the slices of their frame.
-        supplements: of those, the ones that may hold a recovery point.
     """
 
-    shift: int
-    mask: int
     header_bytes: int
     slices: frozenset[int]
     keys: frozenset[int]
     leading: frozenset[int]
-    supplements: frozenset[int]
 
 
 KINDS = {
-    "h264": Kinds(
-        0, 31, 1, frozenset({1, 2, 5}), frozenset({5}), frozenset({6, 7, 8, 9, 14, 15, 18}), frozenset({6})
-    ),
+    "h264": Kinds(1, frozenset({1, 2, 5}), frozenset({5}), frozenset({6, 7, 8, 9, 14, 15, 18})),
     "hevc": Kinds(
-        1,
-        63,
         2,
         frozenset(range(32)),
         frozenset(range(16, 24)),
         frozenset({32, 33, 34, 35, 39, *range(41, 45), *range(48, 56)}),
-        frozenset(),
     ),
 }
 
@@ -93,7 +82,7 @@ class AccessUnits:
 
     def __init__(self, codec: str, duration: int = 0) -> None:
         self.trusts_marks = True
-        self._kinds = KINDS[codec]
+        self._codec, self._kinds = codec, KINDS[codec]
         self._duration = duration
         self._times = DecodingTimes()
         self._marked_pts: int | None = None
@@ -133,7 +122,7 @@ class AccessUnits:
             yield self._joined()
 
     def _kind(self, unit: bytes) -> int:
-        return unit[0] >> self._kinds.shift & self._kinds.mask if unit else -1
+        return unit_type(self._codec, unit[0]) if unit else -1
 
     def _may_begin(self, unit: bytes) -> bool:
         """Whether a unit begins a frame where another one precedes it."""
@@ -145,7 +134,7 @@ class AccessUnits:
         kind = self._kind(unit)
         self._has_slice |= kind in self._kinds.slices
         self._is_key |= kind in self._kinds.keys
-        if kind in self._kinds.supplements:
+        if self._codec == "h264" and kind == SUPPLEMENT:
             self._is_key |= has_recovery_point(unit[self._kinds.header_bytes :])
 
     def _joined(self) -> Packet[Stream]:
@@ -169,17 +158,17 @@ def has_recovery_point(messages: bytes) -> bool:
     """
     at = 0
     while at + 2 <= len(messages):
-        kind = size = 0
-        while at < len(messages) and messages[at] == 255:
-            kind, at = kind + 255, at + 1
-        if at >= len(messages):
-            return False
-        kind, at = kind + messages[at], at + 1
-        while at < len(messages) and messages[at] == 255:
-            size, at = size + 255, at + 1
+        kind, at = _number(messages, at)
         if kind == RECOVERY_POINT:
             return True
-        if at >= len(messages):
-            return False
-        at += messages[at] + size + 1
+        size, at = _number(messages, at)
+        at += size
     return False
+
+
+def _number(data: bytes, at: int) -> tuple[int, int]:
+    """The sum of some bytes, of which all but the last are 255, and the offset behind them."""
+    end = at
+    while end < len(data) and data[end] == 255:
+        end += 1
+    return 255 * (end - at) + sum(data[end : end + 1]), end + 1
