@@ -13,8 +13,7 @@ from av.stream import Stream
 from streamkit import Caps, Frame, FrameFlags, SettingsOf, StreamError, Transform
 from streamkit_media.codecs import MEDIA_TYPES, CodecParameters, caps_rate, coded_caps
 from streamkit_media.container import MEDIA_ERRORS, reason_of
-from streamkit_media.encoding.encoder import ENCODERS, RAW_CAPS, Encoder, EncoderSettings
-from streamkit_media.encoding.pixel_layout import even
+from streamkit_media.encoding.encoder import ENCODERS, RAW_CAPS, Encoder, EncoderSettings, even
 
 ASSUMED_RATE = Fraction(25)
 HELD_LIMIT = 512

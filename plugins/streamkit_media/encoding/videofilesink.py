@@ -9,7 +9,7 @@ from streamkit_media.codecs import caps_rate
 from streamkit_media.container import MEDIA_ERRORS
 from streamkit_media.encoding.encoder import RAW_CAPS, EncoderSettings, Preset
 from streamkit_media.encoding.videowriter import VideoWriter
-from streamkit_media.recording.packetwriter import FORMATS
+from streamkit_media.recording.filemuxer import FORMATS
 
 ASSUMED_RATE = Fraction(25)
 FLUSH_LIMIT_S = 1.0

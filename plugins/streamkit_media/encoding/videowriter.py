@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import time
-from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 
-from av.container import OutputContainer
-
 from streamkit.output.file import OutputFile
-from streamkit_media.encoding.encoder import SECOND_NS, Encoder, EncoderSettings
-from streamkit_media.encoding.pixel_layout import Pixels
-from streamkit_media.recording.packetwriter import FRAGMENT_TICKS, TIME_BASE, open_muxer
+from streamkit_media.encoding.encoder import SECOND_NS, Encoder, EncoderSettings, Pixels
+from streamkit_media.recording.filemuxer import FORMATS, FRAGMENT_TICKS, FRAGMENTED, TIME_BASE, FileMuxer
 
+# Fragments that get one index in the end. On some damaged streams FFmpeg crashes: for frames encoded here.
+HYBRID = {"movflags": "hybrid_fragmented+frag_keyframe+negative_cts_offsets", "frag_duration": "500000"}
+OWN_FORMATS = {
+    suffix: (name, HYBRID if options is FRAGMENTED else options)
+    for suffix, (name, options) in FORMATS.items()
+}
 # The encoder holds back a dozen frames; at lower rates that is more than a second.
 LOWEST_RATE = 12
 
@@ -46,13 +48,10 @@ class VideoWriter:
         self._frame_ticks = max(1, round(1 / framerate / TIME_BASE))
         self._offset: int | None = None
         self._last = -self._frame_ticks
-        self._failure: Exception | None = None
-        self._file = file
-        self._container: OutputContainer | None = open_muxer(file, encoded_here=True)
+        self._muxer = FileMuxer(file, OWN_FORMATS)
         settings = replace(settings, live=framerate < LOWEST_RATE)
-        self._encoder = Encoder(
-            settings, pixel_format, (width, height), framerate, self._container, TIME_BASE
-        )
+        size, container = (width, height), self._muxer.container
+        self._encoder = Encoder(settings, pixel_format, size, framerate, container, TIME_BASE)
 
     def write(self, pixels: Pixels, pts: int | None) -> None:
         """Encodes one frame.
@@ -64,22 +63,10 @@ class VideoWriter:
 
         Raises:
             ValueError: the array is of another shape or type.
-            FFmpegError: encoding or writing failed, this time or before: FFmpeg crashes at the next packet
-                where the container's head could not be written.
+            FFmpegError: encoding or writing failed, this time or before.
         """
-        assert self._container is not None
-        if self._failure is not None:
-            raise self._failure
-        try:
-            packets = self._encoder.encode(pixels, self._ticks(pts))
-            self._container.mux(packets)
-            if self._file.failure is not None:
-                raise self._file.failure
-        except Exception as error:
-            self._failure = error
-            raise
-        if packets and self._last >= 2 * FRAGMENT_TICKS:
-            self._file.publish()
+        for packet in self._encoder.encode(pixels, self._ticks(pts)):
+            self._muxer.write(packet, can_play=self._last >= 2 * FRAGMENT_TICKS)
 
     def close(self, limit_s: float | None = None) -> bool:
         """Writes what the encoder holds and the file's index. Safe to call twice.
@@ -93,35 +80,21 @@ class VideoWriter:
         Raises:
             FFmpegError: writing failed.
         """
-        container, self._container = self._container, None
-        if container is None:
+        if self._muxer.container is None:
             return True
         try:
-            is_complete = self._last < 0 or self._failure is not None or self._flush(container, limit_s)
-            container.close()
-        except BaseException:
-            self._file.discard()
-            raise
-        if self._last < 0:
-            self._file.discard()
-        else:
-            self._file.finish()
-        if self._file.failure is not None:
-            raise self._file.failure
-        return is_complete
+            return self._last < 0 or self._flush(limit_s)
+        finally:
+            self._muxer.close(is_kept=self._last >= 0)
 
     def abandon(self) -> None:
         """Leaves the file as it is after an error; never fails."""
-        container, self._container = self._container, None
-        with suppress(Exception):
-            if container is not None:
-                container.close()
-        self._file.abandon()
+        self._muxer.abandon()
 
-    def _flush(self, container: OutputContainer, limit_s: float | None) -> bool:
+    def _flush(self, limit_s: float | None) -> bool:
         deadline = None if limit_s is None else time.monotonic() + limit_s
         for packet in self._encoder.finish():
-            container.mux(packet)
+            self._muxer.write(packet, can_play=False)
             if deadline is not None and time.monotonic() > deadline:
                 return False
         return True

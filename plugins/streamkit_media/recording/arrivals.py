@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TextIO
+
+import msgspec
 
 SUFFIX = ".arrivals.jsonl"
 
@@ -15,8 +14,7 @@ class BadArrivals(ValueError):
     """A line of the file is invalid."""
 
 
-@dataclass(frozen=True, slots=True)
-class Arrival:
+class Arrival(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One packet of the video.
 
     Attributes:
@@ -47,11 +45,11 @@ class ArrivalsWriter:
     """Writes the file line by line, without delay."""
 
     def __init__(self, recording: Path) -> None:
-        self._file: TextIO = arrivals_path(recording).open("w", encoding="ascii", buffering=1)
+        self._file = arrivals_path(recording).open("wb", buffering=0)
 
     def write(self, arrival: Arrival) -> None:
         """Adds a packet."""
-        self._file.write(json.dumps(asdict(arrival), separators=(",", ":")) + "\n")
+        self._file.write(msgspec.json.encode(arrival) + b"\n")
 
     def close(self) -> None:
         """Completes the file."""
@@ -65,12 +63,12 @@ def read_arrivals(recording: Path) -> Iterator[Arrival]:
         OSError: the file cannot be read.
         BadArrivals: a line before the last is none.
     """
-    with arrivals_path(recording).open(encoding="ascii", errors="replace") as file:
+    decoder = msgspec.json.Decoder(Arrival)
+    with arrivals_path(recording).open("rb") as file:
         for number, line in enumerate(file, 1):
-            if not line.endswith("\n"):
+            if not line.endswith(b"\n"):
                 return
             try:
-                fields = json.loads(line)
-                yield Arrival(**fields)
+                yield decoder.decode(line)
             except (ValueError, TypeError) as error:
                 raise BadArrivals(f"line {number} is no arrival: {error}") from None

@@ -26,7 +26,8 @@ from streamkit_media.container import MEDIA_ERRORS
 from streamkit_media.nalunits import BadPacket
 from streamkit_media.packets import nanoseconds
 from streamkit_media.recording.arrivals import Arrival, ArrivalsWriter, arrivals_path
-from streamkit_media.recording.packetwriter import FORMATS, WITH_KLV, PacketWriter
+from streamkit_media.recording.filemuxer import FORMATS
+from streamkit_media.recording.packetwriter import WITH_KLV, PacketWriter
 from streamkit_media.streams import KLV_CAPS
 
 KLV_NAME = Caps(KLV_CAPS).name

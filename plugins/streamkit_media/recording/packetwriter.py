@@ -1,36 +1,16 @@
-"""Coded packets to a file that plays up to the last second, however the process ends."""
+"""Coded packets to a file, without encoding."""
 
 from __future__ import annotations
 
-from fractions import Fraction
-from typing import NoReturn
-
-import av
-from av.container import OutputContainer
 from av.error import FFmpegError, InvalidDataError
 from av.packet import Packet
 from av.stream import Stream
 
 from streamkit.output.file import OutputFile
 from streamkit_media.nalunits import AnnexBWriter, BadPacket
+from streamkit_media.recording.filemuxer import FORMATS, FRAGMENT_TICKS, SECOND_NS, TIME_BASE, FileMuxer
 from streamkit_media.recording.parametersets import check_parameter_sets
 
-TIME_BASE = Fraction(1, 90_000)
-SECOND_NS = 1_000_000_000
-FRAGMENT_TICKS = TIME_BASE.denominator  # an older file is replaced once so much can be played
-# Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.
-ALWAYS = {"flush_packets": "1", "max_interleave_delta": "500000"}
-# FFmpeg's hybrid, which gets one index in the end, crashes on some damaged streams: for frames encoded here.
-FRAGMENTED = {"movflags": "frag_keyframe+empty_moov+default_base_moof", "frag_duration": "500000"}
-HYBRID = {"movflags": "hybrid_fragmented+frag_keyframe+negative_cts_offsets", "frag_duration": "500000"}
-FORMATS: dict[str, tuple[str, dict[str, str]]] = {
-    ".mp4": ("mp4", FRAGMENTED),
-    ".mov": ("mov", FRAGMENTED),
-    ".mkv": ("matroska", {"cluster_time_limit": "500"}),
-    ".ts": ("mpegts", {}),
-    ".mts": ("mpegts", {}),
-    ".m2ts": ("mpegts", {"mpegts_m2ts_mode": "1"}),
-}
 WITH_KLV = WITHOUT_HEADERS = frozenset({"mpegts"})
 
 
@@ -65,19 +45,17 @@ class PacketWriter:
         self._codec = codec
         self.path = file.path
         self.has_begun = False
-        self._failure: Exception | None = None
         self._reads_parameter_sets = FORMATS[self.path.suffix.lower()][0] not in WITHOUT_HEADERS
-        # A file of ours: FFmpeg leaves its own open where the head could not be written.
-        self._file = file
-        self._container: OutputContainer | None = None
+        self._last_dts: dict[int, int] = {}
+        self._muxer = FileMuxer(file)
+        container = self._muxer.container
+        assert container is not None
         try:
-            self._container = open_muxer(file)
-            self._video = self._container.add_mux_stream(codec, width=size[0], height=size[1])
-            self._klv: Stream | None = self._container.add_data_stream("klv") if with_klv else None
+            self._video = container.add_mux_stream(codec, width=size[0], height=size[1])
+            self._klv: Stream | None = container.add_data_stream("klv") if with_klv else None
         except BaseException:
             self.close()
             raise
-        self._last_dts: dict[int, int] = {}
 
     def write_video(self, data: bytes, pts: int, dts: int, duration: int | None, is_keyframe: bool) -> int:
         """Writes one packet; the file's bytes are with the operating system when the next is written.
@@ -112,11 +90,7 @@ class PacketWriter:
         return self._write(packet, self._klv, _ticks(pts), _ticks(pts), 0)
 
     def _write(self, packet: Packet[Stream], stream: Stream, pts: int, dts: int, duration: int) -> int:
-        assert self._container is not None
-        if self._failure is not None:
-            raise self._failure
-        lowest = self._last_dts.get(stream.index, dts - 1) + 1
-        dts = max(dts, lowest)
+        dts = max(dts, self._last_dts.get(stream.index, dts - 1) + 1)
         packet.stream = stream
         try:
             packet.time_base, packet.dts, packet.pts = TIME_BASE, dts, max(pts, dts)
@@ -125,26 +99,15 @@ class PacketWriter:
             raise BadPacket(f"its time of {max(pts, dts) / TIME_BASE.denominator:.3g} s is none") from None
         self._last_dts[stream.index] = dts
         try:
-            self._container.mux_one(packet)
-        except Exception as error:
-            self._refuse(error)
-        if self._file.failure is not None:
-            self._refuse(self._file.failure)
-        self.has_begun = True
-        if pts >= FRAGMENT_TICKS:
-            self._file.publish()
-        return packet.size
-
-    def _refuse(self, error: Exception) -> NoReturn:
-        """Raises BadPacket for a damaged packet, and the error itself where the file fails."""
-        reason = self._file.failure or error
-        if isinstance(reason, FFmpegError) and (self.has_begun or isinstance(reason, InvalidDataError)):
-            refusal = BadPacket(f"it cannot be written: {reason.strerror}")
-            # FFmpeg crashes at the next packet where the head was not written.
-            self._failure = None if self.has_begun else refusal
+            self._muxer.write(packet, can_play=pts >= FRAGMENT_TICKS)
+        except FFmpegError as error:
+            if not self.has_begun and not isinstance(error, InvalidDataError):
+                raise
+            refusal = BadPacket(f"it cannot be written: {error.strerror}")
+            self._muxer.failure = None if self.has_begun else refusal
             raise refusal from None
-        self._failure = reason
-        raise reason
+        self.has_begun = True
+        return packet.size
 
     def close(self) -> None:
         """Completes the file, or removes it where nothing could be written. Safe to call twice.
@@ -152,28 +115,7 @@ class PacketWriter:
         Raises:
             OSError: writing failed.
         """
-        container, self._container = self._container, None
-        try:
-            if container is not None:
-                container.close()
-        finally:
-            if not self.has_begun:
-                self._file.discard()
-            elif self._failure is not None:
-                self._file.abandon()
-            else:
-                self._file.finish()
-        if self._failure is None and self._file.failure is not None:
-            self._failure = self._file.failure
-            raise self._failure
-
-
-def open_muxer(file: OutputFile, *, encoded_here: bool = False) -> OutputContainer:
-    """A container of the format that the ending of the file's name asks for."""
-    name, options = FORMATS[file.path.suffix.lower()]
-    if encoded_here and options is FRAGMENTED:
-        options = HYBRID
-    return av.open(file, "w", format=name, container_options={**ALWAYS, **options})
+        self._muxer.close(is_kept=self.has_begun)
 
 
 def _ticks(ns: int) -> int:

@@ -9,9 +9,11 @@ Source: ITU-T H.264, 7.3.2; H.265, 7.3.2.
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
 
+import av
 from av.bitstream import BitStreamFilterContext
 from av.codec.context import CodecContext
 from av.error import FFmpegError, InvalidDataError
@@ -19,7 +21,6 @@ from av.packet import Packet
 from av.video.codeccontext import VideoCodecContext
 
 from streamkit_media.nalunits import START_CODE, BadPacket, unit_type, units
-from streamkit_media.recording import trial
 
 # Sequence parameter sets, and video parameter sets of H.265. Picture parameter sets may belong to other
 # layers, whose sequence parameter sets the filters do not know.
@@ -69,12 +70,23 @@ def _decodes(codec: str, data: bytes) -> bool:
 
 def _can_be_muxed(data: bytes) -> bool:
     """Whether the muxer ends with a packet of H.265, tried in a process that can be given up."""
-    command = [sys.executable, "-m", trial.__name__]
+    command = [sys.executable, "-m", "streamkit_media.recording.parametersets"]
     try:
-        done = subprocess.run(
-            command, input=data, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            timeout=TRIAL_LIMIT_S, check=False,
-        )  # fmt: skip
+        done = subprocess.run(command, input=data, capture_output=True, timeout=TRIAL_LIMIT_S, check=False)
     except subprocess.TimeoutExpired:
         return False
     return done.returncode == 0
+
+
+def mux_stdin() -> None:
+    """Writes one H.265 packet from stdin as Matroska to nowhere; fails where the muxer refuses the packet."""
+    with av.open(io.BytesIO(), "w", format="matroska") as container:
+        packet = Packet(sys.stdin.buffer.read())
+        packet.stream = container.add_mux_stream("hevc", width=16, height=16)
+        packet.pts = packet.dts = 0
+        packet.is_keyframe = True
+        container.mux_one(packet)
+
+
+if __name__ == "__main__":
+    mux_stdin()

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from streamkit.output.file import OutputFile
-from streamkit_media.encoding.encoder import EncoderSettings, Preset
-from streamkit_media.encoding.pixel_layout import grey_as_i420, pad_to_even
+from streamkit_media.encoding.encoder import EncoderSettings, Preset, grey_as_i420, pad_to_even
 from streamkit_media.encoding.videowriter import VideoWriter
 
 RATE = Fraction(25)

@@ -1,0 +1,102 @@
+"""A container in a file that plays up to the last second, however the process ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from fractions import Fraction
+
+import av
+from av.container import OutputContainer
+from av.packet import Packet
+from av.stream import Stream
+
+from streamkit.output.file import OutputFile
+
+TIME_BASE = Fraction(1, 90_000)
+SECOND_NS = 1_000_000_000
+FRAGMENT_TICKS = TIME_BASE.denominator  # an older file is replaced once so much can be played
+# Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.
+ALWAYS = {"flush_packets": "1", "max_interleave_delta": "500000"}
+FRAGMENTED = {"movflags": "frag_keyframe+empty_moov+default_base_moof", "frag_duration": "500000"}
+FORMATS: dict[str, tuple[str, dict[str, str]]] = {
+    ".mp4": ("mp4", FRAGMENTED),
+    ".mov": ("mov", FRAGMENTED),
+    ".mkv": ("matroska", {"cluster_time_limit": "500"}),
+    ".ts": ("mpegts", {}),
+    ".mts": ("mpegts", {}),
+    ".m2ts": ("mpegts", {"mpegts_m2ts_mode": "1"}),
+}
+
+
+class FileMuxer:
+    """Writes packets to a container in a file.
+
+    Args:
+        file: of a name in `formats`; FFmpeg would leave one of its own open where the head cannot be written.
+        formats: FFmpeg's format and its options for each ending of a name.
+
+    Attributes:
+        container: None once it is closed.
+        failure: the first error of a packet. No packet may follow: FFmpeg crashes where the container's head
+            could not be written.
+    """
+
+    def __init__(self, file: OutputFile, formats: Mapping[str, tuple[str, dict[str, str]]] = FORMATS) -> None:
+        self.failure: Exception | None = None
+        self._file = file
+        name, options = formats[file.path.suffix.lower()]
+        self.container: OutputContainer | None = av.open(
+            file, "w", format=name, container_options={**ALWAYS, **options}
+        )
+
+    def write(self, packet: Packet[Stream], *, can_play: bool) -> None:
+        """Writes one packet; the file replaces an older one once it `can_play`.
+
+        Raises:
+            FFmpegError: the container does not take the packet, or did not take one before.
+            OSError: the file cannot be written.
+        """
+        if self.failure is not None:
+            raise self.failure
+        assert self.container is not None
+        try:
+            self.container.mux_one(packet)
+        except Exception as error:
+            self.failure = error
+        self.failure = self._file.failure or self.failure
+        if self.failure is not None:
+            raise self.failure
+        if can_play:
+            self._file.publish()
+
+    def close(self, *, is_kept: bool) -> None:
+        """Writes the container's end; removes the file unless it `is_kept`. Safe to call twice.
+
+        Raises:
+            OSError: writing failed.
+        """
+        container, self.container = self.container, None
+        is_whole = False
+        try:
+            if container is not None:
+                container.close()
+            is_whole = self.failure is None
+        finally:
+            if not is_kept:
+                self._file.discard()
+            elif is_whole:
+                self._file.finish()
+            else:
+                self._file.abandon()
+        if is_whole and self._file.failure is not None:
+            self.failure = self._file.failure
+            raise self.failure
+
+    def abandon(self) -> None:
+        """Leaves the file as it is after an error; never fails."""
+        container, self.container = self.container, None
+        with suppress(Exception):
+            if container is not None:
+                container.close()
+        self._file.abandon()
