@@ -2,15 +2,14 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from streamkit.settings import setting
 from streamkit_kernels import prepare as prepare_kernels
 from streamkit_wavelet_eigen.feature_space import Projection, WaveletEigenSpace
 from streamkit_wavelet_eigen.gallery import Gallery, Matches, Recogniser, prepare_gallery
-from streamkit_wavelet_eigen.learner import FIRST_BATCH, SpaceLearner, evenly_spaced
+from streamkit_wavelet_eigen.learner import FIRST_BATCH, SpaceLearner
 from streamkit_wavelet_eigen.preprocessing import prepare
 from streamkit_wavelet_eigen.recipe import Recipe
+from streamkit_wavelet_eigen.wavelet import FloatBatch
 from streamkit_wavelet_eigen.windows import Windows
 
 # A window with more replicated border than this would teach the space streaks.
@@ -84,27 +83,23 @@ class AppearanceModel:
         usable = ~windows.flat & (windows.clipped <= MAX_CLIPPED)
         if learn and not recipe.discriminative:
             # Consecutive frames are similar, and an update per frame would dominate the run time.
-            most = max(self.settings.batch // FRAMES_PER_BATCH, FIRST_BATCH)
-            training = prepared[usable]
-            self.space = self._learner.add(training if self.space is None else evenly_spaced(training, most))
+            at_most = max(self.settings.batch // FRAMES_PER_BATCH, FIRST_BATCH) if self.space else None
+            self.space = self._learner.add(prepared[usable], at_most)
         if label:
             gallery = self.gallery.with_windows(windows.patches[usable], label, self.settings.gallery_limit)
             self._prepared_gallery = self._prepared_gallery.extended(gallery, recipe)
-        space = self.space
-        if space is None:
+        if self.space is None:
             return None
-        projection = space.project(prepared, np.asarray(windows.flat))
-        recogniser = self._current_recogniser(space)
-        return projection, recogniser.recognise(projection.vectors) if recogniser else None
-
-    def _current_recogniser(self, space: WaveletEigenSpace) -> Recogniser | None:
-        """The recogniser of this space and gallery, made anew when either has changed."""
+        projection = self.space.project(prepared, windows.flat)
         if not self._prepared_gallery.gallery.labels:
-            return None
+            return projection, None
+        return projection, self._recognise(projection.vectors, self.space)
+
+    def _recognise(self, vectors: FloatBatch, space: WaveletEigenSpace) -> Matches:
         current = self._recogniser
         if current is None or current.space is not space or current.gallery is not self._prepared_gallery:
-            self._recogniser = Recogniser(space, self._prepared_gallery)
-        return self._recogniser
+            current = self._recogniser = Recogniser(space, self._prepared_gallery)
+        return current.recognise(vectors)
 
 
 def warm_up() -> None:

@@ -29,8 +29,7 @@ from streamkit import (
 )
 from streamkit_kernels import COMPILING, telling
 from streamkit_wavelet_eigen.appearance import AppearanceModel, AppearanceSettings, warm_up
-from streamkit_wavelet_eigen.gallery import empty_gallery
-from streamkit_wavelet_eigen.gallery_folder import read_gallery
+from streamkit_wavelet_eigen.gallery import empty_gallery, read_gallery
 from streamkit_wavelet_eigen.learner import learn_space
 from streamkit_wavelet_eigen.model_file import Model, load_model, save_model
 from streamkit_wavelet_eigen.recipe import PRESETS

@@ -1,25 +1,19 @@
-"""Files of feature vectors, npz or parquet, in memory that does not grow with the stream.
-
-Columns are collected in temporary files, of which a whole file is made each time it is saved.
-"""
+"""Files of feature vectors, npz or parquet, in memory that does not grow with the stream."""
 
 import tempfile
-import zipfile
-from dataclasses import dataclass
-from io import BytesIO
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import override
 
 from streamkit.output.file import OutputFile
 
 SCHEMA = "streamkit.features/1"
-# npz columns have a fixed width; longer labels are cut.
+# Columns of an array have a fixed width; longer labels are cut.
 LABEL_CHARACTERS = 64
-COPY_BYTES = 1 << 20
+ROWS_PER_GROUP = 4096
 
 # Columns besides `vectors`, with their element types.
 COLUMNS: dict[str, str] = {
@@ -27,35 +21,29 @@ COLUMNS: dict[str, str] = {
     "x": "<f8", "y": "<f8", "length": "<f8", "width": "<f8", "angle": "<f8",
     "flat": "|b1", "clipped": "<f8", "error": "<f4", "label": f"<U{LABEL_CHARACTERS}",
 }  # fmt: skip
+Rows = NDArray[np.void]
 
 
 class VectorLengthChanged(ValueError):
     """The length of the vectors differs from that of earlier rows."""
 
 
-@dataclass(frozen=True, eq=False)
-class FeatureRows:
-    """The feature vectors of a frame.
-
-    Attributes:
-        vectors: float32[n, k].
-        columns: n values for each name of `COLUMNS`.
-    """
-
-    vectors: NDArray[np.float32]
-    columns: dict[str, NDArray[Any]]
+def empty_rows(count: int, length: int) -> Rows:
+    """Rows with the fields `vectors` float32[length] and `COLUMNS`, all zero or ""."""
+    return np.zeros(count, [("vectors", "<f4", (length,)), *COLUMNS.items()])
 
 
 class FeatureWriter:
-    """Collects rows; base of the formats, which override `write_file`.
+    """Collects rows in a temporary file, of which the whole file is made each time it is saved.
+
+    An npz file has an array for each column. A parquet file has groups of 4096 rows, and `vector` is a list
+    of fixed length.
 
     Args:
-        path: the file; its folder is made, an existing file is replaced by `save`.
+        path: the file, .npz or .parquet; its folder is made, an existing file is replaced by `save`.
 
     Attributes:
-        rows: number of rows.
-        length: of the vectors.
-        types: element types by column.
+        count: number of rows.
 
     Raises:
         OSError: the folder takes no files.
@@ -63,38 +51,41 @@ class FeatureWriter:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.rows = self.length = 0
-        self.types: dict[str, str] = {"vectors": "<f4", **COLUMNS}
+        self.count = 0
+        self._row_type = empty_rows(0, 0).dtype
         path.absolute().parent.mkdir(parents=True, exist_ok=True)
-        self._columns: dict[str, BinaryIO] = {}
-        for name in self.types:
-            column = tempfile.TemporaryFile(dir=path.absolute().parent)  # noqa: SIM115  closed by `close`
-            self._columns[name] = cast("BinaryIO", column)
+        self._file = tempfile.TemporaryFile(dir=path.absolute().parent)  # noqa: SIM115  closed by `close`
 
-    def write(self, rows: FeatureRows) -> None:
-        """Appends the rows of a frame.
+    def write(self, rows: Rows) -> None:
+        """Appends the rows of a frame, made by `empty_rows`.
 
         Raises:
             VectorLengthChanged: their vectors have another length than those before.
             OSError: they cannot be written.
         """
-        length = rows.vectors.shape[1]
-        if self.rows and self.length != length:
+        length, before = rows.dtype["vectors"].shape[0], self._row_type["vectors"].shape[0]
+        if self.count and length != before:
             raise VectorLengthChanged(
-                f"vectors of one file must have one length, got {length} values after {self.length}; "
+                f"vectors of one file must have one length, got {length} values after {before}; "
                 "write a file for each feature space"
             )
-        self.length = length
-        for name, kind in self.types.items():
-            values = rows.vectors if name == "vectors" else rows.columns[name]
-            self._columns[name].write(np.ascontiguousarray(values, np.dtype(kind)).tobytes())
-        self.rows += len(rows.vectors)
+        self._row_type = rows.dtype
+        self._file.write(rows.tobytes())
+        self.count += len(rows)
 
     def save(self) -> None:
         """Makes the file of all rows so far; raises OSError where it cannot be written."""
+        self._file.flush()
+        rows: Rows = np.empty(0, self._row_type)
+        if self.count:  # an empty file cannot be mapped
+            rows = np.memmap(self._file, self._row_type, "r", shape=(self.count,))
         file = OutputFile(self._path, is_whole=True)
         try:
-            self.write_file(file)
+            if self._path.suffix.lower() == ".parquet":
+                _write_parquet(file, rows)
+            else:
+                columns = {name: rows[name] for name in self._row_type.names or ()}
+                np.savez(file, allow_pickle=False, schema=np.array(SCHEMA), **columns)
             file.finish()
         finally:
             file.discard()
@@ -107,34 +98,30 @@ class FeatureWriter:
             self.close()
 
     def close(self) -> None:
-        """Removes the temporary files."""
-        for column in self._columns.values():
-            column.close()
-
-    def write_file(self, file: OutputFile) -> None:
-        """Writes all rows to an empty file."""
-        raise NotImplementedError
-
-    def column(self, name: str) -> BinaryIO:
-        """The bytes of a column so far; leave it at its end."""
-        self._columns[name].seek(0)
-        return self._columns[name]
+        """Removes the temporary file."""
+        self._file.close()
 
 
-class NpzFeatureWriter(FeatureWriter):
-    """Writes `vectors` and the columns as members of an npz file."""
+def _write_parquet(file: OutputFile, rows: Rows) -> None:
+    """Needs pyarrow, from the extra `parquet`."""
+    import pyarrow.parquet
 
-    @override
-    def write_file(self, file: OutputFile) -> None:
-        schema = BytesIO()
-        np.lib.format.write_array(schema, np.array(SCHEMA), allow_pickle=False)
-        with zipfile.ZipFile(file, "w") as archive:
-            archive.writestr("schema.npy", schema.getvalue())
-            for name, kind in self.types.items():
-                shape = (self.rows, self.length) if name == "vectors" else (self.rows,)
-                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                    fields = {"descr": kind, "fortran_order": False, "shape": shape}
-                    np.lib.format.write_array_header_2_0(cast("BinaryIO", member), fields)
-                    column = self.column(name)
-                    while chunk := column.read(COPY_BYTES):
-                        member.write(chunk)
+    groups = _groups(rows)
+    first = next(groups)
+    with pyarrow.parquet.ParquetWriter(file, first.schema) as writer:
+        writer.write_table(first)
+        for group in groups:
+            writer.write_table(group)
+
+
+def _groups(rows: Rows) -> Iterator[Any]:
+    """Tables of 4096 rows; an empty one if there are no rows."""
+    import pyarrow
+
+    length = rows.dtype["vectors"].shape[0]
+    for start in range(0, max(len(rows), 1), ROWS_PER_GROUP):
+        group = rows[start : start + ROWS_PER_GROUP]
+        columns = {name: pyarrow.array(np.ascontiguousarray(group[name])) for name in COLUMNS}
+        values = pyarrow.array(group["vectors"].ravel())
+        columns["vector"] = pyarrow.FixedSizeListArray.from_arrays(values, max(length, 1))
+        yield pyarrow.table(columns).replace_schema_metadata({"schema": SCHEMA})

@@ -84,19 +84,18 @@ class WaveletEigenSpace:
 
     def embed_prepared(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> FloatBatch:
         """Vectors float32[n, length] of prepared windows; zeros where `flat`, bool[n], is set."""
-        return self._vectors(self._coordinates(prepared)[1], flat)
+        return self._embed(prepared, flat)[2]
 
     def project(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> Projection:
         """Vectors of prepared windows with their residuals; vectors are zeros where `flat` is set."""
-        blocks, coordinates = self._coordinates(prepared)
+        blocks, coordinates, vectors = self._embed(prepared, flat)
         count, values = len(blocks), blocks.shape[1] * blocks.shape[2]
         centred = (blocks - self._stacked[2]).reshape(count, values)
         total = np.vecdot(centred, centred)
-        rows = coordinates.reshape(count, coordinates.shape[1] * coordinates.shape[2])
-        kept = np.vecdot(rows, rows)
+        kept = np.vecdot(coordinates, coordinates)
         residual = np.maximum(total - kept, 0.0) / max(values, 1)
         energy = np.divide(kept, total, out=np.ones_like(total), where=total > 0)
-        return Projection(self._vectors(coordinates, flat), np.sqrt(residual), np.clip(energy, 0.0, 1.0))
+        return Projection(vectors, np.sqrt(residual), np.clip(energy, 0.0, 1.0))
 
     def reconstruct(self, prepared: FloatBatch) -> FloatBatch:
         """Prepared windows float32[n, h, w] reconstructed from their coordinates, in grey levels."""
@@ -106,25 +105,26 @@ class WaveletEigenSpace:
             blocks[:, index] = space.reconstruct(space.project(blocks[:, index]))
         return join_blocks(blocks, self.recipe.prepared_size)
 
-    def _coordinates(self, prepared: FloatBatch) -> tuple[FloatBatch, FloatBatch]:
-        """Blocks float32[n, b, d] of prepared windows and their coordinates float32[n, b, k]."""
+    def _embed(
+        self, prepared: FloatBatch, flat: NDArray[np.bool_]
+    ) -> tuple[FloatBatch, FloatBatch, FloatBatch]:
+        """Blocks float32[n, b, d] of prepared windows, their coordinates float32[n, b * k], and the vectors.
+
+        A vector is the coordinates of all blocks, after the Fisher step if there is one.
+        """
         basis, offsets, _ = self._stacked
         blocks = cut_blocks(prepared, self.recipe.blocks)
         count, parts, values = blocks.shape
         if len(basis) == 1:
             # One product for the blocks of a shared basis.
-            rows = product(blocks.reshape(count * parts, values), basis[0]) - offsets[0]
-            return blocks, rows.reshape(count, parts, basis.shape[2])
-        return blocks, (product(blocks.swapaxes(0, 1), basis) - offsets[:, None]).swapaxes(0, 1)
-
-    def _vectors(self, coordinates: FloatBatch, flat: NDArray[np.bool_]) -> FloatBatch:
-        """float32[n, length]: the blocks' coordinates concatenated, after the Fisher step if there is one."""
-        count, parts, components = coordinates.shape
-        vectors = coordinates.reshape(count, parts * components)
-        if self.fisher_axes is not None:
-            vectors = vectors @ self.fisher_axes.astype(np.float32)
+            projected = product(blocks.reshape(count * parts, values), basis[0]) - offsets[0]
+        else:
+            projected = (product(blocks.swapaxes(0, 1), basis) - offsets[:, None]).swapaxes(0, 1)
+        coordinates = projected.reshape(count, parts * basis.shape[2])
+        axes = self.fisher_axes
+        vectors = coordinates.copy() if axes is None else coordinates @ axes.astype(np.float32)
         vectors[flat] = 0.0
-        return vectors
+        return blocks, coordinates, vectors
 
     @cached_property
     def _stacked(self) -> tuple[FloatBatch, FloatBatch, FloatBatch]:

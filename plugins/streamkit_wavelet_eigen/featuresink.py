@@ -1,7 +1,6 @@
 """featuresink: writes feature vectors to a file."""
 
 import time
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +15,7 @@ from streamkit import (
     ResourceError,
     StreamError,
 )
-from streamkit_wavelet_eigen.feature_file import (
-    LABEL_CHARACTERS,
-    FeatureRows,
-    FeatureWriter,
-    NpzFeatureWriter,
-    VectorLengthChanged,
-)
-from streamkit_wavelet_eigen.parquet_file import ParquetFeatureWriter
+from streamkit_wavelet_eigen.feature_file import FeatureWriter, Rows, VectorLengthChanged, empty_rows
 from streamkit_wavelet_eigen.target_features import TargetFeatures
 from streamkit_wavelet_eigen.windows import rotated_boxes
 
@@ -31,7 +23,6 @@ from streamkit_wavelet_eigen.windows import rotated_boxes
 NO_TIME = np.iinfo(np.int64).min
 SAVE_S = 1.0
 SAVING_SHARE = 0.05  # of the time, for files that take long to save
-WRITERS: dict[str, type[FeatureWriter]] = {".npz": NpzFeatureWriter, ".parquet": ParquetFeatureWriter}
 
 
 class FeatureSink(OutputFileSink):
@@ -46,7 +37,7 @@ class FeatureSink(OutputFileSink):
     """
 
     sink = "video/x-raw"
-    suffixes = tuple(WRITERS)
+    suffixes = (".npz", ".parquet")
     example = "features.npz"
 
     _writer: FeatureWriter | None = None
@@ -65,8 +56,7 @@ class FeatureSink(OutputFileSink):
 
     @override
     def begin(self) -> None:
-        path = self.next_path()
-        self._writer = WRITERS[path.suffix.lower()](path)
+        self._writer = FeatureWriter(self.next_path())
         self._due_s = 0.0
 
     @override
@@ -92,7 +82,7 @@ class FeatureSink(OutputFileSink):
 
     @override
     def shortfall(self) -> str:
-        has_rows = self._writer is not None and self._writer.rows
+        has_rows = self._writer is not None and self._writer.count
         return "" if has_rows else "no frame carried features of a target; put waveleteigen before it"
 
     @override
@@ -101,29 +91,28 @@ class FeatureSink(OutputFileSink):
             self._writer.close()
 
 
-def feature_rows(frame: Frame, vectors: NDArray[np.float32]) -> FeatureRows:
+def feature_rows(frame: Frame, vectors: NDArray[np.float32]) -> Rows:
     """The rows of a frame; values missing in its metadata are NaN, "" or the row's number."""
-    count = len(vectors)
-    details, space = frame.get(TargetFeatures), frame.metadata.get(FeatureSpace)
+    count, details = len(vectors), frame.get(TargetFeatures)
     if details is not None and len(details.ids) != count:
         details = None
+    rows = empty_rows(count, vectors.shape[1])
+    rows["vectors"] = vectors
+    rows["seq"], rows["epoch"] = frame.seq, frame.epoch
+    rows["pts_ns"] = NO_TIME if frame.pts is None else frame.pts
+    rows["version"] = getattr(frame.metadata.get(FeatureSpace), "version", 0)
     boxes = _detected_boxes(frame, count) if details is None else details.boxes
-    numbers: dict[str, Any] = {
-        "seq": frame.seq, "epoch": frame.epoch,
-        "pts_ns": NO_TIME if frame.pts is None else frame.pts, "version": getattr(space, "version", 0),
-    }  # fmt: skip
-    columns = {name: np.full(count, value) for name, value in numbers.items()}
-    columns |= dict(zip(("x", "y", "length", "width", "angle"), boxes.T, strict=True))
-    labels: tuple[str, ...] = ()
-    if details is not None:
-        labels = details.labels
-        columns |= {"id": details.ids, "flat": details.flat}
-        columns |= {"clipped": details.clipped, "error": details.errors}
-    else:
-        columns |= {"id": np.arange(count), "flat": ~np.any(vectors != 0, axis=1)}
-        columns |= {"clipped": np.full(count, np.nan), "error": np.full(count, np.nan)}
-    columns["label"] = np.array([label[:LABEL_CHARACTERS] for label in labels or ("",) * count])
-    return FeatureRows(vectors, columns)
+    for name, values in zip(("x", "y", "length", "width", "angle"), boxes.T, strict=True):
+        rows[name] = values
+    if details is None:
+        rows["id"], rows["flat"] = np.arange(count), ~np.any(vectors != 0, axis=1)
+        rows["clipped"] = rows["error"] = np.nan
+        return rows
+    rows["id"], rows["flat"] = details.ids, details.flat
+    rows["clipped"], rows["error"] = details.clipped, details.errors
+    if details.labels:
+        rows["label"] = details.labels
+    return rows
 
 
 def _detected_boxes(frame: Frame, count: int) -> NDArray[np.float64]:

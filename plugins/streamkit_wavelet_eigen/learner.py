@@ -70,14 +70,6 @@ def vectors_by_space(prepared: FloatBatch, recipe: Recipe) -> list[FloatArray]:
     return [blocks[:, index] for index in range(blocks.shape[1])]
 
 
-def evenly_spaced(windows: FloatBatch, count: int) -> FloatBatch:
-    """At most `count` of the windows, evenly spaced."""
-    if len(windows) <= count:
-        return windows
-    chosen: FloatBatch = windows[np.linspace(0, len(windows) - 1, count).round().astype(int)]
-    return chosen
-
-
 class SpaceLearner:
     """Learns a space from a stream of prepared windows.
 
@@ -102,14 +94,16 @@ class SpaceLearner:
         self._forgetting = forgetting
         self._pending: list[FloatBatch] = []
 
-    def add(self, prepared: FloatBatch) -> WaveletEigenSpace | None:
+    def add(self, prepared: FloatBatch, at_most: int | None = None) -> WaveletEigenSpace | None:
         """Adds windows float32[n, h, w] and returns the newest space, None before the first.
 
-        Windows beyond the batch size are left out evenly, so that a crowded frame neither delays the stream
-        nor counts for more than one batch.
+        Windows beyond `at_most` and beyond the batch are left out evenly, so that a crowded frame neither
+        delays the stream nor counts for more than one batch.
         """
-        chosen = evenly_spaced(prepared, self._batch - len(self._pending))
-        self._pending.extend(window.copy() for window in chosen)
+        for limit in (at_most or self._batch, self._batch - len(self._pending)):
+            if len(prepared) > limit:
+                prepared = prepared[np.linspace(0, len(prepared) - 1, limit).round().astype(int)]
+        self._pending.extend(window.copy() for window in prepared)
         if len(self._pending) >= (FIRST_BATCH if self.space is None else self._batch):
             self._update(np.stack(self._pending))
             self._pending.clear()

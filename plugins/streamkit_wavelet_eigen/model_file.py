@@ -2,24 +2,22 @@
 
 import dataclasses
 import os
-import typing
 import zipfile
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from streamkit_wavelet_eigen.eigenspace import Eigenspace
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
 from streamkit_wavelet_eigen.gallery import Gallery, empty_gallery
+from streamkit_wavelet_eigen.preprocessing import Preprocessing
 from streamkit_wavelet_eigen.recipe import Recipe
 
-T = TypeVar("T")
 Fields = dict[str, NDArray[Any]]
 
 SCHEMA = "streamkit.eigenspace/2"
@@ -87,7 +85,7 @@ def load_model(path: Path) -> Model:
             f'{path}: the schema must be "{SCHEMA}", got "{schema}"; learn and save it again'
         )
     try:
-        recipe = _read_settings(Recipe, fields)
+        recipe = _read_recipe(fields)
         recipe.check()
         return Model(_read_space(fields, recipe), _read_gallery(fields, recipe))
     except (KeyError, ValueError, TypeError, OverflowError, IndexError) as error:
@@ -109,29 +107,16 @@ def _fields_of(model: Model) -> Fields:
     }
     if space.fisher_axes is not None:
         fields["fisher_axes"] = space.fisher_axes
-    return fields | dict(_settings_fields(space.recipe))
+    settings = msgspec.to_builtins(space.recipe)
+    settings |= settings.pop("preprocessing")
+    return fields | {FILE_NAMES.get(name, name): np.array(value) for name, value in settings.items()}
 
 
-def _settings_fields(settings: Any) -> Iterator[tuple[str, NDArray[Any]]]:
-    """The fields of a settings dataclass, nested ones flattened."""
-    for field in dataclasses.fields(settings):
-        value = getattr(settings, field.name)
-        if dataclasses.is_dataclass(value):
-            yield from _settings_fields(value)
-        else:
-            text_or_number = str(value) if isinstance(value, StrEnum) else value
-            yield FILE_NAMES.get(field.name, field.name), np.array(text_or_number)
-
-
-def _read_settings(kind: type[T], fields: Fields) -> T:
-    """Inverse of `_settings_fields`."""
-    values: dict[str, Any] = {}
-    for name, hint in typing.get_type_hints(kind).items():
-        if dataclasses.is_dataclass(hint):
-            values[name] = _read_settings(typing.cast("type[Any]", hint), fields)
-        else:
-            values[name] = hint(fields[FILE_NAMES.get(name, name)].item())
-    return kind(**values)
+def _read_recipe(fields: Fields) -> Recipe:
+    names = [field.name for kind in (Recipe, Preprocessing) for field in dataclasses.fields(kind)]
+    names.remove("preprocessing")
+    settings = {name: fields[FILE_NAMES.get(name, name)].item() for name in names}
+    return msgspec.convert(settings | {"preprocessing": settings}, Recipe)
 
 
 def _read_space(fields: Fields, recipe: Recipe) -> WaveletEigenSpace:

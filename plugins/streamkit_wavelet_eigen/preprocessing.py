@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from streamkit.settings import setting
 from streamkit_wavelet_eigen.equalisation import equalise, equalise_own_range
 from streamkit_wavelet_eigen.shrinkage import noise_deviations, shrink_details
-from streamkit_wavelet_eigen.wavelet import FloatBatch, Subbands, decompose, reconstruct, transform_matrix
+from streamkit_wavelet_eigen.wavelet import FloatBatch, decompose, quarters, reconstruct, transform_matrix
 
 # Pixels per chunk: intermediate arrays fit the cache, and memory does not grow with the batch.
 CHUNK_PIXELS = 64 * 32 * 32
@@ -77,7 +77,7 @@ def prepare(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
     if how.mode is Mode.RAW and not how.approximation:
         return patches
     count, height, width = patches.shape
-    prepared = np.empty((count, *how.prepared_size((height, width))), np.float32)
+    prepared = np.empty((count, height >> how.approximation, width >> how.approximation), np.float32)
     chunk = max(CHUNK_PIXELS // max(height * width, 1), 1)
     for first in range(0, count, chunk):
         part = patches[first : first + chunk]
@@ -89,13 +89,14 @@ def prepare(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
 
 
 def _prepare_chunk(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
-    bands = decompose(patches, how.wavelet)
-    denoised = threshold_details(bands, how.threshold)
+    coefficients = decompose(patches, how.wavelet)
+    denoised = threshold_details(coefficients, how.threshold)
     if how.mode is not Mode.PAPER:
         return np.clip(reconstruct(denoised, how.wavelet), 0.0, 255.0)
-    low = np.empty(bands.ll.shape, np.float32)
-    equalise_own_range(bands.ll, low)
-    denoised.ll[...] = low
+    height, width = patches.shape[1:]
+    low = np.empty((len(patches), height // 2, width // 2), np.float32)
+    equalise_own_range(coefficients[:, : height // 2, : width // 2], low)
+    denoised[:, : height // 2, : width // 2] = low
     restored = reconstruct(denoised, how.wavelet)
     equalise(restored)
     return restored
@@ -110,41 +111,45 @@ def _approximation(patches: FloatBatch, wavelet: str) -> FloatBatch:
     return low
 
 
-def threshold_details(bands: Subbands, rule: Threshold) -> Subbands:
+def threshold_details(coefficients: FloatBatch, rule: Threshold) -> FloatBatch:
     """Soft threshold of LH, HL and HH of each patch against its own noise; LL stays unchanged.
 
     The noise deviation sigma is median(|HH|) / 0.6745. VisuShrink: sigma * sqrt(2 ln N), N the pixels of the
     patch. BayesShrink: sigma squared over the deviation of the noise-free band, for each band.
 
+    Args:
+        coefficients: float32[n, h, w] of `decompose`.
+        rule: which of them.
+
     Returns:
-        New sub-bands in an array of their own.
+        New coefficients.
 
     Source: Donoho and Johnstone, Ideal spatial adaptation by wavelet shrinkage, 1994; Chang, Yu and Vetterli,
         Adaptive wavelet thresholding, 2000.
     """
-    if rule is Threshold.NONE or not bands.coefficients.size:
-        return Subbands(bands.coefficients.copy())
-    coefficients = np.ascontiguousarray(bands.coefficients)
+    if rule is Threshold.NONE or not coefficients.size:
+        return coefficients.copy()
+    coefficients = np.ascontiguousarray(coefficients)
     sigma = np.empty(len(coefficients), np.float32)
     noise_deviations(coefficients, sigma)
     if rule is Threshold.VISU:
-        shrunk = Subbands(np.empty_like(coefficients))
+        shrunk = np.empty_like(coefficients)
         limits = sigma * np.float32(np.sqrt(2.0 * np.log(coefficients[0].size)))
-        shrink_details(coefficients, limits, shrunk.coefficients)
+        shrink_details(coefficients, limits, shrunk)
         return shrunk
-    limits = _bayes_limits(bands.quarters, sigma[:, None, None, None, None])
+    bands = quarters(coefficients)
+    limits = _bayes_limits(bands, sigma[:, None, None, None, None])
     # x - clip(x, -t, t) is the soft threshold, in two passes over the data instead of five.
-    quarters = bands.quarters - np.clip(bands.quarters, -limits, limits)
-    shrunk = Subbands(quarters.reshape(bands.coefficients.shape))
-    shrunk.ll[...] = bands.ll
-    return shrunk
+    shrunk = bands - np.clip(bands, -limits, limits)
+    shrunk[:, 0, :, 0] = bands[:, 0, :, 0]
+    return shrunk.reshape(coefficients.shape)
 
 
-def _bayes_limits(coefficients: FloatBatch, sigma: NDArray[np.float32]) -> NDArray[np.float32]:
+def _bayes_limits(bands: FloatBatch, sigma: NDArray[np.float32]) -> NDArray[np.float32]:
     """float32[n, 2, 1, 2, 1]; the limit of a band of noise alone removes all of it."""
     noise = sigma * sigma
-    power = np.mean(coefficients * coefficients, axis=(2, 4), keepdims=True)
+    power = np.mean(bands * bands, axis=(2, 4), keepdims=True)
     signal = np.sqrt(np.maximum(power - noise, 0.0))
-    limits: NDArray[np.float32] = np.abs(coefficients).max(axis=(2, 4), keepdims=True)
+    limits: NDArray[np.float32] = np.abs(bands).max(axis=(2, 4), keepdims=True)
     np.divide(noise, signal, out=limits, where=signal > 0)
     return limits

@@ -5,7 +5,6 @@ becomes `W_h @ x @ W_w.T`: one BLAS call for a whole batch instead of a loop of 
 wavelet W is orthogonal, and the patch comes back as `W_h.T @ y @ W_w`.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeAlias
 
@@ -19,30 +18,15 @@ FloatBatch: TypeAlias = NDArray[np.float32]
 ORTHOGONALITY_LIMIT = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class Subbands:
-    """The four sub-bands of a one-level transform, views of one array.
+def quarters(coefficients: FloatBatch) -> FloatBatch:
+    """The sub-bands of coefficients float32[n, h, w], as a view float32[n, 2, h / 2, 2, w / 2].
 
-    Texts disagree on which mixed band is LH: here the first letter is the filter along x (columns), the
-    second along y (rows), so that LH is PyWavelets' cH (horizontal edges) and HL its cV.
-
-    Attributes:
-        coefficients: float32[n, h, w]: LL top left, HL top right, LH bottom left, HH bottom right.
+    The second axis is low or high along y, the fourth along x. LL is `[:, 0, :, 0]`, top left in the
+    coefficients, and reaches 2 times the grey level. Texts disagree on which mixed band is LH: here the first
+    letter is the filter along x, so that LH, `[:, 1, :, 0]`, is PyWavelets' cH (horizontal edges).
     """
-
-    coefficients: FloatBatch
-
-    @property
-    def quarters(self) -> FloatBatch:
-        """float32[n, 2, h / 2, 2, w / 2], view: patch, low or high in y, y, low or high in x, x."""
-        count, height, width = self.coefficients.shape
-        return self.coefficients.reshape(count, 2, height // 2, 2, width // 2)
-
-    @property
-    def ll(self) -> FloatBatch:
-        """Low-pass in x and y, float32[n, h / 2, w / 2]; values reach 2 times the grey level."""
-        height, width = self.coefficients.shape[1:]
-        return self.coefficients[:, : height // 2, : width // 2]
+    count, height, width = coefficients.shape
+    return coefficients.reshape(count, 2, height // 2, 2, width // 2)
 
 
 @lru_cache(maxsize=32)
@@ -97,20 +81,21 @@ def _read_only(matrix: NDArray[np.floating]) -> FloatBatch:
     return result
 
 
-def decompose(patches: FloatBatch, wavelet: str = "db8") -> Subbands:
-    """The sub-bands of patches float32[n, h, w], periodized, in one new array.
+def decompose(patches: FloatBatch, wavelet: str = "db8") -> FloatBatch:
+    """The coefficients float32[n, h, w] of patches float32[n, h, w]; `quarters` gives the sub-bands.
 
     Raises:
         ValueError: as `transform_matrix`.
     """
     height, width = patches.shape[1:]
     rows, columns = transform_matrix(wavelet, height), transform_matrix(wavelet, width)
-    return Subbands(rows @ (patches @ columns.T))
+    result: FloatBatch = rows @ (patches @ columns.T)
+    return result
 
 
-def reconstruct(subbands: Subbands, wavelet: str = "db8") -> FloatBatch:
+def reconstruct(coefficients: FloatBatch, wavelet: str = "db8") -> FloatBatch:
     """Inverse of `decompose`: float32[n, h, w]."""
-    height, width = subbands.coefficients.shape[1:]
+    height, width = coefficients.shape[1:]
     rows, columns = inverse_matrix(wavelet, height), inverse_matrix(wavelet, width)
-    result: FloatBatch = rows @ (subbands.coefficients @ columns.T)
+    result: FloatBatch = rows @ (coefficients @ columns.T)
     return result

@@ -7,8 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from streamkit_wavelet_eigen.gallery import Gallery, Recogniser, distances, empty_gallery, prepare_gallery
-from streamkit_wavelet_eigen.gallery_folder import read_gallery
+from streamkit_wavelet_eigen.gallery import (
+    Gallery,
+    Recogniser,
+    distances,
+    empty_gallery,
+    prepare_gallery,
+    read_gallery,
+)
 from streamkit_wavelet_eigen.learner import learn_space
 from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
 from streamkit_wavelet_eigen.recipe import Metric, Recipe, Views

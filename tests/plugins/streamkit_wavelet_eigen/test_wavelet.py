@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import pywt
 
-from streamkit_wavelet_eigen.wavelet import Subbands, decompose, inverse_matrix, reconstruct, transform_matrix
+from streamkit_wavelet_eigen.wavelet import decompose, inverse_matrix, quarters, reconstruct, transform_matrix
 
-LH, HL, HH = np.s_[:, 1, :, 0], np.s_[:, 0, :, 1], np.s_[:, 1, :, 1]  # sub-bands within `Subbands.quarters`
+# Sub-bands within `quarters`.
+LL, LH, HL, HH = np.s_[:, 0, :, 0], np.s_[:, 1, :, 0], np.s_[:, 0, :, 1], np.s_[:, 1, :, 1]
 WAVELETS = pywt.wavelist(kind="discrete")
 
 
@@ -24,10 +25,10 @@ def test_sub_bands_equal_pywavelets(wavelet: str, height: int, width: int) -> No
     )
     bands = decompose(given, wavelet)
     for ours, theirs in (
-        (bands.ll, low),
-        (bands.quarters[LH], horizontal),
-        (bands.quarters[HL], vertical),
-        (bands.quarters[HH], diagonal),
+        (quarters(bands)[LL], low),
+        (quarters(bands)[LH], horizontal),
+        (quarters(bands)[HL], vertical),
+        (quarters(bands)[HH], diagonal),
     ):
         assert ours.dtype == np.float32
         np.testing.assert_allclose(ours, theirs, atol=1e-3)
@@ -43,15 +44,14 @@ def test_every_wavelet_reconstructs(wavelet: str) -> None:
 @pytest.mark.parametrize("wavelet", [name for name in WAVELETS if name != "dmey"])
 def test_the_inverse_is_that_of_pywavelets(wavelet: str) -> None:
     """Any coefficients, not only those of an image, are inverted as pywt.idwt2 does."""
-    given = _patches(2, 32, 32, seed=5) - 128.0
-    bands = Subbands(given)
+    bands = _patches(2, 32, 32, seed=5) - 128.0
     theirs = pywt.idwt2(
         (
-            bands.ll.astype(float),
+            quarters(bands)[LL].astype(float),
             (
-                bands.quarters[LH].astype(float),
-                bands.quarters[HL].astype(float),
-                bands.quarters[HH].astype(float),
+                quarters(bands)[LH].astype(float),
+                quarters(bands)[HL].astype(float),
+                quarters(bands)[HH].astype(float),
             ),
         ),
         wavelet,
@@ -70,7 +70,7 @@ def test_the_inverse_of_an_orthogonal_wavelet_is_its_transpose(wavelet: str) -> 
 def test_quarters_are_views() -> None:
     """Writing a sub-band changes the coefficients that are reconstructed."""
     bands = decompose(_patches(2, 16, 16), "haar")
-    for band in (bands.quarters[LH], bands.quarters[HL], bands.quarters[HH]):
+    for band in (quarters(bands)[LH], quarters(bands)[HL], quarters(bands)[HH]):
         band[...] = 0.0
     smooth = reconstruct(bands, "haar")
     np.testing.assert_allclose(smooth[:, ::2, ::2], smooth[:, 1::2, 1::2], atol=1e-3)
