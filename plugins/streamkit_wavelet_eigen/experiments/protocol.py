@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit_wavelet_eigen.gallery import Gallery
+
 REPETITIONS = 10
 FIRST_SEED = 1000
 # Independent random streams of a seed: order of targets, and inner splits.
@@ -35,19 +37,6 @@ PARTITIONS = (Partition("orl", 5), Partition("orl", 3), Partition("coil20", 12),
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
-    """Labelled images.
-
-    Attributes:
-        images: uint8[m, h, w].
-        labels: m names.
-    """
-
-    images: NDArray[np.uint8]
-    labels: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
 class Split:
     """One random division of a database.
 
@@ -57,8 +46,8 @@ class Split:
         seed: of the division.
     """
 
-    training: Sample
-    test: Sample
+    training: Gallery
+    test: Gallery
     seed: int
 
 
@@ -68,19 +57,19 @@ def splits(images: NDArray[np.uint8], training: int, count: int = REPETITIONS) -
     for seed in range(FIRST_SEED, FIRST_SEED + count):
         order = np.random.default_rng(seed).permuted(np.tile(np.arange(views), (targets, 1)), axis=1)
         chosen = images[np.arange(targets)[:, None], order]
-        yield Split(sample_of(chosen[:, :training]), sample_of(chosen[:, training:]), seed)
+        yield Split(labelled(chosen[:, :training]), labelled(chosen[:, training:]), seed)
 
 
-def inner_splits(training: Sample, per_target: int, seed: int, count: int) -> Iterator[Split]:
+def inner_splits(training: Gallery, per_target: int, seed: int, count: int) -> Iterator[Split]:
     """Splits of the training images alone, three quarters of each target's for learning."""
-    shape = training.images.shape[1:]
-    images = training.images.reshape(-1, per_target, *shape)
+    shape = training.patches.shape[1:]
+    images = training.patches.reshape(-1, per_target, *shape)
     kept = min(max(round(0.75 * per_target), 2), per_target - 1)
     for number in range(count):
         generator = np.random.default_rng([seed, INNER_SPLIT, number])
         order = generator.permuted(np.tile(np.arange(per_target), (len(images), 1)), axis=1)
         chosen = images[np.arange(len(images))[:, None], order]
-        yield Split(sample_of(chosen[:, :kept]), sample_of(chosen[:, kept:]), seed)
+        yield Split(labelled(chosen[:, :kept]), labelled(chosen[:, kept:]), seed)
 
 
 def first_targets(split: Split, targets: int) -> Split:
@@ -91,13 +80,13 @@ def first_targets(split: Split, targets: int) -> Split:
     return Split(_only(split.training, kept), _only(split.test, kept), split.seed)
 
 
-def sample_of(images: NDArray[np.uint8]) -> Sample:
-    """A sample of uint8[targets, views, h, w], labelled by their number."""
+def labelled(images: NDArray[np.uint8]) -> Gallery:
+    """The images uint8[targets, views, h, w], labelled by the number of their target."""
     targets, views = images.shape[:2]
     labels = tuple(f"{target + 1:02d}" for target in range(targets) for _ in range(views))
-    return Sample(images.reshape(targets * views, *images.shape[2:]), labels)
+    return Gallery(images.reshape(targets * views, *images.shape[2:]), labels)
 
 
-def _only(sample: Sample, kept: set[str]) -> Sample:
+def _only(sample: Gallery, kept: set[str]) -> Gallery:
     chosen = [index for index, label in enumerate(sample.labels) if label in kept]
-    return Sample(sample.images[chosen], tuple(sample.labels[index] for index in chosen))
+    return Gallery(sample.patches[chosen], tuple(sample.labels[index] for index in chosen))

@@ -52,8 +52,8 @@ def reconstructed_share(split: Split) -> float:
     """Reading B of one split, percent."""
     components = min(len(split.training.labels), MAX_COMPONENTS)
     recipe = Recipe(64, RAW, components=components, energy=KEPT_ENERGY)
-    space = learn_space(split.training.images.astype(np.float32), recipe)
-    given = split.test.images.astype(np.float32)
+    space = learn_space(split.training.patches.astype(np.float32), recipe)
+    given = split.test.patches.astype(np.float32)
     residual = np.linalg.norm((given - space.reconstruct(given)).reshape(len(given), -1), axis=1)
     whole = np.linalg.norm(given.reshape(len(given), -1), axis=1)
     return float(100.0 * np.mean(1.0 - residual / whole))
@@ -62,10 +62,10 @@ def reconstructed_share(split: Split) -> float:
 def rates_by_features(split: Split) -> list[float]:
     """Reading C of one split: one fit, of which the leading features are used."""
     recipe = METHODS[PROPOSED]
-    space = learn_space(split.training.images.astype(np.float32), recipe)
+    space = learn_space(split.training.patches.astype(np.float32), recipe)
     blocks = recipe.blocks**2
     known, queries = (
-        space.embed(sample.images.astype(np.float32)).reshape(-1, blocks, recipe.components)
+        space.embed(sample.patches.astype(np.float32)).reshape(-1, blocks, recipe.components)
         for sample in (split.training, split.test)
     )
     names, truth = np.array(split.training.labels), np.array(split.test.labels)

@@ -1,23 +1,21 @@
 """Runs the whole protocol: four partitions, each a task, on several processes."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 
 from streamkit_wavelet_eigen.experiments.databases import read_coil20, read_orl
-from streamkit_wavelet_eigen.experiments.methods import BEST, METHODS, MODULAR, PROPOSED, TRADITIONAL
+from streamkit_wavelet_eigen.experiments.methods import BEST, METHODS, MODULAR, PROPOSED, TRADITIONAL, choose
 from streamkit_wavelet_eigen.experiments.peers import peer_rates
 from streamkit_wavelet_eigen.experiments.protocol import PARTITIONS, REPETITIONS, Partition, splits
 from streamkit_wavelet_eigen.experiments.published import RUNS
 from streamkit_wavelet_eigen.experiments.recognition import rates, reading_a, reading_b, reading_c
 from streamkit_wavelet_eigen.experiments.results import SCHEMA, PartitionResult, Results
-from streamkit_wavelet_eigen.experiments.selection import choose
 from streamkit_wavelet_eigen.experiments.tracking import Follow, by_runs, tracking_errors
 
-# One thread per process: results do not depend on the number of processors.
+# Linear algebra in the child processes runs on one thread: results do not depend on the number of processors.
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 READING_A_METHODS = (PROPOSED, TRADITIONAL, MODULAR, BEST)
 
@@ -73,7 +71,8 @@ def run_all(
         report: called with the key of each finished partition.
     """
     found: dict[str, PartitionResult] = {}
-    with _single_threaded(), ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         tasks = {
             pool.submit(run_partition, partition, folder, repetitions, tracking_runs, follow): partition.key
             for partition in PARTITIONS
@@ -91,18 +90,3 @@ def run_all(
         "tracking_runs": tracking_runs,
         "partitions": {partition.key: found[partition.key] for partition in PARTITIONS},
     }
-
-
-@contextmanager
-def _single_threaded() -> Iterator[None]:
-    """Makes linear algebra in child processes run on one thread."""
-    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value

@@ -22,18 +22,18 @@ def test_sizes_and_balance(targets: int, views: int, training: int, sizes: tuple
     assert len(found) == 10
     for split in found:
         assert (len(split.training.labels), len(split.test.labels)) == sizes
-        known, asked = (set(part.images[:, 0, 0].tolist()) for part in (split.training, split.test))
+        known, asked = (set(part.patches[:, 0, 0].tolist()) for part in (split.training, split.test))
         assert not known & asked
         assert len(known | asked) == targets * views
         for part in (split.training, split.test):
-            names = [f"{number // views + 1:02d}" for number in part.images[:, 0, 0].tolist()]
+            names = [f"{number // views + 1:02d}" for number in part.patches[:, 0, 0].tolist()]
             assert list(part.labels) == names
 
 
 def test_splits_differ_and_repeat() -> None:
     """Ten different divisions, the same ones in every run."""
     one, again = (
-        [tuple(split.training.images[:, 0, 0]) for split in splits(_numbered(4, 10), 5)] for _ in "ab"
+        [tuple(split.training.patches[:, 0, 0]) for split in splits(_numbered(4, 10), 5)] for _ in "ab"
     )
     assert one == again
     assert len(set(one)) == 10
@@ -42,9 +42,9 @@ def test_splits_differ_and_repeat() -> None:
 def test_selection_uses_training_images_only() -> None:
     """Inner splits divide the training images of a split; its test images are in none of them."""
     for split in splits(_numbered(4, 10), 5, 3):
-        training = set(split.training.images[:, 0, 0].tolist())
+        training = set(split.training.patches[:, 0, 0].tolist())
         for inner in inner_splits(split.training, 5, split.seed, 3):
-            known, asked = (set(part.images[:, 0, 0].tolist()) for part in (inner.training, inner.test))
+            known, asked = (set(part.patches[:, 0, 0].tolist()) for part in (inner.training, inner.test))
             assert known | asked == training
             assert not known & asked
             assert len(known) == 16

@@ -2,13 +2,11 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from streamkit_wavelet_eigen.experiments.databases import MissingData, data_folder, read_coil20, read_orl
 from streamkit_wavelet_eigen.experiments.methods import BEST, METHODS, MODULAR, PROPOSED
 from streamkit_wavelet_eigen.experiments.peers import (
-    chi_square_distances,
     fisherfaces_rate,
     lbp_rate,
     pca_rate,
@@ -72,15 +70,6 @@ def test_peers_are_near_their_known_rates(orl: list[Split]) -> None:
     assert pca_rate(orl[0]) == pytest.approx(93, abs=4)
     assert fisherfaces_rate(orl[0]) == pytest.approx(95, abs=4)
     assert lbp_rate(orl[0]) == pytest.approx(95, abs=5)
-
-
-def test_chi_square_is_the_sum_over_all_bins() -> None:
-    """The short form that skips empty bins gives the long form."""
-    one, other = np.random.default_rng(0).poisson(0.7, (2, 9, 40)).astype(float)
-    sums = one[:, None] + other[None]
-    squares = (one[:, None] - other[None]) ** 2
-    expected = np.divide(squares, sums, out=np.zeros_like(sums), where=sums > 0).sum(axis=2)
-    np.testing.assert_allclose([chi_square_distances(row, other) for row in one], expected, atol=1e-9)
 
 
 def test_missing_data_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

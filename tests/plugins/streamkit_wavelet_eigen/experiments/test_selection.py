@@ -6,9 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_wavelet_eigen.experiments.methods import RAW
+from streamkit_wavelet_eigen.experiments.methods import RAW, choose
 from streamkit_wavelet_eigen.experiments.protocol import Split, splits
-from streamkit_wavelet_eigen.experiments.selection import choose
 from streamkit_wavelet_eigen.recipe import Recipe
 
 CANDIDATES = {
@@ -44,7 +43,7 @@ def test_test_images_have_no_part_in_the_selection(parts: list[Split]) -> None:
     noise = np.random.default_rng(1)
     spoilt = [
         replace(
-            part, test=replace(part.test, images=noise.integers(0, 256, part.test.images.shape, np.uint8))
+            part, test=replace(part.test, patches=noise.integers(0, 256, part.test.patches.shape, np.uint8))
         )
         for part in parts
     ]

@@ -8,8 +8,13 @@ import numpy as np
 from streamkit_wavelet_eigen.experiments.command import follow_target
 from streamkit_wavelet_eigen.experiments.databases import data_folder, read_coil20
 from streamkit_wavelet_eigen.experiments.protocol import splits
-from streamkit_wavelet_eigen.experiments.scene import FRAMES, TARGET_SIDE, make_scene
-from streamkit_wavelet_eigen.experiments.tracking import by_runs, tracking_errors
+from streamkit_wavelet_eigen.experiments.tracking import (
+    FRAMES,
+    TARGET_SIDE,
+    by_runs,
+    make_scene,
+    tracking_errors,
+)
 
 
 def _pictures(count: int = 3) -> np.ndarray:
