@@ -92,7 +92,10 @@ class ReceivedNumbers:
         """Notes the reply to a query for the last message; whether it is new."""
         last = self._replied if self._latest is None else max(self._replied, self._latest.end - 1)
         is_published = self._latest is None and self._start is not None and number >= self._start
-        if number <= last or is_published:
+        _, below, above = self._around(number)
+        is_received = below is not None and number < below.end
+        counts_as_lost = above is not None and above.start - above.missing <= number
+        if number <= last or is_published or is_received or counts_as_lost:
             return False
         self._replied = number
         return True

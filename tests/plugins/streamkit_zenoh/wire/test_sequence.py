@@ -95,6 +95,16 @@ def test_a_late_status_adds_what_was_lost_before_the_first_message() -> None:
     assert sequence.received(4) == Arrival(lost=-1)
 
 
+def test_a_reply_with_a_number_that_counts_as_lost_is_left_to_the_message() -> None:
+    """A status overtook both messages: each is new when it is received, and nothing stays lost."""
+    sequence = ReceivedNumbers()
+    sequence.starts_at(1)
+    assert sequence.settled_up_to(3) == 2
+    assert sequence.received(1) == Arrival(lost=-1)
+    assert not sequence.replied(2)
+    assert sequence.received(2) == Arrival(lost=-1)
+
+
 def test_the_last_status_shows_that_all_is_lost() -> None:
     """No message is needed."""
     sequence = ReceivedNumbers()
