@@ -86,7 +86,7 @@ class SessionSettings:
         return self.mode is Mode.CLIENT or automatic
 
 
-def error_line(error: Exception) -> str:
+def error_line(error: BaseException) -> str:
     """A zenoh error as one line, without secrets and positions in zenoh's source code."""
     return mask_secrets(SOURCE_POSITION.sub("", str(error)).strip())
 

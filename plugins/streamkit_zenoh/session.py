@@ -1,7 +1,9 @@
-"""Opens and closes a zenoh session within time limits; it stays on this machine unless told otherwise."""
+"""Opens and closes a zenoh session within time limits; by default it stays on this machine."""
 
 import threading
+import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, wait
 from typing import Any
 
 import zenoh
@@ -35,8 +37,20 @@ def open_session(settings: SessionSettings, limit_s: float = OPEN_LIMIT_S) -> ze
     if not meets_locally(settings):
         return _open(configuration(settings), settings, limit_s)
     if mode_of(base_configuration(settings)) == "client":
-        return _open_local_client(settings, limit_s)
-    return _open_at_meeting_port(settings, limit_s)
+        try:
+            return _open(local_configuration(settings, None), settings, limit_s)
+        except SessionFailure:
+            raise SessionFailure(
+                f"zenoh (mode=client): nobody answers at tcp/127.0.0.1:{MEETING_PORTS[0]} to "
+                f"{MEETING_PORTS[-1]}; start a publisher or a router, or name an endpoint with connect"
+            ) from None
+    for port in MEETING_PORTS:
+        try:
+            return _open(local_configuration(settings, port), settings, limit_s)
+        except SessionFailure as failure:
+            if "in use" not in str(failure):
+                raise
+    return _open(local_configuration(settings, None), settings, limit_s)
 
 
 def close_session(
@@ -52,65 +66,46 @@ def close_session(
     Returns:
         Whether the session closed in time and without failure; else it ends in the background.
     """
-    calls: list[Callable[[], object]] = [*undeclare, session.close]
-    failures: list[Exception] = []
 
-    def close_all() -> None:
+    def close_all() -> bool:
+        is_clean = True
+        calls: list[Callable[[], object]] = [*undeclare, session.close]
         for call in calls:
             try:
                 call()
-            except Exception as error:
+            except Exception:
                 # zenoh does not undeclare what another thread is using; the rest is closed all the same.
-                failures.append(error)
+                is_clean = False
+        return is_clean
 
-    return _Call(close_all).wait(limit_s, cancelled) and not failures
+    closing = _Call(close_all)
+    return closing.ends_within(limit_s, cancelled) and bool(closing.result())
 
 
-class _Call:
-    """A call in a thread of its own, whose caller waits for a limited time.
+class _Call(Future[Any]):
+    """A call in a thread of its own, whose caller waits for a limited time."""
 
-    Args:
-        function: called at once.
-        discard: called with the result if the caller has given up.
-    """
-
-    def __init__(self, function: Callable[[], Any], discard: Callable[[Any], Any] | None = None) -> None:
-        self.value: Any = None
-        self.error: Exception | None = None
+    def __init__(self, function: Callable[[], Any]) -> None:
+        super().__init__()
         self._function = function
-        self._discard = discard
-        self._abandoned = False
-        self._lock = threading.Lock()
-        self._done = threading.Event()
         self._thread = threading.Thread(target=self._run, name="zenoh call", daemon=False)
         self._thread.start()
 
     def _run(self) -> None:
-        value = None
         try:
-            value = self._function()
+            self.set_result(self._function())
         except Exception as error:
-            self.error = error
-        with self._lock:
-            self.value = value
-            self._done.set()
-            unwanted = self._abandoned and value is not None
-        if unwanted and self._discard is not None:
-            self._discard(value)
+            self.set_exception(error)
 
-    def wait(self, limit_s: float, cancelled: threading.Event | None = None) -> bool:
-        """Whether the call returned in time; otherwise its result is discarded."""
-        left_s = limit_s
-        while not self._done.wait(min(0.05, left_s) if cancelled else left_s):
-            left_s -= 0.05
-            if cancelled is None or cancelled.is_set() or left_s <= 0:
-                break
-        with self._lock:
-            self._abandoned = not self._done.is_set()
-        if self._abandoned:
-            return False
-        self._thread.join()
-        return True
+    def ends_within(self, limit_s: float, cancelled: threading.Event | None = None) -> bool:
+        deadline_s = time.monotonic() + limit_s
+        while not self.done() and (left_s := deadline_s - time.monotonic()) > 0:
+            if cancelled is not None and cancelled.is_set():
+                return False
+            wait([self], min(0.05, left_s))
+        if self.done():
+            self._thread.join()
+        return self.done()
 
 
 def _open(config: zenoh.Config, settings: SessionSettings, limit_s: float) -> zenoh.Session:
@@ -123,38 +118,23 @@ def _open(config: zenoh.Config, settings: SessionSettings, limit_s: float) -> ze
                 f"zenoh ({mask_secrets(endpoint)}): {fault}; see root_ca_certificate, connect_certificate "
                 "and connect_private_key under transport/link/tls of the configuration file"
             )
-    call = _Call(lambda: zenoh.open(config), lambda session: session.close())
+    call = _Call(lambda: zenoh.open(config))
     named = ", ".join((*endpoints, *settings.listen_endpoints)) or f"reach={settings.reach}"
     target = mask_secrets(named)
-    if not call.wait(limit_s):
+    if not call.ends_within(limit_s):
+        call.add_done_callback(_close_late)
         raise SessionFailure(f"zenoh ({target}): no session within {limit_s:g} s; check the endpoints")
-    if call.error is not None:
+    error = call.exception()
+    if error is not None:
         is_client = mode_of(config) == "client"
         remedy = "start the router or name another endpoint" if is_client else "name another endpoint"
         if str(config.get_json("transport/auth/usrpwd/user")) != "null":
             remedy += ", or see whether it knows the user and password under transport/auth/usrpwd"
-        raise SessionFailure(f"zenoh ({target}): {error_line(call.error)}; {remedy}") from None
-    session: zenoh.Session = call.value
+        raise SessionFailure(f"zenoh ({target}): {error_line(error)}; {remedy}") from None
+    session: zenoh.Session = call.result()
     return session
 
 
-def _open_local_client(settings: SessionSettings, limit_s: float) -> zenoh.Session:
-    """A client of the first session that answers at a meeting port."""
-    try:
-        return _open(local_configuration(settings, None), settings, limit_s)
-    except SessionFailure:
-        raise SessionFailure(
-            f"zenoh (mode=client): nobody answers at tcp/127.0.0.1:{MEETING_PORTS[0]} to "
-            f"{MEETING_PORTS[-1]}; start a publisher or a router, or name an endpoint with connect"
-        ) from None
-
-
-def _open_at_meeting_port(settings: SessionSettings, limit_s: float) -> zenoh.Session:
-    """A session at the first free meeting port; if all are taken, one that connects to all of them."""
-    for port in MEETING_PORTS:
-        try:
-            return _open(local_configuration(settings, port), settings, limit_s)
-        except SessionFailure as failure:
-            if "in use" not in str(failure):
-                raise
-    return _open(local_configuration(settings, None), settings, limit_s)
+def _close_late(opened: Future[zenoh.Session]) -> None:
+    if opened.exception() is None:
+        opened.result().close()  # type: ignore[no-untyped-call]

@@ -25,9 +25,8 @@ from streamkit_zenoh.connection import Connection
 from streamkit_zenoh.keys import FRAME, MOSAIC, InvalidKey, publication_root
 from streamkit_zenoh.presence import wait_for_receivers
 from streamkit_zenoh.publish.publication import Publication
-from streamkit_zenoh.publish.qos import InvalidQos
 from streamkit_zenoh.publish.rivals import KeyInUse
-from streamkit_zenoh.publish.settings import PublicationSettings
+from streamkit_zenoh.publish.settings import InvalidQos, PublicationSettings
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import MissingLibrary
 
@@ -78,15 +77,15 @@ class ZenohSink(Connection, Sink):
         if self._publishes_frames:
             streams.insert(0, FRAME)
         try:
-            root, qos = publication_root(settings.key), settings.qos()
-        except (InvalidKey, InvalidQos) as error:
+            root = publication_root(settings.key)
+        except InvalidKey as error:
             raise ResourceError(str(error)) from None
         session = self.open_zenoh(settings.cut_off_s)
         try:
             self._publication = Publication(
-                session, root, settings, qos, streams, self.clock.utc_ns, self._failed, self.stopping
+                session, root, settings, streams, self.clock.utc_ns, self._failed, self.stopping
             )
-        except (MissingLibrary, KeyInUse) as error:
+        except (InvalidQos, MissingLibrary, KeyInUse) as error:
             close_session(session, STOP_LIMIT_S)
             raise ResourceError(str(error)) from None
 

@@ -8,24 +8,23 @@ import zenoh
 
 from streamkit import Frame
 from streamkit.handoff.background_executor import BackgroundExecutor
-from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher
-from streamkit_zenoh.publish.replies import Reply
+from streamkit_zenoh.keys import MOSAIC
+from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher, Reply
+from streamkit_zenoh.publish.settings import PublicationSettings
 from streamkit_zenoh.wire.frame_header import frame_header
-from streamkit_zenoh.wire.images import ImageFormat, encode_image, grey_or_bgr, scaled_to_width
+from streamkit_zenoh.wire.images import encode_image, grey_or_bgr, scaled_to_width
 from streamkit_zenoh.wire.numbering import Stamp
 
 
 class FramePublisher:
     """Selects the frames that are due; encodes and publishes the newest one in a thread of its own.
 
+    Frames are scaled and published at the rate of the settings, by their own clock; a mosaic is published
+    whole, and only when its pixels have changed.
+
     Args:
-        publisher: of the stream.
-        source: named in the header.
-        image_format: JPEG or PNG.
-        quality: of JPEG, 1 to 100.
-        width: wider frames are scaled to this width, px; 0 never scales.
-        rate: most frames per second of the frames' own clock; 0 takes each.
-        only_changes: skips a frame with the pixels of the one before.
+        publisher: of the stream `frame` or `mosaic`.
+        settings: format, quality, size and rate.
         utc_ns: the clock.
         failed: called in the thread with what encoding or publishing raised.
 
@@ -36,22 +35,15 @@ class FramePublisher:
     def __init__(
         self,
         publisher: NumberedPublisher,
-        source: str,
-        image_format: ImageFormat,
-        quality: int,
-        width: int,
-        rate: float,
-        only_changes: bool,
+        settings: PublicationSettings,
         utc_ns: Callable[[], int],
         failed: Callable[[Exception], None],
     ) -> None:
         self.publisher = publisher
-        self._source = source
-        self._image_format = image_format
-        self._quality = quality
-        self._width = width
+        self._settings = settings
+        self._is_mosaic = publisher.name == MOSAIC
+        rate = 0.0 if self._is_mosaic else settings.frame_rate
         self._every_ns = round(1e9 / rate) if rate else 0
-        self._only_changes = only_changes
         self._utc_ns = utc_ns
         self._failed = failed
         self._last: tuple[Frame, Stamp] | None = None
@@ -61,7 +53,7 @@ class FramePublisher:
 
     def submit(self, frame: Frame, now_ns: int) -> None:
         """Queues a frame if it is due, replacing a queued one; `now_ns` stands in for a missing pts."""
-        if (self._only_changes and not self._has_changed(frame)) or not self._is_due(frame, now_ns):
+        if (self._is_mosaic and not self._has_changed(frame)) or not self._is_due(frame, now_ns):
             return
         stamp = self.publisher.stamp()
         if not self.publisher.has_subscriber:
@@ -69,7 +61,7 @@ class FramePublisher:
         elif replaced := self.executor.offer(lambda: self._send(frame, stamp)):
             self.publisher.count_drop("replaced by a newer one", replaced)
 
-    def replies(self, asked: zenoh.KeyExpr, _receiver: str | None) -> Iterable[Reply]:
+    def replies(self, asked: zenoh.KeyExpr) -> Iterable[Reply]:
         """The last image, for a query that matches its key."""
         if self._last is not None and asked.intersects(self.publisher.key):
             payload, attachment = self._encoded(*self._last)
@@ -94,9 +86,12 @@ class FramePublisher:
         return changed
 
     def _encoded(self, frame: Frame, stamp: Stamp) -> tuple[bytes, bytes]:
-        image = scaled_to_width(grey_or_bgr(frame.data, str(frame.caps["format"])), self._width)
-        header = frame_header(frame, self._source, self._utc_ns(), self.publisher.drops.total(), image.shape)
-        return encode_image(image, self._image_format, self._quality), stamp.attachment(header)
+        settings, image = self._settings, grey_or_bgr(frame.data, str(frame.caps["format"]))
+        image_format = settings.mosaic_format
+        if not self._is_mosaic:
+            image_format, image = settings.frame_format, scaled_to_width(image, settings.frame_width)
+        header = frame_header(frame, settings.key, self._utc_ns(), self.publisher.drops.total(), image.shape)
+        return encode_image(image, image_format, settings.picture_quality), stamp.attachment(header)
 
     def _send(self, frame: Frame, stamp: Stamp) -> None:
         self.publisher.put(*self._encoded(frame, stamp))

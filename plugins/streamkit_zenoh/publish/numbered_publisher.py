@@ -3,13 +3,23 @@
 import threading
 import time
 from collections import Counter
+from typing import NamedTuple
 
 import zenoh
 
 from streamkit_zenoh.presence import is_matching
-from streamkit_zenoh.publish.qos import Qos
+from streamkit_zenoh.publish.settings import Qos
 from streamkit_zenoh.wire.numbering import RecentDict, Stamp
 from streamkit_zenoh.wire.status import DropCount, StreamStatus
+
+
+class Reply(NamedTuple):
+    """The reply to a query for one key."""
+
+    key: str
+    payload: bytes
+    encoding: zenoh.Encoding
+    attachment: bytes | None = None
 
 
 class ReceiverCutOff(TimeoutError):
@@ -21,8 +31,8 @@ class NumberedPublisher:
 
     Args:
         session: an open session.
-        root: key of the publication.
-        name: of the stream; the key is ROOT/NAME.
+        root: key of the publication; that of the stream is ROOT/NAME.
+        name: of the stream.
         run: when the publisher began, UTC ns.
         content_type: encoding and schema of the messages.
         qos: quality of service.
@@ -66,11 +76,9 @@ class NumberedPublisher:
             reliability=zenoh.Reliability.RELIABLE,
         )
         # Reading the matching status at every frame takes longer than publishing.
-        self._listener = self.publisher.declare_matching_listener(
-            zenoh.handlers.Callback(self._matching_changed, indirect=False)
-        )
-        if self.is_matching:
-            self.has_subscriber = True
+        handler = zenoh.handlers.Callback(self._matching_changed, indirect=False)
+        self._listener = self.publisher.declare_matching_listener(handler)
+        self.refresh()
 
     @property
     def is_matching(self) -> bool:
@@ -82,9 +90,8 @@ class NumberedPublisher:
 
     def stamp(self) -> Stamp:
         """The stamp of the next message; its owner sends the message or counts it as dropped."""
-        number = self._next_number
-        self._next_number = number + 1
-        return Stamp(self._run, number)
+        self._next_number += 1
+        return Stamp(self._run, self._next_number - 1)
 
     def settle(self, stamp: Stamp) -> None:
         """Notes that this message and all before it were sent or dropped, or had no subscriber."""

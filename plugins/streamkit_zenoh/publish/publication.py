@@ -8,13 +8,11 @@ from typing import Literal
 import zenoh
 
 from streamkit import ResourceError, TrackRecord
-from streamkit_zenoh.keys import LISTENING, MOSAIC, SCHEMA, STATUS, TRACK, TRACKS, listens_to
+from streamkit_zenoh.keys import FRAME, LISTENING, MOSAIC, RECEIVER, SCHEMA, STATUS, TRACKS, listens_to
 from streamkit_zenoh.presence import declare_publisher_token, wait_until_delivered, watch_receivers
 from streamkit_zenoh.publish.frame_publisher import FramePublisher
-from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher
-from streamkit_zenoh.publish.qos import Qos
+from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher, Reply
 from streamkit_zenoh.publish.record_publisher import RecordPublisher
-from streamkit_zenoh.publish.replies import QueryResponder, Reply
 from streamkit_zenoh.publish.rivals import EXCLUSIVE, KeyInUse, Publisher, RivalWatch, refuse_rivals
 from streamkit_zenoh.publish.settings import PublicationSettings
 from streamkit_zenoh.session import close_session
@@ -34,7 +32,6 @@ class Publication:
         session: an open session; closed by `close`.
         root: the key below which everything is published.
         settings: what to publish.
-        qos: quality of service by stream.
         image_streams: which of `frame` and `mosaic` to publish.
         utc_ns: the clock.
         failed: called with what went wrong, from any thread.
@@ -47,6 +44,7 @@ class Publication:
         receivers: watches the tokens of receivers.
 
     Raises:
+        InvalidQos: a quality of service is malformed; nothing is declared then.
         MissingLibrary: the encoding's library is not installed; nothing is declared then.
         KeyInUse: another publisher is at the key; nothing is declared then.
     """
@@ -56,12 +54,12 @@ class Publication:
         session: zenoh.Session,
         root: str,
         settings: PublicationSettings,
-        qos: dict[str, Qos],
         image_streams: Iterable[str],
         utc_ns: Callable[[], int],
         failed: Callable[[Exception], None],
         cancelled: threading.Event,
     ) -> None:
+        self._qos = settings.qos()
         codec = Codec(TrackRecord, TRACKS_SCHEMA, settings.encoding)
         self._status_codec = Codec(StatusRecord, STATUS_SCHEMA, settings.encoding)
         if settings.claim == EXCLUSIVE:
@@ -69,7 +67,6 @@ class Publication:
         self._session = session
         self._root = root
         self._settings = settings
-        self._qos = qos
         self._utc_ns = utc_ns
         self._failed = failed
         self._began_s = time.monotonic()
@@ -78,14 +75,19 @@ class Publication:
         self.tracks = self._publisher(TRACKS, codec.content_type)
         self._status = self._publisher(STATUS, self._status_codec.content_type) if settings.status else None
         self.records = RecordPublisher(
-            session, self.tracks, codec, settings, qos[TRACK], utc_ns, failed, self._publish_status
+            session, self.tracks, codec, settings, utc_ns, failed, self._publish_status
         )
-        self.images = {name: self._frame_publisher(name, failed) for name in image_streams}
+        formats = {FRAME: settings.frame_format, MOSAIC: settings.mosaic_format}
+        self.images = {
+            name: FramePublisher(
+                self._publisher(name, f"image/{formats[name]};{FRAME_SCHEMA}"), settings, utc_ns, failed
+            )
+            for name in image_streams
+        }
         self._executors = [self.records.executor, *(images.executor for images in self.images.values())]
         self.receivers = watch_receivers(session, self._receiver_appeared)
-        image_replies = (images.replies for images in self.images.values())
-        providers = [self.records.replies, *image_replies, self._status_reply, self._schema_replies]
-        self._responder = QueryResponder(session, root, providers, failed)
+        handler = zenoh.handlers.Callback(self._reply, indirect=False)
+        self._queryable = session.declare_queryable(f"{root}/**", handler)
         # Closing the session removes the token; undeclared alone, its end could overtake the last records.
         self._token = declare_publisher_token(session, self.tracks.key)
         self._rivals = RivalWatch(session, root, Publisher.here(settings.claim, self._run), self._give_way)
@@ -109,7 +111,7 @@ class Publication:
             self._publish_end,
             self.receivers.close,
             self._rivals.close,
-            self._responder.close,
+            self._queryable.undeclare,
             *(publisher.close for publisher in publishers),
         ]
         is_closed = close_session(self._session, limit_s, cancelled, undeclare)
@@ -131,21 +133,6 @@ class Publication:
             self._session, self._root, name, self._run, content_type, self._qos[name], cut_off_s
         )
 
-    def _frame_publisher(self, name: str, failed: Callable[[Exception], None]) -> FramePublisher:
-        settings, is_mosaic = self._settings, name == MOSAIC
-        image_format = settings.mosaic_format if is_mosaic else settings.frame_format
-        return FramePublisher(
-            self._publisher(name, f"image/{image_format};{FRAME_SCHEMA}"),
-            settings.key,
-            image_format,
-            settings.picture_quality,
-            width=0 if is_mosaic else settings.frame_width,
-            rate=0.0 if is_mosaic else settings.frame_rate,
-            only_changes=is_mosaic,
-            utc_ns=self._utc_ns,
-            failed=failed,
-        )
-
     def _give_way(self, reason: KeyInUse) -> None:
         """Ends this publisher at its next frame."""
         self.records.fault = ResourceError(str(reason))
@@ -157,15 +144,26 @@ class Publication:
             if listens_to(token, publisher.key):
                 publisher.add_receiver(name)
 
+    def _reply(self, query: zenoh.Query) -> None:
+        """Sends the last message of each key that a query matches, for receivers that come late."""
+        with query:
+            asked = query.key_expr
+            images = (publisher.replies(asked) for publisher in self.images.values())
+            status = self._status_reply(asked, query.parameters.get(RECEIVER))
+            schemas = schema_replies(asked, f"{self._root}/{SCHEMA}")
+            for replies in (self.records.replies(asked), *images, status, schemas):
+                try:
+                    for key, payload, encoding, attachment in replies:
+                        query.reply(key, payload, encoding=encoding, attachment=attachment)
+                except Exception as error:
+                    self._failed(error)
+
     def _status_reply(self, asked: zenoh.KeyExpr, receiver: str | None) -> Iterable[Reply]:
         if self._status is not None and asked.intersects(self._status.key):
             # The asking receiver has subscribed: from the next number on, it is sent everything.
             self.tracks.refresh()
             payload = self._status_codec.encode(self._status_record(receiver))
             yield Reply(self._status.key, payload, self._status.encoding)
-
-    def _schema_replies(self, asked: zenoh.KeyExpr, _receiver: str | None) -> Iterable[Reply]:
-        return schema_replies(asked, f"{self._root}/{SCHEMA}")
 
     def _publish_end(self) -> None:
         if not self._has_ended:

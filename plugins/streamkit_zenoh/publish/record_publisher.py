@@ -11,10 +11,8 @@ from streamkit import TRACKS_CAPS, Frame, StreamError, TrackRecord, TrackState, 
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_zenoh.keys import TRACK, TRACKS
 from streamkit_zenoh.presence import is_matching
-from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher
-from streamkit_zenoh.publish.qos import Qos
-from streamkit_zenoh.publish.replies import Reply
-from streamkit_zenoh.publish.settings import PublicationSettings
+from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher, Reply
+from streamkit_zenoh.publish.settings import PublicationSettings, parse_qos
 from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.numbering import Stamp
 from streamkit_zenoh.wire.records import without_pixels
@@ -41,7 +39,6 @@ class RecordPublisher:
         publisher: of KEY/tracks.
         codec: of the records.
         settings: what to publish.
-        track_qos: quality of service of KEY/track/ID.
         utc_ns: the clock.
         failed: called in the thread with what sending raised.
         publish_status: called in the thread once a second, and before the first record.
@@ -61,7 +58,6 @@ class RecordPublisher:
         publisher: NumberedPublisher,
         codec: Codec[TrackRecord],
         settings: PublicationSettings,
-        track_qos: Qos,
         utc_ns: Callable[[], int],
         failed: Callable[[Exception], None],
         publish_status: Callable[[], None],
@@ -75,7 +71,7 @@ class RecordPublisher:
         self._track_key = publisher.key.removesuffix(TRACKS) + TRACK
         self._codec = codec
         self._settings = settings
-        self._track_qos = track_qos
+        self._track_qos = parse_qos(settings.track_qos)
         self._utc_ns = utc_ns
         self._last: Outgoing | None = None
         self._last_settled: Outgoing | None = None
@@ -83,12 +79,10 @@ class RecordPublisher:
         self._lost = 0
         self._has_track_subscriber = False
         if settings.track:
-            watcher = session.declare_publisher(f"{self._track_key}/*")
-            self._listener = watcher.declare_matching_listener(
-                zenoh.handlers.Callback(self._matching_changed, indirect=False)
-            )
-            self._watcher = watcher
-            self._has_track_subscriber = self._has_track_subscriber or is_matching(watcher)
+            self._track_publisher = session.declare_publisher(f"{self._track_key}/*")
+            handler = zenoh.handlers.Callback(self._matching_changed, indirect=False)
+            self._listener = self._track_publisher.declare_matching_listener(handler)
+            self._has_track_subscriber |= is_matching(self._track_publisher)
         self._failed = failed
         self._publish_status = publish_status
         self._has_begun = False
@@ -107,7 +101,8 @@ class RecordPublisher:
         self.frames += 1
         self._last = item = Outgoing(without_pixels(frame), self._publisher.stamp(), self._utc_ns())
         if not (self._publisher.has_subscriber or self._has_track_subscriber):
-            self._settle(item)
+            self._last_settled = item
+            self._publisher.settle(item.stamp)
             return 0
         return self.executor.offer(lambda: self._send(item), self._settings.patience_s, cancelled)
 
@@ -134,7 +129,7 @@ class RecordPublisher:
             self._delete(self._shown, stamp._replace(number=stamp.number + 1).attachment())
             self._shown = set()
 
-    def replies(self, asked: zenoh.KeyExpr, _receiver: str | None) -> Iterable[Reply]:
+    def replies(self, asked: zenoh.KeyExpr) -> Iterable[Reply]:
         """The last record sent, and that of each of its targets, for a query that matches their keys.
 
         A queued record is no reply: it would overtake the records before it.
@@ -167,12 +162,9 @@ class RecordPublisher:
             self._publisher.put(payload, attachment)
         if self._has_track_subscriber:
             self._send_tracks(record, attachment)
-        self._settle(item)
-        self.age_ms, self.targets = record.age_ms, len(record.tracks)
-
-    def _settle(self, item: Outgoing) -> None:
         self._last_settled = item
         self._publisher.settle(item.stamp)
+        self.age_ms, self.targets = record.age_ms, len(record.tracks)
 
     def _send_tracks(self, record: TrackRecord, attachment: bytes) -> None:
         for key, payload in self._track_payloads(record):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import enum
-import math
+import json
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import msgspec
 
@@ -160,17 +160,8 @@ def _protobuf(kind: type[Record]) -> Functions[Record]:
 
 def _finite(record: Record) -> Record:
     """The record; raises ValueError for infinite numbers and NaN, which JSON does not have."""
-    _demand_finite(msgspec.to_builtins(record))
+    try:
+        json.dumps(msgspec.to_builtins(record), allow_nan=False)
+    except ValueError:
+        raise ValueError("numbers must be finite") from None
     return record
-
-
-def _demand_finite(value: Any) -> None:
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            raise ValueError(f"numbers must be finite, got {value}")
-    elif isinstance(value, dict):
-        for item in value.values():
-            _demand_finite(item)
-    elif isinstance(value, list | tuple):
-        for item in value:
-            _demand_finite(item)

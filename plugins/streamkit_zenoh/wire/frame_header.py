@@ -22,7 +22,7 @@ from streamkit import (
     track_record,
 )
 from streamkit.geometry.scaling import scaling_homography
-from streamkit_zenoh.wire.records import capture_of, tracks_of
+from streamkit_zenoh.wire.records import capture_of, registration_of, tracks_of
 
 FRAME_SCHEMA: Literal["streamkit.frame/1"] = "streamkit.frame/1"
 # Largest width and height in a header: more than any sensor has.
@@ -143,7 +143,7 @@ def image_frame(image: NDArray[np.uint8], header: FrameHeader, arrival_ns: int, 
     )
     items: list[object] = [tracks_of(record)] if record.tracks else []
     if header.motion is not None:
-        items.append(_registration(header.motion))
+        items.append(registration_of(header.motion))
     if header.detections is not None:
         items.append(_as_detections(header.detections))
     if header.pose is not None:
@@ -152,25 +152,14 @@ def image_frame(image: NDArray[np.uint8], header: FrameHeader, arrival_ns: int, 
 
 
 def _motion(item: Registration) -> MotionRecord:
-    return MotionRecord(
-        reference=int(item.reference),
-        status=item.status,
-        to_previous=_rows(item.to_previous),
-        to_reference=_rows(item.to_reference),
-        reference_change=None if item.reference_change is None else _rows(item.reference_change),
-        keyframe=bool(item.keyframe),
-        matches=int(item.matches),
-        inliers=int(item.inliers),
-        rmse=float(item.rmse) if math.isfinite(item.rmse) else None,
-        corner_std=None if item.corner_std is None else float(item.corner_std),
-    )
+    fields = msgspec.to_builtins(item, enc_hook=_finite_rows)
+    if not math.isfinite(item.rmse):
+        fields["rmse"] = None
+    return msgspec.convert(fields, MotionRecord)
 
 
-def _rows(matrix: FloatArray) -> Matrix3 | None:
-    if not np.isfinite(matrix).all():
-        return None
-    first, second, third = ((float(a), float(b), float(c)) for a, b, c in np.asarray(matrix).tolist())
-    return first, second, third
+def _finite_rows(matrix: FloatArray) -> list[list[float]] | None:
+    return matrix.tolist() if np.isfinite(matrix).all() else None
 
 
 def _detections(item: Detections) -> tuple[DetectionRecord, ...]:
@@ -182,22 +171,6 @@ def _detections(item: Detections) -> tuple[DetectionRecord, ...]:
     return tuple(
         DetectionRecord(centroid=tuple(centroid), bbox=tuple(box), area=area, score=score, label=label)
         for centroid, box, area, score, label in rows
-    )
-
-
-def _registration(item: MotionRecord) -> Registration:
-    unknown = np.full((3, 3), math.nan)
-    return Registration(
-        to_previous=np.array(item.to_previous) if item.to_previous else unknown,
-        to_reference=np.array(item.to_reference) if item.to_reference else unknown,
-        reference=item.reference,
-        reference_change=np.array(item.reference_change) if item.reference_change else None,
-        status=item.status,
-        keyframe=item.keyframe,
-        matches=item.matches,
-        inliers=item.inliers,
-        rmse=math.nan if item.rmse is None else item.rmse,
-        corner_std=item.corner_std,
     )
 
 

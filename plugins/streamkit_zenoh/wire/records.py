@@ -1,13 +1,27 @@
 """Frames from records: what zenohsrc makes of a received record."""
 
 from functools import lru_cache
+from typing import Any
 
+import msgspec
 import numpy as np
 
-from streamkit import TRACKS_CAPS, Caps, Capture, Frame, Pose, Registration, Track, TrackRecord, Tracks
+from streamkit import (
+    TRACKS_CAPS,
+    Caps,
+    Capture,
+    Frame,
+    Pose,
+    Registration,
+    Track,
+    TrackRecord,
+    Tracks,
+)
 
 TRACKS_SCHEMA = "streamkit.tracks/1"
 UNKNOWN = float("nan")
+# Fields that a target has in its record and in the metadata.
+SAME_FIELDS = ("id", "state", "x", "y", "length", "width", "angle", "score", "age_ns")
 
 
 def without_pixels(frame: Frame) -> Frame:
@@ -42,8 +56,7 @@ def record_frame(record: TrackRecord, payload: bytes, arrival_ns: int, epoch: in
         arrival_ns=arrival_ns,
         capture=capture_of(record),
     ).attach(tracks_of(record))
-    registration = _registration(record)
-    return frame if registration is None else frame.attach(registration)
+    return frame if record.registration is None else frame.attach(registration_of(record.registration))
 
 
 def capture_of(record: TrackRecord) -> Capture | None:
@@ -61,37 +74,23 @@ def _caps(width: int | None, height: int | None) -> Caps:
 
 def tracks_of(record: TrackRecord) -> Tracks:
     """The targets of a record as metadata."""
-    return Tracks(
-        tuple(
-            Track(
-                id=target.id,
-                state=target.state,
-                x=target.x,
-                y=target.y,
-                length=target.length,
-                width=target.width,
-                angle=target.angle,
-                velocity=(
-                    UNKNOWN if target.vx is None else target.vx,
-                    UNKNOWN if target.vy is None else target.vy,
-                ),
-                covariance=np.array(target.position_covariance or np.full((2, 2), UNKNOWN)),
-                score=target.score,
-                age_ns=target.age_ns,
-            )
-            for target in record.tracks
-        )
-    )
+    return Tracks(tuple(_track(target) for target in record.tracks))
 
 
-def _registration(record: TrackRecord) -> Registration | None:
-    if record.registration is None:
-        return None
-    unknown = np.full((3, 3), UNKNOWN)
-    return Registration(
-        to_previous=unknown,
-        to_reference=np.array(record.registration.to_reference or unknown),
-        reference=record.registration.reference,
-        status=record.registration.status,
-        corner_std=record.registration.corner_std,
-    )
+def _track(target: Any) -> Track:
+    fields: dict[str, Any] = {name: getattr(target, name) for name in SAME_FIELDS}
+    vx, vy = (UNKNOWN if part is None else part for part in (target.vx, target.vy))
+    covariance = np.array(target.position_covariance or np.full((2, 2), UNKNOWN))
+    return Track(**fields, velocity=(vx, vy), covariance=covariance)
+
+
+def registration_of(record: msgspec.Struct) -> Registration:
+    """The registration with the fields of a record; unknown numbers and matrices are NaN."""
+    matrix = np.full((3, 3), UNKNOWN)
+    found = msgspec.structs.asdict(record)
+    fields: dict[str, Any] = {name: value for name, value in found.items() if value is not None}
+    for name in ("to_previous", "to_reference", "reference_change"):
+        if name in fields:
+            fields[name] = np.array(fields[name])
+    unknown: dict[str, Any] = {"to_previous": matrix, "to_reference": matrix, "rmse": UNKNOWN}
+    return Registration(**unknown | fields)

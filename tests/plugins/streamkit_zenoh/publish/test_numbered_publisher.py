@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import zenoh
 
 from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher
-from streamkit_zenoh.publish.qos import parse_qos
+from streamkit_zenoh.publish.settings import parse_qos
 from streamkit_zenoh.wire.numbering import KEY_LIMIT
 
 Opener = Callable[..., zenoh.Session]

@@ -3,7 +3,7 @@
 import pytest
 import zenoh
 
-from streamkit_zenoh.publish.qos import InvalidQos, Qos, parse_qos
+from streamkit_zenoh.publish.settings import InvalidQos, Qos, parse_qos
 
 
 @pytest.mark.parametrize(
