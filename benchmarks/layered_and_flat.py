@@ -8,11 +8,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from streamkit_tracker.appearance.eigen_template import EigenTemplate
-from streamkit_tracker.appearance.window_sampling import (
-    WindowSampler,
-    shrink_factor,
-    template_distances,
-)
+from streamkit_tracker.appearance.template_comparison import template_distances
+from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
 from streamkit_tracker.update.expectations import SEARCH
 from streamkit_tracker.update.layered_filter import LayerSettings, Particles, Score, layered_step
 from streamkit_tracker.window_geometry import FloatArray, half_turn, unit_grid

@@ -31,7 +31,7 @@ class Step:
         picture: uint8[h, w, 3], BGR.
         box: float64[4] x0 y0 width height in pixels from 0, NaN where there is no truth.
         window: float64[5] x y length width angle, or None where only the box is known.
-        to_previous: float64[3, 3], how the camera moved; only our tracker is told.
+        to_previous: float64[3, 3], how the camera moved; only our tracker gets it.
     """
 
     picture: ByteArray

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
+from typing import cast
 
 import numpy as np
 
 from streamkit import (
+    Detections,
+    Features,
     FeatureSpace,
     Frame,
+    FrameFlags,
     Property,
     PropertyError,
     Provenance,
+    Registration,
+    RegistrationStatus,
     SettingsOf,
     Track,
     Tracks,
@@ -20,14 +27,20 @@ from streamkit import (
     luma,
 )
 from streamkit_kernels import COMPILING, telling
-from streamkit_tracker.frame_link import FrameLink
+from streamkit_tracker.appearance.feature_template import Space
+from streamkit_tracker.appearance.window_sampling import Chroma
+from streamkit_tracker.observation import Continuity, Observation
 from streamkit_tracker.report.reports import TargetReport
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker
 from streamkit_tracker.warm_up import warm_up
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.window_geometry import FloatArray, invertible
 
+USUAL_STEP_S = 1 / 25
+LONGEST_STEP_S = 10.0
+NO_REGISTRATION = Registration(np.eye(3), np.eye(3))
+NO_DETECTIONS = Detections(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
 STATES = {state: TrackState(state) for state in TargetState}
 
 
@@ -75,7 +88,7 @@ class ParticleTrack(Transform):
             warm_up()
         self._start_window = None if self.window is None else parse_window(self.window, self.name)
         self._tracker = MultiTargetTracker(self.settings)
-        self._link = FrameLink(self.compare is Compare.FEATURES)
+        self._last: Frame | None = None
         self._warned = False
 
     def property_changed(self, name: str) -> None:
@@ -94,8 +107,11 @@ class ParticleTrack(Transform):
     def transform(self, frame: Frame) -> Frame:
         """Attaches Tracks."""
         image = luma(frame)
-        observation = self._link.observe(frame)
-        if self.compare is Compare.FEATURES and not self._warned and frame.metadata.get(FeatureSpace) is None:
+        observation = observe(frame, self._last)
+        self._last = frame
+        if self.compare is Compare.TEMPLATE:
+            observation = dataclasses.replace(observation, space=None)
+        elif not self._warned and observation.space is None:
             self._warned = True
             self.post_warning(
                 "compare=features: no feature space comes with the frames yet: put waveleteigen upstream"
@@ -153,3 +169,68 @@ def track(report: TargetReport) -> Track:
         age_ns=round(report.age_s * 1e9),
         provenance=Provenance(**vars(report.provenance)),
     )
+
+
+def observe(frame: Frame, last: Frame | None) -> Observation:
+    """The tracker's input for a frame: time and motion since the last one tracked, and what was detected."""
+    registration = frame.get(Registration) or NO_REGISTRATION
+    detections, features = frame.get(Detections) or NO_DETECTIONS, frame.get(Features)
+    space = cast("Space | None", frame.metadata.get(FeatureSpace))
+    centroids = np.asarray(detections.centroids, np.float64).reshape(-1, 2)
+    paired = features is not None and space is not None and len(features.vectors) == len(centroids)
+    step_s = USUAL_STEP_S  # where the frames have no stamps
+    if last is not None and last.pts is not None and frame.pts is not None and last.epoch == frame.epoch:
+        step_s = min((frame.pts - last.pts) / 1e9, LONGEST_STEP_S)
+    return Observation(
+        step_s=step_s if step_s > 0 else USUAL_STEP_S,
+        continuity=Continuity.KNOWN if last is None else _continuity(frame, last),
+        to_previous=np.asarray(_to_previous(registration, frame, last), np.float64),
+        to_reference=registration.to_reference,
+        chroma=_chroma(frame),
+        centroids=centroids,
+        boxes=np.asarray(detections.boxes).reshape(-1, 4),
+        are_objects=bool(detections.labels),
+        features=features.vectors if paired and features is not None else None,
+        features_version=0 if space is None else space.version,
+        space=space,
+    )
+
+
+def _continuity(frame: Frame, last: Frame) -> Continuity:
+    registration, before = frame.get(Registration), last.get(Registration)
+    if registration is None:
+        if frame.epoch != last.epoch:
+            return Continuity.NEW
+    elif registration.status == RegistrationStatus.CUT or (
+        before is not None
+        and registration.reference != before.reference
+        and registration.reference_change is None
+    ):
+        return Continuity.NEW
+    elif registration.status == RegistrationStatus.LOST:
+        return Continuity.LOST
+    return Continuity.LOST if frame.flags & FrameFlags.CORRUPT else Continuity.KNOWN
+
+
+def _to_previous(registration: Registration, frame: Frame, last: Frame | None) -> FloatArray:
+    """This frame's pixels to those of the last frame tracked, over the plane where frames are missing."""
+    before = None if last is None else last.get(Registration)
+    if last is None or before is None or frame.seq == last.seq + 1:
+        return registration.to_previous
+    to_plane = np.asarray(before.to_reference, np.float64)
+    if registration.reference_change is not None:
+        to_plane = registration.reference_change @ to_plane
+    from_plane = invertible(to_plane)
+    return registration.to_previous if from_plane is None else from_plane @ registration.to_reference
+
+
+def _chroma(frame: Frame) -> Chroma | None:
+    """Views of a frame's planes u and v, uint8[h / 2, w / 2]; None where it has none, or an odd size."""
+    height, width = luma(frame).shape
+    if frame.caps.get("format") not in ("I420", "NV12") or height % 2 or width % 2:
+        return None
+    planes = frame.data[height:]
+    if frame.caps["format"] == "NV12":
+        return planes[:, 0::2], planes[:, 1::2]
+    both = planes.reshape(2, height // 2, width // 2)
+    return both[0], both[1]

@@ -168,8 +168,10 @@ class TargetTable:
         self.causes[int(self.rows["id"][index])] = cause
 
     def drop_lost(self) -> None:
-        """Removes the rows of lost targets."""
+        """Removes the rows of lost targets, after they were reported."""
         kept = self.rows["state"] != LOST
+        if kept.all():
+            return
         self.rows = self.rows[kept]
         self.models = [model for model, keep in zip(self.models, kept.tolist(), strict=True) if keep]
 

@@ -18,7 +18,7 @@ from streamkit_tracker.observation import Continuity, Observation
 from streamkit_tracker.predict.constant_velocity import correct, predict
 from streamkit_tracker.report.reports import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import COASTING, CONFIRMED, LOST, BoolArray, TargetTable, dormant, followed
+from streamkit_tracker.targets import COASTING, CONFIRMED, BoolArray, TargetTable, dormant, followed
 from streamkit_tracker.update.detected_box import follow_detections, follow_objects, settle_windows
 from streamkit_tracker.update.measurement import measure, settle_appearances
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction
@@ -66,6 +66,7 @@ class MultiTargetTracker:
         if visible_fraction(window[None], self._shape)[0] <= 0:
             raise ValueError(f"a window must overlap the {image.shape[1]}x{image.shape[0]} frame")
         self._sampler.look_at(image, observation.chroma)
+        self.targets.drop_lost()
         count = int(np.count_nonzero(followed(self.targets.rows)))
         row = self.targets.add(window, self.settings, manual=True, cause="drawn by hand")
         self.targets.rows["state"][row] = CONFIRMED
@@ -83,6 +84,7 @@ class MultiTargetTracker:
             One report for every target, in order of their ids; a target that ends is reported once as lost.
         """
         targets, settings = self.targets, self.settings
+        targets.drop_lost()
         resized = self._shape is not None and self._shape != image.shape
         self._shape = (image.shape[0], image.shape[1])
         if resized or observation.continuity is Continuity.NEW:
@@ -90,14 +92,14 @@ class MultiTargetTracker:
                 targets.lose(
                     row, "the frame's size changed" if resized else "a cut, or a plane without a mapping"
                 )
-            return self._report(observation)
+            return report(targets, observation, settings)
         predict(targets, observation.to_previous, observation.step_s, are_objects=observation.are_objects)
         begin_frame(targets.rows)
         targets.causes = {}
         if observation.continuity is Continuity.LOST:
             pass_time(targets.rows, observation.step_s, settings.coast, settings.birth_window)
             coast_all(targets)
-            return self._report(observation)
+            return report(targets, observation, settings)
         rows = targets.rows
         detected = np.concatenate([observation.centroids, observation.boxes], axis=1, dtype=np.float64)
         self._sampler.look_at(image, observation.chroma)
@@ -119,7 +121,8 @@ class MultiTargetTracker:
         ended = end_gone(targets, settings, self._sampler.shape)
         crowd = (np.count_nonzero(known) - replaceable - np.cumsum(ended) + ended).astype(np.int64)
         start_appearances(targets, observation, self._sampler, settings, crowd)
-        self.given_up += end_surplus(targets, settings.max_targets)
+        if len(rows) > settings.max_targets:
+            self.given_up += end_surplus(targets, settings.max_targets)
         self._closeness = end_duplicates(
             targets,
             observation.boxes,
@@ -131,7 +134,7 @@ class MultiTargetTracker:
             add_tentative(targets, observation, free, settings)
         if settings.budget_ms > 0:
             self._budget.spent(time.perf_counter() - began)
-        return self._report(observation)
+        return report(targets, observation, settings)
 
     def _is_searched(self, observation: Observation) -> BoolArray:
         """bool[n]: targets whose appearance is searched in this frame."""
@@ -143,9 +146,3 @@ class MultiTargetTracker:
         is_in_turn = (rows["id"] + self._frames) % self._budget.turn == 0
         resting = found & ~rows["manual"] & ~rows["crowded"] & ~is_in_turn
         return np.asarray(~resting & (found | ~dormant(rows, self.settings.lost_frames)))
-
-    def _report(self, observation: Observation) -> tuple[TargetReport, ...]:
-        reports = report(self.targets, observation, self.settings)
-        if (self.targets.rows["state"] == LOST).any():
-            self.targets.drop_lost()
-        return reports

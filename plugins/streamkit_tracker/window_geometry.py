@@ -6,7 +6,7 @@ towards +y. `length` lies along the angle, `width` across it.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -122,7 +122,7 @@ def visible_part(window: FloatArray, height: int, width: int) -> float:
     return float(max(inside_x, 0.0) * max(inside_y, 0.0) / max(4 * half_x * half_y, 1e-9))
 
 
-@cache
+@lru_cache(maxsize=32)
 def unit_grid(patch: tuple[int, int]) -> NDArray[np.float32]:
     """Sampling points of a patch in its own unit square.
 

@@ -49,8 +49,6 @@ BASES = {"Combine", "Element", "Sink", "Source", "Split", "Transform"}
 EXCEPTIONS = {
     "streamkit_stitcher.live_mosaic",
     "streamkit_stitcher.mosaic_pad",
-    "streamkit_tracker.explanation.reading",
-    "streamkit_tracker.frame_link",
 }
 PLUGIN_NAMES = {path.name for path in PLUGINS.iterdir() if (path / "__init__.py").exists()}
 

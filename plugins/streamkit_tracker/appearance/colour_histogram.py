@@ -18,7 +18,7 @@ FLOOR = 1e-4  # share of a colour that neither has; such a colour speaks for bot
 
 
 class ColourHistogram:
-    """Tells by its colour how likely a cell is the target's.
+    """Likelihood of each cell to belong to the target, by its colour.
 
     Source: Bertinetto, Valmadre, Golodetz, Miksik and Torr, Staple: Complementary Learners for Real-Time
     Tracking, CVPR 2016.

@@ -44,7 +44,7 @@ class Response:
 
 
 class CorrelationFilter:
-    """Tells a target from the background around it.
+    """Distinguishes a target from the background around it.
 
     A template that only knows the target cannot say which of two likely positions is the better one; this
     filter also learns the background. The region is read in the window's own turn and size, so that the

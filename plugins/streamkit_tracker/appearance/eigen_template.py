@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from streamkit.settings import setting
-from streamkit_kernels import compiled
+from streamkit_kernels import compiled, product
 from streamkit_tracker.appearance.frame_crops import Float32Array
-from streamkit_tracker.appearance.principal_rows import principal_rows
 
 DEVIATION_FLOOR = 4.0
 TEXTURE_FLOOR = 0.05
+WEAKEST = 1e-6  # of the largest eigenvalue: what is below is rounding
 NOISE_SHARE = 0.02  # residual a pixel has anyway; directions that vary less are not forgiven
 
 
@@ -39,6 +40,9 @@ class EigenTemplate:
 
     Attributes:
         textured: whether the first patch has any structure to compare.
+        rows: float32[c + 2, p], c the largest size of the basis: the basis as far as it is forgiven, zeros,
+            the mean, ones.
+        constants: float32[2, c + 1], the sums of these rows but the last, and their products with the mean.
 
     Args:
         patch: float32[p], grey levels minus 128 of the first window.
@@ -54,45 +58,44 @@ class EigenTemplate:
         self.singular_values = np.zeros(0, np.float32)
         self._count = 1.0
         self._waiting: list[Float32Array] = []
-        components = self._settings.eigenvectors
-        self.rows, self.constants = _forgive(
-            self.basis, self.singular_values, self.mean, self._count, components
-        )
+        self._forgive()
 
     def update(self, patch: Float32Array) -> None:
         """Learns a patch, float32[p] grey levels; takes effect when a batch is complete."""
         self._waiting.append(patch)
-        if len(self._waiting) >= self._settings.batch:
-            learnt = normalise(np.concatenate(self._waiting).reshape(-1, patch.size))
-            self._waiting.clear()
-            self._merge(learnt)
-
-    def _merge(self, learnt: Float32Array) -> None:
-        """Sequential Karhunen-Loeve step with the rows of `learnt`, float32[n, p], and the anchor."""
-        new = len(learnt) + 1
-        past = self._count * self._settings.forgetting
-        rows = np.empty((len(self.basis) + new + 1, learnt.shape[1]), np.float32)
-        mean = np.empty_like(self.mean)
-        _lay_out(
-            self.basis,
-            np.sqrt(np.float32(self._settings.forgetting)) * self.singular_values,
-            self.mean,
-            learnt,
-            self.anchor,
-            past,
-            rows,
-            mean,
+        if len(self._waiting) < self._settings.batch:
+            return
+        # sequential Karhunen-Loeve step
+        learnt = np.concatenate([normalise(np.stack(self._waiting)), self.anchor[None]])
+        self._waiting.clear()
+        new, past = len(learnt), self._count * self._settings.forgetting
+        centre = learnt.mean(axis=0)
+        step = centre - self.mean
+        known = (math.sqrt(self._settings.forgetting) * self.singular_values)[:, None] * self.basis
+        rows = np.concatenate(
+            [known, learnt - centre, math.sqrt(past * new / (past + new)) * step[None]], dtype=np.float32
         )
-        most = min(self._settings.eigenvectors, len(rows))
-        basis, singular_values = np.empty((most, len(mean)), np.float32), np.empty(most, np.float32)
-        kept = principal_rows(rows, basis, singular_values)
-        self.basis, self.singular_values = basis[:kept], singular_values[:kept]
-        self.mean = mean
+        self.mean = self.mean + np.float32(new / (past + new)) * step
         self._count = past + new
-        components = self._settings.eigenvectors
-        self.rows, self.constants = _forgive(
-            basis[:kept], singular_values[:kept], mean, self._count, components
-        )
+        # the right singular vectors of a few dozen rows, by the eigenvectors of their Gram matrix
+        wide = rows.astype(np.float64)
+        values, vectors = np.linalg.eigh(product(wide, wide.T))
+        strongest = np.flatnonzero(values > WEAKEST * max(values[-1], 1e-12))[::-1]
+        strongest = strongest[: self._settings.eigenvectors]
+        singular = np.sqrt(values[strongest])
+        basis = product(np.ascontiguousarray(vectors[:, strongest].T), wide) / singular[:, None]
+        self.basis, self.singular_values = basis.astype(np.float32), singular.astype(np.float32)
+        self._forgive()
+
+    def _forgive(self) -> None:
+        """Prepares the factors of the product with patches, see `rows` and `constants`."""
+        components, power = self._settings.eigenvectors, self.singular_values**2
+        forgiven = np.sqrt(power / (power + NOISE_SHARE * len(self.mean) * self._count))
+        self.rows = np.zeros((components + 2, len(self.mean)), np.float32)
+        self.rows[: len(self.basis)] = forgiven[:, None] * self.basis
+        self.rows[components:] = self.mean, np.ones_like(self.mean)
+        used = self.rows[:-1]
+        self.constants = np.stack([used.sum(axis=1), product(used, self.mean[:, None])[:, 0]])
 
 
 @compiled
@@ -112,88 +115,3 @@ def normalise(patches: Float32Array) -> Float32Array:
         for pixel in range(pixels):
             normal[pixel] = (patch[pixel] - average) / deviation
     return result
-
-
-@compiled
-def _lay_out(
-    basis: Float32Array,
-    scales: Float32Array,
-    mean: Float32Array,
-    learnt: Float32Array,
-    anchor: Float32Array,
-    past: float,
-    rows: Float32Array,
-    merged: Float32Array,
-) -> None:
-    """Lays out what the new basis is the principal directions of, and weighs the new mean.
-
-    Args:
-        basis: float32[k, p], what is known.
-        scales: float32[k], of its rows.
-        mean: float32[p], what is known.
-        learnt: float32[n, p], normalised patches.
-        anchor: float32[p], one more.
-        past: weight of what is known.
-        rows: float32[k + n + 2, p], is filled: the scaled basis, the patches off their mean, its own step.
-        merged: float32[p], is filled: the new mean.
-    """
-    known, count = len(basis), len(learnt)
-    new = count + 1
-    for row in range(known):
-        for pixel in range(len(mean)):
-            rows[row, pixel] = basis[row, pixel] * scales[row]
-    centre = rows[known + new]
-    centre[:] = anchor
-    for row in range(count):
-        for pixel in range(len(mean)):
-            centre[pixel] += learnt[row, pixel]
-    share = np.float32(1.0 / new)
-    for pixel in range(len(mean)):
-        centre[pixel] *= share
-    for row in range(count):
-        for pixel in range(len(mean)):
-            rows[known + row, pixel] = learnt[row, pixel] - centre[pixel]
-    weight = np.float32(np.sqrt(past * new / (past + new)))
-    gain = np.float32(new / (past + new))
-    for pixel in range(len(mean)):
-        step = centre[pixel] - mean[pixel]
-        rows[known + count, pixel] = anchor[pixel] - centre[pixel]
-        merged[pixel] = mean[pixel] + gain * step
-        centre[pixel] = weight * step
-
-
-@compiled
-def _forgive(
-    basis: Float32Array, singular_values: Float32Array, mean: Float32Array, count: float, components: int
-) -> tuple[Float32Array, Float32Array]:
-    """Factors of the product with patches.
-
-    Args:
-        basis: float32[k, p].
-        singular_values: float32[k].
-        mean: float32[p].
-        count: number of patches that were learnt, weighted.
-        components: c, largest number of rows of a basis.
-
-    Returns:
-        float32[c + 2, p]: the basis as far as it is forgiven, zeros, the mean, ones; and float32[2, c + 1]:
-        the sums of these rows but the last, and their products with the mean.
-    """
-    rows = np.empty((components + 2, len(mean)), np.float32)
-    constants = np.empty((2, components + 1), np.float32)
-    noise = NOISE_SHARE * len(mean) * count
-    last = len(rows) - 1
-    rows[len(basis) : last] = 0.0
-    for row in range(len(basis)):
-        power = singular_values[row] ** 2
-        forgiven = np.float32(np.sqrt(power / (power + noise)))
-        for pixel in range(len(mean)):
-            rows[row, pixel] = basis[row, pixel] * forgiven
-    rows[last - 1], rows[last] = mean, 1.0
-    for row in range(last):
-        total, along = 0.0, 0.0
-        for pixel in range(len(mean)):
-            total += rows[row, pixel]
-            along += rows[row, pixel] * mean[pixel]
-        constants[0, row], constants[1, row] = total, along
-    return rows, constants

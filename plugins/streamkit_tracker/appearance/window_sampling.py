@@ -5,8 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from streamkit_kernels import LARGEST_PRODUCT, compiled
-from streamkit_tracker.appearance.eigen_template import DEVIATION_FLOOR
+from streamkit_kernels import compiled
 from streamkit_tracker.appearance.frame_crops import (
     ACROSS,
     DOWN,
@@ -25,7 +24,6 @@ from streamkit_tracker.appearance.frame_crops import (
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray, unit_grid
 
 Chroma = tuple[ByteArray, ByteArray]
-MOST_TOGETHER = 32  # patches that are compared at once
 
 
 class WindowSampler:
@@ -41,7 +39,7 @@ class WindowSampler:
         self.shape = (1, 1)
         self._quads = np.zeros(0, np.int32)
         self._used = 0
-        self._patches = self._templates = np.zeros(0, np.float32)
+        self._patches = np.zeros(0, np.float32)
         self._chroma: list[WindowSampler] = []
 
     def look_at(self, image: ByteArray, chroma: Chroma | None = None) -> None:
@@ -138,14 +136,6 @@ class WindowSampler:
         wider[:, LENGTH : WIDTH + 1] *= context
         return np.array(self.sample(wider, patch, shrink_factor(wider[0], patch, self.shape))[0])
 
-    def side_by_side(self, arrays: list[Float32Array]) -> Float32Array:
-        """Arrays of one shape along a new first axis; a view that the next call overwrites."""
-        size = sum(array.size for array in arrays)
-        if self._templates.size < size:
-            self._templates = np.empty(size, np.float32)
-        rows = self._templates[:size].reshape(-1, arrays[0].shape[1])
-        return np.concatenate(arrays, out=rows).reshape(len(arrays), *arrays[0].shape)
-
 
 def shrink_factor(window: FloatArray, patch: tuple[int, int], image_shape: tuple[int, int]) -> int:
     """By how much the image is averaged down for a window, float64[5], so that its patch does not alias."""
@@ -166,102 +156,13 @@ def _resample(
     each, pixels = len(windows) // len(places), grid.shape[1]
     near, between = np.empty(pixels, np.int32), np.empty((2, pixels), np.float32)
     for index in range(len(windows)):
-        _sample_window(
+        sample_window(
             quads, places[index // each], factor, windows[index], grid, near, between, patches[index]
         )
 
 
 @compiled
-def template_distances(
-    quads: QuadArray,
-    places: IntArray,
-    factor: int,
-    windows: FloatArray,
-    grid: Float32Array,
-    rows: Float32Array,
-    constants: Float32Array,
-    results: FloatArray,
-    first_patches: Float32Array,
-) -> None:
-    """Compares windows with eigen templates, as many at once as stay in the cache.
-
-    Args:
-        quads: int32[total], see `Crops`; they hold the windows, one part for each template.
-        places: int64[t, 5].
-        factor: by how much the parts are averaged down.
-        windows: float64[t, n, 5], n for each template.
-        grid: float32[2, p], see `unit_grid`.
-        rows: float32[t, k + 2, p], see `EigenTemplate.rows`.
-        constants: float32[t, 2, k + 1], see `EigenTemplate.constants`.
-        results: float64[t, n], is filled: mean squared residuals, 0 for a perfect match, about 2 for an
-            unrelated patch.
-        first_patches: float32[t, p], is filled: the first patch of each template, grey levels minus 128.
-    """
-    pixels, columns = grid.shape[1], rows.shape[1]
-    together = max(1, min(LARGEST_PRODUCT // (columns * pixels), MOST_TOGETHER, windows.shape[1]))
-    near, between = np.empty(pixels, np.int32), np.empty((2, pixels), np.float32)
-    patches, products = np.empty((together, pixels), np.float32), np.empty((together, columns), np.float32)
-    powers, moments = np.empty(together, np.float32), np.empty((3, together))
-    for target in range(len(windows)):
-        template = rows[target].T
-        for start in range(0, windows.shape[1], together):
-            count = min(together, windows.shape[1] - start)
-            for index in range(count):
-                window = windows[target, start + index]
-                _sample_window(quads, places[target], factor, window, grid, near, between, patches[index])
-            if start == 0:
-                first_patches[target] = patches[0]
-            np.dot(patches[:count], template, products[:count])
-            for index in range(count):
-                powers[index] = np.dot(patches[index], patches[index])
-            sums, along_mean = constants[target]
-            outside = results[target, start : start + count]
-            find_residuals(products, powers, sums, along_mean, pixels, moments, outside)
-
-
-@compiled
-def find_residuals(
-    products: Float32Array,
-    powers: Float32Array,
-    sums: Float32Array,
-    along_mean: Float32Array,
-    pixels: int,
-    moments: FloatArray,
-    residuals: FloatArray,
-) -> None:
-    """What of normalised patches lies outside an eigen space, mean squares; all patches side by side.
-
-    Args:
-        products: float32[n or more, k + 2], the patches times [basis, mean, 1].
-        powers: float32[n or more], their sums of squares.
-        sums: float32[k + 1], of basis and mean.
-        along_mean: float32[k + 1], products of basis and mean with the mean.
-        pixels: of a patch.
-        moments: float64[3, n or more], is overwritten.
-        residuals: float64[n], is filled.
-    """
-    known, count = products.shape[1] - 2, len(residuals)
-    averages, deviations, along = moments
-    for patch in range(count):
-        average = products[patch, known + 1] / pixels
-        variance = max(powers[patch] / pixels - average**2, 0.0)
-        deviation = max(np.sqrt(variance), DEVIATION_FLOOR)
-        like_mean = (products[patch, known] - average * sums[known]) / deviation
-        residuals[patch] = pixels * variance / deviation**2 - 2 * like_mean + along_mean[known]
-        averages[patch], deviations[patch] = average, deviation
-    for component in range(known):
-        total, middle = sums[component], along_mean[component]
-        for patch in range(count):
-            along[patch] = products[patch, component]
-        for patch in range(count):
-            share = (along[patch] - averages[patch] * total) / deviations[patch] - middle
-            residuals[patch] -= share * share
-    for patch in range(count):
-        residuals[patch] = max(residuals[patch], 0.0) / pixels
-
-
-@compiled
-def _sample_window(
+def sample_window(
     quads: QuadArray,
     place: IntArray,
     factor: int,

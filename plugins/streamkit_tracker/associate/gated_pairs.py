@@ -9,11 +9,11 @@ import numpy as np
 
 from streamkit_kernels import compiled, product
 from streamkit_tracker.appearance.feature_template import unit_rows
-from streamkit_tracker.associate.assignment import CountArray, assign
+from streamkit_tracker.associate.assignment import assign
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import IndexArray, TargetModel, TargetRows, TargetTable, dormant, followed
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, X, Y
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, IntArray, X, Y
 
 GATE = 16.0  # squared standard deviations
 LEAST_OVERLAP, LAST_CHOICE = 0.15, 100.0
@@ -41,8 +41,8 @@ class Comparison(NamedTuple):
     costs: FloatArray
     distances: FloatArray
     mismatch: FloatArray
-    held: CountArray
-    touched: CountArray
+    held: IntArray
+    touched: IntArray
 
 
 def associate(

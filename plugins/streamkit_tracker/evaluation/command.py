@@ -51,7 +51,7 @@ def trackeval(
 ) -> None:
     """Scores tracks against ground truth: HOTA, MOTA and IDF1, or success and precision of one target.
 
-    Truth that tells classes (MOT16 and later) is scored for pedestrians; tracks of distractors are left out.
+    Truth with classes (MOT16 and later) is scored for pedestrians; tracks of distractors are left out.
     """
     try:
         scores = score_files(

@@ -68,7 +68,7 @@ def _alignment(frames: list[tuple[IdArray, IdArray, FloatArray]], either: FloatA
 
 def _numbered(labelled: Sequence[Labelled]) -> tuple[FloatArray, list[IdArray]]:
     """The number of boxes of each identity, and the identities of each frame as numbers from 0."""
-    nobody = np.zeros(0, np.int64)
-    known = np.unique(np.concatenate([nobody, *(frame.ids for frame in labelled)]))
+    no_ids = np.zeros(0, np.int64)
+    known = np.unique(np.concatenate([no_ids, *(frame.ids for frame in labelled)]))
     rows = [np.searchsorted(known, frame.ids) for frame in labelled]
-    return np.bincount(np.concatenate([nobody, *rows]), minlength=len(known)).astype(np.float64), rows
+    return np.bincount(np.concatenate([no_ids, *rows]), minlength=len(known)).astype(np.float64), rows

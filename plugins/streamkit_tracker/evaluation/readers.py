@@ -47,7 +47,7 @@ def read_identities(path: Path, first_pixel: float = 1.0) -> list[Labelled]:
 
 
 def read_classes(path: Path, first_pixel: float = 1.0) -> list[Labelled]:
-    """Every box of a ground truth that tells classes (MOT16 and later), its class in place of its id.
+    """Every box of a ground truth that has classes (MOT16 and later), its class in place of its id.
 
     Empty for other layouts.
     """
@@ -91,10 +91,10 @@ def is_one_target(path: Path) -> bool:
 def longest_lived(tracks: list[Labelled], frames: int) -> FloatArray:
     """Boxes float64[frames, 4] of the id that is there most often; NaN where it is not."""
     boxes = np.full((frames, 4), np.nan)
-    everyone = np.concatenate([tracked.ids for tracked in tracks]) if tracks else np.zeros(0, np.int64)
-    if not len(everyone):
+    ids = np.concatenate([tracked.ids for tracked in tracks]) if tracks else np.zeros(0, np.int64)
+    if not len(ids):
         return boxes
-    numbers, counts = np.unique(everyone, return_counts=True)
+    numbers, counts = np.unique(ids, return_counts=True)
     chosen = numbers[np.argmax(counts)]
     for index, tracked in enumerate(tracks[:frames]):
         for box in tracked.boxes[tracked.ids == chosen]:
@@ -104,9 +104,9 @@ def longest_lived(tracks: list[Labelled], frames: int) -> FloatArray:
 
 def frames_of(labelled: list[Labelled], first: int, last: int) -> list[Labelled]:
     """The frames `first` to `last`, counted from 1; empty ones where the list is too short."""
-    nobody = Labelled(np.zeros(0, np.int64), np.zeros((0, 4)))
+    empty = Labelled(np.zeros(0, np.int64), np.zeros((0, 4)))
     kept = labelled[first - 1 : last]
-    return kept + [nobody] * (last - first + 1 - len(kept))
+    return kept + [empty] * (last - first + 1 - len(kept))
 
 
 def frames_with_boxes(labelled: list[Labelled]) -> tuple[int, int]:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import math
+import re
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, NamedTuple, NoReturn
 
+import msgspec
 import typer
 
+from streamkit import StreamError, TrackRecord, decode_record
 from streamkit_tracker.associate.gated_pairs import GATE
-from streamkit_tracker.explanation.life import life, moment_at, moment_in
-from streamkit_tracker.explanation.moment import Moment
-from streamkit_tracker.explanation.reading import TrackFile, read_track
+from streamkit_tracker.explanation.life import life, moment_at
+from streamkit_tracker.explanation.moment import FramePlace, Moment, Target
 from streamkit_tracker.explanation.wording import explanation
 
 MOST_NAMED = 12
@@ -41,7 +42,7 @@ def explain(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Tells where a track came from: its detections, their distance, its similarity, the registration."""
+    """Explains where a track came from: its detections, their distance, its similarity, the registration."""
     question = read_question(moment)
     if question is None:
         _fail(f"{moment!r} must be ID@SECONDS or ID#FRAME, for example 7@2.4 or 7#60", code=2)
@@ -55,7 +56,7 @@ def explain(
     if file.cut_off:
         typer.echo(f"explain: the last line of {tracks} is only half written and left out", err=True)
     if as_json:
-        typer.echo(json.dumps(_plain(question.track, file.moments, index)))
+        typer.echo(msgspec.json.encode(_plain(question.track, file.moments, index)).decode())
         return
     for line in explanation(question.track, file.moments, index, before, math.sqrt(GATE)):
         typer.echo(line)
@@ -63,18 +64,11 @@ def explain(
 
 def read_question(text: str) -> Question | None:
     """Track and time of "7@2.4" or "7#60"; None where it is neither."""
-    for sign in "@#":
-        track, parted, when = text.partition(sign)
-        if not parted:
-            continue
-        try:
-            number, value = int(track), float(when.removesuffix("s")) if sign == "@" else int(when)
-        except ValueError:
-            return None
-        if number < 0 or not math.isfinite(value):
-            return None
-        return Question(number, float(value), None) if sign == "@" else Question(number, None, int(value))
-    return None
+    parts = re.fullmatch(r"(\d+)(?:@(\d*\.?\d+)s?|#(\d+))", text, re.ASCII)
+    if parts is None:
+        return None
+    track, seconds, frame = parts.groups()
+    return Question(int(track), float(seconds), None) if seconds else Question(int(track), None, int(frame))
 
 
 def absence(path: Path, file: TrackFile, question: Question) -> str:
@@ -93,18 +87,74 @@ def absence(path: Path, file: TrackFile, question: Question) -> str:
     return f"{path}: no track {question.track} in {file.frames} records; {there}"
 
 
+@dataclass
+class TrackFile:
+    """What a file says about one track.
+
+    Attributes:
+        moments: of the track, in the order of the file.
+        others: ids of all tracks that were ever confirmed.
+        frames: number of records.
+        cut_off: whether the last line was only half written, as by a process that was killed.
+    """
+
+    moments: list[Moment] = field(default_factory=list)
+    others: set[int] = field(default_factory=set)
+    frames: int = 0
+    cut_off: bool = False
+
+
+def read_track(path: Path, number: int) -> TrackFile:
+    """Reads a file of JSON lines as `tracksink` writes it.
+
+    Args:
+        path: the file.
+        number: id of the track.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: a line is no track record; names file and line.
+    """
+    found = TrackFile()
+    with path.open("rb") as lines:
+        for line_number, line in enumerate(lines, 1):
+            if not line.strip():
+                continue
+            try:
+                record = decode_record(line)
+            except StreamError as error:
+                if not line.endswith(b"\n") and found.frames:
+                    found.cut_off = True
+                    break
+                place = f"{path}:{line_number}"
+                raise ValueError(f"{place}: {error}; give a .jsonl file that tracksink wrote") from None
+            found.frames += 1
+            found.others |= {target.id for target in record.tracks if target.state == "confirmed"}
+            found.moments += [_moment(record, target) for target in record.tracks if target.id == number]
+    return found
+
+
+def _moment(record: TrackRecord, target: object) -> Moment:
+    return Moment(
+        record.seq,
+        record.epoch,
+        None if record.pts_ns is None else record.pts_ns / 1e9,
+        msgspec.convert(record.registration, FramePlace | None, from_attributes=True),
+        msgspec.convert(target, Target, from_attributes=True),
+    )
+
+
 def _index(file: TrackFile, question: Question, epoch: int | None) -> int | None:
     if question.seconds is not None:
         return moment_at(file.moments, question.seconds, epoch)
-    return None if question.frame is None else moment_in(file.moments, question.frame)
+    return next((i for i, moment in enumerate(file.moments) if moment.frame == question.frame), None)
 
 
-def _plain(track: int, moments: Sequence[Moment], index: int) -> dict[str, object]:
-    return {
-        "track": track,
-        "moment": asdict(moments[index]),
-        "life": asdict(life(moments[: index + 1])),
-    }
+def _plain(track: int, moments: Sequence[Moment], index: int) -> object:
+    moment = moments[index]
+    head = {"frame": moment.frame, "epoch": moment.epoch, "seconds": moment.seconds, "place": moment.place}
+    row = {**head, **msgspec.structs.asdict(moment.target), "match": moment.match}
+    return {"track": track, "moment": row, "life": asdict(life(moments[: index + 1]))}
 
 
 def _fail(text: str, code: int = 1) -> NoReturn:

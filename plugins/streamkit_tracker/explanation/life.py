@@ -41,13 +41,14 @@ class Life:
 
 def life(moments: Sequence[Moment]) -> Life:
     """Sums up a track's moments, in order; there is at least one."""
-    provenances = [moment.provenance for moment in moments if moment.provenance is not None]
-    gates = [origin.gate for origin in provenances if origin.gate is not None]
+    provenances = [moment.target.provenance for moment in moments if moment.target.provenance is not None]
+    matches = [moment.match for moment in moments if moment.match is not None]
+    gates = [match.gate for match in matches if match.gate is not None]
     similarities = [origin.similarity for origin in provenances if origin.similarity is not None]
     places = [moment.place for moment in moments if moment.place is not None]
     return Life(
         frames=len(moments),
-        detected=sum(origin.detection is not None for origin in provenances),
+        detected=len(matches),
         shared=sum(origin.shared for origin in provenances),
         gates=(median(gates), max(gates)) if gates else None,
         similarities=(median(similarities), min(similarities)) if similarities else None,
@@ -68,10 +69,11 @@ def turns(moments: Sequence[Moment], state: str | None = None) -> tuple[Moment, 
     """
     found = []
     for moment in moments:
-        decided = moment.provenance is not None and bool(moment.provenance.cause)
-        if decided or moment.state != state:
+        target = moment.target
+        decided = target.provenance is not None and bool(target.provenance.cause)
+        if decided or target.state != state:
             found.append(moment)
-        state = moment.state
+        state = target.state
     return tuple(found)
 
 
@@ -79,7 +81,7 @@ def _gaps(moments: Sequence[Moment]) -> tuple[tuple[int, int], ...]:
     gaps: list[tuple[int, int]] = []
     open_gap = False
     for moment in moments:
-        origin = moment.provenance
+        origin = moment.target.provenance
         if origin is not None and (origin.detection is not None or origin.shared):
             open_gap = False
         elif open_gap:
@@ -111,11 +113,6 @@ def moment_at(moments: Sequence[Moment], seconds: float, epoch: int | None) -> i
         if stamped[0][0] <= seconds <= stamped[-1][0] or apart <= _half_step(stamped):
             return index
     return None
-
-
-def moment_in(moments: Sequence[Moment], frame: int) -> int | None:
-    """Index of the moment in a frame, by its number, or None."""
-    return next((index for index, moment in enumerate(moments) if moment.frame == frame), None)
 
 
 def _half_step(stamped: Sequence[tuple[float, int]]) -> float:

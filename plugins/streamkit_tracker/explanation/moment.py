@@ -2,41 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
-from streamkit_tracker.report.reports import TargetProvenance
+import msgspec
 
 
-@dataclass(frozen=True)
-class Match:
-    """The detection a track was given.
+class Match(msgspec.Struct, frozen=True):
+    """The detection a track was given: see `streamkit` records; px of the frame."""
 
-    Attributes:
-        centroid: x and y, px.
-        box: x0 y0 x1 y1, px.
-        area: px.
-        score: 0 to 1.
-        label: a word, or None.
-    """
-
+    row: int
     centroid: tuple[float, float]
-    box: tuple[float, float, float, float]
+    bbox: tuple[float, float, float, float]
     area: float
     score: float
+    gate: float | None = None
     label: str | None = None
 
 
-@dataclass(frozen=True)
-class FramePlace:
-    """How the frame was placed on the ground.
+class Origin(msgspec.Struct, frozen=True):
+    """How a row was computed, as far as the file has it."""
 
-    Attributes:
-        status: ok, weak, lost, cut or still.
-        reference: number of the plane.
-        matches: points matched, or None where the record does not tell.
-        inliers: points that agree, or None.
-        rmse: px, or None.
-    """
+    predicted: tuple[float, float] | None = None
+    detection: Match | None = None
+    shared: bool = False
+    similarity: float | None = None
+    learnt: bool = False
+    cause: str | None = None
+
+
+class FramePlace(msgspec.Struct, frozen=True):
+    """How the frame was placed on the ground."""
 
     status: str
     reference: int
@@ -45,39 +38,46 @@ class FramePlace:
     rmse: float | None = None
 
 
-@dataclass(frozen=True)
-class Moment:
+class Target(msgspec.Struct, frozen=True):
+    """The row of a track: pixels of the frame, radians, px/s on the reference plane."""
+
+    state: str
+    x: float
+    y: float
+    length: float
+    width: float
+    angle: float
+    score: float
+    age_ns: int
+    vx: float | None = None
+    vy: float | None = None
+    position_covariance: tuple[tuple[float, float], tuple[float, float]] | None = None
+    provenance: Origin | None = None
+
+
+class Moment(msgspec.Struct, frozen=True):
     """A track in a frame.
 
     Attributes:
         frame: its number at the source.
         epoch: goes up when the seconds start anew.
         seconds: time in the stream, or None.
-        state: tentative, confirmed, coasting or lost.
-        window: x y length width, px, and angle, rad.
-        velocity: px/s on the reference plane, or None.
-        spread: standard deviations of x and y, px, or None.
-        score: 0 to 1.
-        age_s: since the track began.
         place: of the frame, or None.
-        provenance: where the row comes from, or None where the file does not tell.
-        match: the detection, or None.
+        target: the row of the track.
     """
 
     frame: int
     epoch: int
     seconds: float | None
-    state: str
-    window: tuple[float, float, float, float, float]
-    velocity: tuple[float, float] | None = None
-    spread: tuple[float, float] | None = None
-    score: float = 0.0
-    age_s: float = 0.0
-    place: FramePlace | None = None
-    provenance: TargetProvenance | None = field(default=None)
-    match: Match | None = None
+    place: FramePlace | None
+    target: Target
 
     @property
     def when(self) -> str:
         """The time in words; the frame where there is no time."""
         return f"frame {self.frame}" if self.seconds is None else f"{self.seconds:.3f} s"
+
+    @property
+    def match(self) -> Match | None:
+        """The detection, or None."""
+        return None if self.target.provenance is None else self.target.provenance.detection

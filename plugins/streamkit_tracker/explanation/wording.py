@@ -9,7 +9,7 @@ from streamkit_tracker.explanation.life import Life, life, turns
 from streamkit_tracker.explanation.moment import FramePlace, Moment
 
 MOST_LISTED = 6
-SILENT = "the file does not tell: write it with tracksink provenance=true, behind particletrack"
+SILENT = "the file has no provenance: write it with tracksink provenance=true, behind particletrack"
 
 
 def explanation(number: int, moments: Sequence[Moment], index: int, before: int, gate: float) -> list[str]:
@@ -27,7 +27,7 @@ def explanation(number: int, moments: Sequence[Moment], index: int, before: int,
     lines += [f"  {name:<13}{text}" for name, text in _facts(moment, gate)]
     lines += ["", "since it began"]
     lines += [f"  {line}" for line in _life_lines(life(moments[: index + 1]))]
-    later = turns(moments[index + 1 :], moment.state)
+    later = turns(moments[index + 1 :], moment.target.state)
     lines += ["", "after that"] if later else []
     lines += [f"  {line}" for line in _listed([_turn(turn) for turn in later])]
     if before:
@@ -36,17 +36,16 @@ def explanation(number: int, moments: Sequence[Moment], index: int, before: int,
 
 
 def _facts(moment: Moment, gate: float) -> list[tuple[str, str]]:
-    x, y, length, width, angle = moment.window
-    spread = "" if moment.spread is None else f", +- {moment.spread[0]:.1f} {moment.spread[1]:.1f} px"
-    speed = "not known"
-    if moment.velocity is not None:
-        speed = f"{moment.velocity[0]:.1f} {moment.velocity[1]:.1f} px/s on the reference plane"
+    target, spread, speed = moment.target, "", "not known"
+    if target.position_covariance is not None:
+        x_std, y_std = (math.sqrt(max(target.position_covariance[axis][axis], 0.0)) for axis in (0, 1))
+        spread = f", +- {x_std:.1f} {y_std:.1f} px"
+    if target.vx is not None and target.vy is not None:
+        speed = f"{target.vx:.1f} {target.vy:.1f} px/s on the reference plane"
+    size = f"{target.length:.1f} x {target.width:.1f} px at {math.degrees(target.angle):.1f} deg"
     facts = [
-        ("state", f"{moment.state}, {moment.age_s:.2f} s old, score {moment.score:.2f}"),
-        (
-            "place",
-            f"{x:.1f} {y:.1f} px{spread}; {length:.1f} x {width:.1f} px at {math.degrees(angle):.1f} deg",
-        ),
+        ("state", f"{target.state}, {target.age_ns / 1e9:.2f} s old, score {target.score:.2f}"),
+        ("place", f"{target.x:.1f} {target.y:.1f} px{spread}; {size}"),
         ("velocity", speed),
         ("registration", _place_text(moment.place)),
     ]
@@ -54,20 +53,20 @@ def _facts(moment: Moment, gate: float) -> list[tuple[str, str]]:
 
 
 def _origin_facts(moment: Moment, gate: float) -> list[tuple[str, str]]:
-    origin, match = moment.provenance, moment.match
+    origin, match = moment.target.provenance, moment.match
     if origin is None:
         return [("origin", SILENT)]
     facts = []
     if origin.predicted is not None:
         facts.append(("expected", f"{origin.predicted[0]:.1f} {origin.predicted[1]:.1f} px"))
     if match is not None:
-        distance = "" if origin.gate is None else f", {_distance_text(origin.gate, gate)}"
+        distance = "" if match.gate is None else f", {_distance_text(match.gate, gate)}"
         label = f", {match.label}" if match.label else ""
-        box = " ".join(f"{side:.1f}" for side in match.box)
+        box = " ".join(f"{side:.1f}" for side in match.bbox)
         facts.append(
             (
                 "detection",
-                f"row {origin.detection} at {match.centroid[0]:.1f} {match.centroid[1]:.1f} px{distance}",
+                f"row {match.row} at {match.centroid[0]:.1f} {match.centroid[1]:.1f} px{distance}",
             )
         )
         facts.append(("", f"box {box}, area {match.area:.0f} px, score {match.score:.2f}{label}"))
@@ -123,9 +122,9 @@ def _life_lines(past: Life) -> list[str]:
 
 
 def _turn(moment: Moment) -> str:
-    origin = moment.provenance
-    cause = f": {origin.cause}" if origin is not None and origin.cause not in ("", moment.state) else ""
-    return f"frame {moment.frame}, {moment.when}: {moment.state}{cause}"
+    origin, state = moment.target.provenance, moment.target.state
+    cause = f": {origin.cause}" if origin is not None and origin.cause not in (None, "", state) else ""
+    return f"frame {moment.frame}, {moment.when}: {state}{cause}"
 
 
 def _listed(lines: list[str]) -> list[str]:
@@ -139,16 +138,17 @@ def _listed(lines: list[str]) -> list[str]:
 def _table(moments: Sequence[Moment]) -> list[str]:
     lines = ["   frame          s  state      detection  distance  similarity  registration"]
     for moment in moments:
-        origin = moment.provenance
+        origin, match = moment.target.provenance, moment.match
         row = gate = similarity = "-"
+        if match is not None:
+            row, gate = str(match.row), "-" if match.gate is None else f"{match.gate:.2f}"
         if origin is not None:
-            row = "shared" if origin.shared else "-" if origin.detection is None else str(origin.detection)
-            gate = "-" if origin.gate is None else f"{origin.gate:.2f}"
+            row = "shared" if origin.shared else row
             similarity = "-" if origin.similarity is None else f"{origin.similarity:.3f}"
         seconds = "-" if moment.seconds is None else f"{moment.seconds:.3f}"
         status = "-" if moment.place is None else moment.place.status
         lines.append(
-            f"{moment.frame:8d} {seconds:>10}  {moment.state:<9} {row:>10} {gate:>9} {similarity:>11}"
+            f"{moment.frame:8d} {seconds:>10}  {moment.target.state:<9} {row:>10} {gate:>9} {similarity:>11}"
             f"  {status}"
         )
     return lines

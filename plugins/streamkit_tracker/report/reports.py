@@ -11,7 +11,7 @@ import numpy as np
 from streamkit_tracker.delete.states import position_doubt
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import COASTING, CONFIRMED, TargetRows, TargetState, TargetTable, dormant
+from streamkit_tracker.targets import COASTING, CONFIRMED, TargetState, TargetTable, dormant
 from streamkit_tracker.window_geometry import IDENTITY, FloatArray, map_points
 
 STATES = tuple(TargetState)
@@ -100,30 +100,29 @@ def report(
     covariances[predicted] += rows["covariance"][predicted, :2, :2]
     scores = rows["score"]
     scores[tentative] = np.nanmean(rows["hits"][tentative], axis=1)
-    return tuple(
-        TargetReport(
-            row["id"].item(),
-            STATES[row["state"]],
-            row["window"],
-            velocity,
-            covariance,
-            min(max(row["score"].item(), 0.0), 1.0),
-            row["age_s"].item(),
-            _provenance(row, table.causes),
+    reports = []
+    for row, velocity, covariance in zip(rows, velocities, covariances, strict=True):
+        x, y = row["predicted"].tolist()
+        detection, gate, similarity = row["detection"].item(), row["gate"].item(), row["similarity"].item()
+        provenance = TargetProvenance(
+            None if math.isnan(x) else (x, y),
+            None if detection < 0 else detection,
+            None if math.isnan(gate) else gate,
+            row["shared"].item(),
+            None if math.isnan(similarity) else similarity,
+            row["learnt"].item(),
+            table.causes.get(row["id"].item(), ""),
         )
-        for row, velocity, covariance in zip(rows, velocities, covariances, strict=True)
-    )
-
-
-def _provenance(row: TargetRows, causes: dict[int, str]) -> TargetProvenance:
-    x, y = row["predicted"].tolist()
-    detection, gate, similarity = row["detection"].item(), row["gate"].item(), row["similarity"].item()
-    return TargetProvenance(
-        None if math.isnan(x) else (x, y),
-        None if detection < 0 else detection,
-        None if math.isnan(gate) else gate,
-        row["shared"].item(),
-        None if math.isnan(similarity) else similarity,
-        row["learnt"].item(),
-        causes.get(row["id"].item(), ""),
-    )
+        reports.append(
+            TargetReport(
+                row["id"].item(),
+                STATES[row["state"]],
+                row["window"],
+                velocity,
+                covariance,
+                min(max(row["score"].item(), 0.0), 1.0),
+                row["age_s"].item(),
+                provenance,
+            )
+        )
+    return tuple(reports)

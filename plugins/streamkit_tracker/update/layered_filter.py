@@ -102,7 +102,12 @@ def layered_step(
     for generator, row in zip(generators, noise, strict=True):
         generator.standard_normal(out=row)
     offsets = np.array([generator.random() for generator in generators])
-    positions, weights = _side_by_side(particles)
+    # side by side; weight 0 where a target has fewer particles
+    most = max(len(held.weights) for held in particles)
+    positions, weights = np.zeros((targets, most, 2)), np.zeros((targets, most))
+    for target, held in enumerate(particles):
+        positions[target, : len(held.weights)] = held.positions
+        weights[target, : len(held.weights)] = held.weights
     windows = np.empty((targets, settings.particles, 5))
     first_windows(positions, weights, offsets, searches, noise, windows)
     scores = score(windows)
@@ -125,13 +130,3 @@ def layered_step(
     estimate(survivors, best, estimates, covariances, weights)
     kept = [Particles(survivors[t, :, :2].copy(), weights[t]) for t in range(targets)]
     return Estimates(estimates, covariances, measures[:, 0], kept)
-
-
-def _side_by_side(particles: list[Particles]) -> tuple[FloatArray, FloatArray]:
-    """Positions float64[t, k, 2] and weights float64[t, k] of all targets, weight 0 where one has fewer."""
-    most = max(len(held.weights) for held in particles)
-    positions, weights = np.zeros((len(particles), most, 2)), np.zeros((len(particles), most))
-    for row, held in enumerate(particles):
-        positions[row, : len(held.weights)] = held.positions
-        weights[row, : len(held.weights)] = held.weights
-    return positions, weights

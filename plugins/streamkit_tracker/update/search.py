@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from streamkit_tracker.appearance.eigen_template import EigenTemplate
 from streamkit_tracker.appearance.feature_template import FeatureTemplate, feature_distances
 from streamkit_tracker.appearance.frame_crops import Crops, Float32Array
-from streamkit_tracker.appearance.window_sampling import WindowSampler, template_distances
+from streamkit_tracker.appearance.template_comparison import template_distances
+from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import Appearance, TargetModel
 from streamkit_tracker.update.expectations import SearchRows, log_scores
@@ -21,7 +23,6 @@ LEAST_CONTRAST = 1e-3
 LEAST_SPREAD = 0.5  # px
 DETECTION_SHARE = 0.5
 CROP_MARGIN = 0.15  # of the diagonal: how far later layers reach beyond the first
-SAMPLES_AT_ONCE = 400_000  # keeps maps and patches of a batch inside the cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +34,7 @@ class Found:
         covariances: float64[n, 2, 2] of x and y, px squared.
         particles: n of them, to keep for the next frame.
         similarities: float64[n], exp(-distance) of the estimated windows, 0 to 1.
-        informative: n of them, whether the frame told any position from another.
+        informative: n of them, whether the frame distinguishes positions.
         patches: float32[n, p], grey levels minus 128 of the estimated windows.
     """
 
@@ -70,7 +71,14 @@ def search(
     searches["spread"] = np.minimum(np.maximum(searches["spread"], LEAST_SPREAD), wide)
     searches["seed_spread"] = np.where(np.isfinite(std), np.minimum(DETECTION_SHARE * std, wide), math.nan)
     appearances = [model.appearance for model in models if model.appearance is not None]
-    score = _Score(sampler, appearances, searches, layers.particles, factor, settings.sigma**2)
+    templates = [appearance.template for appearance in appearances]
+    eigen = [template for template in templates if isinstance(template, EigenTemplate)]
+    stacked = (
+        (np.stack([each.rows for each in eigen]), np.stack([each.constants for each in eigen]))
+        if eigen
+        else ()
+    )
+    score = _Score(sampler, templates, appearances[0], searches, factor, settings.sigma**2, stacked)
     particles = [appearance.particles for appearance in appearances]
     generators = [model.generator for model in models]
     estimates = layered_step(particles, generators, searches, score, layers)
@@ -81,11 +89,12 @@ def search(
         estimates.covariances,
         estimates.particles,
         np.exp(-distances[:, 0]),
-        [a.template.textured and c for a, c in zip(appearances, contrasts, strict=True)],
+        [template.textured and contrast for template, contrast in zip(templates, contrasts, strict=True)],
         score.first_patches,
     )
 
 
+@dataclass(eq=False)
 class _Score:
     """Log scores of windows of several targets, by their templates and expectations.
 
@@ -93,52 +102,39 @@ class _Score:
     the others.
 
     Attributes:
+        stacked: rows and constants of the eigen templates, see `EigenTemplate`; empty for feature templates.
+        crops: around the first windows of each target.
         first_patches: float32[t, p], of the first window of each target that was compared last.
     """
 
-    def __init__(
-        self,
-        sampler: WindowSampler,
-        appearances: list[Appearance],
-        searches: SearchRows,
-        particles: int,
-        factor: int,
-        variance: float,
-    ) -> None:
-        self._sampler, self._searches, self._variance, self._factor = sampler, searches, variance, factor
-        self._patch, self._context = appearances[0].patch, appearances[0].context
-        templates = [appearance.template for appearance in appearances]
-        self._features = [template for template in templates if isinstance(template, FeatureTemplate)]
-        eigen = [template for template in templates if isinstance(template, EigenTemplate)]
-        self._together = max(1, SAMPLES_AT_ONCE // (particles * self._patch[0] * self._patch[1]))
-        if eigen:
-            self._rows = sampler.side_by_side([template.rows for template in eigen])
-            self._constants = np.stack([template.constants for template in eigen])
-            self._together = len(eigen)
-        self.first_patches = np.zeros((0, 0), np.float32)
-        self._crops: list[Crops] = []
+    sampler: WindowSampler
+    templates: Sequence[EigenTemplate | FeatureTemplate]
+    like: Appearance
+    searches: SearchRows
+    factor: int
+    variance: float
+    stacked: tuple[Float32Array, Float32Array] | tuple[()]
+    crops: Crops | None = None
+    first_patches: Float32Array = field(default_factory=lambda: np.zeros((0, 0), np.float32))
 
     def __call__(self, windows: FloatArray) -> FloatArray:
         """Log scores float64[t, n] of windows float64[t, n, 5]."""
-        if not self._crops:
-            wider = windows.copy()
-            wider[..., LENGTH : WIDTH + 1] *= self._context
-            for start in range(0, len(wider), self._together):
-                part = wider[start : start + self._together]
-                crops = self._sampler.crop(part.reshape(-1, 5), self._factor, len(part), CROP_MARGIN)
-                self._crops.append(crops)
+        if self.crops is None:
+            wider = windows.reshape(-1, 5).copy()
+            wider[:, LENGTH : WIDTH + 1] *= self.like.context
+            self.crops = self.sampler.crop(wider, self.factor, len(windows), CROP_MARGIN)
         distances, scores = self.distances(windows), np.empty(windows.shape[:2])
-        height, width = self._sampler.shape
-        log_scores(distances, self._variance, windows, self._searches, height, width, scores)
+        log_scores(distances, self.variance, windows, self.searches, *self.sampler.shape, scores)
         return scores
 
     def distances(self, windows: FloatArray) -> FloatArray:
         """Distances float64[t, n] of windows float64[t, n, 5] from the templates."""
         wider = windows.copy()
-        wider[..., LENGTH : WIDTH + 1] *= self._context
-        if self._features:
+        wider[..., LENGTH : WIDTH + 1] *= self.like.context
+        assert self.crops is not None
+        if not self.stacked:
             return self._feature_distances(wider)
-        crops, grid = self._crops[0], unit_grid(self._patch)
+        crops, grid = self.crops, unit_grid(self.like.patch)
         result = np.empty(windows.shape[:2])
         self.first_patches = np.empty((len(windows), grid.shape[1]), np.float32)
         template_distances(
@@ -147,23 +143,17 @@ class _Score:
             crops.factor,
             wider,
             grid,
-            self._rows,
-            self._constants,
+            *self.stacked,
             result,
             self.first_patches,
         )
         return result
 
     def _feature_distances(self, windows: FloatArray) -> FloatArray:
-        """The same in a feature space, for as many targets at once as the cache holds the patches of."""
+        """The same in a feature space."""
         targets, count = windows.shape[:2]
-        pixels = self._patch[0] * self._patch[1]
-        result = np.empty((targets, count))
-        self.first_patches = np.empty((targets, pixels), np.float32)
-        for crops, start in zip(self._crops, range(0, targets, self._together), strict=True):
-            chunk = slice(start, min(start + self._together, targets))
-            patches = self._sampler.sample(windows[chunk].reshape(-1, 5), self._patch, crops=crops)
-            patches = patches.reshape(-1, count, pixels)
-            result[chunk] = feature_distances(self._features[chunk], patches)
-            self.first_patches[chunk] = patches[:, 0]
-        return result
+        templates = [template for template in self.templates if isinstance(template, FeatureTemplate)]
+        patches = self.sampler.sample(windows.reshape(-1, 5), self.like.patch, crops=self.crops)
+        patches = patches.reshape(targets, count, -1)
+        self.first_patches = patches[:, 0].copy()
+        return np.asarray(feature_distances(templates, patches), np.float64)

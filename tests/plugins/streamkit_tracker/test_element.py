@@ -116,7 +116,7 @@ def test_what_registration_says_decides(scenes: ModuleType, changes: dict, expec
 
 
 def test_a_new_epoch_without_registration_ends_the_tracks(scenes: ModuleType):
-    """After a reconnect nobody knows where the camera looks."""
+    """After a reconnect the direction of the camera is unknown."""
     sequence = [image for image, _ in scenes.TurningScene(frames=4)]
     caps = raw_video_caps("GRAY8", 360, 270)
     with Harness("particletrack", window="150,100,48,34") as harness:

@@ -160,7 +160,7 @@ def test_a_car_that_vanishes_leaves_no_ghost(scenes: ModuleType):
 
 
 def test_doubt_grows_while_nothing_is_seen(scenes: ModuleType):
-    """A coasting target's covariance grows from frame to frame; it is told only while it is of use."""
+    """A coasting target's covariance grows from frame to frame; it is reported only while it is of use."""
     car = scenes.Car((100, 100), (70, 20), scenes.car_texture(np.random.default_rng(3)), gone_at=40)
     rows = follow(scenes.Flight([car], frames=70, seed=3, miss=0.0, false_alarms=0))
     coasting = [report for _, reports in rows for report in reports if report.state is TargetState.COASTING]

@@ -137,7 +137,7 @@ def test_a_cut_or_a_new_size_ends_every_target(scenes: ModuleType, how: str):
 
 
 def test_camera_motion_is_taken_out_before_prediction(scenes: ModuleType):
-    """A camera that jumps 25 px at every frame does not lose a target when registration tells."""
+    """A camera that jumps 25 px at every frame does not lose a target when its registration is known."""
     generator = np.random.default_rng(8)
     backdrop = scenes.paint(
         scenes.ground(generator, 300, 700),

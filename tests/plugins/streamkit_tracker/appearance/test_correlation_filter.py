@@ -1,4 +1,4 @@
-"""The filter that tells a target from the ground around it."""
+"""The filter that distinguishes a target from the ground around it."""
 
 from types import ModuleType
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from streamkit_tracker.appearance.eigen_template import EigenSettings, EigenTemplate, normalise
-from streamkit_tracker.appearance.window_sampling import find_residuals
+from streamkit_tracker.appearance.template_comparison import find_residuals
 
 
 def patches(count: int, pixels: int = 144, seed: int = 0) -> np.ndarray:

@@ -36,7 +36,7 @@ def test_a_target_is_found_by_its_colour_alone(shift: tuple[int, int]):
 
 
 def test_a_new_colour_is_learnt():
-    """After some frames the target is told from its ground by the colour it has now."""
+    """After some frames the colour that the target has now distinguishes it from its ground."""
     first, other = sampler_of(), sampler_of(red=30)
     features = RegionFeatures(first, WINDOW)
     histogram = ColourHistogram(features.read(first, WINDOW), features.extent)

@@ -6,11 +6,8 @@ import pytest
 
 from streamkit_tracker.appearance.eigen_template import EigenSettings, EigenTemplate, normalise
 from streamkit_tracker.appearance.frame_crops import MIDDLE_GREY
-from streamkit_tracker.appearance.window_sampling import (
-    WindowSampler,
-    shrink_factor,
-    template_distances,
-)
+from streamkit_tracker.appearance.template_comparison import template_distances
+from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
 from streamkit_tracker.window_geometry import unit_grid
 
 

@@ -118,7 +118,7 @@ def test_a_wrong_range_of_frames_is_told(tmp_path: Path, text: str):
 
 
 def test_tracks_of_distractors_do_not_count(tmp_path: Path):
-    """From MOT16 on the truth tells classes: a reflection (12) is neither to be found nor to be left out."""
+    """From MOT16 on the truth has classes: a reflection (12) is neither to be found nor to be left out."""
     tracks, truth = tmp_path / "tracks.txt", tmp_path / "gt.txt"
     tracks.write_text("1,3,1,1,10,10,1\n1,4,50,1,10,10,1\n1,5,90,1,10,10,1\n")
     truth.write_text("1,1,1,1,10,10,1,1,1.0\n1,2,50,1,10,10,0,12,1.0\n1,3,90,1,10,10,0,9,1.0\n")

@@ -1,4 +1,4 @@
-"""Where the filter is asked, and what the particles are told."""
+"""Where the filter is asked, and what the particles are to expect."""
 
 import math
 from types import ModuleType
@@ -42,7 +42,7 @@ def test_the_softer_the_target_the_more_the_filter_counts():
 
 
 def found(scenes: ModuleType, drawn: np.ndarray, now: np.ndarray, predicted: np.ndarray) -> Response | None:
-    """What is told of a textured target that trembled for ten frames where it was drawn, and is elsewhere."""
+    """Evidence of a textured target that trembled for ten frames where it was drawn, and is elsewhere."""
     generator = np.random.default_rng(4)
     backdrop, texture = scenes.ground(generator, 240, 320), scenes.blob_texture(generator)
     sampler, evidence = WindowSampler(), Evidence(lost_threshold=0.6, update_threshold=0.85)
