@@ -92,7 +92,6 @@ class Sink(Element):
         is_timed = self.sync or self.throttle_time > 0
         if self.timing.running.is_set() and not is_timed:
             return self._receive_now
-        render = self._render_in_time if is_timed else self._render_now
 
         def receive(frame: Frame) -> None:
             _check_time(frame)
@@ -101,22 +100,19 @@ class Sink(Element):
                 return
             if not self.timing.running.is_set():
                 self._hold(frame)
-            render(pad, frame)
+            if is_timed and frame.pts is not None:
+                self._render_in_time(frame, pad.segment.running_time_ns(frame.pts))
+            else:
+                self.render(frame)
 
         return receive
 
     def _receive_now(self, frame: Frame) -> None:
-        _check_time(frame)
+        if frame.pts.__class__ is not int:
+            _check_time(frame)
         self.render(frame)
 
-    def _render_now(self, pad: Pad, frame: Frame) -> None:
-        self.render(frame)
-
-    def _render_in_time(self, pad: Pad, frame: Frame) -> None:
-        if frame.pts is None:
-            self.render(frame)
-            return
-        running_time_ns = pad.segment.running_time_ns(frame.pts)
+    def _render_in_time(self, frame: Frame, running_time_ns: int) -> None:
         if not self._is_throttled(running_time_ns) and self._wait_for_time(frame, running_time_ns):
             self.position_ns = frame.pts
             self._last_end_ns = running_time_ns + (frame.duration or 0)

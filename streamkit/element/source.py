@@ -22,6 +22,7 @@ from streamkit.flow.events import (
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame
+from streamkit.flow.video import check_layout
 
 POLL_S = 1.0  # interval at which a paused source checks `stopping`, in case a notification is missed
 
@@ -202,13 +203,17 @@ class Source(Element):
         raise _Exhausted
 
     def _prepared(self, pad: Pad, frame: Frame) -> Frame:
-        """Sends the events that precede a frame; returns it with caps, number and arrival time."""
+        """Checks a frame and sends the events that precede it; returns it with caps, number, arrival time."""
+        try:
+            check_layout(frame)
+        except ValueError as error:
+            raise self.failure(error, frame) from error
         if frame.caps is not pad.caps:
             frame = self._announce_caps(pad, frame)
         if not frame.arrival_ns:
             number = self._numbers.get(pad.name, -1) + 1
             self._numbers[pad.name] = number
-            frame = frame.replace(seq=frame.seq or number, arrival_ns=self.clock_ns())
+            frame = frame.replace(seq=frame.seq or number, arrival_ns=self.clock.monotonic_ns())
         if frame.epoch != self._epochs.get(pad.name, -1):
             self._begin_epoch(pad, frame)
         return frame

@@ -22,13 +22,14 @@ class RecordTally:
 
     def note(self, frame: Frame, *, has_position: bool = False) -> None:
         """Notes a frame, and whether a target of it has ground coordinates."""
-        if frame.caps.name == TRACKS_CAPS.name and frame.get(Tracks) is None:
-            return  # a record of somebody else
+        tracks = frame.get(Tracks)
+        if tracks is None and frame.caps.name == TRACKS_CAPS.name:
+            return  # a record that another tracker made
         self._frames += 1
         self._positions += has_position
         for kind in (Detections, Pose):
             self._with[kind] += kind in frame.metadata
-        if (tracks := frame.get(Tracks)) is not None:
+        if tracks is not None:
             self._with[Tracks] += 1
             self._targets += bool(tracks.tracks)
 

@@ -51,28 +51,30 @@ def luma(frame: Frame) -> NDArray[np.uint8]:
     )
 
 
-def layout_error(frame: Frame) -> str | None:
-    """How the array of a raw video frame contradicts its caps, or None.
+def check_layout(frame: Frame) -> None:
+    """Checks that the array of a raw video frame is what its caps say.
 
     Unknown formats and data that is not an array are not checked.
+
+    Raises:
+        ValueError: shape or type differ.
     """
-    caps, data = frame.caps, frame.data
+    data, structures = frame.data, frame.caps.structures
     shape = getattr(data, "shape", None)
-    if shape is None or caps.name != "video/x-raw":
-        return None
-    pixel_format, width, height = (caps.get(name) for name in ("format", "width", "height"))
+    if shape is None or not structures or structures[0].name != "video/x-raw":
+        return
+    pixel_format, width, height = (structures[0].fields.get(name) for name in ("format", "width", "height"))
     if not isinstance(width, int) or not isinstance(height, int):
-        return None
+        return
     wanted: tuple[int, ...]
     if pixel_format in LUMA_FORMATS:
         wanted = (height if pixel_format == "GRAY8" else height * 3 // 2, width)
     elif isinstance(pixel_format, str) and pixel_format in CHANNELS:
         wanted = (height, width, CHANNELS[pixel_format])
     else:
-        return None
-    if shape == wanted and data.dtype == "uint8":
-        return None
-    return (
-        f"{pixel_format} of {width} x {height} px is uint8{list(wanted)}, got {data.dtype}{list(shape)}: "
-        "give the frame the caps of what it holds"
-    )
+        return
+    if shape != wanted or data.dtype != "uint8":
+        raise ValueError(
+            f"{pixel_format} of {width} x {height} px is uint8{list(wanted)}, got {data.dtype}{list(shape)}: "
+            "give the frame the caps of what it holds"
+        )

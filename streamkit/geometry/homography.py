@@ -168,7 +168,9 @@ def is_plausible(
     scale = determinant / (i + (g * width + h * height) / 2) ** 3
     if not _AREA_RANGE[0] < scale < _AREA_RANGE[1]:
         return False
-    return is_convex(project(matrix, corners(shape))) and corner_shift(matrix, shape) < max_step * width
+    frame = corners(shape)
+    moved = project(matrix, frame)
+    return is_convex(moved) and bool(np.max(np.hypot(*(moved - frame).T)) < max_step * width)
 
 
 def overlap(matrix: FloatArray, shape: tuple[int, int]) -> float:
@@ -177,13 +179,28 @@ def overlap(matrix: FloatArray, shape: tuple[int, int]) -> float:
     Args:
         matrix: float64[3, 3], maps pixels of the image to pixels of the other one, which has the same shape.
         shape: (height, width), px.
+
+    Source: Sutherland and Hodgman, Reentrant polygon clipping, Communications of the ACM 17 (1974).
     """
-    frame = corners(shape)
-    footprint = project(matrix, frame)
-    if not is_convex(footprint):
+    footprint = project(matrix, corners(shape))
+    own = polygon_area(footprint) if is_convex(footprint) else 0.0
+    if not own > 0:
         return 0.0
-    own = polygon_area(footprint)
-    return min(1.0, polygon_area(_clipped(footprint, shape)) / own) if own > 0 else 0.0
+    points = [(float(x), float(y)) for x, y in footprint]
+    for axis, size in ((0, shape[1]), (1, shape[0])):
+        for sign, limit in ((1.0, 0.0), (-1.0, -(size - 1.0))):
+            depths = [sign * point[axis] - limit for point in points]
+            kept: list[tuple[float, float]] = []
+            for index, (point, depth) in enumerate(zip(points, depths, strict=True)):
+                before, depth_before = points[index - 1], depths[index - 1]
+                if (depth >= 0) != (depth_before >= 0):
+                    share = depth_before / (depth_before - depth)
+                    crossing = [a + (b - a) * share for a, b in zip(before, point, strict=True)]
+                    kept.append((crossing[0], crossing[1]))
+                if depth >= 0:
+                    kept.append(point)
+            points = kept
+    return min(1.0, polygon_area(np.array(points, dtype=np.float64).reshape(-1, 2)) / own)
 
 
 def scale_change(matrix: FloatArray, shape: tuple[int, int]) -> float:
@@ -200,25 +217,3 @@ def polygon_area(polygon: FloatArray) -> float:
     following = points[1:] + points[:1]
     twice = sum(x * v - y * u for (x, y), (u, v) in zip(points, following, strict=True))
     return 0.5 * float(abs(twice))
-
-
-def _clipped(polygon: FloatArray, shape: tuple[int, int]) -> FloatArray:
-    """The part of a convex polygon within the pixel centres of an image.
-
-    Source: Sutherland and Hodgman, Reentrant polygon clipping, Communications of the ACM 17 (1974).
-    """
-    points = [(float(x), float(y)) for x, y in polygon]
-    for axis, size in ((0, shape[1]), (1, shape[0])):
-        for sign, limit in ((1.0, 0.0), (-1.0, -(size - 1.0))):
-            depths = [sign * point[axis] - limit for point in points]
-            kept: list[tuple[float, float]] = []
-            for index, (point, depth) in enumerate(zip(points, depths, strict=True)):
-                before, depth_before = points[index - 1], depths[index - 1]
-                if (depth >= 0) != (depth_before >= 0):
-                    share = depth_before / (depth_before - depth)
-                    crossing = [a + (b - a) * share for a, b in zip(before, point, strict=True)]
-                    kept.append((crossing[0], crossing[1]))
-                if depth >= 0:
-                    kept.append(point)
-            points = kept
-    return np.array(points, dtype=np.float64).reshape(-1, 2)

@@ -14,7 +14,7 @@ from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated
 from streamkit.flow.events import FlowStop
 from streamkit.flow.frame import Frame
-from streamkit.flow.video import layout_error
+from streamkit.flow.video import check_layout
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
@@ -27,6 +27,7 @@ class Stage:
     Attributes:
         element: a transform, or the last element of the chain.
         sink: the pad through which frames arrive.
+        src_pad: the pad `src` of a transform, else None.
         call: called with each frame; returns the output of a transform.
         is_terminal: whether the chain ends here.
         swallowed: frames for which a transform did not return exactly one frame.
@@ -34,16 +35,15 @@ class Stage:
         newest_ns: arrival time of the newest frame, or 0.
     """
 
-    __slots__ = ("busy_ns", "call", "element", "is_terminal", "newest_ns", "sets_caps", "sink", "swallowed")
+    __slots__ = ("busy_ns", "call", "element", "is_terminal", "newest_ns", "sink", "src_pad", "swallowed")
 
     def __init__(self, sink: Pad) -> None:
-        self.element: Element = sink.element
+        self.element: Any = sink.element
         self.sink = sink
-        self.is_terminal = not isinstance(sink.element, Transform)
-        self.sets_caps = isinstance(sink.element, Transform) and not sink.element.keeps_caps
-        self.call: Callable[[Frame], Any] = (
-            sink.element.transform if isinstance(sink.element, Transform) else sink.element.receiver(sink)
-        )
+        transform = sink.element if isinstance(sink.element, Transform) else None
+        self.is_terminal = transform is None
+        self.src_pad: Any = transform.src_pad if transform else None
+        self.call: Callable[[Frame], Any] = transform.transform if transform else sink.element.receiver(sink)
         self.swallowed = self.busy_ns = self.newest_ns = 0
 
 
@@ -82,10 +82,8 @@ class Chain:
         clock = time.perf_counter_ns
         self.frames += 1
         before = clock()
-        if self._is_behind_source:
-            if self._left_ns:
-                self.upstream_ns += before - self._left_ns
-            check_layout(self.src.element, frame)
+        if self._left_ns:
+            self.upstream_ns += before - self._left_ns
         stage: Stage | None = None
         try:
             for stage in self._called:
@@ -104,7 +102,10 @@ class Chain:
                         self._push_each(stage, result)
                     return
                 if result is not frame:
-                    frame = self._with_src_caps(stage, result)
+                    check_layout(result)
+                    frame = result
+                    if frame.caps is not stage.src_pad.caps:
+                        frame = stage.element.with_src_caps(frame)
             if stage is None or not stage.is_terminal:
                 self._end.not_linked(frame)
         except (FlowStop, ElementFailure, NotNegotiated):
@@ -137,21 +138,12 @@ class Chain:
         """Time spent in all stages, ns."""
         return sum(stage.busy_ns for stage in self.stages)
 
-    def _with_src_caps(self, stage: Stage, frame: Frame) -> Frame:
-        """A frame from a transform, with the caps of its src pad and a checked layout."""
-        if stage.sets_caps:
-            assert isinstance(stage.element, Transform)
-            frame = stage.element.with_src_caps(frame)
-        check_layout(stage.element, frame)
-        return frame
-
     def _push_each(self, stage: Stage, results: Any) -> None:
         """Pushes the frames of a transform that returned None or several to its own src pads."""
         stage.swallowed += 1
         if results is None:
             return
         element, kind = stage.element, type(results).__name__
-        assert isinstance(element, Transform)
         element.enter("frame", time.perf_counter_ns())
         for item in _timed(results, stage):
             name, frame = item if isinstance(item, tuple) and len(item) == 2 else ("", item)
@@ -160,10 +152,10 @@ class Chain:
                     f"transform returns a Frame, several, or None, got {kind} "
                     f"of {type(frame).__name__}: put data into a frame with frame.replace(data=...)"
                 )
+            check_layout(frame)
             if name in ("", "src"):
-                element.src_pad.push(self._with_src_caps(stage, frame))
+                element.src_pad.push(element.with_src_caps(frame))
             else:
-                check_layout(element, frame)
                 element.push_aside(name, frame)
             element.enter("frame", time.perf_counter_ns(), frame)
 
@@ -184,13 +176,6 @@ def _timed(results: Iterable[Any], stage: Stage) -> Iterable[Any]:
 
 def _is_bypassed(stage: Stage) -> bool:
     return isinstance(stage.element, Transform) and stage.element.is_passthrough()
-
-
-def check_layout(element: Element, frame: Frame) -> None:
-    """Raises an `ElementFailure` if the array of a frame contradicts its caps."""
-    fault = layout_error(frame)
-    if fault is not None:
-        raise element.failure(ValueError(fault), frame)
 
 
 def chain_on_first_frame(src: Pad, chains: list[Chain]) -> Callable[[Frame], None]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from streamkit import LUMA_CAPS, Caps, Frame, luma, raw_video_caps
-from streamkit.flow.video import layout_error
+from streamkit.flow.video import check_layout
 
 
 def test_caps_of_raw_video_are_fixed() -> None:
@@ -35,6 +35,15 @@ def test_luma_of_colour_says_what_to_do() -> None:
         TypeError, match="luma needs a frame of format GRAY8, I420, NV12, got 'BGR': put videoconvert"
     ):
         luma(frame)
+
+
+def layout_error(frame: Frame) -> str | None:
+    """The text of the error, or None."""
+    try:
+        check_layout(frame)
+    except ValueError as error:
+        return str(error)
+    return None
 
 
 @pytest.mark.parametrize(
