@@ -18,6 +18,7 @@ OWN_FORMATS = {
 }
 # The encoder holds back a dozen frames; at lower rates that is more than a second.
 LOWEST_RATE = 12
+SLOWEST_RATE = Fraction(1, 3600)  # for the encoder; MP4 cannot hold a frame of 7 hours
 
 
 class VideoWriter:
@@ -45,6 +46,7 @@ class VideoWriter:
         settings: EncoderSettings,
     ) -> None:
         self.pixel_format, self.width, self.height = pixel_format, width, height
+        framerate = max(framerate, SLOWEST_RATE)
         self._frame_ticks = max(1, round(1 / framerate / TIME_BASE))
         self._offset: int | None = None
         self._last = -self._frame_ticks
@@ -62,7 +64,7 @@ class VideoWriter:
                 the frame rate.
 
         Raises:
-            ValueError: the array is of another shape or type.
+            ValueError: the array is of another shape or type, or the container cannot hold so long a pause.
             FFmpegError: encoding or writing failed, this time or before.
         """
         for packet in self._encoder.encode(pixels, self._ticks(pts)):
@@ -107,5 +109,6 @@ class VideoWriter:
             if self._offset is None or own + self._offset <= self._last:
                 self._offset = following - own
             ticks = own + self._offset
+            self._muxer.check_pause(ticks - self._last)
         self._last = ticks
         return ticks

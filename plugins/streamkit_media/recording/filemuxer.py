@@ -16,6 +16,9 @@ from streamkit.output.file import OutputFile
 TIME_BASE = Fraction(1, 90_000)
 SECOND_NS = 1_000_000_000
 FRAGMENT_TICKS = TIME_BASE.denominator  # an older file is replaced once so much can be played
+LONGEST_TICKS = (
+    2**31 - 1
+)  # MP4 holds a frame's duration in 32 bits; FFmpeg writes longer ones wrong, or crashes
 # Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.
 ALWAYS = {"flush_packets": "1", "max_interleave_delta": "500000"}
 FRAGMENTED = {"movflags": "frag_keyframe+empty_moov+default_base_moof", "frag_duration": "500000"}
@@ -46,6 +49,7 @@ class FileMuxer:
         self.failure: Exception | None = None
         self._file = file
         name, options = formats[file.path.suffix.lower()]
+        self._is_limited = "movflags" in options
         self.container: OutputContainer | None = av.open(
             file, "w", format=name, container_options={**ALWAYS, **options}
         )
@@ -69,6 +73,19 @@ class FileMuxer:
             raise self.failure
         if can_play:
             self._file.publish()
+
+    def check_pause(self, ticks: int) -> None:
+        """Checks that the container can hold a pause between two frames, in units of `TIME_BASE`.
+
+        Raises:
+            ValueError: it is too long.
+        """
+        if self._is_limited and ticks > LONGEST_TICKS:
+            hours = 3600 * TIME_BASE.denominator
+            raise ValueError(
+                f"{self._file.path.suffix} holds pauses of up to {LONGEST_TICKS / hours:.1f} h between two frames, "
+                f"this is one of {ticks / hours:.1f} h; write .mkv or .ts, or segments"
+            )
 
     def close(self, *, is_kept: bool) -> None:
         """Writes the container's end; removes the file unless it `is_kept`. Safe to call twice.

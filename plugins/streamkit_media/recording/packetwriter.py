@@ -8,7 +8,14 @@ from av.stream import Stream
 
 from streamkit.output.file import OutputFile
 from streamkit_media.nalunits import AnnexBWriter, BadPacket
-from streamkit_media.recording.filemuxer import FORMATS, FRAGMENT_TICKS, SECOND_NS, TIME_BASE, FileMuxer
+from streamkit_media.recording.filemuxer import (
+    FORMATS,
+    FRAGMENT_TICKS,
+    LONGEST_TICKS,
+    SECOND_NS,
+    TIME_BASE,
+    FileMuxer,
+)
 from streamkit_media.recording.parametersets import check_parameter_sets
 
 WITH_KLV = WITHOUT_HEADERS = frozenset({"mpegts"})
@@ -47,6 +54,7 @@ class PacketWriter:
         self.has_begun = False
         self._reads_parameter_sets = FORMATS[self.path.suffix.lower()][0] not in WITHOUT_HEADERS
         self._last_dts: dict[int, int] = {}
+        self._is_after_pause = False
         self._muxer = FileMuxer(file)
         container = self._muxer.container
         assert container is not None
@@ -73,6 +81,7 @@ class PacketWriter:
         Raises:
             OSError: writing failed, this time or before.
             FFmpegError: the container does not take this codec.
+            ValueError: the container cannot hold so long a pause before the packet.
             BadPacket: the packet is damaged; nothing can be written after it unless the file `has_begun`.
         """
         data = self._annexb.packet(data, is_keyframe)
@@ -90,11 +99,13 @@ class PacketWriter:
         return self._write(packet, self._klv, _ticks(pts), _ticks(pts), 0)
 
     def _write(self, packet: Packet[Stream], stream: Stream, pts: int, dts: int, duration: int) -> int:
-        dts = max(dts, self._last_dts.get(stream.index, dts - 1) + 1)
+        lowest = self._last_dts.get(stream.index, dts - 1) + 1
+        dts = max(dts, lowest)
+        self._check_pause(dts - lowest)
         packet.stream = stream
         try:
             packet.time_base, packet.dts, packet.pts = TIME_BASE, dts, max(pts, dts)
-            packet.duration = duration
+            packet.duration = min(duration, LONGEST_TICKS)
         except OverflowError:
             raise BadPacket(f"its time of {max(pts, dts) / TIME_BASE.denominator:.3g} s is none") from None
         self._last_dts[stream.index] = dts
@@ -108,6 +119,17 @@ class PacketWriter:
             raise refusal from None
         self.has_begun = True
         return packet.size
+
+    def _check_pause(self, ticks: int) -> None:
+        """Takes one packet after too long a pause for damaged, and the second for the stream's own pause."""
+        try:
+            self._muxer.check_pause(ticks)
+        except ValueError as error:
+            if self._is_after_pause:
+                raise
+            self._is_after_pause = True
+            raise BadPacket(str(error)) from None
+        self._is_after_pause = False
 
     def close(self) -> None:
         """Completes the file, or removes it where nothing could be written. Safe to call twice.

@@ -121,3 +121,13 @@ def test_a_full_disk_is_an_error_and_no_crash(tmp_path: Path, between: str) -> N
     assert done.returncode == 1, done.stderr
     assert "cannot be written: No space left on device; free some space" in done.stderr
     assert "no frame came" not in done.stderr
+
+
+def test_a_frame_that_lasts_seven_hours_is_written(tmp_path: Path) -> None:
+    """A frame rate of 1/25600, whose durations MP4 cannot hold, does not crash the process."""
+    path = tmp_path / "slow.mp4"
+    caps = "video/x-raw,format=GRAY8,width=64,height=48,framerate=1/25600"
+    text = f"videotestsrc num-buffers=1 ! {caps} ! videofilesink location={path}"
+    script = f"from streamkit import Pipeline; Pipeline.parse({text!r}).run(timeout_s=20)"
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=40)
+    assert count_of(path) == 1

@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import av
+import numpy as np
 import pytest
 
 from streamkit import (
@@ -459,3 +460,46 @@ def test_a_full_disk_ends_the_recording_and_not_the_pipeline(small_video: Path, 
     assert ended is not None
     assert ended.kind is MessageKind.EOS
     assert pipeline["other"].count == 12
+
+
+@pytest.mark.parametrize(
+    ("name", "position", "value"),
+    [
+        ("avi/blackwhite_yuv420p.avi", 130, 0xC1),
+        ("avi/mjpeg.avi", 131, 0x92),
+        ("mp4/white.mp4", 11781, 0xC2),
+    ],
+)
+def test_a_frame_of_hours_ends_in_an_error_and_not_in_a_crash(
+    streamkit_data: Path, tmp_path: Path, name: str, position: int, value: int
+) -> None:
+    """Durations beyond 32 bits, which crash FFmpeg's hybrid fragments, leave the process alive."""
+    data = bytearray((streamkit_data / "odd_media" / "corpus" / name).read_bytes())
+    data[position] = value
+    source = tmp_path / Path(name).name
+    source.write_bytes(data)
+    text = f"filesrc location={source} ! packetsink location={tmp_path / 'copy.mp4'}"
+    script = f"from streamkit import Pipeline; Pipeline.parse({text!r}).run(timeout_s=20)"
+    result = subprocess.run(
+        [sys.executable, "-c", script], check=False, capture_output=True, text=True, timeout=40
+    )
+    assert result.returncode in (0, 1)
+    assert result.returncode == 0 or "packetsink0: location=" in result.stderr
+
+
+def test_a_pause_too_long_for_mp4_is_refused(tmp_path: Path) -> None:
+    """A pause of seven hours ends an MP4 with an error; the same pause is in an MKV."""
+    for name in ("pause.mkv", "pause.mp4"):
+        caps = "video/x-raw,format=GRAY8,width=64,height=48,framerate=25/1"
+        text = f"appsrc name=a caps={caps} ! encode gop=5 live=true ! packetsink location={tmp_path / name}"
+        with Pipeline.parse(text) as pipeline:
+            pipeline.play()
+            for index in range(20):
+                pause = 7 * 3600 * 10**9 if index >= 10 else 0
+                pipeline["a"].push(np.zeros((48, 64), np.uint8), pts=index * 40_000_000 + pause)
+            pipeline["a"].end()
+            pipeline.wait(20)
+            error = pipeline.error
+        assert (error is None) == (name == "pause.mkv")
+        assert error is None or "6.6 h between two frames" in str(error)
+    assert packets(tmp_path / "pause.mkv")[-1][0] > 7 * 3600 * 10**9
