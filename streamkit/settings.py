@@ -18,7 +18,7 @@ TRAITS = "streamkit.traits"
 FileUse = Literal["", "read", "write"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass
 class Traits:
     """The traits of a property besides its default.
 
@@ -60,15 +60,7 @@ def setting(
 ) -> Any:
     """Declares a field of a settings dataclass that is a property of the element, too.
 
-    Args:
-        default: value of a new element.
-        min: smallest value allowed.
-        max: largest value allowed.
-        unit: unit of a number, for example "px".
-        doc: one sentence for `inspect` and the documentation.
-        live: whether it may be changed while the pipeline plays.
-        aliases: older names of the property, accepted with a warning.
-        file: "read" or "write" where the value names a file.
+    The arguments are the attributes of `Traits`, and the value of a new element.
     """
     traits = Traits(min, max, unit, doc, live, aliases=aliases, file=file)
     return dataclasses.field(default=default, metadata={TRAITS: traits})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import date
@@ -32,44 +33,30 @@ class CapsCommand(TyperCommand):
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """An operation, and its number of texts (`most` None: any number)."""
+    """An operation: how it reads its texts, their number, and what it computes.
 
-    least: int
-    most: int | None
-    compute: Callable[[Sequence[str]], dict[str, Any]]
+    With the number 0 it takes two or more texts, and combines the result of the first two with the next.
+    """
 
+    read: Callable[[str], Any]
+    count: int
+    compute: Callable[..., Any]
 
-def _on_caps(function: Callable[[Caps], Caps]) -> Operation:
-    return Operation(1, 1, lambda texts: describe_caps(function(Caps(texts[0]))))
-
-
-def _fold(function: Callable[[Caps, Caps], Caps]) -> Operation:
-    return Operation(2, None, lambda texts: describe_caps(functools.reduce(function, map(Caps, texts))))
-
-
-def _test(function: Callable[..., bool], count: int = 2) -> Operation:
-    return Operation(count, count, lambda texts: {"result": function(*map(Caps, texts))})
-
-
-def _value_test(function: Callable[[Value, Value], bool]) -> Operation:
-    return Operation(2, 2, lambda texts: {"result": function(read_value(texts[0]), read_value(texts[1]))})
+    def result(self, texts: Sequence[str]) -> dict[str, Any]:
+        """The result for some texts, as JSON."""
+        items = [self.read(text) for text in texts]
+        found = self.compute(*items) if self.count else functools.reduce(self.compute, items)
+        if isinstance(found, dict):
+            return found
+        return describe_caps(found) if isinstance(found, Caps) else {"result": found}
 
 
-def _on_values(function: Callable[[Value, Value], Value | None]) -> Operation:
-    def compute(texts: Sequence[str]) -> dict[str, Any]:
-        return _value_result(function(read_value(texts[0]), read_value(texts[1])))
-
-    return Operation(2, 2, compute)
+def describe_result(found: Value | None) -> dict[str, Any]:
+    """A value as the result of an operation."""
+    return {"result": None} if found is None else {"result": write_plain(found), **describe_value(found)}
 
 
-def _value_result(found: Value | None) -> dict[str, Any]:
-    if found is None:
-        return {"result": None}
-    return {"result": write_plain(found), **describe_value(found)}
-
-
-def _deserialize(texts: Sequence[str]) -> dict[str, Any]:
-    kind, text = texts
+def _deserialize(kind: str, text: str) -> dict[str, Any]:
     name = TYPES.get(kind)
     if name is None or name not in READERS:
         raise CapsSyntax(
@@ -78,11 +65,10 @@ def _deserialize(texts: Sequence[str]) -> dict[str, Any]:
     found = READERS[name](text)
     if found is None:
         raise CapsSyntax(f"{text!r} is no value of type {name}", 0, len(text))
-    return _value_result(found)
+    return describe_result(found)
 
 
-def _relation(texts: Sequence[str]) -> dict[str, Any]:
-    one, other = map(Caps, texts)
+def _relation(one: Caps, other: Caps) -> dict[str, Any]:
     return {
         "equal": one == other,
         "strictly_equal": one.strictly_equal(other),
@@ -99,27 +85,29 @@ def _fixate(caps: Caps) -> Caps:
 
 
 OPERATIONS: dict[str, Operation] = {
-    "parse": _on_caps(lambda caps: caps),
-    "intersect": _fold(Caps.intersect),
-    "union": _fold(lambda one, other: one | other),
-    "subset": _test(lambda one, other: one <= other),
-    "equal": _test(lambda one, other: one == other),
-    "strictly-equal": _test(Caps.strictly_equal),
-    "can-intersect": _test(Caps.can_intersect),
-    "is-fixed": _test(lambda caps: caps.is_fixed, 1),
-    "relate": Operation(2, 2, _relation),
-    "fixate": _on_caps(_fixate),
-    "normalize": _on_caps(Caps.normalize),
-    "simplify": _on_caps(Caps.simplify),
-    "truncate": _on_caps(Caps.truncate),
-    "deserialize": Operation(2, 2, _deserialize),
-    "value": Operation(1, 1, lambda texts: _value_result(read_value(texts[0]))),
-    "value-intersect": _on_values(intersect_values),
-    "value-union": _on_values(unite_values),
-    "value-subset": _value_test(is_subset_value),
-    "value-equal": _value_test(values_equal),
+    "parse": Operation(Caps, 1, lambda caps: caps),
+    "intersect": Operation(Caps, 0, Caps.intersect),
+    "union": Operation(Caps, 0, operator.or_),
+    "subset": Operation(Caps, 2, operator.le),
+    "equal": Operation(Caps, 2, operator.eq),
+    "strictly-equal": Operation(Caps, 2, Caps.strictly_equal),
+    "can-intersect": Operation(Caps, 2, Caps.can_intersect),
+    "is-fixed": Operation(Caps, 1, lambda caps: caps.is_fixed),
+    "relate": Operation(Caps, 2, _relation),
+    "fixate": Operation(Caps, 1, _fixate),
+    "normalize": Operation(Caps, 1, Caps.normalize),
+    "simplify": Operation(Caps, 1, Caps.simplify),
+    "truncate": Operation(Caps, 1, Caps.truncate),
+    "deserialize": Operation(str, 2, _deserialize),
+    "value": Operation(read_value, 1, describe_result),
+    "value-intersect": Operation(
+        read_value, 2, lambda one, other: describe_result(intersect_values(one, other))
+    ),
+    "value-union": Operation(read_value, 2, lambda one, other: describe_result(unite_values(one, other))),
+    "value-subset": Operation(read_value, 2, is_subset_value),
+    "value-equal": Operation(read_value, 2, values_equal),
 }
-FIRST = _fold(lambda one, other: one & other)
+FIRST = Operation(Caps, 0, operator.and_)
 SYNONYMS = {"normalise": "normalize", "merge": "union", "fixed": "is-fixed"}
 
 
@@ -153,11 +141,10 @@ def caps(
         fail_json("usage", f"no operation {operation!r}", hint=f"operations are {', '.join(OPERATIONS)}")
     if mode == "first" and name == "intersect":
         found = FIRST
-    if len(texts) < found.least or (found.most is not None and len(texts) > found.most):
-        wanted = f"{found.least}" if found.most == found.least else f"{found.least} or more"
-        fail_json("usage", f"{name} takes {wanted} texts, got {len(texts)}")
+    if len(texts) != found.count and (found.count or len(texts) < 2):
+        fail_json("usage", f"{name} takes {found.count or '2 or more'} texts, got {len(texts)}")
     try:
-        result = found.compute(texts)
+        result = found.result(texts)
     except CapsSyntax as error:
         text = next((text for text in texts if repr(text)[:-1] in str(error)), texts[0])
         _fail_syntax(error, text)

@@ -6,14 +6,17 @@ for typer, or a `typer.Typer` with subcommands. It is imported when it is used.
 
 from __future__ import annotations
 
+import ast
 import importlib.metadata
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, TypeVar
 
 import typer
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
+from typing_extensions import override
 
 from streamkit.element.entries import PluginEntry
 from streamkit.errors import PluginBroken
@@ -22,69 +25,46 @@ from streamkit.masking import presentable
 Function = TypeVar("Function", bound=Callable[..., Any])
 GROUP = "streamkit.commands"
 CORE = {
-    name: f"streamkit.cli.{name}:{name}" for name in ("launch", "inspect", "graph", "caps", "new", "prepare")
+    name: PluginEntry("command", name, f"streamkit.cli.{name}:{name}")
+    for name in ("launch", "inspect", "graph", "caps", "new", "prepare")
 }
+SUMMARY = "Streams frames through graphs of elements: drone video in, tracks out."
 
 
 def installed_commands() -> dict[str, PluginEntry]:
     """All commands by name, the engine's first; the first of a name wins."""
-    found = {name: PluginEntry("command", name, target) for name, target in CORE.items()}
+    found = dict(CORE)
     for entry in sorted(importlib.metadata.entry_points(group=GROUP), key=lambda entry: entry.name):
         found.setdefault(entry.name, PluginEntry("command", entry.name, entry.value, entry.dist))
     return found
 
 
-def load_command(entry: PluginEntry) -> Callable[..., Any] | typer.Typer:
-    """Imports the function of a command, or its `typer.Typer`; raises `PluginBroken`."""
-    found = entry.load()
-    if not callable(found):
-        raise PluginBroken(f"{entry.where} must be a function, got {found!r}; tell its author")
-    command: Callable[..., Any] | typer.Typer = found
-    return command
+class CommandGroup(TyperGroup):
+    """The commands of entry points; only the one that is called is imported."""
+
+    @override
+    def list_commands(self, ctx: Any) -> list[str]:
+        self.commands = {name: _listed(entry) for name, entry in installed_commands().items()}
+        return list(self.commands)
+
+    @override
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        name = args[0]
+        entry = CORE.get(name) or installed_commands().get(name)
+        if entry is None:
+            self.list_commands(ctx)  # for the suggestion
+            return super().resolve_command(ctx, args)
+        return name, load_command(entry), args[1:]
 
 
-def add_command(app: typer.Typer, entry: PluginEntry) -> None:
-    """Adds a command to an application; one that cannot be loaded reports that when called."""
-    try:
-        command = load_command(entry)
-    except PluginBroken as error:
-        app.command(
-            entry.name,
-            help=f"(cannot be loaded: {type(error.__cause__).__name__})",
-            context_settings={"allow_extra_args": True, "ignore_unknown_options": True},
-        )(_refusal(str(error)))
-        return
-    if isinstance(command, typer.Typer):
-        app.add_typer(command, name=entry.name)
-    else:
-        app.command(entry.name, cls=command.__dict__.get("command_class"))(command)
-
-
-def list_command(app: typer.Typer, entry: PluginEntry, call: Callable[[Sequence[str]], object]) -> None:
-    """Adds a command with the docstring in its source; importing all commands would take seconds.
-
-    Args:
-        app: the application.
-        entry: the command.
-        call: runs the command line, the command's name first.
-    """
+def _listed(entry: PluginEntry) -> Any:
+    """A command for the listing, with the docstring in its source: importing all would take seconds."""
     text = described(entry)
-    if text is None:
-        add_command(app, entry)
-        return
-
-    def run(context: typer.Context) -> None:
-        call([entry.name, *context.args])
-
-    free = {"allow_extra_args": True, "ignore_unknown_options": True}
-    app.command(entry.name, help=text, context_settings=free, add_help_option=False)(run)
+    return load_command(entry) if text is None else TyperCommand(entry.name, help=text)
 
 
 def described(entry: PluginEntry) -> str | None:
     """The docstring of a command's function, read without importing it, or None."""
-    import ast
-    from importlib.util import find_spec
-
     module_name, _, name = entry.target.partition(":")
     if module_name in sys.modules:
         return None
@@ -99,6 +79,30 @@ def described(entry: PluginEntry) -> str | None:
     return ast.get_docstring(functions[0]) if functions else None
 
 
+def load_command(entry: PluginEntry) -> Any:
+    """Imports a command; one that cannot be loaded reports that when it is called."""
+    app = typer.Typer(add_completion=False)
+    try:
+        found = entry.load()
+        if not callable(found):
+            raise PluginBroken(f"{entry.where} must be a function, got {found!r}; tell its author")
+    except PluginBroken as error:
+        text = f"error: {presentable(str(error))}"
+
+        def refuse() -> None:
+            typer.echo(text, err=True)
+            raise typer.Exit(1)
+
+        free = {"allow_extra_args": True, "ignore_unknown_options": True}
+        cause = f"(cannot be loaded: {type(error.__cause__).__name__})"
+        app.command(entry.name, help=cause, context_settings=free)(refuse)
+        return typer.main.get_command(app)
+    if isinstance(found, typer.Typer):
+        return typer.main.get_command(found)
+    app.command(entry.name, cls=found.__dict__.get("command_class"))(found)
+    return typer.main.get_command(app)
+
+
 def parsed_by(command_class: type[TyperCommand]) -> Callable[[Function], Function]:
     """Decorator: parses the arguments of a command with a class of its own."""
 
@@ -109,45 +113,18 @@ def parsed_by(command_class: type[TyperCommand]) -> Callable[[Function], Functio
     return mark
 
 
-def _refusal(text: str) -> Callable[[], NoReturn]:
-    def refuse() -> NoReturn:
-        typer.echo(f"error: {presentable(text)}", err=True)
-        raise typer.Exit(1)
-
-    return refuse
-
-
 def version(show: bool = typer.Option(False, "--version", help="Print the version and leave.")) -> None:
-    """Streams frames through graphs of elements: drone video in, tracks out."""
+    """Prints the version if asked to."""
     if show:
-        from importlib.metadata import version as installed
-
-        typer.echo(f"streamkit {installed('streamkit')}")
+        typer.echo(f"streamkit {importlib.metadata.version('streamkit')}")
         raise typer.Exit
 
 
-def application(arguments: Sequence[str]) -> typer.Typer:
-    """The application with the command named first in the arguments.
-
-    Without one, all commands are listed with the docstrings in their source, and imported when called.
-    """
+def application() -> typer.Typer:
+    """The application with all commands."""
     app = typer.Typer(
-        name="streamkit",
-        help="Streams frames through graphs of elements: drone video in, tracks out.",
-        no_args_is_help=True,
-        add_completion=False,
+        name="streamkit", cls=CommandGroup, no_args_is_help=True, add_completion=False,
         pretty_exceptions_enable=False,
-    )
-    app.callback(invoke_without_command=True)(version)
-    wanted = _command_named(arguments[0]) if arguments else None
-    if wanted is not None:
-        add_command(app, wanted)
-        return app
-    for entry in installed_commands().values():
-        list_command(app, entry, lambda words: application(words)(words))
+    )  # fmt: skip
+    app.callback(invoke_without_command=True, help=SUMMARY)(version)
     return app
-
-
-def _command_named(name: str) -> PluginEntry | None:
-    """The command of a name; searches installed packages only if necessary."""
-    return PluginEntry("command", name, CORE[name]) if name in CORE else installed_commands().get(name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NoReturn
@@ -13,6 +13,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from streamkit.errors import DescriptionError, Place
+from streamkit.graph.variables import variable_names
 from streamkit.masking import presentable
 
 USAGE_EXIT = 2
@@ -29,44 +30,23 @@ SettingsOption = Annotated[
 ]
 
 
-class Settings(Mapping[str, str]):
-    """Variables of `--set`; records which ones the description uses.
-
-    Attributes:
-        asked: names that were looked up.
-    """
-
-    def __init__(self, given: Mapping[str, str]) -> None:
-        self._given = dict(given)
-        self.asked: dict[str, None] = {}
-
-    def __getitem__(self, name: str) -> str:
-        self.asked[name] = None
-        return self._given[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._given)
-
-    def __len__(self) -> int:
-        return len(self._given)
-
-    def notes(self) -> list[str]:
-        """A line for each unused name, which is probably mistyped."""
-        known = f"it has {', '.join(self.asked)}" if self.asked else "it has no variables"
-        return [
-            f"--set {name} is not used: the description has no ${{{name}}}; {known}"
-            for name in self._given
-            if name not in self.asked
-        ]
-
-
 @dataclass(frozen=True, slots=True)
 class Description:
     """A text, its name in errors, and its variables."""
 
     text: str
     name: str
-    variables: Settings
+    variables: dict[str, str]
+
+    def notes(self) -> list[str]:
+        """A line for each variable that the text does not use; its name is probably mistyped."""
+        used = variable_names(self.text)
+        known = f"it has {', '.join(used)}" if used else "it has no variables"
+        return [
+            f"--set {name} is not used: the description has no ${{{name}}}; {known}"
+            for name in self.variables
+            if name not in used
+        ]
 
 
 def join_arguments(arguments: Sequence[str]) -> str:
@@ -103,13 +83,13 @@ def read_description(
     if file is None:
         if not arguments:
             fail_usage("give a DESCRIPTION, or a file with -f FILE")
-        return Description(join_arguments(arguments), "description", Settings(variables))
+        return Description(join_arguments(arguments), "description", variables)
     if arguments:
         fail_usage("give a DESCRIPTION or a file with -f, not both")
     try:
         if file.stat().st_size > SIZE_LIMIT:
             fail_usage(f"{file}: a description has at most {SIZE_LIMIT} bytes")
-        return Description(file.read_text(encoding="utf-8"), str(file), Settings(variables))
+        return Description(file.read_text(encoding="utf-8"), str(file), variables)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is no UTF-8 text"
         fail_usage(f"cannot read the description {file}: {reason}")

@@ -55,7 +55,7 @@ def graph(
         built = build(source.text, source.variables)
     except DescriptionError as error:
         fail_description(error, source, as_json=form is GraphFormat.JSON)
-    for note in source.variables.notes():
+    for note in source.notes():
         typer.echo(f"note: {note}", err=True)
     draw = {GraphFormat.DOT: as_dot, GraphFormat.MERMAID: as_mermaid, GraphFormat.SVG: as_svg}
     with contextlib.nullcontext() if built.has_loop() else remembered_caps(built):

@@ -100,7 +100,7 @@ def launch(
         pipeline = build(source, as_json=json_errors)
     pipeline.watchdog_s = watchdog_s
     display = choose_display(pipeline, stats, quiet=quiet)
-    for note in () if quiet else source.variables.notes():
+    for note in () if quiet else source.notes():
         display.print_line(f"note: {note}")
     run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet)
     code = run.run()

@@ -12,8 +12,6 @@ import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import typer
     from _typeshed import ReadableBuffer
 
@@ -21,11 +19,11 @@ INTERRUPTED = 130
 NO_OUTPUT = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
-def make_app(arguments: Sequence[str]) -> typer.Typer:
-    """The application with the command named first in the arguments, or with all commands."""
+def make_app() -> typer.Typer:
+    """The application with all commands."""
     from streamkit.cli.commands import application
 
-    return application(arguments)
+    return application()
 
 
 class LossyOutput(io.FileIO):
@@ -61,7 +59,7 @@ def main() -> None:
     secure_streams()
     arguments = sys.argv[1:]
     try:
-        make_app(arguments)()
+        make_app()()
     except KeyboardInterrupt:  # before the command handles it itself
         sys.exit(0 if arguments[:1] == ["launch"] else INTERRUPTED)
     except OSError as error:

@@ -22,7 +22,7 @@ T = TypeVar("T")
 SNAPSHOTS = "_settings_snapshots"  # in an element's __dict__: settings by class, until a property is set
 
 
-class PropertyDeclaration:
+class PropertyDeclaration(Traits):
     """A property, declared by `Property(...)` in a class body; checks values that are set.
 
     It has no `__get__`: the value is in the instance's `__dict__`, so that reading it costs no call.
@@ -30,21 +30,11 @@ class PropertyDeclaration:
     Attributes:
         name: as users write it, with underscores.
         attribute: its name in the class.
-        minimum, maximum, unit, doc, live, secret, readonly, aliases, file: see `Traits`.
     """
 
     def __init__(self, default: Any, name: str, traits: Traits, annotation: Any = None) -> None:
+        super().__init__(**vars(traits))
         self.default = default
-        self.minimum = traits.minimum
-        self.maximum = traits.maximum
-        self.unit = traits.unit
-        self.doc = traits.doc
-        self.live = traits.live
-        self.secret = traits.secret
-        self.readonly = traits.readonly
-        self.read = traits.read
-        self.aliases = traits.aliases
-        self.file = traits.file
         self.name = name.replace("-", "_")
         self.attribute = ""
         self.owner: type = object
@@ -192,19 +182,9 @@ def Property(  # noqa: N802  reads as a declaration, like dataclasses.field
 ) -> T:
     """Declares a property in an element class; its type is the annotation.
 
-    Args:
-        default: value of a new element.
-        name: what users write, if it differs from the attribute, for example "async".
-        min: smallest value allowed.
-        max: largest value allowed; also gives the number of bits of an integer.
-        unit: unit of a number, for example "px".
-        doc: one sentence for `inspect` and the documentation.
-        live: whether it may change while the pipeline plays.
-        secret: whether its value is never shown.
-        readonly: whether only the element sets it.
-        read: computes the value from the element; makes the property read-only.
-        aliases: older names, accepted with a warning.
-        file: "read" or "write" where the value names a file; no two elements may use a file that one writes.
+    The arguments are the value of a new element and the attributes of `streamkit.settings.Traits`. `name` is
+    what users write if it differs from the attribute, for example "async". `max` also gives the number of
+    bits of an integer. `read` makes the property read-only. No two elements may use a file that one writes.
     """
     traits = Traits(min, max, unit, doc, live, secret, readonly or read is not None, read, aliases, file)
     kind = PropertyDeclaration if read is None else ComputedProperty

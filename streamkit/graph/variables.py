@@ -91,6 +91,11 @@ def _pieces(text: str) -> Iterator[re.Match[str]]:
             yield match
 
 
+def variable_names(text: str) -> list[str]:
+    """The names of the variables in a description, each once."""
+    return list(dict.fromkeys(match["name"] for match in _pieces(text) if match["name"] is not None))
+
+
 def _inserted(text: str, match: re.Match[str], variables: Mapping[str, str]) -> str:
     """The replacement of a comment or a variable."""
     if match["name"] is None:

@@ -90,7 +90,7 @@ def started_alone(factory: str, name: str, value: str) -> Iterator[str]:
 def drawn(text: str) -> Iterator[str]:
     """What the command line prints of a description."""
     for form in ("json", "dot", "mermaid"):
-        yield CliRunner().invoke(make_app(["graph"]), ["graph", "--format", form, text]).output
+        yield CliRunner().invoke(make_app(), ["graph", "--format", form, text]).output
 
 
 def quoted(value: str) -> str:
@@ -133,7 +133,7 @@ def test_a_secret_shows_nowhere(
 def test_the_doctor_shows_no_secret(form: str, as_json: bool) -> None:
     """Neither in its checks nor in the pipeline that it proposes."""
     words = ["doctor", FORMS[form], "--timeout", "0.5", "--seconds", "0.5", *(["--json"] if as_json else [])]
-    result = CliRunner().invoke(make_app(words), words)
+    result = CliRunner().invoke(make_app(), words)
     assert result.exit_code == 1
     assert result.output
     assert SECRET not in result.output
@@ -151,7 +151,7 @@ def test_launch_shows_no_secret(form: str, element: str, tmp_path: Path) -> None
             ["--stats=json", "--stats-file", str(statistics)],
         ):
             words = ["launch", *options, f"{element} location={value} ! fakesink"]
-            result = CliRunner().invoke(make_app(words), words)
+            result = CliRunner().invoke(make_app(), words)
             assert result.exit_code in (1, 2)
             assert SECRET not in result.output + result.stderr
     assert not statistics.exists() or SECRET not in statistics.read_text(encoding="utf-8")

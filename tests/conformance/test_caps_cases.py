@@ -17,7 +17,7 @@ from streamkit.element.property_text import value_from_text
 
 Case = dict[str, Any]
 RUNNER = CliRunner()
-APP = make_app(("caps",))
+APP = make_app()
 GTYPES = {
     "int": "gint", "uint": "guint", "double": "gdouble", "float": "gfloat", "boolean": "gboolean",
     "string": "gchararray", "fraction": "GstFraction", "bitmask": "GstBitmask", "flagset": "GstFlagSet",

@@ -60,7 +60,7 @@ def test_what_needs_a_peer_can_be_typed(page: Path) -> None:
         if language == "python":
             demand_imports(body)
         for words in commands(body) if language == "sh" else []:
-            done = CliRunner().invoke(make_app(words[1:]), [*words[1:2], "--help"], env=WIDE)
+            done = CliRunner().invoke(make_app(), [*words[1:2], "--help"], env=WIDE)
             assert done.exit_code == 0, f"{shlex.join(words)}\n{done.output}"
             for option in (word.partition("=")[0] for word in words[2:] if re.match(r"--?[a-z]", word)):
                 assert option in done.stdout, f"{shlex.join(words)}: {option}"

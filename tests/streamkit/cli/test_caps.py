@@ -13,7 +13,7 @@ RUNNER = CliRunner()
 
 def caps(*arguments: str) -> Result:
     """Runs the command in this process."""
-    return RUNNER.invoke(make_app(("caps",)), ["caps", *arguments])
+    return RUNNER.invoke(make_app(), ["caps", *arguments])
 
 
 def result(*arguments: str) -> dict[str, Any]:

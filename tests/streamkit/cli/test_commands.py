@@ -42,7 +42,7 @@ def offer(monkeypatch: pytest.MonkeyPatch) -> Offer:
 
 def streamkit(*arguments: str) -> Result:
     """Runs the command line in this process, as `main` does."""
-    return CliRunner().invoke(make_app(arguments), arguments)
+    return CliRunner().invoke(make_app(), arguments)
 
 
 def greet(name: str) -> None:

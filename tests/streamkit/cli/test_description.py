@@ -29,7 +29,7 @@ def test_arguments_are_joined_as_gst_launch_does(arguments: list[str], text: str
 
 def graph(*arguments: str) -> tuple[int, str, str]:
     """Exit code and what was printed."""
-    done = CliRunner().invoke(make_app(()), ["graph", "--format", "json", *arguments])
+    done = CliRunner().invoke(make_app(), ["graph", "--format", "json", *arguments])
     return done.exit_code, done.stdout, done.stderr
 
 

@@ -17,7 +17,7 @@ TEXT = "fakesrc num-buffers=40 ! queue name=q ! identity name=half drop-probabil
 
 def graph(*arguments: str) -> Result:
     """Runs the command in this process."""
-    return CliRunner().invoke(make_app(["graph"]), ["graph", *arguments])
+    return CliRunner().invoke(make_app(), ["graph", *arguments])
 
 
 @pytest.fixture

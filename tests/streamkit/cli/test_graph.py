@@ -16,7 +16,7 @@ Register = Callable[..., None]
 
 def graph(*arguments: str) -> Result:
     """Runs the command in this process."""
-    return CliRunner().invoke(make_app(()), ["graph", *arguments])
+    return CliRunner().invoke(make_app(), ["graph", *arguments])
 
 
 def as_json(text: str) -> dict[str, Any]:

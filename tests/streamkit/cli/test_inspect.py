@@ -15,7 +15,7 @@ Register = Callable[..., None]
 
 def inspect(*arguments: str) -> Result:
     """Runs the command in this process."""
-    return CliRunner().invoke(make_app(()), ["inspect", *arguments])
+    return CliRunner().invoke(make_app(), ["inspect", *arguments])
 
 
 def facts(name: str) -> dict[str, Any]:

@@ -33,7 +33,7 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
     monkeypatch.setattr(module, "_exit", leave)
 
     def run(*arguments: str, **options: Any) -> Result:
-        return CliRunner().invoke(make_app(()), ["launch", *arguments], **options)
+        return CliRunner().invoke(make_app(), ["launch", *arguments], **options)
 
     return run
 

@@ -18,7 +18,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def new(*arguments: str) -> Result:
     """Runs the command in this process."""
-    return CliRunner().invoke(make_app(["new"]), ["new", *arguments])
+    return CliRunner().invoke(make_app(), ["new", *arguments])
 
 
 @pytest.mark.parametrize("kind", ["transform", "source", "sink"])

@@ -26,7 +26,7 @@ def offer(monkeypatch: pytest.MonkeyPatch) -> Offer:
 
 def prepare() -> Result:
     """Runs the command in this process; preparations run in their own."""
-    return CliRunner().invoke(make_app(["prepare"]), ["prepare"])
+    return CliRunner().invoke(make_app(), ["prepare"])
 
 
 def test_every_preparation_is_run_and_reported(offer: Offer) -> None:
