@@ -35,6 +35,7 @@ from mcap.stream_reader import StreamReader
 
 RATE = 20
 KILLS, RECORDER_KILLS = 20, 200
+MOMENTS_S = (2.5, 6.0)  # when a run is killed, at random
 BINARY = str(Path(sys.executable).with_name("streamkit"))
 PAGE = Path(__file__).parents[1] / "docs" / "outputs.md"
 BEGIN, END = "<!-- endings -->", "<!-- end -->"
@@ -240,7 +241,7 @@ def by_signal(number: signal.Signals, times: int) -> dict[str, str]:
     for _ in range(times):
         with tempfile.TemporaryDirectory() as text:
             run = Run(Path(text) / "new" / "folder", list(SINKS))
-            run.play_for(random.uniform(2.5, 6.0))
+            run.play_for(random.uniform(*MOMENTS_S))
             seen = run.seen()
             run.end(number)
             for name, cells in found.items():
