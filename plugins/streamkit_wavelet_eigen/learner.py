@@ -5,9 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from streamkit_wavelet_eigen.blocks import cut_blocks
-from streamkit_wavelet_eigen.eigenspace import FloatArray, learn_eigenspace, update_eigenspace
+from streamkit_wavelet_eigen.eigenspace import (
+    FloatArray,
+    learn_eigenspace,
+    learn_fisher_axes,
+    update_eigenspace,
+)
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, flat_windows, validated_patches
-from streamkit_wavelet_eigen.fisher import learn_fisher_axes
 from streamkit_wavelet_eigen.gallery import check_gallery_size
 from streamkit_wavelet_eigen.recipe import Recipe
 from streamkit_wavelet_eigen.virtual_views import prepared_views, view_count

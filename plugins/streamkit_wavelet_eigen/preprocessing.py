@@ -7,8 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit.settings import setting
-from streamkit_wavelet_eigen.equalisation import equalise, equalise_own_range
-from streamkit_wavelet_eigen.shrinkage import noise_deviations, shrink_details
+from streamkit_wavelet_eigen.preprocessing_kernels import (
+    equalise,
+    equalise_own_range,
+    noise_deviations,
+    shrink_details,
+)
 from streamkit_wavelet_eigen.wavelet import FloatBatch, decompose, quarters, reconstruct, transform_matrix
 
 # Pixels per chunk: intermediate arrays fit the cache, and memory does not grow with the batch.

@@ -15,11 +15,17 @@ from streamkit_zenoh.endpoints import endpoints, is_local, is_secure
 # port and connects to the ports below it.
 MEETING_PORTS = range(7450, 7514)
 CLIENT_CONNECT_LIMIT_MS = 5_000
-CONNECT_RETRY = {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2}
 # After so long without a message the peer closes the link; zenoh's default of 10 s detects a dead link late.
 LEASE_MS = 2_500
 # Bounds the memory that a message from the network takes; a mosaic must fit.
 MESSAGE_LIMIT_BYTES = 128 * 1024 * 1024
+ALWAYS: dict[str, object] = {
+    "connect/retry": {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2},
+    "transport/link/tx/lease": LEASE_MS,
+    "transport/link/rx/max_message_size": MESSAGE_LIMIT_BYTES,
+    # A record in shared memory is lost when its publisher closes before it is read.
+    "transport/shared_memory/enabled": False,
+}
 # Position in zenoh's source code, which its errors end with.
 SOURCE_POSITION = re.compile(r"\s+at /\S+\.rs:\d+\.?")
 
@@ -117,12 +123,10 @@ def meets_locally(settings: SessionSettings) -> bool:
     Raises:
         SessionFailure: the configuration file cannot be read.
     """
-    if settings.connect_endpoints or settings.listen_endpoints or settings.reach is Reach.NETWORK:
+    if settings.reach is Reach.NETWORK:
         return False
-    if not settings.config:
-        return True
     config = base_configuration(settings)
-    is_set = connected(config, settings) or _is_set(config, "listen/endpoints")
+    is_set = connected(config) or _is_set(config, "listen/endpoints")
     return not is_set and not _scouts(config) and mode_of(config) != "router"
 
 
@@ -133,17 +137,14 @@ def configuration(settings: SessionSettings) -> zenoh.Config:
         SessionFailure: the configuration file cannot be read.
     """
     config = base_configuration(settings)
-    connect, mode = connected(config, settings), mode_of(config)
-    if settings.connect_endpoints:
-        _put(config, "connect/endpoints", list(connect))
+    connect, mode = connected(config), mode_of(config)
     if connect and mode == "client":
         _put(config, "connect/timeout_ms", CLIENT_CONNECT_LIMIT_MS)
     if settings.listen_endpoints:
-        _put(config, "listen/endpoints", list(settings.listen_endpoints))
         _put(config, "listen/exit_on_failure", True)
     if settings.reach is Reach.NETWORK:
         return config
-    if not settings.listen_endpoints and not _is_set(config, "listen/endpoints"):
+    if not _is_set(config, "listen/endpoints"):
         _put(config, "listen/endpoints", _default_listen(connect, mode))
     _disable_scouting(config)
     # A router introduces its peers to each other by gossip. A session that only listens needs no
@@ -198,13 +199,14 @@ def base_configuration(settings: SessionSettings) -> zenoh.Config:
             f"zenoh configuration {settings.config}: {error_line(error)}; "
             "give a JSON5 file as zenoh documents it"
         ) from None
+    named = {"connect/endpoints": settings.connect_endpoints, "listen/endpoints": settings.listen_endpoints}
+    for key, given in named.items():
+        if given:
+            _put(config, key, list(given))
     if settings.mode is not Mode.AUTO or not _is_set(config, "mode"):
-        _put(config, "mode", "client" if settings.is_client(connected(config, settings)) else "peer")
-    _put(config, "connect/retry", CONNECT_RETRY)
-    _put(config, "transport/link/tx/lease", LEASE_MS)
-    _put(config, "transport/link/rx/max_message_size", MESSAGE_LIMIT_BYTES)
-    # A record in shared memory is lost when its publisher closes before it is read.
-    _put(config, "transport/shared_memory/enabled", False)
+        _put(config, "mode", "client" if settings.is_client(connected(config)) else "peer")
+    for key, value in ALWAYS.items():
+        _put(config, key, value)
     if not _is_set(config, "adminspace/enabled"):
         # It shows configuration and partners to any session.
         _put(config, "adminspace/enabled", False)
@@ -213,9 +215,9 @@ def base_configuration(settings: SessionSettings) -> zenoh.Config:
     return config
 
 
-def connected(config: zenoh.Config, settings: SessionSettings) -> tuple[str, ...]:
-    """The endpoints that a session connects to, from the settings, else from the file."""
-    return settings.connect_endpoints or _endpoints(config, "connect/endpoints")
+def connected(config: zenoh.Config) -> tuple[str, ...]:
+    """The endpoints that a session connects to."""
+    return _endpoints(config, "connect/endpoints")
 
 
 def _endpoints(config: zenoh.Config, key: str) -> tuple[str, ...]:

@@ -221,14 +221,15 @@ class MessageReceiver:
         with self._lock:
             self._note_state(status)
             for stream in (stream for stream in status.streams if stream.name == name):
+                numbers = self._losses.numbers_of(key, stream.run)
                 if is_reply:
                     next_number = max(stream.next_number, stream.settled_number)
                     first = next_number if stream.first_number is None else stream.first_number
-                    self._counts["lost"] += self._losses.starts_at(key, stream.run, first)
+                    self._counts["lost"] += numbers.starts_at(first)
                 # A status may overtake records: its number is used when the next status is here.
                 previous = self._settled.get((key, stream.run), 0)
                 settled = stream.settled_number if status.state == "ended" else previous
-                self._counts["lost"] += self._losses.settled_up_to(key, stream.run, settled)
+                self._counts["lost"] += numbers.settled_up_to(settled)
                 self._settled[key, stream.run] = stream.settled_number
 
     def _note_state(self, status: StatusRecord) -> None:

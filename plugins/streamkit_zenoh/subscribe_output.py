@@ -61,45 +61,34 @@ class Printer:
         self._warn()
         missed = self.missed()
         if self.gaps and missed > self._missed:
-            sys.stderr.write(f"gap: {missed - self._missed} records missed, {missed} in all\n")
-            sys.stderr.flush()
+            _report(f"gap: {missed - self._missed} records missed, {missed} in all")
         self._missed = missed
 
     def _warn(self) -> None:
         for text in set(self._subscriber.warnings()) - self._warned:
             self._warned.add(text)
-            sys.stderr.write(f"warning: {text}\n")
-            sys.stderr.flush()
+            _report(f"warning: {text}")
 
     def missed(self) -> int:
         """Number of records lost, or dropped here."""
         counts = self._subscriber.counts
         return counts.lost + counts.overwritten
 
-    def totals(self) -> str:
-        """Counts of records, and their ages."""
-        words = []
+    def _report_totals(self) -> None:
         if self.gaps:
+            names = ("received", "lost", "overwritten", "bad", "restarts", "interleaved", "jumps")
             counts = self._subscriber.counts
-            words.append(
-                f"received {counts.received}, lost {counts.lost}, overwritten {counts.overwritten}, "
-                f"bad {counts.bad}, restarts {counts.restarts}, interleaved {counts.interleaved}, "
-                f"jumps {counts.jumps}"
-            )
+            _report(", ".join(f"{name} {getattr(counts, name)}" for name in names))
         if self.age and len(self._ages_ms) > 1:
             last = quantiles(self._ages_ms, n=100)[98]
-            words.append(
-                f"age on arrival: median {median(self._ages_ms):.1f} ms, 99th percentile {last:.1f} ms"
-            )
-        return "\n".join(words)
+            _report(f"age on arrival: median {median(self._ages_ms):.1f} ms, 99th percentile {last:.1f} ms")
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
         self.refresh()
-        if totals := self.totals():
-            sys.stderr.write(totals + "\n")
+        self._report_totals()
 
 
 class JsonPrinter(Printer):
@@ -153,8 +142,12 @@ class TablePrinter(Printer):
                 self._live.update(self._table(self._record), refresh=True)
             self._live.stop()
             self._warn()
-        if totals := self.totals():
-            sys.stderr.write(totals + "\n")
+        self._report_totals()
+
+
+def _report(text: str) -> None:
+    sys.stderr.write(text + "\n")
+    sys.stderr.flush()
 
 
 def printer_for(form: str, subscriber: TrackSubscriber, gaps: bool, age: bool) -> Printer:
@@ -197,17 +190,10 @@ def as_table(record: TrackRecord, age_ms: float | None = None, missed: int | Non
     for track in record.tracks:
         if track.state in HIDDEN:
             continue
-        geo = track.geo
+        speeds = ("" if speed is None else f"{speed:.1f}" for speed in (track.vx, track.vy))
+        geo = "" if track.geo is None else f"{track.geo.lat:.6f} {track.geo.lon:.6f}"
+        place = f"{track.x:.1f}", f"{track.y:.1f}", f"{track.length:.0f}x{track.width:.0f}", *speeds
         table.add_row(
-            str(track.id),
-            str(track.state),
-            f"{track.x:.1f}",
-            f"{track.y:.1f}",
-            f"{track.length:.0f}x{track.width:.0f}",
-            "" if track.vx is None else f"{track.vx:.1f}",
-            "" if track.vy is None else f"{track.vy:.1f}",
-            f"{track.score:.2f}",
-            f"{track.age_ns / 1e9:.1f}",
-            "" if geo is None else f"{geo.lat:.6f} {geo.lon:.6f}",
+            str(track.id), str(track.state), *place, f"{track.score:.2f}", f"{track.age_ns / 1e9:.1f}", geo
         )
     return table

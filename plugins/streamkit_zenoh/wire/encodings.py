@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import functools
 import json
 from collections.abc import Callable
 from typing import Generic, TypeVar
@@ -89,17 +90,10 @@ class Codec(Generic[Record]):
 
 
 class Decoder(Generic[Record]):
-    """Decodes records of one type in the encoding that each message names.
-
-    Args:
-        kind: the record's type.
-        schema: name of its schema.
-    """
+    """Decodes records of one type, with the schema of this name, in the encoding that each message names."""
 
     def __init__(self, kind: type[Record], schema: str) -> None:
-        self._kind = kind
-        self._schema = schema
-        self._codecs: dict[Encoding, Codec[Record]] = {}
+        self._codec = functools.cache(lambda encoding: Codec(kind, schema, encoding))
 
     def decode(self, content_type: str, data: bytes) -> Record:
         """Decodes and validates a record.
@@ -110,12 +104,11 @@ class Decoder(Generic[Record]):
         encoding = encoding_of(content_type)
         if encoding is None:
             raise BadPayload(f"{content_type[:80]!r} is no encoding of records")
-        if encoding not in self._codecs:
-            try:
-                self._codecs[encoding] = Codec(self._kind, self._schema, encoding)
-            except MissingLibrary as error:
-                raise BadPayload(str(error)) from None
-        return self._codecs[encoding].decode(data)
+        try:
+            codec: Codec[Record] = self._codec(encoding)
+        except MissingLibrary as error:
+            raise BadPayload(str(error)) from None
+        return codec.decode(data)
 
 
 def encoding_of(content_type: str) -> Encoding | None:

@@ -97,7 +97,7 @@ class LossTracker:
         if stamp is None:
             return Arrival()
         run, number = stamp
-        numbers, last_run = self._numbers_of(key, run), self._runs.get(key)
+        numbers, last_run = self.numbers_of(key, run), self._runs.get(key)
         is_restart = last_run is not None and not numbers.has_received
         if is_restart and last_run is not None and run > last_run:
             numbers.starts_at(0)
@@ -114,18 +114,11 @@ class LossTracker:
         if stamp is None:
             return Arrival()
         run, number = stamp
-        numbers, last_run = self._numbers_of(key, run), self._runs.get(key)
+        numbers, last_run = self.numbers_of(key, run), self._runs.get(key)
         is_old = not numbers.has_received and last_run is not None and run < last_run
         return Arrival(is_new=not is_old and numbers.replied(number))
 
-    def starts_at(self, key: str, run: int, number: int) -> int:
-        """Notes that a publisher sends this receiver all from a number on; returns the losses this shows."""
-        return self._numbers_of(key, run).starts_at(number)
-
-    def settled_up_to(self, key: str, run: int, next_number: int) -> int:
-        """Notes that all lower numbers were sent or dropped; returns the losses this shows."""
-        return self._numbers_of(key, run).settled_up_to(next_number)
-
-    def _numbers_of(self, key: str, run: int) -> ReceivedNumbers:
+    def numbers_of(self, key: str, run: int) -> ReceivedNumbers:
+        """The numbers received from a publisher at a key."""
         numbers = self._numbers[key, run] = self._numbers.get((key, run)) or ReceivedNumbers()
         return numbers

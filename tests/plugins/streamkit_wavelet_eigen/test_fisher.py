@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
-from streamkit_wavelet_eigen.fisher import learn_fisher_axes
+from streamkit_wavelet_eigen.eigenspace import learn_fisher_axes
 
 
 def _classes(

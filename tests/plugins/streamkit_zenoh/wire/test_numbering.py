@@ -17,16 +17,16 @@ def test_gaps_are_counted() -> None:
 def test_a_known_start_shows_losses() -> None:
     """The reply to a receiver holds its first number: missing numbers from there on are losses."""
     numbering = LossTracker()
-    numbering.starts_at("a", 7, 10)
+    numbering.numbers_of("a", 7).starts_at(10)
     assert _lost(numbering, 12) == [2]
-    numbering.starts_at("a", 7, 100)
+    numbering.numbers_of("a", 7).starts_at(100)
     assert _lost(numbering, 14) == [1]
 
 
 def test_a_reply_is_the_last_message_for_a_late_receiver() -> None:
     """The last message is new once, and the next one shows no loss."""
     numbering = LossTracker()
-    numbering.starts_at("a", 7, 10)
+    numbering.numbers_of("a", 7).starts_at(10)
     assert numbering.replied("a", Stamp(7, 9)) == Arrival()
     assert numbering.replied("a", Stamp(7, 9)) == Arrival(is_new=False)
     assert _lost(numbering, 10, 11) == [0, 0]
@@ -36,7 +36,7 @@ def test_a_reply_is_the_last_message_for_a_late_receiver() -> None:
 def test_a_reply_may_overtake_published_messages() -> None:
     """No message is lost: the reply is skipped if it will be published, else the others follow it."""
     told, untold = LossTracker(), LossTracker()
-    told.starts_at("a", 7, 0)
+    told.numbers_of("a", 7).starts_at(0)
     assert told.replied("a", Stamp(7, 3)) == Arrival(is_new=False)
     assert [told.received("a", Stamp(7, number)) for number in range(5)] == [Arrival()] * 5
     assert untold.replied("a", Stamp(7, 3)) == Arrival()
@@ -52,7 +52,7 @@ def test_a_reply_after_a_gap_is_no_loss() -> None:
     assert numbering.replied("a", Stamp(7, 6)) == Arrival()
     assert _lost(numbering, 8) == [5]
     assert numbering.replied("a", Stamp(7, 12)) == Arrival()
-    assert numbering.settled_up_to("a", 7, 14) == 4
+    assert numbering.numbers_of("a", 7).settled_up_to(14) == 4
 
 
 def test_keys_have_their_own_numbers() -> None:
@@ -104,10 +104,10 @@ def test_the_settled_number_shows_losses_at_the_end() -> None:
     """The status of a publisher shows the losses after the last message received."""
     numbering = LossTracker()
     _lost(numbering, 0, 1)
-    assert numbering.settled_up_to("a", 7, 2) == 0
-    assert numbering.settled_up_to("a", 7, 5) == 3
-    assert numbering.settled_up_to("a", 7, 5) == 0
-    assert numbering.settled_up_to("unheard", 7, 50) == 0
+    assert numbering.numbers_of("a", 7).settled_up_to(2) == 0
+    assert numbering.numbers_of("a", 7).settled_up_to(5) == 3
+    assert numbering.numbers_of("a", 7).settled_up_to(5) == 0
+    assert numbering.numbers_of("unheard", 7).settled_up_to(50) == 0
     assert _lost(numbering, 5) == [0]
 
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_wavelet_eigen.equalisation import equalise
+from streamkit_wavelet_eigen.preprocessing_kernels import equalise
 
 
 @pytest.mark.parametrize("levels", [1, 2, 7, 256])
