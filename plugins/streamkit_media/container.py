@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import re
 import stat
 import time
 from collections.abc import Mapping
 from itertools import islice
+from urllib.parse import quote, urlsplit
 
 import av
 from av.container import InputContainer
@@ -14,9 +16,8 @@ from av.error import FFmpegError, HTTPForbiddenError, HTTPUnauthorizedError, Inv
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
-from streamkit import ResourceError, StreamError
+from streamkit import ResourceError, StreamError, mask_secrets
 from streamkit.output.names import local_path
-from streamkit_media.location import is_network, redact
 
 LOCAL_LIMIT_S = 8.0
 MAX_PIXELS = 8192 * 8192
@@ -28,6 +29,21 @@ UNWANTED_FORMATS = frozenset({"tty", "bin", "idf", "xbin", "adf", "concat", "lav
 # Only these containers have a rotation.
 ROTATING_FORMATS = frozenset({"mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm"})
 LOOK_PACKETS = 8
+redact = mask_secrets
+URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
+
+
+def is_network(location: str) -> bool:
+    """Whether a location is reached over the network: any URL but `file://`."""
+    return URL.match(location) is not None and not location.startswith("file://")
+
+
+def with_credentials(location: str, user: str, password: str) -> str:
+    """The URL with a user name and password in it; one that has its own, or no user, stays as it is."""
+    if not user or "@" in urlsplit(location).netloc:
+        return location
+    scheme, _, rest = location.partition("://")
+    return f"{scheme}://{quote(user, safe='')}:{quote(password, safe='')}@{rest}"
 
 
 class AccessRefused(ResourceError):

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from streamkit.geometry.angles import wrap_bearing, wrap_turn
 
 Position = tuple[float, float, float | None]
 Angles = tuple[float, float, float]
 Number = float | None
+# What a value is between two of them, at a share of the way.
+Interpolation = Callable[[Any, Any, float], Any]
 PoseFields = tuple[
     float, float, Number, Number, Number, Number, Angles | None, tuple[float, float] | None, str
 ]
@@ -61,81 +65,63 @@ class Sample:
 
 
 def between(before: Sample, after: Sample, pts: int) -> Sample:
-    """The sample at `pts` ns between two, interpolated linearly; angles take the shorter way."""
+    """The sample at `pts` ns between two, interpolated linearly; angles take the shorter way.
+
+    A field that one of them lacks is that of the nearer one.
+    """
     share = (pts - before.pts) / (after.pts - before.pts)
-    utc_ns = None
-    if before.utc_ns is not None and after.utc_ns is not None:
-        utc_ns = before.utc_ns + round((after.utc_ns - before.utc_ns) * share)
     nearer = before if share < 0.5 else after
-    return replace(
-        nearer,
-        pts=pts,
-        latitude=before.latitude + (after.latitude - before.latitude) * share,
-        longitude=_longitude(before.longitude, after.longitude, share),
-        altitude=_number(before.altitude, after.altitude, share, nearer.altitude),
-        heading=_angle(before.heading, after.heading, share, nearer.heading),
-        pitch=_angle(before.pitch, after.pitch, share, nearer.pitch, is_compass=False),
-        roll=_angle(before.roll, after.roll, share, nearer.roll, is_compass=False),
-        sensor_angles=_angles(before, after, share, nearer),
-        field_of_view=_fields_of_view(before, after, share, nearer),
-        frame_centre=_position(before.frame_centre, after.frame_centre, share, nearer.frame_centre),
-        corners=_corners(before, after, share, nearer),
-        target=_position(before.target, after.target, share, nearer.target),
-        utc_ns=utc_ns if utc_ns is not None else nearer.utc_ns,
-    )
+    pairs = ((name, mix, getattr(before, name), getattr(after, name)) for name, mix in INTERPOLATIONS.items())
+    mixed = {name: mix(a, b, share) for name, mix, a, b in pairs if a is not None and b is not None}
+    if len(before.corners) == len(after.corners):
+        corners = zip(before.corners, after.corners, strict=True)
+        mixed["corners"] = tuple(_point(a, b, share) for a, b in corners)
+    return replace(nearer, pts=pts, **mixed)
 
 
-def _number(a: float | None, b: float | None, share: float, other: float | None) -> float | None:
-    return other if a is None or b is None else a + (b - a) * share
+def _linear(a: float, b: float, share: float) -> float:
+    return a + (b - a) * share
+
+
+def _integer(a: int, b: int, share: float) -> int:
+    return a + round((b - a) * share)
 
 
 def _turn(a: float, b: float, share: float) -> float:
-    """From a towards b on the shorter way round, rad."""
-    return a + wrap_turn(b - a) * share
+    return wrap_turn(a + wrap_turn(b - a) * share)
 
 
-def _angle(
-    a: float | None, b: float | None, share: float, other: float | None, is_compass: bool = True
-) -> float | None:
-    if a is None or b is None:
-        return other
-    turned = _turn(a, b, share)
-    return wrap_bearing(turned) if is_compass else wrap_turn(turned)
+def _bearing(a: float, b: float, share: float) -> float:
+    return wrap_bearing(a + wrap_turn(b - a) * share)
 
 
 def _longitude(a: float, b: float, share: float) -> float:
     return math.remainder(a + math.remainder(b - a, 360.0) * share, 360.0)
 
 
-def _position(
-    a: Position | None, b: Position | None, share: float, other: Position | None
-) -> Position | None:
-    if a is None or b is None:
-        return other
-    return a[0] + (b[0] - a[0]) * share, _longitude(a[1], b[1], share), _number(a[2], b[2], share, a[2])
+def _point(a: tuple[float, float], b: tuple[float, float], share: float) -> tuple[float, float]:
+    return _linear(a[0], b[0], share), _longitude(a[1], b[1], share)
 
 
-def _angles(before: Sample, after: Sample, share: float, nearer: Sample) -> tuple[float, float, float] | None:
-    a, b = before.sensor_angles, after.sensor_angles
-    if a is None or b is None:
-        return nearer.sensor_angles
-    azimuth, elevation, roll = (_turn(x, y, share) for x, y in zip(a, b, strict=True))
-    return wrap_bearing(azimuth), wrap_turn(elevation), wrap_bearing(roll)
+def _position(a: Position, b: Position, share: float) -> Position:
+    return *_point(a[:2], b[:2], share), a[2] if a[2] is None or b[2] is None else _linear(a[2], b[2], share)
 
 
-def _fields_of_view(
-    before: Sample, after: Sample, share: float, nearer: Sample
-) -> tuple[float, float] | None:
-    a, b = before.field_of_view, after.field_of_view
-    if a is None or b is None:
-        return nearer.field_of_view
-    return a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share
+def _each(*mixes: Interpolation) -> Interpolation:
+    """Interpolates each number of a tuple in its own way."""
+    return lambda a, b, share: tuple(mix(x, y, share) for mix, x, y in zip(mixes, a, b, strict=True))
 
 
-def _corners(before: Sample, after: Sample, share: float, nearer: Sample) -> tuple[tuple[float, float], ...]:
-    if len(before.corners) != len(after.corners):
-        return nearer.corners
-    return tuple(
-        (a[0] + (b[0] - a[0]) * share, _longitude(a[1], b[1], share))
-        for a, b in zip(before.corners, after.corners, strict=True)
-    )
+INTERPOLATIONS: dict[str, Interpolation] = {
+    "latitude": _linear,
+    "longitude": _longitude,
+    "altitude": _linear,
+    "heading": _bearing,
+    "pitch": _turn,
+    "roll": _turn,
+    "sensor_angles": _each(_bearing, _turn, _bearing),
+    "field_of_view": _each(_linear, _linear),
+    "frame_centre": _position,
+    "target": _position,
+    "utc_ns": _integer,
+}

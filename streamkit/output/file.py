@@ -125,9 +125,9 @@ class OutputFile(io.FileIO):
 
     def publish(self) -> None:
         """Takes the path, in place of an older file; has no effect the second time."""
-        written, self._unpublished = self._unpublished, None
-        if written is not None and written != self._target:
-            written.replace(self._target)
+        if self._unpublished is not None and self._unpublished != self._target:
+            self._unpublished.replace(self._target)
+        self._unpublished = None
 
     def finish(self) -> None:
         """Writes what is pending, closes the file and publishes it. Safe to call twice.

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from fractions import Fraction
 
-from streamkit_media.doctor.decoding import Decoded, try_decoding
-from streamkit_media.doctor.measure import Measured, measure
+from streamkit_media.doctor.measure import Decoded, Measured, measure, try_decoding
 from streamkit_media.doctor.report import Check, Verdict
 from streamkit_media.doctor.watch import Seen
 

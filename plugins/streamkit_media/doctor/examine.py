@@ -10,12 +10,11 @@ from urllib.parse import urlsplit, urlunsplit
 
 from streamkit import StreamkitError
 from streamkit.output.names import local_path
-from streamkit_media.container import check_file
+from streamkit_media.container import check_file, is_network, redact
 from streamkit_media.doctor.checks import stream_checks
 from streamkit_media.doctor.report import Check, Report, Verdict
 from streamkit_media.doctor.server import NoAnswer, ask_options
 from streamkit_media.doctor.watch import Seen, watch
-from streamkit_media.location import is_network, redact
 from streamkit_media.rtsp.reachability import DEFAULT_PORTS, connection_failure, port_of
 from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFile
 

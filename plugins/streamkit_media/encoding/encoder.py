@@ -33,33 +33,9 @@ RAW_CAPS = (
 )
 
 
-class Codec(enum.StrEnum):
-    """What to encode to."""
-
-    H264 = "h264"
-    H265 = "h265"
-    AV1 = "av1"
-    VP8 = "vp8"
-    VP9 = "vp9"
-    MPEG4 = "mpeg4"
-    MJPEG = "mjpeg"
-    FFV1 = "ffv1"
-
-
-class Preset(enum.StrEnum):
-    """Trade of time for size of x264 and x265."""
-
-    ULTRAFAST = "ultrafast"
-    SUPERFAST = "superfast"
-    VERYFAST = "veryfast"
-    FASTER = "faster"
-    FAST = "fast"
-    MEDIUM = "medium"
-    SLOW = "slow"
-    SLOWER = "slower"
-    VERYSLOW = "veryslow"
-
-
+Codec = enum.StrEnum("Codec", "H264 H265 AV1 VP8 VP9 MPEG4 MJPEG FFV1")
+# The presets of x264 and x265.
+Preset = enum.StrEnum("Preset", "ULTRAFAST SUPERFAST VERYFAST FASTER FAST MEDIUM SLOW SLOWER VERYSLOW")
 # FFmpeg's encoder, and its name of the codec.
 ENCODERS = {
     Codec.H264: ("libx264", "h264"),

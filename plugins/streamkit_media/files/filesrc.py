@@ -28,14 +28,15 @@ from streamkit_media.container import (
     MEDIA_ERRORS,
     TimedOut,
     check_file,
+    is_network,
     open_container,
     reason_of,
+    redact,
     rotation_of,
     video_stream,
 )
 from streamkit_media.files.datagrams import await_datagram
 from streamkit_media.files.playrange import Place, PlayRange
-from streamkit_media.location import is_network, redact
 from streamkit_media.packets import DECODE_ONLY, SECOND_NS, DecodeOnly, packet_frame, read_packets
 from streamkit_media.rtsp.sockets import cut_connections, open_sockets
 from streamkit_media.streams import (

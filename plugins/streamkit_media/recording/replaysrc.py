@@ -8,8 +8,7 @@ from typing import Any, cast
 from streamkit import Caps, Capture, Frame, Property, ResourceError, Source
 from streamkit.output.names import local_path
 from streamkit_media.codecs import CODED_CAPS, coded_caps, stream_parameters, stream_rate
-from streamkit_media.container import check_file, open_container, video_stream
-from streamkit_media.location import redact
+from streamkit_media.container import check_file, open_container, redact, video_stream
 from streamkit_media.packets import packet_frame, read_packets
 from streamkit_media.recording.arrivals import Arrival, BadArrivals, arrivals_path, read_arrivals
 

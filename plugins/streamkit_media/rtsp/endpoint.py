@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 from urllib.parse import urlsplit
 
 from streamkit import Element, Property, ResourceError
-from streamkit_media.location import redact, with_credentials
+from streamkit_media.container import redact, with_credentials
 from streamkit_media.rtsp.reachability import DEFAULT_PORTS, SECURE, port_of, trusted_authorities, unreachable
 
 GROWTH = 2.0

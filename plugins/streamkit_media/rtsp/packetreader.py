@@ -16,8 +16,14 @@ from av.video.stream import VideoStream
 from streamkit import Caps, Frame, ResourceError, StreamError, StreamkitError
 from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_media.codecs import stream_rate
-from streamkit_media.container import AccessRefused, InvalidMedia, TimedOut, open_container, video_stream
-from streamkit_media.location import redact
+from streamkit_media.container import (
+    AccessRefused,
+    InvalidMedia,
+    TimedOut,
+    open_container,
+    redact,
+    video_stream,
+)
 from streamkit_media.packets import read_packets
 from streamkit_media.rtsp.low_latency.completeframes import UNPARSED, can_be_joined, complete_frames
 from streamkit_media.rtsp.reachability import port_of, unreachable

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from streamkit_media.rtsp.pushprotocol import Kind, PushPacket, message, take_messages
+from streamkit_media.rtsp.pusher import Kind, PushPacket, message, take_messages
 
 PUSHER = "streamkit_media.rtsp.pusher"
 START_LIMIT_S = 30.0  # a loaded machine may need long to start Python; the server is not spoken to before

@@ -12,12 +12,12 @@ from typing_extensions import override
 
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink
 from streamkit_media.codecs import CodecParameters, caps_parameters
-from streamkit_media.location import redact
+from streamkit_media.container import redact
 from streamkit_media.nalunits import AnnexBWriter, BadPacket
 from streamkit_media.recording.packetsink import BEFORE_KEYFRAME, times_of
 from streamkit_media.rtsp.endpoint import Reconnect, RtspEndpoint, Transport
+from streamkit_media.rtsp.pusher import PushPacket
 from streamkit_media.rtsp.pushprocess import PushFailure, PushProcess
-from streamkit_media.rtsp.pushprotocol import PushPacket
 
 LOOK_S = 0.05
 LEAVE_LIMIT_S = 1.0

@@ -23,10 +23,9 @@ from streamkit import (
 )
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import AccessRefused, TimedOut, UnsupportedTransport
-from streamkit_media.rtsp.connection import Connection
+from streamkit_media.rtsp.connection import Connection, Timeline
 from streamkit_media.rtsp.endpoint import Reconnect, RtspEndpoint
 from streamkit_media.rtsp.packetreader import ClosedByServer, PacketReader, Silence
-from streamkit_media.rtsp.timeline import Timeline
 from streamkit_media.streams import KLV_CAPS, StreamKind
 
 STOP_LIMIT_S = 1.8

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from contextlib import suppress
 from fractions import Fraction
+from importlib.resources import as_file, files
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,7 +15,6 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from streamkit import Caps, Frame, Property, ResourceError, SettingsOf, Source
-from streamkit_video.dronetestsrc.ground import load_ground
 from streamkit_video.dronetestsrc.world import World, WorldSettings
 from streamkit_video.videoconvert import choose_format
 
@@ -95,3 +97,32 @@ def _next_frame(world: World, caps: Caps) -> Frame:
     is_planar = caps["format"] == "I420"
     data = cv2.cvtColor(rendered.image, cv2.COLOR_BGR2YUV_I420) if is_planar else rendered.image
     return Frame(data, caps).attach(rendered.registration, rendered.targets)
+
+
+def load_ground(location: str | None) -> NDArray[np.uint8]:
+    """Reads the image that the camera flies over.
+
+    Args:
+        location: path of an image; None for the aerial photograph shipped with the plugin.
+
+    Returns:
+        uint8[h, w, 3], BGR.
+
+    Raises:
+        OSError: the file does not exist or is no image.
+    """
+    if location is not None:
+        return _read(Path(location))
+    with as_file(files("streamkit_video") / "data" / "aerial.jpg") as shipped:
+        return _read(shipped)
+
+
+def _read(path: Path) -> NDArray[np.uint8]:
+    content = np.frombuffer(path.read_bytes(), np.uint8)
+    image = None
+    if content.size:
+        with suppress(cv2.error):
+            image = cv2.imdecode(content, cv2.IMREAD_COLOR_BGR)
+    if image is None:
+        raise OSError(f"{path}: OpenCV cannot read it as an image; give a JPEG or PNG file")
+    return np.asarray(image, np.uint8)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from streamkit.output.file import OutputFile
 
 
 def check_target(path: Path) -> None:
@@ -33,9 +34,9 @@ def write_image(path: Path, image: NDArray[np.uint8]) -> None:
     encoded, content = cv2.imencode(path.suffix, image)
     if not encoded:
         raise OSError(f"{path}: the picture cannot be encoded as {path.suffix}; take .png or .jpg")
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    file = OutputFile(path, is_whole=True)
     try:
-        temporary.write_bytes(content.tobytes())
-        temporary.replace(path)
+        file.write(content.tobytes())
+        file.finish()
     finally:
-        temporary.unlink(missing_ok=True)
+        file.discard()

@@ -1,6 +1,6 @@
 import pytest
 
-from streamkit_media.location import is_network, redact, with_credentials
+from streamkit_media.container import is_network, redact, with_credentials
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import msgspec
 import pytest
 
-from streamkit_media.rtsp.pushprotocol import Kind, message, take_messages
+from streamkit_media.rtsp.pusher import Kind, message, take_messages
 
 Process = subprocess.Popen[bytes]
 

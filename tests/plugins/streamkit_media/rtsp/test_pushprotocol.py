@@ -2,7 +2,7 @@ import msgspec
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from streamkit_media.rtsp.pushprotocol import (
+from streamkit_media.rtsp.pusher import (
     Kind,
     PushPacket,
     message,

@@ -1,7 +1,7 @@
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from streamkit_media.rtsp.timeline import Timeline
+from streamkit_media.rtsp.connection import Timeline
 
 SECOND = 10**9
 

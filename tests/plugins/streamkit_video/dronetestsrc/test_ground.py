@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_video.dronetestsrc.ground import load_ground
+from streamkit_video.dronetestsrc.element import load_ground
 
 
 def test_the_shipped_photograph_is_there_and_small() -> None:

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_video.dronetestsrc.ground import load_ground
+from streamkit_video.dronetestsrc.element import load_ground
 from streamkit_video.dronetestsrc.world import RenderedFrame, SensorNoise, World, WorldSettings
 
 SIZE = (640, 480)
