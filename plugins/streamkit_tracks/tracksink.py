@@ -19,8 +19,7 @@ class TrackSink(TextFileSink[RecordFormat], RecordFileSink):
     """
 
     format: FileKind = Property(
-        FileKind.AUTO,
-        doc="auto is by the suffix of location: .jsonl, .txt (mot), .csv, .geojson or .kml.",
+        FileKind.AUTO, doc="auto is by the suffix of location: .jsonl, .txt (mot), .csv, .geojson or .kml."
     )
     stamp: bool = Property(
         True, doc="Write when each record was made, and its age; off, equal runs write equal files."

@@ -80,8 +80,7 @@ class RtspSrc(RtspEndpoint, Source):
         256, min=2, doc="Packets queued for a slow consumer before the oldest are dropped."
     )
     low_latency: bool = Property(
-        True,
-        doc="Over TCP, take a frame's end from RTP; off, FFmpeg's parser adds one frame of delay.",
+        True, doc="Over TCP, take a frame's end from RTP; off, FFmpeg's parser adds one frame of delay."
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
