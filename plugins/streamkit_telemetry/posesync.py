@@ -6,9 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
-from urllib.parse import unquote, urlsplit
 
 from typing_extensions import override
 
@@ -27,6 +25,7 @@ from streamkit import (
     Property,
     ResourceError,
 )
+from streamkit.output.names import local_path
 from streamkit_telemetry.poseline import PoseLine
 from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFile, TelemetryReader
@@ -82,11 +81,7 @@ class PoseSync(Combine):
         self._read_pts = -FOREVER_NS
         if self.location:
             with self._reading():
-                self._file = TelemetryFile(self._path())
-
-    def _path(self) -> Path:
-        is_url = self.location.startswith("file://")
-        return Path(unquote(urlsplit(self.location).path) if is_url else self.location)
+                self._file = TelemetryFile(local_path(self.location))
 
     @override
     def stop(self) -> None:

@@ -1,4 +1,4 @@
-"""MISB ST 0601 for writing: KLV elements, packets with their checksum, and the elements of a platform's pose.
+"""MISB ST 0601 for writing: KLV elements, packets with their checksum, and the elements of a pose.
 
 Source: SMPTE ST 336 (BER length, BER-OID); MISB ST 0107 (numbers); MISB ST 0601, checksum and tags 2, 5 to 7,
 13 to 20, 23, 24, 65, 75, 82 to 91.
@@ -8,45 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 from streamkit.geometry.angles import wrap_turn
 from streamkit_telemetry_formats.klv import CHECKSUM_HEAD, UAS_LOCAL_SET, checksum
+from streamkit_telemetry_formats.sample import Sample
 
 VERSION = 17  # of ST 0601
 CIRCLE = 360.0
 Encoder = Callable[[float], bytes | None]
-
-
-@dataclass(frozen=True, slots=True)
-class Platform:
-    """What is known of the camera; None is left out.
-
-    Attributes:
-        latitude: deg, WGS84, as all latitudes and longitudes.
-        longitude: deg.
-        altitude: m above sea level.
-        ellipsoid_height: m above the ellipsoid.
-        heading: rad clockwise from true north.
-        pitch: rad, nose up.
-        roll: rad, right wing down.
-        sensor_angles: azimuth, elevation, roll of the sensor relative to the platform, rad.
-        field_of_view: horizontal, vertical, rad.
-        frame_centre: latitude, longitude.
-        corners: latitude, longitude of upper left, then clockwise; four or none.
-    """
-
-    latitude: float
-    longitude: float
-    altitude: float | None = None
-    ellipsoid_height: float | None = None
-    heading: float | None = None
-    pitch: float | None = None
-    roll: float | None = None
-    sensor_angles: tuple[float, float, float] | None = None
-    field_of_view: tuple[float, float] | None = None
-    frame_centre: tuple[float, float] | None = None
-    corners: tuple[tuple[float, float], ...] = ()
 
 
 def encode_time(utc_us: int) -> bytes:
@@ -59,39 +28,39 @@ def encode_version() -> bytes:
     return element(65, bytes([VERSION]))
 
 
-def encode_platform(platform: Platform) -> bytes:
+def encode_pose(sample: Sample) -> bytes:
     """The elements of a pose, without values out of their tag's range."""
     return b"".join(
         element(tag, data)
-        for tag, value, encode in _items(platform)
+        for tag, value, encode in _items(sample)
         if value is not None and (data := encode(value)) is not None
     )
 
 
-def _items(platform: Platform) -> Iterator[tuple[int, float | None, Encoder]]:
-    azimuth, elevation, roll = platform.sensor_angles or (None, None, None)
-    horizontal, vertical = platform.field_of_view or (None, None)
-    yield 5, platform.heading, _circle(2)
+def _items(sample: Sample) -> Iterator[tuple[int, float | None, Encoder]]:
+    azimuth, elevation, roll = sample.sensor_angles or (None, None, None)
+    horizontal, vertical = sample.field_of_view or (None, None)
+    yield 5, sample.heading, _circle(2)
     # The short forms reach 20 and 50 deg; tags 90 and 91 have the full range.
-    yield 6, platform.pitch, _angle(20, 2)
-    yield 7, platform.roll, _angle(50, 2)
-    yield 13, platform.latitude, _degrees(90)
-    yield 14, platform.longitude, _degrees(180)
-    yield 15, platform.altitude, _height
+    yield 6, sample.pitch, _angle(20, 2)
+    yield 7, sample.roll, _angle(50, 2)
+    yield 13, sample.latitude, _degrees(90)
+    yield 14, sample.longitude, _degrees(180)
+    yield 15, sample.altitude if sample.source.endswith("above sea level") else None, _height
     yield 16, horizontal, _field
     yield 17, vertical, _field
     yield 18, azimuth, _circle(4)
     yield 19, elevation, _angle(180, 4)
     yield 20, roll, _circle(4)
-    if platform.frame_centre is not None:
-        yield 23, platform.frame_centre[0], _degrees(90)
-        yield 24, platform.frame_centre[1], _degrees(180)
-    yield 75, platform.ellipsoid_height, _height
-    for tag, (latitude, longitude) in zip(range(82, 90, 2), platform.corners, strict=False):
+    if sample.frame_centre is not None:
+        yield 23, sample.frame_centre[0], _degrees(90)
+        yield 24, sample.frame_centre[1], _degrees(180)
+    yield 75, sample.altitude if sample.source == "misb" else None, _height
+    for tag, (latitude, longitude) in zip(range(82, 90, 2), sample.corners, strict=False):
         yield tag, latitude, _degrees(90)
         yield tag + 1, longitude, _degrees(180)
-    yield 90, platform.pitch, _angle(90, 4)
-    yield 91, platform.roll, _angle(90, 4)
+    yield 90, sample.pitch, _angle(90, 4)
+    yield 91, sample.roll, _angle(90, 4)
 
 
 def _degrees(bound: float) -> Encoder:

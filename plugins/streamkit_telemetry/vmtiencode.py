@@ -8,9 +8,8 @@ from typing_extensions import override
 
 from streamkit import Caps, Frame, Pose, Property, Track, Tracks, TrackState, Transform
 from streamkit_telemetry.st0601writer import (
-    Platform,
     element,
-    encode_platform,
+    encode_pose,
     encode_time,
     encode_version,
     local_set_packet,
@@ -69,7 +68,7 @@ class VmtiEncode(Transform):
         detected = sum(track.state is not TrackState.LOST for track in tracks.tracks)
         elements = [
             encode_time(now_us),
-            encode_platform(platform) if (platform := platform_of(frame)) is not None else b"",
+            encode_pose(sample) if (sample := sample_of(frame)) is not None else b"",
             encode_version(),
             element(VMTI_TAG, encode_vmti(targets, detected, (width, height), self.system_name)),
         ]
@@ -99,23 +98,15 @@ def target_of(track: Track, utc_us: int | None) -> Target:
     )
 
 
-def platform_of(frame: Frame) -> Platform | None:
-    """The pose of a frame as elements of ST 0601; None without one, or where it is stale."""
-    pose = frame.get(Pose)
+def sample_of(frame: Frame) -> Sample | None:
+    """The pose of a frame, with what its telemetry says of the ground; None without one or a stale one."""
+    pose, found = frame.get(Pose), frame.get(Sample)
     if pose is None or pose.is_stale:
         return None
-    sample = frame.get(Sample)
-    centre = None if sample is None or sample.frame_centre is None else sample.frame_centre[:2]
-    return Platform(
-        pose.latitude,
-        pose.longitude,
-        altitude=pose.altitude if pose.source.endswith("above sea level") else None,
-        ellipsoid_height=pose.altitude if pose.source == "misb" else None,
-        heading=pose.heading,
-        pitch=pose.pitch,
-        roll=pose.roll,
-        sensor_angles=pose.sensor_angles,
-        field_of_view=pose.field_of_view,
-        frame_centre=centre,
-        corners=() if sample is None else sample.corners,
-    )
+    return Sample(
+        0, pose.latitude, pose.longitude, pose.altitude, pose.heading, pose.pitch, pose.roll,
+        pose.sensor_angles, pose.field_of_view,
+        frame_centre=None if found is None else found.frame_centre,
+        corners=() if found is None else found.corners,
+        source=pose.source,
+    )  # fmt: skip

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from streamkit.geometry.angles import wrap_bearing
 from streamkit_telemetry_formats.aircraftclock import AircraftClock
 from streamkit_telemetry_formats.sample import Sample
-from streamkit_telemetry_formats.subrip import Cue, SubtitleReader
+from streamkit_telemetry_formats.subrip import SubtitleReader
 
 # No more digits than a quantity has: a longer row of them is damage, and would be infinite as a number.
 NUMBER = r"([-+]?\d{1,9}(?:\.\d{1,20})?)(?!\d)"
@@ -37,8 +37,6 @@ NO_FIX = re.compile(
 )
 ABOVE_TAKE_OFF, ABOVE_SEA, UNKNOWN_HEIGHT = "dji above take-off", "dji above sea level", "dji"
 ABOVE_GROUND = "dji above ground"
-LATITUDES = ("latitude",)
-LONGITUDES = ("longitude", "longtitude")  # the second is how several models spell it
 Attitude = tuple[float, float, float]
 
 
@@ -62,10 +60,15 @@ class DjiTelemetry:
         """Subtitles whose times or position cannot be read."""
         return self._unreadable + self._reader.broken
 
+    @property
+    def poses(self) -> int:
+        """Subtitles that gave a sample."""
+        return self.subtitles - self.without_position - self._unreadable
+
     def read(self, lines: Iterable[str]) -> Iterator[Sample]:
         """The samples of a file's lines; subtitles without a position are passed over."""
         for cue in self._reader.cues(lines):
-            begin = self._clock.place(cue.text, cue.begin if isinstance(cue, Cue) else None)
+            begin = self._clock.place(cue.text, cue.begin)
             if begin is None:
                 self.subtitles += 1
                 self._unreadable += 1
@@ -90,8 +93,13 @@ def sample_of(text: str, pts: int) -> Sample | None:
     if place is None or not _is_on_earth(*place):
         return None
     altitude, source = _altitude(text, fields)
-    attitude = {name: _radians(*angles) for name, *angles in ANGLES.findall(text)}
-    flight, gimbal = attitude.get("F"), attitude.get("G") or _gimbal(fields)
+    fields |= {
+        f"{body}{axis}": float(angle)
+        for body, *found in ANGLES.findall(text)
+        for axis, angle in zip("PRY", found, strict=True)
+    }
+    flight = attitude(fields, "FP", "FR", "FY")
+    gimbal = attitude(fields, "GP", "GR", "GY") or attitude(fields, "gb_pitch", "gb_roll", "gb_yaw")
     return Sample(
         pts,
         *place,
@@ -132,10 +140,9 @@ def rotation(pitch: float, roll: float, yaw: float) -> NDArray[np.float64]:
 
 
 def _place(text: str, fields: dict[str, float]) -> tuple[float, float] | None:
-    latitude = next((fields[name] for name in LATITUDES if name in fields), None)
-    longitude = next((fields[name] for name in LONGITUDES if name in fields), None)
-    if latitude is not None and longitude is not None:
-        return latitude, longitude
+    longitude = fields.get("longitude", fields.get("longtitude"))  # as several models spell it
+    if "latitude" in fields and longitude is not None:
+        return fields["latitude"], longitude
     found = GPS.search(text)
     if found is None:
         return None
@@ -164,13 +171,7 @@ def _altitude(text: str, fields: dict[str, float]) -> tuple[float | None, str]:
     return fields.get("hs"), ABOVE_GROUND if "hs" in fields else UNKNOWN_HEIGHT
 
 
-def _gimbal(fields: dict[str, float]) -> Attitude | None:
-    names = ("gb_pitch", "gb_roll", "gb_yaw")
-    if not all(name in fields for name in names):
-        return None
-    pitch, roll, yaw = (math.radians(fields[name]) for name in names)
-    return pitch, roll, yaw
-
-
-def _radians(pitch: str, roll: str, yaw: str) -> Attitude:
-    return math.radians(float(pitch)), math.radians(float(roll)), math.radians(float(yaw))
+def attitude(fields: Mapping[str, float], pitch: str, roll: str, yaw: str) -> Attitude | None:
+    """The attitude of fields with these names, in degrees, as rad; None where one is missing."""
+    found = [math.radians(fields[name]) for name in (pitch, roll, yaw) if name in fields]
+    return (found[0], found[1], found[2]) if len(found) == 3 else None

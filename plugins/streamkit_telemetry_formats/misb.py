@@ -16,6 +16,7 @@ class MisbTelemetry:
 
     Attributes:
         reader: counts good and bad packets.
+        poses: samples made.
         without_position: good packets that give no sample because they have no position.
         broken_tags: values left out because their length or range violates the standard.
     """
@@ -24,6 +25,7 @@ class MisbTelemetry:
         self.reader = KlvReader()
         self.without_position = 0
         self.broken_tags = 0
+        self.poses = 0
         self._held: dict[int, tuple[int, int | float | str | bytes]] = {}
         self._clock_zero: int | None = None
 
@@ -58,6 +60,7 @@ class MisbTelemetry:
                 self.without_position += 1
             else:
                 found.append(sample)
+        self.poses += len(found)
         return found
 
     def _clock_time(self, local_set: LocalSet) -> int | None:

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from typing import Final
 
 from streamkit.geometry.angles import wrap_bearing
-from streamkit_telemetry_formats.dji import ABOVE_SEA, Attitude, relative_angles
+from streamkit_telemetry_formats.dji import ABOVE_SEA, attitude, relative_angles
 from streamkit_telemetry_formats.exif import ExifData, read_exif
 from streamkit_telemetry_formats.sample import Sample
 
 EXIF_ABOVE_SEA: Final = "exif above sea level"
 EXIF: Final = "exif"
 _DIAGONAL_35MM: Final = math.hypot(36.0, 24.0)
-_LONGITUDES: Final = ("GpsLongitude", "GpsLongtitude")  # the second is how several models spell it
 _WIDEST: Final = math.radians(170)
 # An attribute or an element, as the writer pleased; the packet is searched, not parsed: it is untrusted and
 # only a few numbers are needed.
@@ -52,7 +51,10 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
     place = _place(fields) or exif.position
     if place is None:
         return None
-    flight, gimbal = _attitude(fields, "Flight"), _attitude(fields, "Gimbal")
+    flight, gimbal = (
+        attitude(fields, f"{body}PitchDegree", f"{body}RollDegree", f"{body}YawDegree")
+        for body in ("Flight", "Gimbal")
+    )
     altitude, source = _altitude(fields, exif)
     return Sample(
         pts,
@@ -75,7 +77,7 @@ def read_fields(packet: bytes) -> dict[str, float]:
 
 def _place(fields: dict[str, float]) -> tuple[float, float] | None:
     latitude = fields.get("GpsLatitude")
-    longitude = next((fields[name] for name in _LONGITUDES if name in fields), None)
+    longitude = fields.get("GpsLongitude", fields.get("GpsLongtitude"))  # as several models spell it
     if latitude is None or longitude is None or (latitude, longitude) == (0.0, 0.0):
         return None
     return (latitude, longitude) if abs(latitude) <= 90 and abs(longitude) <= 180 else None
@@ -85,15 +87,6 @@ def _altitude(fields: dict[str, float], exif: ExifData) -> tuple[float | None, s
     if "AbsoluteAltitude" in fields:
         return fields["AbsoluteAltitude"], ABOVE_SEA
     return exif.altitude, EXIF if exif.altitude is None else EXIF_ABOVE_SEA
-
-
-def _attitude(fields: dict[str, float], body: str) -> Attitude | None:
-    """Pitch, roll and yaw of the aircraft or its gimbal against horizon and north, rad."""
-    names = [f"{body}{axis}Degree" for axis in ("Pitch", "Roll", "Yaw")]
-    if not all(name in fields for name in names):
-        return None
-    pitch, roll, yaw = (math.radians(fields[name]) for name in names)
-    return pitch, roll, yaw
 
 
 def _field_of_view(focal_35mm: float | None, size: tuple[int, int] | None) -> tuple[float, float] | None:

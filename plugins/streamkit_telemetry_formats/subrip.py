@@ -19,24 +19,13 @@ class Cue:
     """One subtitle.
 
     Attributes:
-        begin: ns.
-        end: ns.
-        text: its lines.
+        begin: ns; None where it has a number but no line of times.
+        end: ns, likewise.
+        text: its lines, without the number.
     """
 
-    begin: int
-    end: int
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class UntimedCue:
-    """A subtitle that has a number but no line of times.
-
-    Attributes:
-        text: its lines without the number.
-    """
-
+    begin: int | None
+    end: int | None
     text: str
 
 
@@ -53,7 +42,7 @@ class SubtitleReader:
         self._lines: list[str] = []
         self._size = 0
 
-    def cues(self, lines: Iterable[str]) -> Iterator[Cue | UntimedCue]:
+    def cues(self, lines: Iterable[str]) -> Iterator[Cue]:
         """The subtitles of some lines, in their order."""
         for line in lines:
             times = TIMES.match(line)
@@ -84,7 +73,7 @@ class SubtitleReader:
             self._lines.append(line)
             self._size += len(line) + 1
 
-    def _complete(self) -> Cue | UntimedCue | None:
+    def _complete(self) -> Cue | None:
         """The subtitle of the lines so far; None where they are none."""
         times, lines = self._times, self._lines
         self._times, self._lines, self._size = None, [], 0
@@ -95,7 +84,7 @@ class SubtitleReader:
             self.broken += 1
             return None
         is_numbered = len(lines) > 1 and NUMBER.fullmatch(lines[0].strip()) is not None
-        return UntimedCue("\n".join(lines[1:])[:LONGEST_TEXT]) if is_numbered else None
+        return Cue(None, None, "\n".join(lines[1:])[:LONGEST_TEXT]) if is_numbered else None
 
 
 def subtitle_text(text: str) -> str:

@@ -28,18 +28,17 @@ class TelemetryReader:
     def __init__(self) -> None:
         self._misb = MisbTelemetry()
         self._dji = DjiTelemetry()
-        self._poses = 0
         self._reported = 0
         self._last_pts: int | None = None
 
     def klv(self, data: bytes, pts: int | None) -> list[Sample]:
         """The samples of the packets that are complete with these bytes; see `MisbTelemetry.feed`."""
         self._last_pts = pts
-        return self._counted(self._misb.feed(data, pts))
+        return self._misb.feed(data, pts)
 
     def finish(self) -> list[Sample]:
         """The samples of KLV packets held back, at the end of the stream."""
-        return self._counted(self._misb.finish(self._last_pts))
+        return self._misb.finish(self._last_pts)
 
     def packet(self, data: Any, media_type: str, pts: int | None) -> list[Sample]:
         """The samples that are complete with a packet of a stream.
@@ -52,28 +51,18 @@ class TelemetryReader:
         if media_type == KLV:
             return self.klv(bytes(data), pts)
         text = data if isinstance(data, str) else bytes(data).decode("utf-8", "replace")
-        return self.subtitle(subtitle_text(text), pts or 0)
-
-    def subtitle(self, text: str, pts: int) -> list[Sample]:
-        """The sample of one subtitle that is shown at a time, ns; none without a valid position."""
-        sample = self._dji.sample(text[:LONGEST_TEXT], pts)
-        return self._counted([] if sample is None else [sample])
+        sample = self._dji.sample(subtitle_text(text)[:LONGEST_TEXT], pts or 0)
+        return [] if sample is None else [sample]
 
     def subtitles(self, lines: Iterable[str]) -> Iterator[Sample]:
         """The samples of a subtitle file's lines."""
-        for sample in self._dji.read(lines):
-            self._poses += 1
-            yield sample
-
-    def _counted(self, samples: list[Sample]) -> list[Sample]:
-        self._poses += len(samples)
-        return samples
+        return self._dji.read(lines)
 
     def counts(self) -> dict[str, int]:
         """Packets and texts read, by outcome, for a message."""
         reader = self._misb.reader
         return {
-            "poses": self._poses,
+            "poses": self._misb.poses + self._dji.poses,
             "good_packets": reader.good,
             "bad_packets": reader.bad,
             "broken_tags": self._misb.broken_tags,
