@@ -93,11 +93,8 @@ def sample_of(text: str, pts: int) -> Sample | None:
     if place is None or not _is_on_earth(*place):
         return None
     altitude, source = _altitude(text, fields)
-    fields |= {
-        f"{body}{axis}": float(angle)
-        for body, *found in ANGLES.findall(text)
-        for axis, angle in zip("PRY", found, strict=True)
-    }
+    for body, *angles in ANGLES.findall(text):
+        fields |= {f"{body}{axis}": float(angle) for axis, angle in zip("PRY", angles, strict=True)}
     flight = attitude(fields, "FP", "FR", "FY")
     gimbal = attitude(fields, "GP", "GR", "GY") or attitude(fields, "gb_pitch", "gb_roll", "gb_yaw")
     return Sample(

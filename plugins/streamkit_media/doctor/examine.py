@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from urllib.parse import urlsplit, urlunsplit
 
 from streamkit import StreamkitError
@@ -21,16 +21,12 @@ from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFi
 TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"
 
 
-def no_progress(_: str) -> None:
-    """Reports no progress."""
-
-
 def examine(
     location: str,
     seconds: float,
     timeout_s: float,
     transport: str,
-    report_step: Callable[[str], None] = no_progress,
+    report_step: Callable[[str], object] = str,
 ) -> Report:
     """Makes all checks.
 
@@ -39,7 +35,7 @@ def examine(
         seconds: how long to watch a live stream.
         timeout_s: limit for connecting and for silence.
         transport: tcp or udp.
-        report_step: called with a line before each step that takes seconds.
+        report_step: called with a line before each step that takes seconds; nothing by default.
     """
     if location.partition("://")[0].lower() in DEFAULT_PORTS:
         return _examine_live(location, seconds, timeout_s, transport, report_step)
@@ -50,27 +46,27 @@ def examine(
 
 
 def _examine_live(
-    location: str, seconds: float, timeout_s: float, transport: str, report_step: Callable[[str], None]
+    location: str, seconds: float, timeout_s: float, transport: str, report_step: Callable[[str], object]
 ) -> Report:
     where = redact(location)
     report_step(f"connecting to {where}, {timeout_s:g} s at most")
     checks = _reach(location, timeout_s)
     if checks[-1].verdict is Verdict.BAD:
-        return Report(where, tuple(checks), "")
+        return _reported(where, checks)
     report_step(f"watching {where} for {seconds:g} s")
     properties = {"location": location, "reconnect": "never", "timeout_s": timeout_s, "transport": transport}
     seen = watch("rtspsrc", properties, 2 * timeout_s + 1, seconds)
     if not seen.packets:
         checks.append(Check("stream", Verdict.BAD, seen.error or f"no packet within {timeout_s:g} s"))
-        return Report(where, tuple(checks), "")
+        return _reported(where, checks)
     checks += stream_checks(seen, is_live=True, transport=transport)
     return _reported(where, checks, _live_line(location, transport, seen))
 
 
-def _reported(where: str, checks: list[Check], line: str) -> Report:
+def _reported(where: str, checks: list[Check], line: str = "") -> Report:
     """The report; what cannot be used gets no pipeline."""
-    report = Report(where, tuple(checks), line)
-    return report if report.is_usable else replace(report, pipeline="")
+    is_bad = any(check.verdict is Verdict.BAD for check in checks)
+    return Report(where, tuple(checks), "" if is_bad else line)
 
 
 def _reach(location: str, timeout_s: float) -> list[Check]:
@@ -91,14 +87,11 @@ def _reach(location: str, timeout_s: float) -> list[Check]:
         server = ask_options(host, port, bare, timeout_s)
     except (NoAnswer, OSError) as error:
         return [Check("server", Verdict.BAD, f"{host} port {port}: {error}; is this an RTSP server?")]
+    reached = f"{host} port {port}, connected in {server.connect_ms:.1f} ms"
+    answered = f"{server.software or 'unnamed'}, answers in {server.answer_ms:.0f} ms ({server.status})"
     return [
-        Check("reach", Verdict.GOOD, f"{host} port {port}, connected in {server.connect_ms:.1f} ms"),
-        Check(
-            "server",
-            Verdict.GOOD,
-            f"{server.software or 'unnamed'}, answers in {server.answer_ms:.0f} ms ({server.status})",
-            asdict(server),
-        ),
+        Check("reach", Verdict.GOOD, reached),
+        Check("server", Verdict.GOOD, answered, asdict(server)),
     ]
 
 
@@ -152,7 +145,7 @@ def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
         checks.append(Check("stream", Verdict.BAD, error))
         if isinstance(fault, NoTelemetry):
             checks.append(Check("telemetry", Verdict.BAD, str(fault)))
-        return Report(where, tuple(checks), "")
+        return _reported(where, checks)
     assert first is not None
     assert last is not None
     counts = file.reader.counts()

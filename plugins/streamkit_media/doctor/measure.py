@@ -130,24 +130,19 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
         decoder: VideoDecoder[Frame] = VideoDecoder(caps_parameters(frames[0].caps))
     except (KeyError, UnknownCodecError) as cause:
         return Decoded(len(frames), 0, 0, None, f"no decoder in this FFmpeg: {cause}", None)
-    pictures: list[tuple[bool, tuple[int, int]]] = []
-    packets, error = 0, ""
+    packets, damaged, error = 0, 0, ""
+    sizes: list[tuple[int, int]] = []
     began = time.monotonic()
     for frame in (*frames, None):
         if frame is not None and time.monotonic() - began > LIMIT_S:
             continue
         try:
             packets += frame is not None
-            found = decoder.flush() if frame is None else decoder.decode(frame.data, frame)
-            pictures += [(decoded.is_corrupt, (decoded.width, decoded.height)) for decoded, _ in found]
+            for decoded, _ in decoder.flush() if frame is None else decoder.decode(frame.data, frame):
+                damaged += decoded.is_corrupt
+                sizes.append((decoded.width, decoded.height))
         except FFmpegError as cause:
             error = error or reason_of(cause)
     elapsed_s = time.monotonic() - began
-    return Decoded(
-        packets,
-        len(pictures),
-        sum(is_corrupt for is_corrupt, _ in pictures),
-        len(pictures) / elapsed_s if pictures and elapsed_s else None,
-        error,
-        pictures[0][1] if pictures else None,
-    )
+    rate = len(sizes) / elapsed_s if sizes and elapsed_s else None
+    return Decoded(packets, len(sizes), damaged, rate, error, sizes[0] if sizes else None)

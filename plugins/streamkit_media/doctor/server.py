@@ -52,17 +52,15 @@ def ask_options(host: str, port: int, url: str, limit_s: float) -> ServerFacts:
         connected = time.monotonic()
         connection.sendall(f"OPTIONS {url} RTSP/1.0\r\nCSeq: 1\r\nUser-Agent: streamkit\r\n\r\n".encode())
         reply = _read_head(connection, connected + limit_s)
-    answered = time.monotonic()
+    answer_ms = (time.monotonic() - connected) * 1000
     status = re.match(r"RTSP/\d\.\d (\d{3}[^\r\n]*)", reply)
     if status is None:
         raise NoAnswer(f"it answers with something else than RTSP: {reply[:40]!r}")
-    return ServerFacts(
-        status[1],
-        _field(reply, "Server"),
-        _field(reply, "Public"),
-        (connected - began) * 1000,
-        (answered - connected) * 1000,
+    software, methods = (
+        found[1].strip() if (found := re.search(rf"(?im)^{name}:\s*([^\r\n]*)", reply)) else ""
+        for name in ("Server", "Public")
     )
+    return ServerFacts(status[1], software, methods, (connected - began) * 1000, answer_ms)
 
 
 def _read_head(connection: socket.socket, deadline: float) -> str:
@@ -84,8 +82,3 @@ def _read_head(connection: socket.socket, deadline: float) -> str:
     if not data:
         raise NoAnswer("it accepts the connection and closes it")
     return data.decode("latin-1")
-
-
-def _field(reply: str, name: str) -> str:
-    found = re.search(rf"(?im)^{name}:\s*([^\r\n]*)", reply)
-    return found[1].strip() if found else ""

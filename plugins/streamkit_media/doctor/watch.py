@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from contextlib import suppress
+from typing import Any, cast
 
 from streamkit import ElementFailure, Frame, FrameFlags, Pipeline, StreamkitError
 from streamkit_media.doctor.measure import PacketFacts
@@ -49,11 +50,6 @@ class Seen:
         """Takes a packet of telemetry."""
         self.telemetry.setdefault(pad, TelemetryReader()).packet(frame.data, frame.caps.name, frame.pts)
 
-    def end_telemetry(self) -> None:
-        """The end of a file: what was held back counts too."""
-        for decoder in self.telemetry.values():
-            decoder.finish()
-
     @property
     def best_telemetry(self) -> tuple[str, dict[str, int]]:
         """The pad that gave most positions, or else most packets, and its counts."""
@@ -93,7 +89,8 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
                 _take_telemetry(pipeline, pads, seen)
             _take_telemetry(pipeline, pads, seen)
             if seconds is None:
-                seen.end_telemetry()
+                for reader in seen.telemetry.values():  # what they held back counts too
+                    reader.finish()
             seen.error = _bare(pipeline.error)
     except StreamkitError as error:
         seen.error = _bare(error)
@@ -112,8 +109,6 @@ def _bare(error: Exception | None) -> str:
 
 
 def _pull(sink: Any, timeout_s: float = POLL_S) -> Frame | None:
-    try:
-        found: Frame | None = sink.pull(timeout_s)
-    except StreamkitError:
-        return None
-    return found
+    with suppress(StreamkitError):
+        return cast("Frame | None", sink.pull(timeout_s))
+    return None
