@@ -84,7 +84,7 @@ def survey(location: Path) -> None:
     plane = tracker.take_plane(current=True)
     rmse = plane.finish()
     ties = {(host, own) for own in plane.homographies for host in plane.tied_to(own)}
-    written = recorder.finish(dict(plane.homographies), rmse)
+    written = recorder.finish_planes(plane.planes, rmse)
     plane.close()
     # Strips of 6: ties between pictures of different strips close them.
     across = sum(host // 6 != own // 6 and own - host > 1 for host, own in ties)

@@ -168,7 +168,8 @@ class Stitch(Transform):
         self._counts["planes"] += registered.opens_plane or registered.status is Status.CUT
         if self._mosaic is not None:
             if self._mosaic.is_new_plane(registered):
-                self._mosaic.start_writing(self._tracker.take_plane())
+                self._mosaic.end_plane(self._tracker.take_plane())
+                self._tracker.keep_planes(self._mosaic.has_room)
             shape = int(grey.shape[0]), int(grey.shape[1])
             self._mosaic.record(frame, registered, shape, partial(mosaic_image, frame), position_fix(frame))
         return frame.attach(registration(registered))

@@ -19,7 +19,7 @@ from streamkit.geometry.homography import inverse
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings, WrittenMosaic
-from streamkit_stitcher.mosaic.recorder import AdjustedHomographies, MosaicRecorder
+from streamkit_stitcher.mosaic.recorder import AdjustedPlanes, MosaicRecorder
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.mosaic_pad import MosaicPad
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
@@ -70,8 +70,18 @@ class LiveMosaic:
         self._caps: Caps | None = None
 
     def is_new_plane(self, registered: FrameRegistration) -> bool:
-        """Whether a frame needs another mosaic: call `start_writing` first."""
+        """Whether a frame lies on another plane than the one before it: call `end_plane` first."""
         return self._recorder.is_new_plane(registered)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether planes that ended can be kept."""
+        return self._recorder.has_room
+
+    def end_plane(self, closed: KeyframeMap | None) -> None:
+        """Writes the planes that ended for good; others wait until the end, as they may be joined."""
+        if closed is not None or not self._recorder.keeps_planes:
+            self.start_writing(closed)
 
     def record(
         self,
@@ -108,7 +118,7 @@ class LiveMosaic:
             self._executor.do(partial(self._show, frame.pts, self._element.flushes))
 
     def start_writing(self, plane: KeyframeMap | None) -> None:
-        """Writes the mosaic of a finished plane while the stream goes on."""
+        """Writes the mosaics so far while the stream goes on."""
         writing = self._recorder.start_writing(partial(self._adjusted, plane), self._announce)
         writing.add_done_callback(lambda done: self._plane_written(plane, done))
 
@@ -166,11 +176,11 @@ class LiveMosaic:
     def _saved(self) -> None:
         self._save_due_s = time.monotonic() + self._save_interval_s
 
-    def _adjusted(self, plane: KeyframeMap | None) -> AdjustedHomographies:
+    def _adjusted(self, plane: KeyframeMap | None) -> AdjustedPlanes:
         if plane is None or not self._adjusts:
             return None, 0.0
         rmse = plane.finish()
-        return dict(plane.homographies), rmse
+        return plane.planes, rmse
 
     def _plane_written(self, plane: KeyframeMap | None, writing: Future[None]) -> None:
         if plane is not None:

@@ -1,6 +1,6 @@
-"""The frames of one plane's mosaic: stored for the end, painted incrementally, and written."""
+"""The frames of mosaics: stored for the end, painted incrementally, and written."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -11,6 +11,7 @@ from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normali
 from streamkit.settings import setting
 from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.composition import Composition, PlacedFrame, compose
+from streamkit_stitcher.mosaic.coverage import Coverage
 from streamkit_stitcher.mosaic.frame_store import FrameStore
 from streamkit_stitcher.mosaic.georeference import Georeference, georeference
 from streamkit_stitcher.mosaic.geotiff import north_up
@@ -84,9 +85,10 @@ class RecorderSettings:
 
 
 class MosaicFrames:
-    """The frames of the current plane, and the mosaic that is painted incrementally.
+    """The frames of all planes, and the mosaic of the current one that is painted incrementally.
 
-    While frames are stored for the final mosaic, the incremental one is painted only once it is asked for.
+    Frames of earlier planes stay, as their planes may be joined. While frames are stored for the final
+    mosaic, the incremental one is painted only once it is asked for.
 
     Args:
         settings: how mosaics are made.
@@ -104,7 +106,7 @@ class MosaicFrames:
         self._is_stored = settings.final and settings.location is not None
         self._largest_px = 0.0
         self._mosaic: Mosaic | None = None
-        self.begin_plane(0)
+        self.clear(0)
 
     @property
     def mosaic(self) -> Mosaic:
@@ -113,12 +115,19 @@ class MosaicFrames:
             self._mosaic = self._painted()
         return self._mosaic
 
-    def begin_plane(self, reference: int) -> None:
-        """Starts another plane, of that number, without frames."""
-        self._mosaic = None if self._is_stored else Mosaic(self._settings.memory_px)
+    def clear(self, reference: int) -> None:
+        """Forgets all frames, and starts the plane of that number."""
         self._store = FrameStore()
-        # Where each frame lay on the first plane, and what places it at the end.
+        # Where each frame lay at the beginning of its plane, and what places it at the end.
         self._frames: list[tuple[PlacedFrame, FrameRegistration, GeodeticPoint | None]] = []
+        self.begin_plane(reference)
+
+    def begin_plane(self, reference: int) -> None:
+        """Starts another plane, of that number; the frames of earlier ones are kept."""
+        if self._mosaic is not None:
+            self._mosaic.canvas.close()
+        self._mosaic = None if self._is_stored else Mosaic(self._settings.memory_px)
+        self._first_of_plane = len(self._frames)
         self.reference = reference
         self._to_first = IDENTITY
 
@@ -155,36 +164,55 @@ class MosaicFrames:
             self._mosaic.add(pixels, registered.to_reference, fills_gaps)
 
     def write(
-        self, covered_px: float, homographies: Mapping[int, FloatArray] | None, rmse: float
-    ) -> WrittenMosaic | None:
-        """Writes the mosaic of the current plane; None for nothing, or where a larger one was written before.
+        self, covered_px: float, planes: Mapping[int, Mapping[int, FloatArray]] | None, rmse: float
+    ) -> Iterator[WrittenMosaic]:
+        """Writes the mosaics of all planes with frames; of planes that share one file the largest only.
 
         Args:
-            covered_px: area covered by the frames; of planes that share one file the largest is kept.
-            homographies: of the keyframes after adjustment; None for the incremental mosaic.
+            covered_px: area of the current plane that its frames cover.
+            planes: homographies of the keyframes after adjustment by plane; None for the incremental mosaic.
             rmse: of the tie points of the adjustment.
 
         Raises:
-            OSError: it could not be written.
+            OSError: one could not be written.
         """
         location = self._settings.location
-        if location is None or (not is_numbered(location) and covered_px <= self._largest_px):
-            return None
-        self._largest_px = covered_px
-        placed, positioned = self._adjusted(homographies) if homographies is not None else ([], [])
+        if location is None:
+            return
+        adjusted = {number: self._adjusted(own) for number, own in (planes or {}).items()}
+        areas = {number: self._covered_px(placed) for number, (placed, _) in adjusted.items() if placed}
+        if not areas:
+            adjusted, areas = {self.reference: ([], [])}, {self.reference: covered_px}
+        if not is_numbered(location):
+            areas = {number: area for number, area in areas.items() if area > self._largest_px}
+            areas = dict(sorted(areas.items(), key=lambda item: -item[1])[:1])
+        for number, area in areas.items():
+            self._largest_px = max(self._largest_px, area)
+            written = self._written(location, number, *adjusted[number], rmse)
+            if written is not None:
+                yield written
+
+    def _written(
+        self,
+        location: str,
+        number: int,
+        placed: Sequence[PlacedFrame],
+        positioned: Sequence[_PositionedFrame],
+        rmse: float,
+    ) -> WrittenMosaic | None:
         whole = self._composed(location, placed, positioned)
         final = whole is not None
         whole = whole or _incremental(self.mosaic)
         if whole is None:
             return None
         geo = _georeferenced(whole.from_plane, positioned)
-        path = location_of(location, self.reference)
+        path = location_of(location, number)
         self._report_progress()
         write_image(whole.image, path, geo)
         height, width = whole.image.shape[:2]
         return WrittenMosaic(
             path,
-            self.reference,
+            number,
             width,
             height,
             whole.scale,
@@ -219,7 +247,7 @@ class MosaicFrames:
     def _painted(self) -> Mosaic:
         """The frames stored so far, painted as they came."""
         mosaic = Mosaic(self._settings.memory_px)
-        for placed, _, _ in self._frames:
+        for placed, _, _ in self._frames[self._first_of_plane :]:
             if placed.number >= 0:
                 mosaic.add(self._load(placed.number), placed.to_plane, placed.fills_gaps)
         mosaic.canvas.move_plane(inverse(self._to_first))
@@ -237,6 +265,14 @@ class MosaicFrames:
                 if position is not None:
                     positioned.append((frames[-1], position))
         return frames, positioned
+
+    def _covered_px(self, placed: Sequence[PlacedFrame]) -> float:
+        coverage = Coverage(self._settings.memory_px)
+        for frame in placed:
+            coverage.add(frame.shape, frame.to_plane)
+        area = coverage.covered_px
+        coverage.close()
+        return area
 
     def _composed(
         self, location: str, placed: Sequence[PlacedFrame], positioned: Sequence[_PositionedFrame]

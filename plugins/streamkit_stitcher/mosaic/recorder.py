@@ -18,15 +18,17 @@ from streamkit_stitcher.plane.frame_registration import FrameRegistration
 _MIN_NEW_GROUND: Final = 0.08
 _BYTES_PER_PIXEL: Final = 3
 
-# Homographies of the keyframes, None for the incremental mosaic, and the rmse of the ties, px.
-AdjustedHomographies = tuple[Mapping[int, FloatArray] | None, float]
+# Homographies of the keyframes of each plane, None for the incremental mosaic, and the rmse of the ties, px.
+AdjustedPlanes = tuple[Mapping[int, Mapping[int, FloatArray]] | None, float]
+_MANY_FRAMES: Final = 10_000
 
 
 class MosaicRecorder:
-    """Selects the frames of the current plane's mosaic, and writes finished mosaics.
+    """Selects the frames of mosaics, and writes these.
 
     Keyframes are added, and measured frames that show new ground. With `%d` in the location each plane gets a
-    file; otherwise the largest is kept. The selection is immediate; with an executor, everything else runs
+    file; otherwise the largest is kept. The frames of a plane that ends stay until the mosaics are written,
+    as later frames may join it. The selection is immediate; with an executor, everything else runs
     there in the same order, so that the mosaic is the same, and `mosaic` belongs to its thread.
 
     Args:
@@ -52,7 +54,17 @@ class MosaicRecorder:
         self.frames = MosaicFrames(settings, report)
         self.refused = 0
         self._coverage = Coverage(settings.memory_px)
-        self._reference = 0
+        self._reference = self._added = 0
+
+    @property
+    def keeps_planes(self) -> bool:
+        """Whether frames of a plane that ended can still be used; else write it first."""
+        return self._settings.final and self._settings.location is not None
+
+    @property
+    def has_room(self) -> bool:
+        """Whether there is room for many more frames before the mosaics must be written."""
+        return self._added < _MANY_FRAMES
 
     @property
     def is_empty(self) -> bool:
@@ -79,15 +91,15 @@ class MosaicRecorder:
     ) -> bool:
         """Adds a registered frame where the mosaic needs it; whether the mosaic changes.
 
-        A frame of a new plane starts another mosaic: `finish` the previous one first. `load` returns the
-        pixels and is called only for frames that are added.
+        A frame of a new plane starts another mosaic: `finish` the previous one first unless `keeps_planes`.
+        `load` returns the pixels and is called only for frames that are added.
 
         Raises:
             OSError: a temporary file is full.
         """
         if self.is_new_plane(registered):
             self._new_coverage()
-            self._do(partial(self._begin_plane, registered.reference))
+            self._do(partial(self.frames.begin_plane, registered.reference))
         elif registered.rebase is not None:
             self._coverage.move_plane(registered.rebase)
             self._do(partial(self.frames.rebase, registered.rebase, registered.reference))
@@ -100,6 +112,7 @@ class MosaicRecorder:
         if not self._coverage.add(shape, registered.to_reference):
             self.refused += 1
             return False
+        self._added += 1
         work = partial(self.frames.add, registered, shape, load, position)
         self._do(work, shape[0] * shape[1] * _BYTES_PER_PIXEL)
         return True
@@ -110,19 +123,17 @@ class MosaicRecorder:
 
     def start_writing(
         self,
-        adjust: Callable[[], AdjustedHomographies],
+        adjust: Callable[[], AdjustedPlanes],
         written: Callable[[WrittenMosaic], None] = lambda _: None,
     ) -> "Future[None]":
-        """Writes the current mosaic after everything added before, and starts another.
+        """Writes the mosaics of everything added before, and forgets it.
 
-        `adjust` returns the adjusted homographies of the keyframes; `written` is called with the result,
-        unless there is nothing or a larger one was written before. The future is done when the file is; it
-        has an OSError where it could not be written.
+        `adjust` returns the adjusted homographies of the keyframes; `written` is called with each result. The
+        future is done when the files are; it has an OSError where one could not be written.
         """
-        work = partial(
-            self._write, self._coverage.covered_px, self.is_empty, self._reference, adjust, written
-        )
+        work = partial(self._write, self._coverage.covered_px, self._reference, adjust, written)
         self._new_coverage()
+        self._added = 0
         if self._executor is not None:
             return self._executor.ask(work)
         future: Future[None] = Future()
@@ -135,14 +146,20 @@ class MosaicRecorder:
     def finish(
         self, homographies: Mapping[int, FloatArray] | None = None, rmse: float = 0.0
     ) -> WrittenMosaic | None:
-        """Writes the current mosaic and waits for it, see `start_writing` and `MosaicFrames.write`.
+        """Writes the mosaic of a single plane and waits for it; see `finish_planes`."""
+        return self.finish_planes(None if homographies is None else {self._reference: homographies}, rmse)
+
+    def finish_planes(
+        self, planes: Mapping[int, Mapping[int, FloatArray]] | None, rmse: float
+    ) -> WrittenMosaic | None:
+        """Writes the mosaics and waits for them, see `start_writing`; returns the last.
 
         Raises:
             OSError: it could not be written.
         """
         results: list[WrittenMosaic] = []
-        self.start_writing(lambda: (homographies, rmse), results.append).result()
-        return results[0] if results else None
+        self.start_writing(lambda: (planes, rmse), results.append).result()
+        return results[-1] if results else None
 
     def close(self) -> None:
         """Releases everything that was not written; the executor must have ended."""
@@ -159,22 +176,16 @@ class MosaicRecorder:
         self._coverage.close()
         self._coverage = Coverage(self._settings.memory_px)
 
-    def _begin_plane(self, reference: int) -> None:
-        self.frames.close()
-        self.frames.begin_plane(reference)
-
     def _write(
         self,
         covered_px: float,
-        is_empty: bool,
         reference: int,
-        adjust: Callable[[], AdjustedHomographies],
+        adjust: Callable[[], AdjustedPlanes],
         written: Callable[[WrittenMosaic], None],
     ) -> None:
         try:
-            adjusted = adjust()
-            result = None if is_empty else self.frames.write(covered_px, *adjusted)
+            for result in self.frames.write(covered_px, *adjust()):
+                written(result)
         finally:
-            self._begin_plane(reference)
-        if result is not None:
-            written(result)
+            self.frames.close()
+            self.frames.clear(reference)

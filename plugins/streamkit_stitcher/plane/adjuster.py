@@ -13,7 +13,6 @@ from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings, 
 from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem
 from streamkit_stitcher.plane.keyframe_content import TIMEOUT_S, executor_for
 from streamkit_stitcher.plane.keyframe_graph import Tie
-from streamkit_stitcher.plane.loop_closure import LoopCloser
 
 _LARGEST_SCALE: Final = 50.0
 
@@ -50,7 +49,6 @@ class BackgroundAdjuster:
     def __init__(self) -> None:
         self._executor: BackgroundExecutor = executor_for("adjuster")
         self._pending: Future[Adjusted] | None = None
-        self._closer = LoopCloser()
 
     @property
     def is_busy(self) -> bool:
@@ -61,7 +59,7 @@ class BackgroundAdjuster:
         self,
         found: tuple[PlaneProblem, tuple[int, ...]] | None,
         settings: AdjustmentSettings,
-        close_loops: Callable[[LoopCloser], Sequence[Tie]],
+        close_loops: Callable[[], Sequence[Tie]],
     ) -> None:
         """Begins a job; the result of the previous one must have been taken.
 
@@ -82,10 +80,6 @@ class BackgroundAdjuster:
         except (TimeoutError, np.linalg.LinAlgError):
             return NOTHING
 
-    def forget_features(self) -> None:
-        """Releases the features of earlier keyframes; a running job still finishes."""
-        self._closer = LoopCloser()
-
     def close(self) -> None:
         """Ends the thread after the running job."""
         self._pending = None
@@ -95,7 +89,7 @@ class BackgroundAdjuster:
         self,
         found: tuple[PlaneProblem, tuple[int, ...]] | None,
         settings: AdjustmentSettings,
-        close_loops: Callable[[LoopCloser], Sequence[Tie]],
+        close_loops: Callable[[], Sequence[Tie]],
     ) -> Adjusted:
-        ties = close_loops(self._closer)
+        ties = close_loops()
         return ({} if found is None else adjust_homographies(*found, settings)[0]), ties

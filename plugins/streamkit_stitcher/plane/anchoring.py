@@ -22,7 +22,7 @@ from streamkit_stitcher.plane.keyframe_graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframe_matcher import pooled_fit
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
-from streamkit_stitcher.plane.loop_closure import Relocaliser, better, tie_of
+from streamkit_stitcher.plane.loop_closure import better, tie_of
 from streamkit_stitcher.plane.patch_matching import PatchMatching
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.descriptors import Description, describe
@@ -53,22 +53,24 @@ class KeyframeAnchor:
     Args:
         settings: the tracker's settings.
         level: how often frames are halved to working size; sets the search range.
+        plane: number of the first plane.
 
     Attributes:
-        keyframes: the keyframes of the plane.
+        keyframes: the keyframes of all planes.
+        description: features of the last frame, where it was relocalised.
     """
 
-    def __init__(self, settings: PlaneSettings, level: int) -> None:
+    def __init__(self, settings: PlaneSettings, level: int, plane: int = 0) -> None:
         self._settings = settings
         threshold = settings.limits.ransac_threshold * 2**level
         self._limits: FitLimits = replace(settings.limits, ransac_threshold=threshold, max_step=1.0)
         self._level = level
         self._search_level = max(0, level - 1)
-        self.keyframes = KeyframeMap(settings)
+        self.keyframes = KeyframeMap(settings, plane)
         self._patches = PatchMatching(self.keyframes, self._limits, settings.max_points)
         self._dense = DenseMatcher()
-        self._relocaliser = Relocaliser()
-        self._description: Description | None = None
+        self._relocaliser = self.keyframes.relocaliser
+        self.description: Description | None = None
         self._unmatched = 0
         self._is_prediction_reliable = True
 
@@ -82,8 +84,8 @@ class KeyframeAnchor:
         """Makes a frame the current keyframe; the ties to earlier keyframes may name any observer."""
         keyframe = self.keyframes.add(images, to_reference, self._level, ties, corner_std)
         self._patches.prepare(keyframe)
-        if self._description is not None:
-            self._relocaliser.remember(keyframe, self._description)
+        if self.description is not None:
+            self._relocaliser.remember(keyframe, self.description)
         self._unmatched = 0
         self._is_prediction_reliable = True
         return keyframe
@@ -124,15 +126,17 @@ class KeyframeAnchor:
     def recognise(self, images: Sequence[GreyArray]) -> KeyframeMatch | None:
         """Matches a frame of unknown motion by features: the newest keyframes, then the likeliest of all.
 
-        The matching keyframe becomes current.
+        The matching keyframe becomes current, and its plane, too.
         """
-        active = self.keyframes.active
-        if active is None:
+        newest = list(self.keyframes.stored[::-1])
+        if not newest:
             return None
         level = scene_level(images[0].shape)
-        description = self._description = describe(pyramid(images, level + 1)[level])
-        others = [keyframe for keyframe in self.keyframes.stored[::-1] if keyframe.index != active.index]
-        recent, older = [active, *others[: _RELOCALISED - 1]], others[_RELOCALISED - 1 :]
+        description = self.description = describe(pyramid(images, level + 1)[level])
+        active = self.keyframes.active
+        if active is not None:
+            newest = [active, *(keyframe for keyframe in newest if keyframe.index != active.index)]
+        recent, older = newest[:_RELOCALISED], newest[_RELOCALISED:]
         return self._recognised(description, recent) or self._recognised(
             description, self._relocaliser.likeliest(description, older, _RELOCALISED)
         )
@@ -172,7 +176,7 @@ class KeyframeAnchor:
             predicted_std: error of `predicted` at the frame's worst corner, px.
         """
         if recognised is None:
-            self._description = None
+            self.description = None
         active = self.keyframes.active
         if active is None:
             return AnchoredFrame(predicted, measured=False, corner_std=predicted_std)
@@ -207,10 +211,6 @@ class KeyframeAnchor:
         if match is None and (not trusted or self._unmatched < patience):
             return found
         return self._promote(images, found, None if match is None else (active, match))
-
-    def begin_adjustment(self, images: Sequence[GreyArray], whole: bool = False) -> None:
-        """Begins the adjustment after a new keyframe, see `KeyframeMap.begin_adjustment`."""
-        self.keyframes.begin_adjustment(images, self._description, whole)
 
     def _search(
         self, active: Keyframe, images: Sequence[GreyArray], predicted: FloatArray, trusted: bool

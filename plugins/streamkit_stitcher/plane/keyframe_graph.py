@@ -1,5 +1,6 @@
 """Keyframes and the tie points between them: the input of a bundle adjustment."""
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -43,7 +44,7 @@ class Tie:
 
 
 class KeyframeGraph:
-    """The homographies of all keyframes of a plane, and the ties of the newest of them.
+    """The homographies of all keyframes to their planes, and the ties of the newest of them.
 
     Args:
         max_tied: keyframes whose ties are kept; older ones are no longer adjusted.
@@ -51,17 +52,23 @@ class KeyframeGraph:
 
     def __init__(self, max_tied: int) -> None:
         self._max_tied = max_tied
-        self._added = 0
+        self._added: Counter[int] = Counter()
         self._homographies: dict[int, FloatArray] = {}
+        self._planes: dict[int, int] = {}
         self._ties: dict[int, list[Tie]] = {}
 
-    def __len__(self) -> int:
-        """Number of keyframes ever added."""
-        return self._added
+    def added(self, plane: int) -> int:
+        """Number of keyframes ever added to a plane."""
+        return self._added[plane]
+
+    @property
+    def planes(self) -> Mapping[int, int]:
+        """The number of each keyframe's plane."""
+        return self._planes
 
     @property
     def homographies(self) -> Mapping[int, FloatArray]:
-        """float64[3, 3] of each keyframe, oldest first: its pixels to the reference plane."""
+        """float64[3, 3] of each keyframe, oldest first: its pixels to its plane."""
         return self._homographies
 
     @property
@@ -69,9 +76,10 @@ class KeyframeGraph:
         """The keyframes that can still be adjusted, oldest first."""
         return tuple(self._ties)
 
-    def add(self, index: int, to_reference: FloatArray, ties: Sequence[Tie]) -> None:
-        """Adds a keyframe with its ties to earlier ones."""
-        self._added += 1
+    def add(self, index: int, to_reference: FloatArray, ties: Sequence[Tie], plane: int = 0) -> None:
+        """Adds a keyframe to a plane with its ties to earlier ones."""
+        self._added[plane] += 1
+        self._planes[index] = plane
         self._homographies[index] = to_reference
         self._ties[index] = list(ties)
         if len(self._ties) > self._max_tied:
@@ -116,15 +124,20 @@ class KeyframeGraph:
         tied = {tie.host for ties in self._ties.values() for tie in ties} | self._ties.keys() | set(needed)
         free = [index for index in self._homographies if index not in tied]
         for index in free[: max(1, most // 20)]:
-            del self._homographies[index]
+            del self._homographies[index], self._planes[index]
 
-    def rebase(self, change: FloatArray) -> None:
-        """Moves every keyframe to another plane, old to new."""
-        for index, matrix in self._homographies.items():
-            self._homographies[index] = normalised(change @ matrix)
+    def rebase(self, change: FloatArray, plane: int, number: int) -> None:
+        """Moves every keyframe of a plane to the plane `number`, which may exist; `change`: old to new."""
+        for index, own in self._planes.items():
+            if own == plane:
+                self._homographies[index] = normalised(change @ self._homographies[index])
+                self._planes[index] = number
+        self._added[number] += self._added.pop(plane, 0)
 
-    def problem(self, free: Collection[int], reference: int) -> tuple[PlaneProblem, tuple[int, ...]] | None:
-        """The adjustment of some keyframes, except the reference; those they are tied to are fixed.
+    def problem(
+        self, free: Collection[int], references: Collection[int]
+    ) -> tuple[PlaneProblem, tuple[int, ...]] | None:
+        """The adjustment of some keyframes, except the references; those they are tied to are fixed.
 
         Returns:
             The problem and the keyframe of each of its cameras, or None where nothing can move.
@@ -139,9 +152,11 @@ class KeyframeGraph:
         if not ties:
             return None
         indices = tuple(sorted({tie.observer for tie in ties} | {tie.host for tie in ties}))
-        fixed = np.array([index not in wanted or index == reference for index in indices])
-        if not fixed.any():
-            fixed[0] = True
+        fixed = np.array([index not in wanted or index in references for index in indices])
+        planes = np.array([self._planes[index] for index in indices])
+        for plane in np.unique(planes):
+            own = np.flatnonzero(planes == plane)
+            fixed[own[0]] |= not fixed[own].any()
         if fixed.all():
             return None
         number = {index: camera for camera, index in enumerate(indices)}

@@ -1,8 +1,11 @@
-"""The keyframes of one plane: their homographies, ties and adjustment."""
+"""The keyframes of a stream's planes: their homographies, ties and adjustment."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Final
+
+import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, GreyArray, inverse, normalised
 from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings
@@ -17,6 +20,8 @@ from streamkit_stitcher.plane.keyframe_content import (
 )
 from streamkit_stitcher.plane.keyframe_graph import KeyframeGraph, Tie
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, KeyframeStore
+from streamkit_stitcher.plane.loop_closure import LoopCloser, Relocaliser
+from streamkit_stitcher.plane.plane_joining import joins
 from streamkit_stitcher.plane.settings import ModelChoice, PlaneSettings
 from streamkit_stitcher.registration.descriptors import Description
 from streamkit_stitcher.registration.model_selection import ModelSelection, MotionRule
@@ -31,40 +36,65 @@ _MAX_HOMOGRAPHIES: Final = 20_000
 
 
 class KeyframeMap:
-    """Keeps the keyframes of a plane at consistent homographies.
+    """Keeps the keyframes of each plane at consistent homographies, and joins planes that meet.
 
     Args:
         settings: the tracker's settings.
+        plane: number of the first plane.
 
     Attributes:
         executor: computes in the background what the next frame needs of a keyframe.
-        active: the keyframe that frames are measured against.
+        active: the keyframe that frames are measured against; None at the start of a plane.
+        relocaliser: matches frames with keyframes by features.
     """
 
-    def __init__(self, settings: PlaneSettings) -> None:
+    def __init__(self, settings: PlaneSettings, plane: int = 0) -> None:
         self._settings = settings
         self._store = KeyframeStore(settings.max_keyframes)
         self._graph = KeyframeGraph(settings.max_adjusted)
+        self.relocaliser = Relocaliser()
+        self._closer = LoopCloser(self.relocaliser)
         self._adjuster = BackgroundAdjuster()
         self._closures = ClosureCheck()
         self._selection = ModelSelection()
-        self._reference = 0
+        self._plane = plane
+        self._references: dict[int, int] = {}
+        self._shape = 0, 0
         self._loop_closed = False
         self.executor = executor_for("keyframes")
         self.active: Keyframe | None = None
 
     def __len__(self) -> int:
-        return len(self._graph)
+        """Number of keyframes ever added to the current plane."""
+        return self._graph.added(self.plane)
+
+    @property
+    def plane(self) -> int:
+        """Number of the current plane, that of the active keyframe."""
+        return self._plane if self.active is None else self.active.plane
 
     @property
     def stored(self) -> tuple[Keyframe, ...]:
-        """The keyframes that frames can still be matched with, oldest first."""
+        """The keyframes of all planes that frames can still be matched with, oldest first."""
         return self._store.keyframes
 
     @property
     def homographies(self) -> Mapping[int, FloatArray]:
-        """float64[3, 3] of the newest 20 000 and all stored keyframes, pixels to the reference plane."""
+        """float64[3, 3] of the newest 20 000 and all stored keyframes, pixels to their planes."""
         return self._graph.homographies
+
+    @property
+    def planes(self) -> Mapping[int, Mapping[int, FloatArray]]:
+        """The homographies of the keyframes of each plane, by its number."""
+        found: dict[int, dict[int, FloatArray]] = {}
+        for index, matrix in self._graph.homographies.items():
+            found.setdefault(self._graph.planes[index], {})[index] = matrix
+        return found
+
+    def begin_plane(self, number: int) -> None:
+        """Ends the current plane, which stays to be met again; the next keyframe is the first of another."""
+        self.adopt()
+        self._plane, self.active = number, None
 
     @property
     def model(self) -> MotionModel:
@@ -90,8 +120,8 @@ class KeyframeMap:
     def overlapping(
         self, to_reference: FloatArray, shape: tuple[int, int], least: float
     ) -> list[tuple[float, Keyframe]]:
-        """The stored keyframes that overlap a frame, see `KeyframeStore.overlapping`."""
-        return self._store.overlapping(to_reference, shape, least)
+        """The stored keyframes of the current plane that overlap a frame, see `KeyframeStore.overlapping`."""
+        return self._store.overlapping(to_reference, shape, least, self.plane)
 
     def current(self, keyframe: Keyframe) -> Keyframe:
         """A keyframe with its present homography."""
@@ -112,16 +142,17 @@ class KeyframeMap:
         corner_std: float = 0.0,
     ) -> Keyframe:
         """Makes a frame a keyframe, and the active one; the ties may name any observer."""
-        shape = (images[0].shape[0], images[0].shape[1])
+        self._shape = shape = images[0].shape[0], images[0].shape[1]
         # Copies: the buffer behind the frame may be reused.
         own = tuple(image.copy() for image in images[: level + 1])
         content = deferred(self.executor, keyframe_content, own, level)
-        self.active = self._store.add(content, to_reference, shape, level, corner_std)
+        plane = self.plane
+        self.active = self._store.add(content, to_reference, shape, level, corner_std, plane)
         index = self.active.index
-        self._graph.add(index, to_reference, [replace(tie, observer=index) for tie in ties])
-        self._graph.forget(
-            _MAX_HOMOGRAPHIES, {*(keyframe.index for keyframe in self.stored), self._reference}
-        )
+        self._references.setdefault(plane, index)
+        self._graph.add(index, to_reference, [replace(tie, observer=index) for tie in ties], plane)
+        needed = {keyframe.index for keyframe in self.stored}
+        self._graph.forget(_MAX_HOMOGRAPHIES, needed.union(self._references.values()))
         return self.active
 
     def begin_adjustment(
@@ -138,12 +169,16 @@ class KeyframeMap:
             return
         candidates = self._loop_candidates(self.active)
         tried = {self.active.index, *self._graph.hosts(self.active.index), *(one.index for one in candidates)}
-        others = () if description is None else tuple(one for one in self.stored if one.index not in tried)
-        tied = self._graph.tied
+        others = tuple(
+            one
+            for one in self.stored
+            if one.index not in tried and (description is not None or one.plane != self.plane)
+        )
+        tied = [index for index in self._graph.tied if self._graph.planes[index] == self.plane]
         free = tied[-_WHOLE_LIMIT:] if whole or self._loop_closed else tied[-self._settings.window :]
         steps = self._graph.steps_from(self.active.index) if candidates or others else {}
         near = frozenset(index for index, count in steps.items() if count <= FEW_STEPS)
-        found = self._graph.problem(free, self._reference)
+        found = self._graph.problem(free, self._references.values())
         self._loop_closed = False
         if found is None and not candidates and not others:
             return
@@ -153,46 +188,72 @@ class KeyframeMap:
         self._adjuster.submit(
             found,
             self._adjustment(),
-            lambda closer: closer.close(keyframe, own, candidates, near, description, others),
+            partial(self._closer.close, keyframe, own, candidates, near, description, others),
         )
 
     def adopt(self) -> FloatArray | None:
         """Waits for the adjustment; returns the change of the plane under the active keyframe, or None."""
+        before = self.active
         homographies, found = self._adjuster.take()
-        ties = self._accepted_ties(found)
+        planes = self._graph.planes
+        across = [tie for tie in found if planes.get(tie.host) != planes.get(tie.observer)]
+        ties = self._accepted_ties([tie for tie in found if tie not in across])
         for tie in ties:
             self._graph.tie(tie)
         self._loop_closed = self._loop_closed or (bool(ties) and self._closures.is_far)
-        return self._move(homographies)
-
-    def rebase(self, reference: int) -> FloatArray:
-        """Makes a keyframe's plane the reference; returns the homography from the old plane to the new."""
-        change = inverse(self._graph.homographies.get(reference, IDENTITY))
-        self._graph.rebase(change)
-        self._reference = reference
+        self._graph.move(homographies)
+        for change, moved, kept in joins(across, self._graph, self.plane, self._shape):
+            self._graph.rebase(change, moved, kept)
+            self._references.pop(moved, None)
+            self._loop_closed = True
         self._refresh()
+        if before is None or self.active is None:
+            return None
+        step = normalised(self.active.to_reference @ inverse(before.to_reference))
+        return None if np.array_equal(self.active.to_reference, before.to_reference) else step
+
+    def rebase(self, reference: int, number: int) -> FloatArray:
+        """Makes the current plane that of a keyframe, and its number `number`.
+
+        Returns:
+            The homography from the old plane to the new.
+        """
+        change = inverse(self._graph.homographies.get(reference, IDENTITY))
+        self._references[self.plane] = reference
+        self.level(change, number)
         return change
 
-    def level(self, change: FloatArray) -> None:
-        """Moves all keyframes to another plane, old to new, whose reference is no keyframe's."""
-        self._graph.rebase(change)
+    def level(self, change: FloatArray, number: int) -> None:
+        """Moves the current plane, old to new, to the plane `number`, whose pixels are no keyframe's."""
+        old = self.plane
+        self._graph.rebase(change, old, number)
+        if old in self._references:
+            self._references[number] = self._references.pop(old)
+        self._plane = number
         self._refresh()
+
+    def reference_of(self, number: int) -> int | None:
+        """The keyframe number `number` of the current plane, counted from 0."""
+        own = [index for index, plane in self._graph.planes.items() if plane == self.plane]
+        return own[number] if number < len(own) else None
 
     def finish(self) -> float:
         """Adjusts all tied keyframes; returns the root mean square residual of the ties, px."""
         self.adopt()
-        found = self._graph.problem(self._graph.tied, self._reference)
+        found = self._graph.problem(self._graph.tied, self._references.values())
         if found is None:
             return 0.0
         settings = replace(self._adjustment(), ba_iterations=_FINAL_ITERATIONS)
         homographies, rmse = adjust_homographies(*found, settings)
-        self._move(homographies)
+        self._graph.move(homographies)
+        self._refresh()
         return rmse
 
     def retire(self) -> None:
         """Releases the patches and features that only new frames need; `finish` still works."""
+        self._plane = self.plane
         self._store, self.active = KeyframeStore(0), None
-        self._adjuster.forget_features()
+        self.relocaliser.forget()
 
     def close(self) -> None:
         """Ends the threads; `executor` last, as a running job may wait for it."""
@@ -212,24 +273,18 @@ class KeyframeMap:
         )[:_LOOP_CANDIDATES]
 
     def _accepted_ties(self, ties: Sequence[Tie]) -> tuple[Tie, ...]:
-        if not ties or self.active is None:
+        if not ties:
             return ()
         steps = self._graph.steps_from(ties[0].observer)
-        return self._closures.accepted(ties, self._graph.homographies, steps, self.active.shape)
-
-    def _move(self, homographies: Mapping[int, FloatArray]) -> FloatArray | None:
-        if not homographies:
-            return None
-        before = self.active
-        self._graph.move(homographies)
-        self._refresh()
-        if before is None or self.active is None or before.index not in homographies:
-            return None
-        return normalised(self.active.to_reference @ inverse(before.to_reference))
+        return self._closures.accepted(ties, self._graph.homographies, steps, self._shape)
 
     def _refresh(self) -> None:
         """Copies the graph's homographies to the stored keyframes."""
-        self._store.move(self._graph.homographies)
+        graph = self._graph
+        self._store.move(graph.homographies, graph.planes)
         if self.active is not None:
-            matrix = self._graph.homographies.get(self.active.index, IDENTITY)
-            self.active = replace(self.active, to_reference=matrix)
+            index = self.active.index
+            plane = graph.planes.get(index, self.active.plane)
+            self.active = replace(
+                self.active, to_reference=graph.homographies.get(index, IDENTITY), plane=plane
+            )

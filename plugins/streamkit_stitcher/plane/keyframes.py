@@ -25,6 +25,8 @@ _SCALE_RANGE: Final = (0.7, 1.4)
 _MANY: Final = 60
 _FLOOR: Final = 0.2
 _LEAST_SHARE: Final = 0.05
+# Distance of keyframes of different planes, px: these stay while any two of one plane are nearer.
+_ANOTHER_PLANE: Final = 1e12
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +40,7 @@ class Keyframe:
         factor: the reduction of `small`.
         content: returns what is kept of its pixels; waits until that is computed.
         corner_std: predicted error of a doubtful one when it was added, px; 0 for the others.
+        plane: number of its reference plane.
     """
 
     index: int
@@ -46,6 +49,7 @@ class Keyframe:
     factor: int
     content: Callable[[], KeyframeContent]
     corner_std: float = 0.0
+    plane: int = 0
 
     @property
     def points(self) -> FloatArray:
@@ -126,9 +130,9 @@ class KeyframeMatch:
 
 
 class KeyframeStore:
-    """A bounded set of keyframes of one reference plane.
+    """A bounded set of keyframes, of one reference plane or several.
 
-    A full store drops the older of the two nearest keyframes: their ground stays covered.
+    A full store drops the older of the two nearest keyframes of a plane: their ground stays covered.
     """
 
     def __init__(self, capacity: int = 128) -> None:
@@ -151,9 +155,10 @@ class KeyframeStore:
         shape: tuple[int, int],
         level: int,
         corner_std: float = 0.0,
+        plane: int = 0,
     ) -> Keyframe:
         """Stores a keyframe that was halved `level` times to working size."""
-        keyframe = Keyframe(self._next_index, to_reference, shape, 2**level, content, corner_std)
+        keyframe = Keyframe(self._next_index, to_reference, shape, 2**level, content, corner_std, plane)
         self._next_index += 1
         self._keyframes.append(keyframe)
         if len(self._keyframes) > self._capacity:
@@ -161,46 +166,27 @@ class KeyframeStore:
         return keyframe
 
     def overlapping(
-        self, to_reference: FloatArray, shape: tuple[int, int], least: float
+        self, to_reference: FloatArray, shape: tuple[int, int], least: float, plane: int = 0
     ) -> list[tuple[float, Keyframe]]:
-        """Keyframes that overlap a frame by `least` (0 to 1) at a similar scale, greatest overlap first."""
+        """Keyframes of a plane that overlap a frame by `least` (0 to 1) at a similar scale, most first."""
         found = []
-        for keyframe in self._near(to_reference, shape, least):
+        keyframes = [keyframe for keyframe in self._keyframes if keyframe.plane == plane]
+        for keyframe in _near(keyframes, to_reference, shape, least):
             to_key = inverse(keyframe.to_reference) @ to_reference
             share = overlap(to_key, shape)
             if share >= least and _SCALE_RANGE[0] < scale_change(to_key, shape) < _SCALE_RANGE[1]:
                 found.append((share, keyframe))
         return sorted(found, key=lambda item: (-item[0], item[1].index))
 
-    def _near(self, to_reference: FloatArray, shape: tuple[int, int], least: float) -> list[Keyframe]:
-        """Keyframes whose bounding boxes allow an overlap of `least`.
-
-        Vectorised: most of a hundred are far away, and an exact overlap takes a tenth of a millisecond.
-        """
-        if not self._keyframes:
-            return []
-        matrices = np.stack([keyframe.to_reference for keyframe in self._keyframes])
-        outline = np.concatenate([corners(shape), np.ones((4, 1))], axis=1)
-        try:
-            mapped = np.linalg.solve(matrices, (to_reference @ outline.T)[np.newaxis]).transpose(0, 2, 1)
-        except np.linalg.LinAlgError:
-            return self._keyframes
-        depths = mapped[:, :, 2]
-        in_front = np.abs(np.sign(depths).sum(axis=1)) == len(outline)
-        points = mapped[:, :, :2] / np.where(in_front[:, np.newaxis], depths, 1.0)[:, :, np.newaxis]
-        x, y = points[:, :, 0], points[:, :, 1]
-        after = np.roll(points, -1, axis=1)
-        area = np.abs((x * after[:, :, 1] - y * after[:, :, 0]).sum(axis=1)) / 2
-        ends = np.array([shape[1] - 1, shape[0] - 1])
-        sides = np.minimum(points.max(axis=1), ends) - np.maximum(points.min(axis=1), 0.0)
-        shared = np.maximum(sides, 0.0).prod(axis=1)
-        near = ~in_front | (shared >= 0.99 * least * area)
-        return [keyframe for keyframe, kept in zip(self._keyframes, near, strict=True) if kept]
-
-    def move(self, homographies: Mapping[int, FloatArray]) -> None:
-        """Replaces the homographies of keyframes, by their indices."""
+    def move(self, homographies: Mapping[int, FloatArray], planes: Mapping[int, int] | None = None) -> None:
+        """Replaces the homographies and planes of keyframes, by their indices."""
+        numbers = planes or {}
         self._keyframes = [
-            replace(keyframe, to_reference=homographies[keyframe.index])
+            replace(
+                keyframe,
+                to_reference=homographies[keyframe.index],
+                plane=numbers.get(keyframe.index, keyframe.plane),
+            )
             if keyframe.index in homographies
             else keyframe
             for keyframe in self._keyframes
@@ -212,6 +198,36 @@ class KeyframeStore:
             [project(item.to_reference, centre(item.shape)[np.newaxis])[0] for item in self._keyframes]
         )
         distances = np.hypot(*(middles[:, np.newaxis] - middles[np.newaxis]).transpose(2, 0, 1))
+        planes = np.array([item.plane for item in self._keyframes])
+        distances[planes[:, np.newaxis] != planes] = _ANOTHER_PLANE
         distances[np.tril_indices(len(middles))] = np.inf
         distances[0] = np.inf
         return int(np.unravel_index(int(np.argmin(distances)), distances.shape)[0])
+
+
+def _near(
+    keyframes: list[Keyframe], to_reference: FloatArray, shape: tuple[int, int], least: float
+) -> list[Keyframe]:
+    """Keyframes whose bounding boxes allow an overlap of `least`.
+
+    Vectorised: most of a hundred are far away, and an exact overlap takes a tenth of a millisecond.
+    """
+    if not keyframes:
+        return []
+    matrices = np.stack([keyframe.to_reference for keyframe in keyframes])
+    outline = np.concatenate([corners(shape), np.ones((4, 1))], axis=1)
+    try:
+        mapped = np.linalg.solve(matrices, (to_reference @ outline.T)[np.newaxis]).transpose(0, 2, 1)
+    except np.linalg.LinAlgError:
+        return keyframes
+    depths = mapped[:, :, 2]
+    in_front = np.abs(np.sign(depths).sum(axis=1)) == len(outline)
+    points = mapped[:, :, :2] / np.where(in_front[:, np.newaxis], depths, 1.0)[:, :, np.newaxis]
+    x, y = points[:, :, 0], points[:, :, 1]
+    after = np.roll(points, -1, axis=1)
+    area = np.abs((x * after[:, :, 1] - y * after[:, :, 0]).sum(axis=1)) / 2
+    ends = np.array([shape[1] - 1, shape[0] - 1])
+    sides = np.minimum(points.max(axis=1), ends) - np.maximum(points.min(axis=1), 0.0)
+    shared = np.maximum(sides, 0.0).prod(axis=1)
+    near = ~in_front | (shared >= 0.99 * least * area)
+    return [keyframe for keyframe, kept in zip(keyframes, near, strict=True) if kept]

@@ -1,5 +1,6 @@
 """Ties across flight strips: keyframes of the same ground that were not matched while tracking."""
 
+import threading
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Final
@@ -28,12 +29,12 @@ from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit
 
 _MAX_TIE_POINTS: Final = 80
 _POINTS: Final = 200
-_CACHED: Final = 24
+# As many as keyframes are stored, and some that were dropped while a job ran: 100 MB.
+_CACHED: Final = 160
 _MIN_INLIERS: Final = 20
 _SUMMARY: Final = 600
 _FEW_MATCHES: Final = 8
 _RETRIEVED: Final = 3
-_SUMMARISED: Final = 160
 _MIN_OVERLAP: Final = 0.08
 _AGREEING: Final = 0.5
 _FINE: Final = 1.5
@@ -43,15 +44,16 @@ _FIRST_FEATURE: Final = 1 << 16
 
 
 class Relocaliser:
-    """Registers frames to keyframes without a prediction, by features; caches those of the last few."""
+    """Registers frames to keyframes without a prediction, by cached features; several threads may use it."""
 
     def __init__(self) -> None:
         self._descriptions: dict[int, Description] = {}
-        self._summaries: dict[int, Description] = {}
+        self._lock = threading.Lock()
 
     def description(self, keyframe: Keyframe) -> Description:
         """The features of a keyframe."""
-        found = self._descriptions.get(keyframe.index)
+        with self._lock:
+            found = self._descriptions.get(keyframe.index)
         if found is None:
             found = describe(keyframe.scene)
         self.remember(keyframe, found)
@@ -59,21 +61,23 @@ class Relocaliser:
 
     def remember(self, keyframe: Keyframe, description: Description) -> None:
         """Caches the features of a keyframe."""
-        self._descriptions.pop(keyframe.index, None)
-        self._descriptions[keyframe.index] = description
-        if len(self._descriptions) > _CACHED:
-            del self._descriptions[next(iter(self._descriptions))]
+        with self._lock:
+            self._descriptions.pop(keyframe.index, None)
+            self._descriptions[keyframe.index] = description
+            if len(self._descriptions) > _CACHED:
+                del self._descriptions[next(iter(self._descriptions))]
+
+    def forget(self) -> None:
+        """Releases the features."""
+        with self._lock:
+            self._descriptions.clear()
 
     def likeliest(self, frame: Description, keyframes: Sequence[Keyframe], most: int) -> list[Keyframe]:
         """At most `most` keyframes, by their number of matches among a few hundred features each."""
-        part, counts = _strongest(frame), []
-        for keyframe in keyframes:
-            summary = self._summaries.get(keyframe.index)
-            if summary is None:
-                summary = self._summaries[keyframe.index] = _strongest(self.description(keyframe))
-            counts.append(len(match_features(part, summary)[0]))
-        for index in list(self._summaries)[: max(0, len(self._summaries) - _SUMMARISED)]:
-            del self._summaries[index]
+        part = _strongest(frame)
+        counts = [
+            len(match_features(part, _strongest(self.description(keyframe)))[0]) for keyframe in keyframes
+        ]
         order = np.argsort(-np.array(counts), kind="stable")[:most]
         return [keyframes[number] for number in order if counts[number] >= _FEW_MATCHES]
 
@@ -116,8 +120,8 @@ def tie_of(keyframe: Keyframe, observer: int, match: KeyframeMatch) -> Tie:
 class LoopCloser:
     """Matches a keyframe with others that it should overlap, to sub-pixel ties."""
 
-    def __init__(self) -> None:
-        self._relocaliser = Relocaliser()
+    def __init__(self, relocaliser: Relocaliser) -> None:
+        self._relocaliser = relocaliser
         self._matcher = KeyframeMatcher()
 
     def close(
@@ -142,13 +146,18 @@ class LoopCloser:
         """
         if description is not None:
             self._relocaliser.remember(keyframe, description)
-            candidates = [*candidates, *self._relocaliser.likeliest(description, others, _RETRIEVED)]
+        if others:
+            known = self._relocaliser.description(keyframe)
+            for same in (True, False):
+                group = [other for other in others if (other.plane == keyframe.plane) is same]
+                candidates = [*candidates, *self._relocaliser.likeliest(known, group, _RETRIEVED)]
         ties = []
         limits = replace(FitLimits(), max_step=1.0, ransac_threshold=2.0)
         for candidate in candidates:
             if candidate.shape != keyframe.shape:
                 continue
-            match = self._predicted(keyframe, images, candidate, limits)
+            is_known = candidate.plane == keyframe.plane
+            match = self._predicted(keyframe, images, candidate, limits) if is_known else None
             if match is None:
                 if description is None and candidate.index in near:
                     continue

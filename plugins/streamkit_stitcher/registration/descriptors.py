@@ -27,11 +27,11 @@ class Description:
 
     Attributes:
         points: float64[n, 2], px of the image.
-        descriptors: float32[n, 128], of unit length.
+        descriptors: float16[n, 128], of unit length.
     """
 
     points: FloatArray
-    descriptors: npt.NDArray[np.float32]
+    descriptors: npt.NDArray[np.float16]
 
 
 def describe(grey: GreyArray) -> Description:
@@ -45,10 +45,10 @@ def describe(grey: GreyArray) -> Description:
     detector = cv2.SIFT.create(nfeatures=_FEATURES, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
     keypoints, found = detector.detectAndCompute(grey, None)
     if not keypoints or found is None:
-        return Description(np.empty((0, 2)), np.empty((0, 128), dtype=np.float32))
+        return Description(np.empty((0, 2)), np.empty((0, 128), dtype=np.float16))
     points = np.asarray(cv2.KeyPoint.convert(keypoints), dtype=np.float64).reshape(-1, 2)
     descriptors = np.sqrt(found / np.maximum(found.sum(axis=1, keepdims=True), 1e-7))
-    return Description(points, descriptors.astype(np.float32))
+    return Description(points, descriptors.astype(np.float16))
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def match_features(
     """
     if len(source.points) < 2 or len(target.points) < 2:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    products = source.descriptors @ target.descriptors.T
+    products = source.descriptors.astype(np.float32) @ target.descriptors.astype(np.float32).T
     rows = np.arange(len(products))
     best = products.argmax(axis=1)
     nearest = products[rows, best]

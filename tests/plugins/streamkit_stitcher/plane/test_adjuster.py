@@ -24,8 +24,7 @@ class Held(BackgroundAdjuster):
 def test_a_retired_worker_has_ended_when_closed() -> None:
     """Closing waits for the last adjustment, and no thread is left."""
     adjuster = Held()
-    adjuster.submit(None, AdjustmentSettings(), lambda closer: ())
-    adjuster.forget_features()
+    adjuster.submit(None, AdjustmentSettings(), lambda: ())
     opener = threading.Timer(0.2, adjuster.gate.set)
     opener.start()
     adjuster.close()

@@ -52,7 +52,7 @@ def test_an_adjustment_reports_the_change_of_the_active_keyframe(keyframes, grou
 
 def test_rebasing_puts_a_keyframe_at_the_origin_and_all_others_with_it(keyframes):
     """The chosen keyframe has the identity; relations stay; stored keyframes follow."""
-    change = keyframes.rebase(1)
+    change = keyframes.rebase(1, 1)
     assert change == pytest.approx(shift(-STEP))
     assert keyframes.homographies[1] == pytest.approx(IDENTITY)
     assert keyframes.homographies[2] == pytest.approx(shift(STEP))

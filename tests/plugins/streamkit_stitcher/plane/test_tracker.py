@@ -125,7 +125,7 @@ def test_a_frame_that_its_plane_stretches_opens_a_related_plane(ground, make_fli
     assert descent.error(old_place / old_place[2, 2], opened[0]) < 2.0
     assert max(descent.error(item.to_previous, i, i - 1) for i, item in enumerate(registrations) if i) < 1.0
     assert descent.error(registrations[-1].to_reference, len(flight) - 1, opened[0]) < 2.0
-    plane = tracker.take_plane()
+    plane = tracker.take_plane(current=True)
     assert plane.finish() < 1.0
     assert len(plane.homographies) > 2
     plane.close()

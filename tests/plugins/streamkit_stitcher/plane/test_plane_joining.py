@@ -1,0 +1,61 @@
+"""Planes that meet again."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from streamkit.geometry.homography import normalised
+from streamkit_stitcher.plane.settings import ReferenceChoice
+from streamkit_stitcher.plane.tracker import Status
+
+SHAPE = (450, 640)
+# A row of photographs, 300 px apart.
+PLACES = [(200 + 300 * number, 300) for number in range(8)]
+
+
+def registered(ground, tracker, order):
+    """The registrations of the photographs in some order."""
+    frames = [ground[y : y + SHAPE[0], x : x + SHAPE[1]] for x, y in PLACES]
+    return [tracker.track(frames[number]) for number in order]
+
+
+@pytest.mark.parametrize(
+    "order", [(0, 1, 5, 6, 3, 2, 4), (6, 0, 3, 1, 5, 2, 4), (0, 6, 5, 1, 4, 3, 2)], ids=str
+)
+def test_planes_that_a_photograph_connects_become_one(aerial_ground, make_tracker, order):
+    """In any order all photographs lie on one plane in the end, where they should to a pixel."""
+    tracker = make_tracker(reference=ReferenceChoice.FIRST)
+    found = registered(aerial_ground, tracker, order)
+    assert any(item.status is Status.CUT for item in found)
+    plane = tracker.take_plane(current=True)
+    plane.finish()
+    (homographies,) = plane.planes.values()
+    assert len(homographies) == len(order)
+    to_first = np.linalg.inv(homographies[0])
+    for index, number in enumerate(order):
+        step = normalised(to_first @ homographies[index])[:2, 2]
+        assert step == pytest.approx([300.0 * (number - order[0]), 0.0], abs=1.5)
+    plane.close()
+
+
+def test_the_change_of_a_joined_plane_relates_its_frames(aerial_ground, make_tracker):
+    """From one frame to the next `change @ previous @ to_previous` is the new homography, but at a cut."""
+    tracker = make_tracker(reference=ReferenceChoice.FIRST)
+    found = registered(aerial_ground, tracker, (0, 1, 2, 3, 6, 5, 4, 7))
+    assert [item.reference for item in found] == [0, 0, 0, 0, 1, 1, 1, 0]
+    assert found[-1].change is not None
+    assert found[-1].status is not Status.CUT
+    for before, after in pairwise(found):
+        if after.status is not Status.CUT:
+            change = np.eye(3) if after.change is None else after.change
+            expected = normalised(change @ before.to_reference @ after.to_previous)
+            assert expected == pytest.approx(after.to_reference, abs=1e-6)
+
+
+def test_a_plane_that_is_met_again_continues(aerial_ground, make_tracker):
+    """A photograph of an earlier plane is a cut to that plane, with its number."""
+    tracker = make_tracker(reference=ReferenceChoice.FIRST)
+    first, _, elsewhere, back = registered(aerial_ground, tracker, (0, 1, 5, 2))
+    assert (first.reference, elsewhere.reference, elsewhere.status) == (0, 1, Status.CUT)
+    assert (back.reference, back.status, back.anchored, back.change) == (0, Status.CUT, True, None)
