@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 from streamkit.element.pad import Pad, PadOwner
 from streamkit.element.property import PropertyDeclaration, declared_properties
 from streamkit.element.timing import Timing
-from streamkit.errors import ElementFailure, NotNegotiated, PropertyError, StateError
+from streamkit.errors import ElementFailure, NotNegotiated, PropertyError, StateError, did_you_mean
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.clock import Clock, SystemClock
-from streamkit.flow.events import FlowStop
+from streamkit.flow.events import FlowStop, Flushing
 from streamkit.flow.messages import Message, MessageKind
 
 if TYPE_CHECKING:
@@ -177,6 +177,18 @@ class Element(PadOwner):
                     return not self.stopping.is_set() and self.flushes == flushes
         return False
 
+    def wait_for(self, condition: Callable[[], bool], poll_s: float = POLL_S) -> None:
+        """Waits on `changed`, with its lock held, until a condition holds; checks it at least every `poll_s`.
+
+        Raises:
+            Flushing: the pipeline stops or flushes.
+        """
+        while not condition():
+            if self.stopping.is_set() or self.is_flushing:
+                raise Flushing(self.name)
+            with self.waiting():
+                self.changed.wait(poll_s)
+
     @contextlib.contextmanager
     def waiting(self) -> Iterator[None]:
         """Context of a wait on purpose: the watchdog ignores the element."""
@@ -304,8 +316,6 @@ class Element(PadOwner):
         """The declaration of a property; raises `PropertyError` with a suggestion if it does not exist."""
         declaration = cls.declaration_of(name)
         if declaration is None:
-            from streamkit.errors import did_you_mean
-
             hint = did_you_mean(name, [known.replace("_", "-") for known in cls.properties])
             raise PropertyError(f"{cls.__name__.lower()} has no property {name!r}{hint and '; ' + hint}")
         return declaration

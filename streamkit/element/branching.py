@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import operator
 import threading
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -180,22 +181,15 @@ class Split(Element):
             for pad in self.src_pads():
                 pad.known_caps = pad.query_caps()
             return
-        answers = {
-            pad: pad.template.caps & pad.peer.query_caps()
-            for pad in list(self.pads.values())
-            if pad.peer is not None
-        }
-        counts = Counter(answers.values())
-        met: dict[Caps | None, Caps] = {}
-        for pad in self.src_pads():
-            own = answers.get(pad)
-            left_out = own if own is not None and counts[own] == 1 else None
-            if left_out not in met:
-                common = ANY
-                for caps in counts:
-                    common = common if caps is left_out else common & caps
-                met[left_out] = common
-            pad.known_caps = met[left_out] & pad.template.caps
+        linked = [pad for pad in list(self.pads.values()) if pad.peer is not None]
+        answers = [pad.template.caps & pad.peer_caps() for pad in linked]
+        before = list(itertools.accumulate(answers, operator.and_, initial=ANY))
+        after = list(itertools.accumulate(reversed(answers), lambda later, own: own & later, initial=ANY))[
+            ::-1
+        ]
+        for index, pad in enumerate(linked):
+            if pad.is_src:
+                pad.known_caps = before[index] & after[index + 1] & pad.template.caps
 
     @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:

@@ -27,10 +27,6 @@ from streamkit.flow.video import check_layout
 POLL_S = 1.0  # interval at which a paused source checks `stopping`, in case a notification is missed
 
 
-class _Exhausted(Exception):
-    """The source has no more frames."""
-
-
 class Source(Element):
     """Base class of sources: override `frames`, and `negotiate` if the element chooses the format.
 
@@ -160,11 +156,11 @@ class Source(Element):
                         self.at_work[0] = AT_WORK
                         frame = self._advance(frames, pad)
                         self.at_work[0] = IDLE
+                        if frame is None:
+                            return
                         (pad or self.src_pad).push(frame)
                 except Flushing:
                     self._wait_for_flush_end()
-        except _Exhausted:
-            return
         finally:
             self.at_work[0] = IDLE
             close = getattr(frames, "close", None)
@@ -179,10 +175,10 @@ class Source(Element):
         while not self._flush_over.wait(POLL_S) and not self.stopping.is_set():
             continue
 
-    def _advance(self, frames: Iterator[Frame | tuple[str, Frame] | Event], main: Pad | None) -> Frame:
-        """The next frame for the first src pad, `main`; pushes frames for other pads."""
+    def _advance(self, frames: Iterator[Frame | tuple[str, Frame] | Event], main: Pad | None) -> Frame | None:
+        """The next frame for the first src pad, `main`, or None at the end; pushes frames for other pads."""
         if self._needs_check and self._must_end():
-            raise _Exhausted
+            return None
         for item in frames:
             if self._needs_check and self.is_live and not self._held.is_set():
                 self.count_drop("paused")  # stale by the time the pipeline resumes
@@ -200,7 +196,7 @@ class Source(Element):
                 return self._prepared(pad, item[1])
             if pad.peer is not None:
                 pad.push(self._prepared(pad, item[1]))
-        raise _Exhausted
+        return None
 
     def _prepared(self, pad: Pad, frame: Frame) -> Frame:
         """Checks a frame and sends the events that precede it; returns it with caps, number, arrival time."""

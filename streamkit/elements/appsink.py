@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from typing_extensions import override
@@ -14,7 +14,7 @@ from streamkit.elements.frame_report import Callbacks
 from streamkit.elements.plainsink import PlainSink
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.events import EosEvent, Event, Flushing, FlushStart, FlushStop
+from streamkit.flow.events import EosEvent, Event, FlushStart, FlushStop
 from streamkit.flow.frame import Frame
 from streamkit.handoff.frame_queue import FrameQueue
 
@@ -104,19 +104,18 @@ class AppSink(PlainSink):
             self.check_open()
             if self.is_outside(frame):
                 return
-            while self.pending.is_full():
-                if self.drop and self.pending.drop_oldest():
-                    self.count_drop("appsink full, oldest dropped")
-                    continue
-                if self.stopping.is_set() or self.is_flushing:
-                    raise Flushing(self.name)
-                with self.waiting():
-                    self.changed.wait(POLL_S)
+            self.wait_for(self._has_room, POLL_S)
             self.note(frame)
             self.pending.append(frame)
             self.changed.notify_all()
         if self.emit_signals:
             self.on_new_sample.emit(self)
+
+    def _has_room(self) -> bool:
+        """Whether the queue takes a frame; drops the oldest with `drop`."""
+        while self.drop and self.pending.is_full() and self.pending.drop_oldest():
+            self.count_drop("appsink full, oldest dropped")
+        return not self.pending.is_full()
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Queues events between the frames, for `pull_object`."""
@@ -174,14 +173,13 @@ class AppSink(PlainSink):
         Raises:
             ElementFailure: the pipeline has failed.
         """
-        deadline_s = time.monotonic() + timeout_s
         with self.changed:
-            while not self._has_next(only_frames=only_frames):
-                self._raise_failure()
-                left_s = deadline_s - time.monotonic()
-                if self._has_ended or not self.is_playing or self.stopping.is_set() or left_s <= 0:
-                    return None
-                self.changed.wait(min(left_s, POLL_S))
+            if not self._wait(
+                lambda: self._has_next(only_frames=only_frames),
+                lambda: self._has_ended or not self.is_playing,
+                timeout_s,
+            ):
+                return None
             item = self.pending.popleft()
             if isinstance(item, Frame):
                 self._preroll = None
@@ -201,21 +199,22 @@ class AppSink(PlainSink):
         Raises:
             ElementFailure: the pipeline has failed.
         """
-        deadline_s = time.monotonic() + timeout_s
         with self.changed:
-            while self._preroll is None:
-                self._raise_failure()
-                left_s = deadline_s - time.monotonic()
-                if self._is_over() or self.stopping.is_set() or left_s <= 0:
-                    return None
-                self.changed.wait(min(left_s, POLL_S))
+            self._wait(lambda: self._preroll is not None, self._is_over, timeout_s)
             frame, self._preroll = self._preroll, None
             return frame
 
-    def _raise_failure(self) -> None:
-        failure = self.pipeline_error()
-        if failure is not None:
-            raise failure
+    def _wait(self, condition: Callable[[], bool], is_over: Callable[[], bool], timeout_s: float) -> bool:
+        """Waits for a condition; False at the timeout or the end; raises the pipeline's failure."""
+        deadline_s = time.monotonic() + timeout_s
+        while not condition():
+            if (failure := self.pipeline_error()) is not None:
+                raise failure
+            left_s = deadline_s - time.monotonic()
+            if is_over() or self.stopping.is_set() or left_s <= 0:
+                return False
+            self.changed.wait(min(left_s, POLL_S))
+        return True
 
     def __iter__(self) -> Iterator[Frame]:
         """Iterates over frames until EOS; raises the pipeline's error if it fails."""

@@ -23,8 +23,6 @@ from streamkit.flow.events import (
 )
 from streamkit.flow.frame import Frame
 
-WAIT_S = 0.5
-
 
 class Concat(Combine):
     """Forwards its first input until EOS, then the second, and so on; later inputs wait.
@@ -77,11 +75,9 @@ class Concat(Combine):
 
     def _wait_for_turn(self, pad: Pad) -> None:
         with self.changed:
-            while self._active() is not pad:
-                if self.stopping.is_set() or self.is_flushing or pad.name not in self.pads:
-                    raise Flushing(self.name)
-                with self.waiting():
-                    self.changed.wait(WAIT_S)
+            self.wait_for(lambda: self._active() is pad or pad.name not in self.pads)
+        if pad.name not in self.pads:
+            raise Flushing(self.name)
 
     def _active(self) -> Pad | None:
         return next((pad for pad in list(self.pads.values()) if not pad.is_src and not pad.is_eos), None)

@@ -8,16 +8,16 @@ from typing import Any
 
 from typing_extensions import override
 
+from streamkit.element.base import POLL_S
 from streamkit.element.branching import Combine
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
 from streamkit.errors import PropertyError
 from streamkit.flow.caps import ANY
-from streamkit.flow.events import EOS, EndOfStream, Event, Flushing
+from streamkit.flow.events import EOS, EndOfStream, Event
 from streamkit.flow.frame import Frame
 
-POLL_S = 0.5
 CLOCK_POLL_S = 0.02
 MOST_CACHED = 256
 
@@ -91,18 +91,17 @@ class InputSelector(Combine):
     def _synchronise(self, pad: Pad, end_ns: int) -> None:
         """Waits until the active input or the clock reaches a time, or until this pad is active."""
         due_ns = pad.segment.running_time_ns(end_ns)
+        by_clock = self.sync_mode is SyncMode.CLOCK
+
+        def is_reached() -> bool:
+            active = self._active()
+            if not self.sync_streams or active is None or active is pad or active.is_eos:
+                return True
+            now_ns = self.timing.running_time_ns() if by_clock else self._time_ns
+            return now_ns is not None and now_ns > due_ns
+
         with self.changed:
-            while self.sync_streams and (active := self._active()) is not pad:
-                if self.stopping.is_set() or self.is_flushing:
-                    raise Flushing(self.name)
-                if active is None or active.is_eos:
-                    return
-                by_clock = self.sync_mode is SyncMode.CLOCK
-                now_ns = self.timing.running_time_ns() if by_clock else self._time_ns
-                if now_ns is not None and now_ns > due_ns:
-                    return
-                with self.waiting():
-                    self.changed.wait(CLOCK_POLL_S if by_clock else POLL_S)
+            self.wait_for(is_reached, CLOCK_POLL_S if by_clock else POLL_S)
 
     def _cache(self, pad: Pad, frame: Frame) -> None:
         kept = self._cached.setdefault(pad.name, deque())

@@ -139,7 +139,7 @@ def parse(text: str, variables: Mapping[str, str]) -> tuple[ChainNode, ...]:
     except UnexpectedToken:
         fault = _fault(expanded, machine, token)
         tree = _close(machine)
-    return tuple(TreeBuilder(expanded, fault).transform(tree))
+    return tuple(_TreeBuilder(expanded, fault).transform(tree))
 
 
 def _check_bounds(expanded: ExpandedText, token: Token, count: int, depth: int) -> None:
@@ -195,7 +195,7 @@ def _fault(expanded: ExpandedText, machine: InteractiveParser, token: Token) -> 
 
 
 @v_args(inline=True)
-class TreeBuilder(Transformer[Token, Any]):
+class _TreeBuilder(Transformer[Token, Any]):
     """Transforms lark's tree to the syntax tree."""
 
     def __init__(self, expanded: ExpandedText, fault: DescriptionError | None) -> None:
@@ -207,24 +207,19 @@ class TreeBuilder(Transformer[Token, Any]):
         return self.expanded.place(token.start_pos or 0, token.end_pos or 0)
 
     def start(self, *chains: ChainNode) -> list[ChainNode]:
-        """All chains."""
         return list(chains)
 
     def chain(self, *parts: Node | LinkNode) -> ChainNode:
-        """Nodes and the links between them."""
         nodes = tuple(part for part in parts if not isinstance(part, LinkNode))
         return ChainNode(nodes, tuple(part for part in parts if isinstance(part, LinkNode)))
 
     def padded(self, pads: tuple[str, ...], node: Node) -> Node:
-        """An element with pads named on its sink side."""
         return with_pads(node, sink=pads)
 
     def element(self, node: Node, pads: tuple[str, ...] = ()) -> Node:
-        """An element or bin with pads named on its src side."""
         return with_pads(node, src=pads)
 
     def simple(self, name: Token, *settings: Token) -> ElementNode | FaultNode:
-        """An element type and its assignments."""
         if not name and self.fault is not None:
             return FaultNode(self.fault)
         assignments = tuple(self._assignment(token) for token in settings if token.type == "ASSIGNMENT")
@@ -232,14 +227,12 @@ class TreeBuilder(Transformer[Token, Any]):
         return ElementNode(str(name), self._place(name), assignments, presets)
 
     def bin(self, opening: Token, *parts: Any) -> BinNode:
-        """A bin; its own properties come first."""
         factory = "bin" if opening.type == "OPEN" else re.split(r"[\s.]", str(opening), maxsplit=1)[0]
         assignments = tuple(self._assignment(part) for part in parts[:-1] if isinstance(part, Token))
         chains = tuple(part for part in parts if isinstance(part, ChainNode))
         return BinNode(factory, self._place(opening), assignments, chains)
 
     def link(self, token: Token) -> LinkNode:
-        """A link with its filter."""
         inner = str(token)[1:-1]
         begin = (token.start_pos or 0) + 1 + len(inner) - len(inner.lstrip())
 
@@ -249,17 +242,14 @@ class TreeBuilder(Transformer[Token, Any]):
         return LinkNode(self._place(token), inner.strip(), ":" in (token[0], token[-1]), place_in_caps)
 
     def pads(self, first: Token, *rest: Token) -> tuple[str, ...]:
-        """Pad names."""
         return (str(first)[1:], *(str(token) for token in rest if token.type != "COMMA"))
 
     def reference(self, token: Token, *rest: Token) -> ReferenceNode:
-        """A name and its pads."""
         name, _, pad = str(token).partition(".")
         more = tuple(str(item) for item in rest if item.type != "COMMA")
         return ReferenceNode(name, self._place(token), (pad, *more) if pad else more)
 
     def url(self, token: Token) -> UrlNode:
-        """A URI."""
         return UrlNode(resolve_escapes(str(token)), self._place(token))
 
     def _assignment(self, token: Token) -> Assignment:

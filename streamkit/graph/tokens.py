@@ -5,7 +5,6 @@ Lark's own lexers take the first terminal that matches, not the longest.
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -32,7 +31,6 @@ PLAIN = {
     "IDENTIFIER": re.compile(IDENTIFIER),
     "LINK": re.compile(rf"[!:](?:{BLANK}*{CAPS}(?:;{BLANK}*{CAPS})*[!:])?"),
 }
-NAMED = ("REF", "BINREF", "IDENTIFIER")
 MARKS = {"(": "OPEN", ")": "CLOSE", ",": "COMMA"}
 
 
@@ -55,29 +53,17 @@ class DescriptionLexer(Lexer):
             position = end
 
 
-@functools.cache
-def _plain_kinds(first: str) -> tuple[str, ...]:
-    """The kinds of plain tokens that can start with a character."""
-    if first == ".":
-        return ("PADREF",)
-    if first in "!:":
-        return ("LINK",)
-    return NAMED if re.match(r"[A-Za-z0-9_]", first) else ()
-
-
 def _longest(text: str, position: int) -> tuple[str, int]:
     first = text[position]
     if first in MARKS:
         return MARKS[first], position + 1
     best, best_end = "ILLEGAL", position + 1
-    kinds = _plain_kinds(first)
-    if kinds is NAMED or first == "@":
-        assigned = ASSIGNED.match(text, position)
-        end = _value_end(text, assigned.end()) if assigned else 0
-        if end:
-            best, best_end = ("PRESET" if first == "@" else "ASSIGNMENT"), end
-    for kind in kinds:
-        match = PLAIN[kind].match(text, position)
+    assigned = ASSIGNED.match(text, position)
+    end = _value_end(text, assigned.end()) if assigned else 0
+    if end:
+        best, best_end = ("PRESET" if first == "@" else "ASSIGNMENT"), end
+    for kind, pattern in PLAIN.items():
+        match = pattern.match(text, position)
         if match and (match.end() > best_end or best == "ILLEGAL"):
             best, best_end = kind, match.end()
     end = _address_end(text, position)
