@@ -1,4 +1,4 @@
-"""Imports run one way; plugins stand on streamkit's public names and on nothing of each other."""
+"""Import rules: rooms import one way; plugins use streamkit's public names and nothing of each other."""
 
 import ast
 import functools
@@ -93,15 +93,15 @@ def test_engine_imports_run_one_way(room: str) -> None:
     assert not wrong
 
 
-def test_every_room_of_the_engine_is_checked() -> None:
-    """A new room gets its rule here first."""
+def test_every_room_of_the_engine_has_an_import_rule() -> None:
+    """Every folder and module of the engine is listed in ALLOWED."""
     rooms = {path.name for path in ENGINE.iterdir() if path.is_dir() and path.name != "__pycache__"}
     assert rooms | MODULES == set(ALLOWED)
     assert {path.name for path in ENGINE.glob("*.py")} == {"__init__.py", *(f"{name}.py" for name in MODULES)}
 
 
 def test_the_engine_imports_no_plugin() -> None:
-    """Elements come through entry points only."""
+    """The engine finds elements through entry points only."""
     wrong = [
         f"{path.relative_to(ROOT)}:{line}: {module}"
         for path in sorted(ENGINE.rglob("*.py"))
@@ -124,8 +124,8 @@ def test_plugins_use_public_names_only() -> None:
     assert not wrong
 
 
-def test_libraries_need_neither_engine_nor_plugins() -> None:
-    """Algorithms stand on them as on any other library."""
+def test_shared_libraries_import_neither_engine_nor_plugins() -> None:
+    """Modules shared by plugins work without the engine."""
     ours = {"streamkit"} | PLUGIN_NAMES
     wrong = [
         f"{path.relative_to(ROOT)}:{line}: {module}"
@@ -138,7 +138,7 @@ def test_libraries_need_neither_engine_nor_plugins() -> None:
 
 
 def test_no_plugin_imports_another() -> None:
-    """What one finds out the other gets as metadata of a frame."""
+    """Plugins exchange results as frame metadata."""
     wrong = [
         f"{path.relative_to(ROOT)}:{line}: {module}"
         for path in plugin_files()
@@ -149,7 +149,7 @@ def test_no_plugin_imports_another() -> None:
 
 
 def is_library(module: str, name: str = "") -> bool:
-    """Whether a module or public name of ours needs nothing of the engine; `Choice` is only words."""
+    """Whether a module or public name needs nothing of the engine; `Choice` is a plain enumeration."""
     home = getattr(getattr(streamkit, name), "__module__", "") if module == "streamkit" and name else module
     return home.startswith(ENGINE_LIBRARIES) or name == "Choice"
 
@@ -175,7 +175,7 @@ def declares_element(path: Path) -> bool:
 
 
 def is_algorithm(path: Path) -> bool:
-    """In a plugin that computes every module but elements and commands, in a carrier those that compute."""
+    """Whether a module computes: all but elements and commands; in a carrier, those that import numerics."""
     if module_name(path, PLUGINS) in front_modules():
         return False
     return path.relative_to(PLUGINS).parts[0] not in CARRIERS or any(
@@ -193,8 +193,8 @@ def needed_by(path: Path) -> set[str]:
     }
 
 
-def test_algorithms_know_nothing_of_the_engine() -> None:
-    """An algorithm needs no frame, caps or element, not even through a neighbour: see `is_algorithm`."""
+def test_algorithms_do_not_import_the_engine() -> None:
+    """An algorithm imports no frame, caps or element, also not indirectly: see `is_algorithm`."""
     needs = {module_name(path, PLUGINS): needed_by(path) for path in plugin_files()}
     bound = {
         name for name, needed in needs.items() if any(part.split(".")[0] == "streamkit" for part in needed)
@@ -205,7 +205,7 @@ def test_algorithms_know_nothing_of_the_engine() -> None:
 
 
 def test_algorithms_import_no_element() -> None:
-    """Elements stand on algorithms and never the other way round."""
+    """Elements import algorithms, never the other way round."""
     fronts = front_modules()
     wrong = {
         module_name(path, PLUGINS): needed_by(path) & fronts
@@ -215,8 +215,8 @@ def test_algorithms_import_no_element() -> None:
     assert {name: needed for name, needed in wrong.items() if needed} == {}
 
 
-def test_public_names_lead_where_they_say() -> None:
-    """Each is found, belongs to the engine, and is the same object every time."""
+def test_public_names_resolve() -> None:
+    """Each public name is found, and is the same object every time."""
     assert len(streamkit.__all__) == len(set(streamkit.__all__))
     for name in streamkit.__all__:
         assert getattr(streamkit, name) is getattr(streamkit, name)

@@ -1,4 +1,4 @@
-"""Modules stay small and say in their name what they do."""
+"""Module sizes, names and docstrings."""
 
 from pathlib import Path
 
@@ -16,22 +16,22 @@ def test_there_are_modules_to_check() -> None:
 
 
 def test_no_module_is_too_long() -> None:
-    """Nobody reads more than 350 lines at once."""
+    """No module has more than 350 lines."""
     lengths = {
         str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in FILES
     }
     assert {name: length for name, length in lengths.items() if length > LONGEST} == {}
 
 
-def test_names_say_what_is_inside() -> None:
-    """No drawers for everything, neither as modules nor as folders."""
+def test_no_module_has_a_meaningless_name() -> None:
+    """No module or folder is called utils, helpers, common, misc or manager."""
     named = {part for path in FILES for part in path.relative_to(ROOT).with_suffix("").parts}
     assert not named & NAMES_THAT_SAY_NOTHING
 
 
 @pytest.mark.parametrize("folder", ["streamkit", "plugins"])
-def test_every_module_says_what_it_is_for(folder: str) -> None:
-    """The first line of each is its docstring."""
+def test_every_module_has_a_docstring(folder: str) -> None:
+    """The first line of each module is its docstring."""
     silent = [
         str(path.relative_to(ROOT))
         for path in FILES

@@ -1,4 +1,4 @@
-"""What failures say."""
+"""Error texts."""
 
 import errno
 import os
@@ -34,6 +34,6 @@ def test_an_element_is_named_once(register, text: str) -> None:
         (errno.EINVAL, ""),
     ],
 )
-def test_what_helps_goes_by_why_it_was_not_written(number: int, remedy: str) -> None:
-    """Only a full disk is helped by space."""
+def test_write_remedy_depends_on_the_cause(number: int, remedy: str) -> None:
+    """Free space helps a full disk only."""
     assert write_remedy(OSError(number, os.strerror(number))) == remedy

@@ -1,4 +1,4 @@
-"""What is masked in a text, what is not, and at what cost."""
+"""Masking of secrets."""
 
 import time
 
@@ -57,8 +57,8 @@ def test_secrets_are_masked(text: str, shown: str) -> None:
         "video/x-raw, format={ GRAY8, BGR }, width=[ 1, 4096 ]",
     ],
 )
-def test_the_rest_stays(text: str) -> None:
-    """What holds no secret is shown as it is."""
+def test_text_without_secrets_is_unchanged(text: str) -> None:
+    """Also similar forms."""
     assert mask_secrets(text) == text
 
 
@@ -124,8 +124,8 @@ def test_a_description_error_with_a_megabyte_in_it_is_short() -> None:
     assert len(caught.value.pointed("a" * 900_000)) < 3 * TEXT_LIMIT
 
 
-def test_a_password_with_a_blank_falls_apart_unseen() -> None:
-    """Its words become elements that are not there; the error does not name them."""
+def test_a_password_with_a_blank_is_masked() -> None:
+    """Its words are parsed as unknown elements, which the error does not name."""
     text = "rtspsrc location=rtsp://user:first second@host/live ! fakesink"
     with pytest.raises(DescriptionError, match="\\*\\*\\*") as caught:
         Pipeline.parse(text)

@@ -1,4 +1,4 @@
-"""`streamkit caps`: computes with caps, prints JSON, points into bad texts."""
+"""`streamkit caps`: computes with caps, prints JSON, reports the place of errors."""
 
 import json
 from typing import Any
@@ -34,8 +34,8 @@ def error(*arguments: str) -> dict[str, Any]:
     return found
 
 
-def test_caps_are_one_object() -> None:
-    """The text, what kind of caps they are, and every field with its type."""
+def test_caps_are_printed_as_one_object() -> None:
+    """The text, the kind of caps, and every field with its type."""
     assert result("parse", "video/x-raw(memory:A), width=[1,10], rate=30000/1001, f={ 1, x }; a/b") == {
         "caps": "video/x-raw(memory:A), width=(int)[ 1, 10 ], rate=(fraction)30000/1001, "
         "f={ (int)1, (string)x }; a/b",
@@ -87,8 +87,8 @@ def test_every_type_has_a_json_value(text: str, field: dict[str, Any]) -> None:
     assert result("parse", f"a/b, f={text}")["structures"][0]["fields"]["f"] == field
 
 
-def test_nested_caps_are_caps() -> None:
-    """They have the same shape within as without."""
+def test_nested_caps_have_the_shape_of_caps() -> None:
+    """Caps inside a field are printed like top-level caps."""
     field = result("parse", "a/b, f=(GstCaps)[s; t]")["structures"][0]["fields"]["f"]
     assert field == {"type": "GstCaps", "value": result("parse", "s; t")}
 
@@ -129,20 +129,20 @@ def test_operations_on_caps(arguments: tuple[str, ...], text: str) -> None:
         (("value-equal", "{ 1, 2 }", "{ 2, 1 }"), True),
     ],
 )
-def test_questions(arguments: tuple[str, ...], answer: bool) -> None:
-    """An answer is `{"result": true}` or false."""
+def test_boolean_operations(arguments: tuple[str, ...], answer: bool) -> None:
+    """The result is `{"result": true}` or `{"result": false}`."""
     assert result(*arguments) == {"result": answer}
 
 
 def test_relation_of_two_caps() -> None:
-    """All questions on two caps at once."""
+    """`relate` prints all comparisons of two caps."""
     assert result("relate", "a/b, f=1", "a/b") == {
         "equal": False, "strictly_equal": False, "subset": True, "superset": False, "can_intersect": True,
     }  # fmt: skip
 
 
-def test_values() -> None:
-    """Single values are read and computed with as in a field; nothing in common is null."""
+def test_value_operations() -> None:
+    """Single values are parsed as in a field; an empty intersection is null."""
     assert result("value-intersect", "[16, 4096, 16]", "[100, 200, 10]")["result"] == "160"
     assert result("value-union", "[16, 32, 16]", "[48, 96, 16]")["result"] == "[ 16, 96, 16 ]"
     assert result("value-union", "[16, 32, 16]", "[64, 96, 16]") == {"result": None}
@@ -166,24 +166,24 @@ def test_values() -> None:
 def test_errors_point_into_the_text(
     arguments: tuple[str, ...], expected: tuple[str, int, int, int, str]
 ) -> None:
-    """Line, column and length are those of the fault; the exit code is 2."""
+    """Line, column and length are those of the error; the exit code is 2."""
     found = error(*arguments)
     assert tuple(found[name] for name in ("code", "line", "column", "length", "hint")) == expected
 
 
-def test_what_cannot_be_kept_is_an_error() -> None:
-    """A result without end says so instead of filling memory."""
+def test_too_large_results_are_errors() -> None:
+    """A result with too many structures is an error instead of filling memory."""
     text = "a/b" + "".join(f", f{index}={{ 1, 2, 3 }}" for index in range(40))
     assert error("normalize", text)["code"] == "too-large"
 
 
-def test_an_unknown_operation_lists_the_known() -> None:
-    """The hint names all of them."""
+def test_an_unknown_operation_lists_all_operations() -> None:
+    """The hint names all operations."""
     found = error("frobnicate", "a/b")
     assert found["code"] == "usage"
     assert "parse, intersect, union, subset, equal" in found["hint"]
 
 
 def test_text_that_is_no_utf8_is_refused() -> None:
-    """A byte of another encoding, as the shell passes it on, is a syntax error and not a crash."""
+    """An undecodable byte from the shell is a syntax error, not a crash."""
     assert error("parse", 'a/b, f="\udcff"')["code"] == "syntax"

@@ -1,4 +1,4 @@
-"""Commands: the engine's own and those of plugins, each imported when it is asked for."""
+"""Commands of the engine and of plugins; each is imported when it is called."""
 
 import importlib.metadata
 import subprocess
@@ -50,8 +50,8 @@ def greet(name: str) -> None:
     typer.echo(f"hello {name}")
 
 
-def test_a_plugin_brings_a_command(offer: Offer) -> None:
-    """Its function is called with its arguments and listed with its first line."""
+def test_a_plugin_adds_a_command(offer: Offer) -> None:
+    """Its function is called with its arguments, and listed with the first line of its docstring."""
     offer(greet=greet)
     assert streamkit("greet", "drone").stdout == "hello drone\n"
     listing = streamkit("--help").stdout
@@ -60,8 +60,8 @@ def test_a_plugin_brings_a_command(offer: Offer) -> None:
         assert f" {name} " in listing
 
 
-def test_a_plugin_brings_a_command_with_subcommands(offer: Offer) -> None:
-    """Where the entry point names a typer application."""
+def test_a_plugin_adds_a_command_with_subcommands(offer: Offer) -> None:
+    """The entry point names a typer application."""
     app = typer.Typer()
     app.command("one")(greet)
     app.command("two")(greet)
@@ -69,8 +69,8 @@ def test_a_plugin_brings_a_command_with_subcommands(offer: Offer) -> None:
     assert streamkit("many", "two", "drone").stdout == "hello drone\n"
 
 
-def test_only_the_command_asked_for_is_imported(offer: Offer) -> None:
-    """Another plugin's command is not even looked at."""
+def test_only_the_called_command_is_imported(offer: Offer) -> None:
+    """A broken command of another plugin does not matter."""
     offer(greet=greet, other="no_such_module:run")
     assert streamkit("greet", "drone").exit_code == 0
     assert "cannot be loaded" not in streamkit("greet", "--help").stdout
@@ -90,8 +90,8 @@ def test_a_broken_command_fails_alone(offer: Offer) -> None:
     assert streamkit("greet", "drone").exit_code == 0
 
 
-def test_what_is_no_function_is_refused(offer: Offer) -> None:
-    """With what it is."""
+def test_an_entry_point_that_is_not_callable_is_refused(offer: Offer) -> None:
+    """The error shows the object."""
     offer(number=7)
     done = streamkit("number")
     assert done.exit_code == 1
@@ -107,8 +107,8 @@ def test_an_unknown_command_is_code_2_with_a_suggestion(offer: Offer) -> None:
         assert f"No such command '{typed}'. Did you mean '{meant}'?" in done.stderr
 
 
-def test_the_engine_keeps_its_own_names(offer: Offer) -> None:
-    """A plugin cannot put another command in the place of `launch`."""
+def test_a_plugin_cannot_replace_a_command_of_the_engine(offer: Offer) -> None:
+    """`launch` of a plugin is ignored."""
     offer(launch=greet)
     assert "hello" not in streamkit("launch", "drone").output
 
@@ -124,7 +124,7 @@ def unimported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 def test_a_listing_imports_no_command(offer: Offer, unimported: str) -> None:
-    """What a command does is read from its source; what it costs to import is paid when it is called."""
+    """The help text is read from the source; the command is imported when it is called."""
     offer(far=f"{unimported}:run", greet=greet)
     for arguments in (("--help",), ("--version",), ("nosuch",)):
         done = streamkit(*arguments)
@@ -133,8 +133,8 @@ def test_a_listing_imports_no_command(offer: Offer, unimported: str) -> None:
     assert "cannot be loaded: RuntimeError: imported" in streamkit("far").stderr
 
 
-def test_a_command_that_was_only_listed_runs_all_the_same() -> None:
-    """A command behind `--` is called with its own arguments, and its own help, though all were listed."""
+def test_a_command_after_a_double_dash_runs() -> None:
+    """It gets its own arguments and has its own help."""
     code = (
         "import sys\n"
         "from streamkit.cli.main import main\n"
@@ -152,8 +152,8 @@ def test_a_command_that_was_only_listed_runs_all_the_same() -> None:
 
 
 @pytest.mark.parametrize(("first", "exit_code"), [("launch", 0), ("inspect", 130), ("--help", 130)])
-def test_an_interrupt_before_there_is_a_command_says_nothing(first: str, exit_code: int) -> None:
-    """Ctrl-C while the command line itself is being imported ends it without a traceback."""
+def test_an_interrupt_during_imports_prints_nothing(first: str, exit_code: int) -> None:
+    """Ctrl-C while the command line is being imported ends it without a traceback."""
     code = (
         "import sys\n"
         "class Interrupts:\n"
@@ -171,8 +171,8 @@ def test_an_interrupt_before_there_is_a_command_says_nothing(first: str, exit_co
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["inspect"]])
-def test_a_full_disk_behind_the_output_is_reported(arguments: list[str]) -> None:
-    """Output that cannot be written is one line and code 1."""
+def test_a_full_disk_is_reported(arguments: list[str]) -> None:
+    """Output that cannot be written is one line and exit code 1."""
     command = [str(Path(sys.executable).with_name("streamkit")), *arguments]
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(

@@ -1,4 +1,4 @@
-"""What is left to say when the process dies at once, and how Ctrl-C ends a call that hangs."""
+"""Reports of crashes, and Ctrl-C during a call that hangs."""
 
 import os
 import signal
@@ -71,8 +71,8 @@ def launch(tmp_path: Path) -> Launch:
 
 
 @pytest.mark.parametrize(("harm", "number"), [("segfault", signal.SIGSEGV), ("kill", signal.SIGKILL)])
-def test_a_process_that_dies_names_the_elements_at_work(launch: Launch, harm: str, number: int) -> None:
-    """The element is named; after a segmentation fault Python writes where each thread stood, too."""
+def test_a_crash_names_the_active_elements(launch: Launch, harm: str, number: int) -> None:
+    """After a segmentation fault the stacks of all threads are printed, too."""
     process = launch(f"fakesrc num-buffers=9 ! queue ! identity ! faulty name=lens harm={harm} ! fakesink")
     _, errors = process.communicate(timeout=60)
     assert process.returncode == -number
@@ -83,16 +83,16 @@ def test_a_process_that_dies_names_the_elements_at_work(launch: Launch, harm: st
     assert ("faulty.py" in errors) == (harm == "segfault")
 
 
-def test_a_run_that_ends_well_says_nothing(launch: Launch) -> None:
-    """Nothing about elements at work, neither at EOS nor after Ctrl-C."""
+def test_a_clean_run_prints_no_crash_report(launch: Launch) -> None:
+    """Neither at EOS nor after Ctrl-C."""
     process = launch("fakesrc num-buffers=9 ! fakesink")
     assert process.communicate(timeout=60) == ("", "")
     assert process.returncode == 0
 
 
 @pytest.mark.parametrize("where", ["start", "stop"])
-def test_the_first_interrupt_ends_a_call_that_hangs(launch: Launch, where: str) -> None:
-    """One Ctrl-C is enough, within the time that such a call is given to come back."""
+def test_one_interrupt_abandons_a_hanging_call(launch: Launch, where: str) -> None:
+    """The process ends within the grace period."""
     process = launch(
         "--watchdog-s", "1", f"fakesrc num-buffers=9 ! faulty name=lens where={where} ! fakesink"
     )
@@ -107,8 +107,8 @@ def test_the_first_interrupt_ends_a_call_that_hangs(launch: Launch, where: str) 
     assert "lens" in errors
 
 
-def test_a_frame_that_hangs_ends_the_run_with_the_element_and_the_frame(launch: Launch) -> None:
-    """Nobody has to press anything: an error within `--watchdog-s`, and the process ends."""
+def test_a_hanging_frame_ends_the_run(launch: Launch) -> None:
+    """The error names element and frame within `--watchdog-s`, without user action."""
     process = launch("--watchdog-s", "1", "fakesrc num-buffers=9 ! faulty name=lens ! fakesink")
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 1

@@ -1,4 +1,4 @@
-"""The description that commands are given: arguments, files, variables, and how its errors are told."""
+"""Descriptions of commands: arguments, files, variables, and their errors."""
 
 import json
 from pathlib import Path
@@ -58,14 +58,14 @@ def test_a_bad_description_is_an_error_object() -> None:
         ("( )", "empty-bin"),
     ],
 )
-def test_every_code_comes_out(text: str, code: str) -> None:
-    """The codes of the contract."""
+def test_every_error_code(text: str, code: str) -> None:
+    """Each code of the contract can be produced."""
     exit_code, _, error = graph(text)
     assert (exit_code, json.loads(error)["error"]["code"]) == (2, code)
 
 
 def test_a_file_has_comments_line_breaks_and_variables(tmp_path: Path) -> None:
-    """Places count in the file, and a long pipeline reads well."""
+    """Places in errors are those of the file."""
     file = tmp_path / "a.pipe"
     file.write_text("# what it does\nfakesrc num-buffers=${N:-2}  # few\n  ! ${SINK}\n", encoding="utf-8")
     code, out, _ = graph("-f", str(file), "--set", "SINK=fakesink")

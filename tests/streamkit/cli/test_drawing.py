@@ -1,4 +1,4 @@
-"""`streamkit graph --stats`: the counters of a run, drawn into the graph."""
+"""`streamkit graph --stats`: the counters of a run in the drawing."""
 
 import json
 import re
@@ -46,8 +46,8 @@ def test_mermaid_has_rates_and_drops_on_links_and_work_on_elements(statistics: P
     assert sum(line.startswith("  style n") for line in lines) == 4
 
 
-def test_dot_has_them_too(statistics: Path) -> None:
-    """With a colour that grows warmer with the work."""
+def test_dot_has_counters_and_load_colours(statistics: Path) -> None:
+    """The colour depends on the load."""
     dot = graph("--format", "dot", "--stats", str(statistics), TEXT).stdout
     assert '"fakesrc0" -> "q" [label="ANY\\n40 frames, 20.0/s"];' in dot
     assert re.search(
@@ -55,8 +55,8 @@ def test_dot_has_them_too(statistics: Path) -> None:
     )
 
 
-def test_elements_that_did_not_run_are_drawn_without(statistics: Path) -> None:
-    """The description may have grown since."""
+def test_elements_without_counters_are_drawn_plain(statistics: Path) -> None:
+    """The description may have elements that the run did not have."""
     lines = graph("--stats", str(statistics), TEXT + " fakesrc name=new ! fakesink").stdout.splitlines()
     assert '  n4["new"]' in lines
 
@@ -77,8 +77,8 @@ def test_elements_that_did_not_run_are_drawn_without(statistics: Path) -> None:
         ),
     ],
 )
-def test_a_file_that_will_not_do_is_code_2(tmp_path: Path, content: str | None, message: str) -> None:
-    """What is wrong with it."""
+def test_an_invalid_statistics_file_is_code_2(tmp_path: Path, content: str | None, message: str) -> None:
+    """The message says what is wrong."""
     file = tmp_path / "odd.json"
     if content is not None:
         file.write_text(content, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""`streamkit graph`: builds without running, and draws."""
+"""`streamkit graph`: builds a pipeline without running it and draws it."""
 
 import json
 import shutil
@@ -27,7 +27,7 @@ def as_json(text: str) -> dict[str, Any]:
     return found
 
 
-def test_json_is_that_of_the_design() -> None:
+def test_json_format() -> None:
     """Elements with the properties set in the text, links with their caps, warnings."""
     assert as_json("fakesrc num-buffers=3 ! a/b,x=1 ! ( name=b identity ) ! fakesink name=end") == {
         "elements": [
@@ -68,8 +68,8 @@ class Convert(Transform):
     src = "video/x-raw, format={ GRAY8, BGR }"
 
 
-def test_converters_stand_by_themselves(register: Register) -> None:
-    """Under `inserted`, with a warning; not among the elements of the text."""
+def test_inserted_converters_are_listed_apart(register: Register) -> None:
+    """They are under `inserted`, with a warning, and not among the elements of the text."""
     register(camera=Camera, screen=Screen, videoconvert=Convert)
     found = as_json("camera ! screen")
     assert [item["name"] for item in found["elements"]] == ["camera0", "screen0"]
@@ -85,8 +85,8 @@ class Guarded(Element):
     text: str = Property("")
 
 
-def test_bins_may_share_names() -> None:
-    """Two elements of one name are two in the drawing."""
+def test_equal_names_in_different_bins_are_distinguished() -> None:
+    """Two elements with the same name are two nodes in the drawing."""
     text = "( fakesrc name=a ! fakesink name=b ) ( fakesrc name=a ! fakesink name=b )"
     dot = graph("--format", "dot", text).stdout
     assert '"a" -> "b" [' in dot
@@ -97,7 +97,7 @@ def test_bins_may_share_names() -> None:
 
 @pytest.mark.parametrize("form", ["json", "dot", "mermaid"])
 def test_passwords_in_addresses_are_masked_in_every_format(register: Register, form: str) -> None:
-    """Whatever the property: user and password of an address do not show."""
+    """User and password of a URI are masked in any property."""
     register(guarded=Guarded)
     done = graph("--format", form, "fakesrc ! guarded text=rtsp://me:hunter2@cam/live")
     assert done.exit_code == 0
@@ -122,7 +122,7 @@ def test_passwords_in_addresses_are_masked_in_every_format(register: Register, f
 )
 @pytest.mark.parametrize("form", ["json", "mermaid"])
 def test_secrets_are_masked_in_errors(register: Register, text: str, form: str) -> None:
-    """Neither the message nor the line of the text that it points into shows them."""
+    """Neither the message nor the quoted line shows them."""
     register(guarded=Guarded)
     done = graph("--format", form, text)
     assert done.exit_code == 2
@@ -131,7 +131,7 @@ def test_secrets_are_masked_in_errors(register: Register, text: str, form: str) 
 
 @pytest.mark.parametrize("form", ["json", "dot", "mermaid"])
 def test_secrets_are_masked_in_every_format(register: Register, form: str) -> None:
-    """What is drawn may be shared."""
+    """Drawings can be shared."""
     register(guarded=Guarded)
     done = graph("--format", form, "fakesrc ! guarded password=hunter2")
     assert done.exit_code == 0
@@ -151,8 +151,8 @@ def test_dot_and_mermaid_show_elements_links_and_caps() -> None:
     assert '  n0 -- "a/b, x=(int)1" --> n2' in mermaid.splitlines()
 
 
-def test_odd_texts_do_not_break_the_drawing(register: Register) -> None:
-    """Quotes and backslashes of a value stay inside their label."""
+def test_quotes_and_backslashes_are_escaped(register: Register) -> None:
+    """They stay inside their label."""
     register(guarded=Guarded)
     text = r'fakesrc ! guarded text="a \"quoted\" \\ text"'
     dot = graph("--format", "dot", text).stdout
@@ -166,8 +166,8 @@ def test_svg_is_an_image() -> None:
     assert "<svg" in graph("--format", "svg", "fakesrc ! fakesink").stdout
 
 
-def test_svg_without_graphviz_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The remedy is named."""
+def test_svg_without_graphviz_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error names the remedy."""
     monkeypatch.setattr(shutil, "which", lambda _: None)
     done = graph("--format", "svg", "fakesrc ! fakesink")
     assert done.exit_code == 2
@@ -177,8 +177,8 @@ def test_svg_without_graphviz_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("form", ["json", "mermaid"])
-def test_a_chain_of_many_elements(form: str) -> None:
-    """x-q37: 500 in a row are built and drawn; the time grows with their number, not with its square."""
+def test_a_long_chain_is_drawn_in_linear_time(form: str) -> None:
+    """x-q37: 500 elements in a row."""
     done = graph("--format", form, " ! ".join(["fakesrc", *["identity"] * 500, "fakesink"]))
     assert done.exit_code == 0
     assert "identity499" in done.stdout
@@ -193,8 +193,8 @@ def test_a_bad_description_is_code_2() -> None:
     assert (done.exit_code, done.stderr.splitlines()[-1]) == (2, "            ^")
 
 
-def test_a_setting_for_no_variable_is_reported() -> None:
-    """Beside the drawing, on stderr."""
+def test_an_unused_variable_is_reported() -> None:
+    """A note on stderr names it and the variables of the description."""
     done = graph("--format", "json", "--set", "cuont=7", "fakesrc num-buffers=${count:-2} ! fakesink")
     assert json.loads(done.stdout)["elements"][0]["properties"] == {"num-buffers": 2}
     assert done.stderr == "note: --set cuont is not used: the description has no ${cuont}; it has count\n"

@@ -1,4 +1,4 @@
-"""`streamkit inspect`: lists the elements, and documents one."""
+"""`streamkit inspect`: lists elements and describes one."""
 
 import json
 from collections.abc import Callable
@@ -19,7 +19,7 @@ def inspect(*arguments: str) -> Result:
 
 
 def facts(name: str) -> dict[str, Any]:
-    """What is told of an element, as JSON."""
+    """The JSON description of an element."""
     found: dict[str, Any] = json.loads(inspect(name, "--json").stdout)
     return found
 
@@ -51,7 +51,7 @@ class Gain(Transform):
 
 
 def test_the_list_names_package_version_and_class() -> None:
-    """One line an element, in order, with what provides it."""
+    """One line per element, sorted."""
     lines = inspect().stdout.splitlines()
     names = [line.split()[0] for line in lines]
     assert names == sorted(names)
@@ -60,15 +60,15 @@ def test_the_list_names_package_version_and_class() -> None:
 
 
 def test_the_list_as_json() -> None:
-    """The same facts for programs."""
+    """The same values as JSON."""
     rows = {row["name"]: row for row in json.loads(inspect("--json").stdout)}
     assert rows["tee"] == {
         "name": "tee", "package": "streamkit", "version": "0.1.0", "class": "streamkit.elements.tee:Tee",
     }  # fmt: skip
 
 
-def test_an_element_in_full(register: Register) -> None:
-    """Doc, pads with caps, properties with range, unit and default, and an example to run."""
+def test_text_of_an_element(register: Register) -> None:
+    """Doc, pads with caps, properties with range, unit and default, and an example."""
     register(gain=Gain)
     assert inspect("gain").stdout == (
         "gain - Multiplies the brightness.\n\nOf every pixel.\n\n"
@@ -90,7 +90,7 @@ def test_an_element_in_full(register: Register) -> None:
 
 
 def test_an_element_as_json() -> None:
-    """The same facts for programs."""
+    """The same values as JSON."""
     found = facts("queue")
     assert (found["name"], found["kind"], found["package"]) == ("queue", "Element", "streamkit")
     assert [pad["name"] for pad in found["pads"]] == ["sink", "src"]
@@ -110,7 +110,7 @@ def test_an_unknown_element_is_code_2() -> None:
 
 
 def test_a_broken_plugin_is_code_1_and_still_listed(register: Register) -> None:
-    """Listing imports nothing; asking for it names package, cause and remedy."""
+    """Listing imports nothing; describing it names package, cause and remedy."""
     register(halfbaked="no_such_module:Thing")
     assert any(line.startswith("halfbaked ") for line in inspect().stdout.splitlines())
     done = inspect("halfbaked")

@@ -1,4 +1,4 @@
-"""`streamkit launch`: exit codes, errors that point, interrupts."""
+"""`streamkit launch`: exit codes, errors, interrupts."""
 
 import json
 import os
@@ -25,7 +25,7 @@ COMMAND = [str(Path(sys.executable).with_name("streamkit")), "launch"]
 
 @pytest.fixture
 def launch(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
-    """Runs the command in this process; the process itself is not left."""
+    """Runs the command in this process, without leaving it."""
 
     def leave(code: int) -> None:
         raise typer.Exit(code)
@@ -38,8 +38,8 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
     return run
 
 
-def test_the_end_of_the_stream_is_a_success(launch: Callable[..., Result]) -> None:
-    """Exit code 0, and not a word."""
+def test_eos_is_exit_code_0(launch: Callable[..., Result]) -> None:
+    """Nothing is printed."""
     done = launch("fakesrc num-buffers=3 ! fakesink")
     assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
 
@@ -54,7 +54,7 @@ def test_a_failure_is_one_line_and_code_1(launch: Callable[..., Result]) -> None
 
 
 def test_a_bad_description_points_into_the_text_with_code_2(launch: Callable[..., Result]) -> None:
-    """The line and a caret below the fault."""
+    """The line is printed with carets below the error."""
     done = launch("fakesrc ! fakesnk")
     assert done.exit_code == 2
     assert done.stderr == (
@@ -113,14 +113,16 @@ def test_errors_as_json(launch: Callable[..., Result], text: str, error: dict[st
     ],
 )
 def test_wrong_usage_is_code_2(launch: Callable[..., Result], arguments: list[str], message: str) -> None:
-    """What to write instead."""
+    """The message says what to write."""
     done = launch(*arguments)
     assert (done.exit_code, done.stderr) == (2, message)
 
 
 @pytest.mark.parametrize("content", [b"\xff\xfe fakesrc", b"x" * 1_000_001])
-def test_a_file_that_is_no_description(launch: Callable[..., Result], tmp_path: Path, content: bytes) -> None:
-    """Neither other encodings nor files without end are read."""
+def test_an_unreadable_description_file_is_refused(
+    launch: Callable[..., Result], tmp_path: Path, content: bytes
+) -> None:
+    """Not UTF-8, or too large."""
     file = tmp_path / "odd.pipe"
     file.write_bytes(content)
     done = launch("-f", str(file))
@@ -161,7 +163,7 @@ DROPS_ALL = "fakesrc num-buffers=4 ! identity drop-probability=1 ! fakesink"
 
 
 def test_statistics_as_json_are_one_object(launch: Callable[..., Result], tmp_path: Path) -> None:
-    """On stdout, or in a file: for every element what came, what left, what was dropped and why."""
+    """On stdout or in a file: frames in, frames out, drops with reasons of every element."""
     file = tmp_path / "statistics.json"
     done = launch("--stats=json", "--stats-file", str(file), DROPS_ALL)
     assert (done.exit_code, done.stderr) == (0, "")
@@ -177,7 +179,7 @@ def test_statistics_as_json_are_one_object(launch: Callable[..., Result], tmp_pa
 
 
 def test_statistics_of_a_failed_run_are_printed_too(launch: Callable[..., Result]) -> None:
-    """They tell what came before the failure; the exit code stays 1."""
+    """Counters up to the failure are printed; the exit code stays 1."""
     done = launch("--stats=json", "fakesrc ! identity error-after=3 ! fakesink")
     assert done.exit_code == 1
     row = json.loads(done.stdout)["elements"][1]
@@ -185,13 +187,13 @@ def test_statistics_of_a_failed_run_are_printed_too(launch: Callable[..., Result
 
 
 def test_a_statistics_file_that_cannot_be_written_is_code_1(launch: Callable[..., Result]) -> None:
-    """The run itself is done; the reason is told."""
+    """The reason is printed."""
     done = launch("--stats-file", "/etc/passwd/x.json", DROPS_ALL)
     assert done.exit_code == 1
     assert done.stderr.startswith("error: --stats-file /etc/passwd/x.json cannot be written: ")
 
 
-def test_statistics_for_people_are_a_table_at_the_end(launch: Callable[..., Result]) -> None:
+def test_text_statistics_end_with_a_table(launch: Callable[..., Result]) -> None:
     """On stderr; stdout stays empty."""
     for arguments in (["--stats", DROPS_ALL], ["-q", "--stats", DROPS_ALL], [DROPS_ALL, "--stats"]):
         done = launch(*arguments)
@@ -203,8 +205,8 @@ def test_statistics_for_people_are_a_table_at_the_end(launch: Callable[..., Resu
         assert "4" in identity[4]
 
 
-def test_statistics_for_a_log_are_a_line_every_second(launch: Callable[..., Result]) -> None:
-    """Where stderr is no terminal."""
+def test_text_statistics_without_a_terminal_are_lines(launch: Callable[..., Result]) -> None:
+    """One line every second."""
     done = launch(
         "--stats", "videotestsrc num-buffers=36 ! video/x-raw,framerate=30/1 ! queue ! fakesink sync=true"
     )
@@ -216,7 +218,7 @@ def test_statistics_for_a_log_are_a_line_every_second(launch: Callable[..., Resu
 
 
 def test_an_unknown_format_of_statistics_is_code_2(launch: Callable[..., Result]) -> None:
-    """What there is, is told."""
+    """The message lists the formats."""
     done = launch("--stats=xml", DROPS_ALL)
     assert done.exit_code == 2
     assert "'xml' is not one of 'text', 'json'" in done.stderr
@@ -234,7 +236,7 @@ class Talkative(Sink):
 
 
 def test_warnings_are_shown_unless_quiet(launch: Callable[..., Result], register: Register) -> None:
-    """A warning is no failure."""
+    """A warning does not change the exit code."""
     register(talkative=Talkative)
     done = launch("fakesrc num-buffers=1 ! talkative name=t")
     assert (done.exit_code, done.stderr) == (0, "warning: t: lens is dirty\n")
@@ -242,7 +244,7 @@ def test_warnings_are_shown_unless_quiet(launch: Callable[..., Result], register
 
 
 def test_a_secret_in_a_variable_is_never_shown(launch: Callable[..., Result], register: Register) -> None:
-    """Neither in the pointed line, nor in the message, nor verbose."""
+    """Not in the quoted line, the message or verbose output."""
     register(talkative=Talkative)
     for text in ("talkative pin=${SECRET}", "fakesrc num-buffers=1 ! talkative password=${SECRET} ! x",
                  "fakesrc num-buffers=1 ! talkative password=${SECRET}"):  # fmt: skip
@@ -252,8 +254,8 @@ def test_a_secret_in_a_variable_is_never_shown(launch: Callable[..., Result], re
         assert "4711" not in done.stderr + done.stdout
 
 
-def test_what_fails_at_the_start_is_code_1(launch: Callable[..., Result], register: Register) -> None:
-    """A resource that cannot be had, and stops that fail, are told once."""
+def test_a_failed_start_is_code_1(launch: Callable[..., Result], register: Register) -> None:
+    """A missing resource and failing stops are reported once."""
 
     class Fails(Talkative):
         """Cannot start."""
@@ -267,18 +269,18 @@ def test_what_fails_at_the_start_is_code_1(launch: Callable[..., Result], regist
 
 
 @pytest.mark.parametrize("method", ["start", "render"])
-def test_verbose_shows_an_author_where_the_element_failed(
+def test_verbose_prints_the_traceback_of_a_failed_element(
     launch: Callable[..., Result], register: Register, method: str
 ) -> None:
-    """With -v the line that raised stands above the error, which stays one line without it."""
+    """With -v the traceback precedes the error; without it the error is one line."""
 
     def fail(self: Sink, *_: Frame) -> None:
         raise LookupError("never foreseen")
 
     register(fails=type("Fails", (Sink,), {"sink": "ANY", method: fail, "__doc__": "Fails."}))
-    told = launch("-v", "fakesrc num-buffers=1 ! fails").stderr
-    assert 'raise LookupError("never foreseen")' in told
-    assert f'{Path(__file__).name}", line {fail.__code__.co_firstlineno + 1}, in fail' in told
+    reported = launch("-v", "fakesrc num-buffers=1 ! fails").stderr
+    assert 'raise LookupError("never foreseen")' in reported
+    assert f'{Path(__file__).name}", line {fail.__code__.co_firstlineno + 1}, in fail' in reported
     plain = launch("fakesrc num-buffers=1 ! fails").stderr
     assert plain.startswith("error: fails0: LookupError: never foreseen")
     assert plain.count("\n") == 1
@@ -294,7 +296,7 @@ def test_verbose_shows_an_author_where_the_element_failed(
     ],
 )
 def test_an_interrupt_is_a_clean_stop(arguments: list[str], number: int, has_eos: bool) -> None:
-    """Ctrl-C stops within bounds with code 0; with -e the stream ends first, behind its last frame."""
+    """Ctrl-C stops in time with code 0; with -e the stream ends first, after its last frame."""
     text = "fakesrc ! queue max-size-buffers=5 ! identity sleep-time=100 ! fakesink"
     with subprocess.Popen([*COMMAND, *arguments, text], stderr=subprocess.PIPE, text=True) as process:
         try:
@@ -313,10 +315,10 @@ def test_an_interrupt_is_a_clean_stop(arguments: list[str], number: int, has_eos
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_an_interrupt_before_it_plays_is_a_clean_stop_too(
+def test_an_interrupt_during_the_build_is_a_clean_stop(
     launch: Callable[..., Result], register: Register, number: int
 ) -> None:
-    """Ctrl-C while the pipeline is still being built ends it at once, with the code it has later on."""
+    """Ctrl-C ends the command at once with exit code 0."""
 
     class Interrupted(Sink):
         """Takes long to make."""
@@ -348,8 +350,8 @@ def test_a_setting_for_no_variable_is_reported(launch: Callable[..., Result]) ->
     assert launch("-q", "--set", "cuont=7", text).stderr == ""
 
 
-def test_the_installed_command_ends_with_the_right_codes() -> None:
-    """0, 1 and 2 as the shell sees them; nothing but the error is printed."""
+def test_exit_codes_of_the_installed_command() -> None:
+    """0, 1 and 2; only the error is printed."""
     for text, code in (
         ("fakesrc num-buffers=1 ! queue ! fakesink", 0),
         ("fakesrc ! queue ! identity error-after=1 ! fakesink", 1),
@@ -363,8 +365,8 @@ def test_the_installed_command_ends_with_the_right_codes() -> None:
 
 
 @pytest.mark.parametrize(("wanted", "threads"), [(None, "1"), ("3", "3")])
-def test_matrix_products_start_no_threads_of_their_own(wanted: str | None, threads: str) -> None:
-    """Elements have theirs already; a user's own setting holds."""
+def test_blas_is_limited_to_one_thread(wanted: str | None, threads: str) -> None:
+    """A value set by the user is kept."""
     code = (
         "import os, sys\n"
         "from streamkit.cli.main import main\n"
@@ -385,14 +387,14 @@ def test_matrix_products_start_no_threads_of_their_own(wanted: str | None, threa
         timeout=60,
         check=True,
     )
-    told, running = done.stdout.split()
-    assert told == threads
+    reported, running = done.stdout.split()
+    assert reported == threads
     assert int(running) <= int(threads)
 
 
 @pytest.mark.parametrize("closed", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-", "2>/dev/full"])
-def test_streams_that_are_closed_do_no_harm(tmp_path: Path, closed: str) -> None:
-    """Nothing that is written for people gets into a file of the pipeline, nor ends it."""
+def test_closed_standard_streams_do_no_harm(tmp_path: Path, closed: str) -> None:
+    """Messages do not get into a file of the pipeline, and do not end it."""
     path = tmp_path / "a.raw"
     text = f"videotestsrc num-buffers=3 ! video/x-raw,width=16,height=16 ! filesink location={path}"
     shell = f'exec "$0" launch -v --set unused=1 "$1" {closed}'
@@ -406,7 +408,7 @@ def test_streams_that_are_closed_do_no_harm(tmp_path: Path, closed: str) -> None
 def test_system_exit_of_an_element_is_an_error(
     launch: Callable[..., Result], register: Register, method: str
 ) -> None:
-    """It is told with the element's name, and neither ends the process nor hangs."""
+    """It is reported with the element's name, and neither ends the process nor hangs."""
 
     def leave(self: Sink, *_: Any, **__: Any) -> None:
         raise SystemExit(0)
@@ -421,7 +423,7 @@ def test_system_exit_of_an_element_is_an_error(
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reported"),
     [
         ("videotestsrc num-buffers=2 ! tracksink location={}/t.jsonl", "put particletrack before it"),
         ("videotestsrc num-buffers=2 ! detectionsink location={}/d.jsonl", "put framediff before it"),
@@ -430,13 +432,13 @@ def test_system_exit_of_an_element_is_an_error(
         ("fakesrc num-buffers=0 ! filesink location={}/x", "no frame came, nothing is written"),
     ],
 )
-def test_a_run_that_makes_nothing_says_so(
-    launch: Callable[..., Result], tmp_path: Path, text: str, told: str
+def test_a_run_without_results_is_reported(
+    launch: Callable[..., Result], tmp_path: Path, text: str, reported: str
 ) -> None:
     """As a warning and in the statistics; with --strict the exit code is 1."""
     done = launch("--stats=json", text.format(tmp_path))
     assert done.exit_code == 0
-    assert told in done.stderr
-    assert any(told in shortfall for shortfall in json.loads(done.stdout)["shortfalls"])
+    assert reported in done.stderr
+    assert any(reported in shortfall for shortfall in json.loads(done.stdout)["shortfalls"])
     assert launch("--strict", "-q", text.format(tmp_path)).exit_code == 1
     assert launch("--strict", "fakesrc num-buffers=1 ! fakesink").exit_code == 0

@@ -1,4 +1,4 @@
-"""`streamkit new`: names that will do, files that are there, nothing overwritten."""
+"""`streamkit new`: names, existing files, nothing overwritten."""
 
 import tomllib
 from pathlib import Path
@@ -22,8 +22,8 @@ def new(*arguments: str) -> Result:
 
 
 @pytest.mark.parametrize("kind", ["transform", "source", "sink"])
-def test_the_package_is_whole(folder: Path, kind: str) -> None:
-    """Project file, element, test and README; the entry point names the class; the next steps are told."""
+def test_the_package_is_complete(folder: Path, kind: str) -> None:
+    """Project file, element, test and README; the entry point names the class; the next steps are printed."""
     done = new("rolling-average", "--kind", kind)
     assert done.exit_code == 0
     files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
@@ -61,8 +61,8 @@ def test_the_package_is_whole(folder: Path, kind: str) -> None:
         ),
     ],
 )
-def test_a_name_that_will_not_do(folder: Path, name: str, message: str) -> None:
-    """The rule, what it got and a remedy, with code 2; nothing is written."""
+def test_an_invalid_name_is_refused(folder: Path, name: str, message: str) -> None:
+    """Rule, value and remedy, with code 2; nothing is written."""
     done = new("--", name)
     assert done.exit_code == 2
     assert message in done.stderr
@@ -70,7 +70,7 @@ def test_a_name_that_will_not_do(folder: Path, name: str, message: str) -> None:
 
 
 def test_nothing_is_overwritten(folder: Path) -> None:
-    """A folder, or a file, of that name stays as it is."""
+    """An existing folder or file of that name is kept."""
     (folder / "mine").mkdir()
     (folder / "mine" / "keep").write_text("x")
     done = new("mine")
@@ -82,7 +82,7 @@ def test_nothing_is_overwritten(folder: Path) -> None:
 
 
 def test_a_folder_that_cannot_be_written(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The system's reason is told."""
+    """The reason of the operating system is printed."""
 
     def refuse(*_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied")

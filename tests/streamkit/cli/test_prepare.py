@@ -1,4 +1,4 @@
-"""What plugins do once on each machine."""
+"""`streamkit prepare`: preparations of plugins."""
 
 import importlib.metadata
 from collections.abc import Callable
@@ -39,7 +39,7 @@ def test_every_preparation_is_run_and_reported(offer: Offer) -> None:
     assert second.startswith("second is ready after ")
 
 
-def test_one_that_fails_is_named_and_the_others_are_done(
+def test_a_failed_preparation_does_not_stop_the_others(
     offer: Offer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Name, function, cause and remedy; exit code 1."""
@@ -54,6 +54,6 @@ def test_one_that_fails_is_named_and_the_others_are_done(
 
 
 def test_nothing_to_prepare_is_no_error(offer: Offer) -> None:
-    """Where no plugin asks for it."""
+    """No plugin has a preparation."""
     offer()
     assert prepare().exit_code == 0

@@ -1,4 +1,4 @@
-"""`streamkit launch` on a terminal, as a user has it: progress, table, and Ctrl-C once and twice."""
+"""`streamkit launch` on a terminal: progress, table, and Ctrl-C once and twice."""
 
 import fcntl
 import json
@@ -76,13 +76,13 @@ def _read_all(master: int, keys: list[tuple[str, bytes]]) -> str:
 
 
 def lines_of(out: str) -> list[str]:
-    """The text as it stands on the screen, without colours; a line drawn anew shows its last state."""
+    """The lines on the screen, without colours; a redrawn line has its last state."""
     plain = CONTROL.sub("", out.replace("\r\n", "\n"))
     return [line.rpartition("\r")[2].rstrip() for line in plain.split("\n")]
 
 
-def test_a_progress_line_is_drawn_in_its_place() -> None:
-    """Time, position, frames and rate; its last state stays."""
+def test_the_progress_line_is_redrawn_in_place() -> None:
+    """Time, position, frames and rate; the last state stays."""
     code, out = on_terminal(SLOW)
     assert code == 0
     assert out.count("\x1b[K") > 3
@@ -91,12 +91,12 @@ def test_a_progress_line_is_drawn_in_its_place() -> None:
 
 
 def test_quiet_draws_nothing() -> None:
-    """Not even on a terminal."""
+    """Also on a terminal."""
     assert on_terminal("-q", SLOW.replace("33", "3")) == (0, "")
 
 
-def test_statistics_are_a_table_drawn_in_its_place() -> None:
-    """One row for each element, with what a queue holds; messages stand above; its last state stays."""
+def test_the_table_is_redrawn_in_place() -> None:
+    """One row per element, with queue levels; messages are above; the last state stays."""
     code, out = on_terminal("--stats", "-v", SLOW)
     assert code == 0
     assert "state: pipeline: playing" in lines_of(out)
@@ -110,7 +110,7 @@ def test_statistics_are_a_table_drawn_in_its_place() -> None:
 
 
 def test_control_c_is_a_clean_stop() -> None:
-    """With code 0, within bounds."""
+    """With code 0, in time."""
     code, out = on_terminal("-v", ENDLESS, keys=[("pipeline: playing", b"\x03")])
     assert code == 0
     assert "state: pipeline: null" in out
@@ -118,7 +118,7 @@ def test_control_c_is_a_clean_stop() -> None:
 
 
 def test_control_c_with_e_ends_the_stream_first() -> None:
-    """The frames that are on their way still arrive."""
+    """Frames in flight still arrive."""
     text = ENDLESS.replace("50", "2")
     code, out = on_terminal("-v", "-e", text, keys=[("pipeline: playing", b"\x03")])
     assert code == 0
@@ -127,7 +127,7 @@ def test_control_c_with_e_ends_the_stream_first() -> None:
 
 
 def test_a_second_control_c_does_not_wait_for_the_end() -> None:
-    """Ten seconds of frames are left in the queue."""
+    """Ten seconds of frames are still queued."""
     began = time.monotonic()
     keys = [("pipeline: playing", b"\x03"), ("interrupt: ending", b"\x03")]
     code, out = on_terminal("-v", "-e", ENDLESS, keys=keys)
@@ -138,7 +138,7 @@ def test_a_second_control_c_does_not_wait_for_the_end() -> None:
 
 
 def test_a_second_control_c_ends_a_process_that_hangs(tmp_path: Path) -> None:
-    """Where an element does not stop; the terminal's cursor is shown again."""
+    """An element does not stop; the cursor is shown again."""
     (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
     (tmp_path / "hangs-1.dist-info").mkdir()
     (tmp_path / "hangs-1.dist-info" / "entry_points.txt").write_text(
@@ -153,21 +153,21 @@ def test_a_second_control_c_ends_a_process_that_hangs(tmp_path: Path) -> None:
 
 
 def test_a_live_source_reports_the_age_of_frames() -> None:
-    """How far behind the camera the sink is."""
+    """The age of the newest frame at the sink."""
     code, out = on_terminal("fakesrc is-live=true num-buffers=20 ! queue ! fakesink")
     assert code == 0
     assert re.search(r"\d+ frames  \d+\.\d/s, \d+ ms old", out)
 
 
-def test_errors_stand_on_a_line_of_their_own() -> None:
-    """The progress line is taken away first."""
+def test_errors_replace_the_progress_line() -> None:
+    """The progress line is cleared first."""
     code, out = on_terminal("fakesrc ! identity sleep-time=100000 ! identity error-after=8 ! fakesink")
     assert code == 1
     assert any(line.startswith("error: identity1: ") for line in lines_of(out))
 
 
 def test_a_terminal_that_is_closed_ends_the_pipeline_cleanly(tmp_path: Path) -> None:
-    """As SIGTERM does: files are complete, though nothing can be printed."""
+    """As SIGTERM: files are complete, though nothing can be printed."""
     path = tmp_path / "tracks.geojson"
     master, slave = pty.openpty()
     text = f"videotestsrc is-live=true ! video/x-raw,width=16,height=16 ! tracksink location={path}"

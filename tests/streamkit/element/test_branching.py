@@ -1,4 +1,4 @@
-"""Combine and Split: n to 1 and 1 to n."""
+"""Combine and Split."""
 
 from collections.abc import Callable, Iterable, Mapping
 
@@ -44,7 +44,7 @@ def test_all_inputs_come_out_and_eos_once(register: Register) -> None:
     assert len(frames) == 8
 
 
-def test_what_a_combine_holds_comes_before_eos(register: Register) -> None:
+def test_drained_frames_precede_eos(register: Register) -> None:
     """`drain` runs once, when every input has ended."""
 
     class Pairs(Join):
@@ -69,7 +69,7 @@ def test_what_a_combine_holds_comes_before_eos(register: Register) -> None:
 
 @pytest.mark.parametrize("moment", ["combine", "drain"])
 def test_an_exception_names_the_combine(register: Register, moment: str) -> None:
-    """Not the source in whose thread it happened."""
+    """Not the source whose thread runs it."""
 
     class Fails(Join):
         """Fails at one moment."""
@@ -89,7 +89,7 @@ def test_an_exception_names_the_combine(register: Register, moment: str) -> None
         Pipeline.parse("fakesrc num-buffers=1 ! fails ! fakesink").run(timeout_s=10)
 
 
-def test_a_split_sends_each_frame_where_it_belongs(register: Register) -> None:
+def test_a_split_sends_each_frame_to_its_pad(register: Register) -> None:
     """os-count: each output gets exactly its frames, and every output EOS."""
     register(evenodd=EvenOdd)
     text = "fakesrc num-buffers=5 ! evenodd name=s  s.even ! appsink name=a  s.odd ! queue ! appsink name=b"
@@ -99,7 +99,7 @@ def test_a_split_sends_each_frame_where_it_belongs(register: Register) -> None:
         assert [f.seq for f in pipeline["b"]] == [1, 3]
 
 
-def test_a_split_offers_what_all_outputs_take(register: Register) -> None:
+def test_a_split_offers_the_caps_common_to_all_outputs(register: Register) -> None:
     """os-nego-mode1: the intersection of all peers."""
     register(evenodd=EvenOdd)
     pipeline = Pipeline.parse(
@@ -108,8 +108,8 @@ def test_a_split_offers_what_all_outputs_take(register: Register) -> None:
     assert pipeline["s"].pads["sink"].query_caps() == Caps("a/b, x=[ 3, 5 ], y=2")
 
 
-def test_an_error_at_eos_beats_an_end(register: Register) -> None:
-    """t-flow: where one output fails and another only ends, the failure is what counts."""
+def test_an_error_at_eos_takes_precedence_over_an_end(register: Register) -> None:
+    """t-flow: one output fails, another ends; the failure is raised."""
     from streamkit import EndOfStream, Sink
 
     class Fails(Sink):

@@ -11,8 +11,8 @@ class Size(Choice):
     RANDOM = "random", 5
 
 
-def test_members_count_on_from_the_one_before() -> None:
-    """A label left out is the word; a member is its word."""
+def test_default_numbers_and_labels_of_members() -> None:
+    """The number after the previous one; the word as label."""
     assert [(member.value, member.number, member.label) for member in Size] == [
         ("empty", 1, "Empty frames"), ("fixed", 2, "fixed"), ("random", 5, "random"),
     ]  # fmt: skip

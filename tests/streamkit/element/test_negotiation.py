@@ -1,4 +1,4 @@
-"""Agreement between a src pad and what stands behind it."""
+"""Negotiation between a src pad and its peer."""
 
 import pytest
 
@@ -15,20 +15,20 @@ def pads(offered: str, accepted: str) -> tuple[Pad, Pad]:
     return src, sink
 
 
-def test_downstreams_order_rules() -> None:
-    """Of what both can, the receiver's preference comes first."""
+def test_caps_are_in_the_order_of_downstream() -> None:
+    """The preference of the receiver comes first."""
     src, _ = pads("a/b, f={ x, y, z }", "a/b, f={ z, y }")
     assert str(src.allowed_caps(Caps("a/b"))) == "a/b, f=(string){ z, y }"
 
 
-def test_what_the_element_can_now_bounds_it() -> None:
-    """The template is wide, the element's input may be narrow."""
+def test_caps_of_the_element_bound_its_template() -> None:
+    """The element may accept less than its template."""
     src, _ = pads("a/b", "a/b, f={ z, y }")
     assert src.allowed_caps(Caps("a/b, f=y")) == Caps("a/b, f=y")
 
 
-def test_nothing_left_is_a_refusal_that_names_all() -> None:
-    """Both pads, both caps, and the field in conflict."""
+def test_an_empty_intersection_is_refused() -> None:
+    """The error names both pads, both caps, and the field in conflict."""
     src, sink = pads("a/b, width=4", "a/b, width=[ 8, 16 ]")
     text = (
         r"up.src -> down.sink: not negotiated, the pads disagree on width: "
@@ -42,7 +42,7 @@ def test_nothing_left_is_a_refusal_that_names_all() -> None:
 
 
 def test_caps_that_fit_are_accepted() -> None:
-    """No error where data and receiver agree."""
+    """No error if downstream accepts the caps."""
     src, _ = pads("ANY", "a/b, width=[ 8, 16 ]")
     src.check_accepted(Caps("a/b, width=9, height=2"))
     alone = Pad(Element("e"), PadTemplate("src", Direction.SRC), "src")

@@ -1,4 +1,4 @@
-"""Sinks that write files: what happens to older files, and how errors are told."""
+"""Sinks that write files: older files, and errors."""
 
 from pathlib import Path
 from typing import Any
@@ -73,8 +73,10 @@ def written(element: str, location: Path, *data: bytes, **properties: Any) -> No
         ("appended", IfExists.CONTINUE, b"oldnew"),
     ],
 )
-def test_an_older_file(tmp_path: Path, element: str, if_exists: IfExists, content: bytes | None) -> None:
-    """It is replaced, continued, or refused with the remedies before the first frame."""
+def test_an_older_file_is_replaced_continued_or_refused(
+    tmp_path: Path, element: str, if_exists: IfExists, content: bytes | None
+) -> None:
+    """A refusal precedes the first frame and names remedies."""
     path = tmp_path / "a.bin"
     written(element, path, b"old", if_exists=if_exists)
     if content is not None:
@@ -91,8 +93,8 @@ def test_an_older_file(tmp_path: Path, element: str, if_exists: IfExists, conten
     ("if_exists", "names"),
     [(IfExists.CONTINUE, "000 001 002 003"), (IfExists.REPLACE, "000 001"), (IfExists.FAIL, None)],
 )
-def test_older_parts(tmp_path: Path, if_exists: IfExists, names: str | None) -> None:
-    """Their numbers are continued by default, so that none is overwritten."""
+def test_numbers_of_older_files_are_continued(tmp_path: Path, if_exists: IfExists, names: str | None) -> None:
+    """So that none is overwritten."""
     for _ in range(2):
         if names is None and list(tmp_path.iterdir()):
             with pytest.raises(ResourceError, match=r"2 such files exist; name another"):
@@ -113,8 +115,8 @@ def test_times_in_names(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
-def test_only_the_newest_are_kept(tmp_path: Path) -> None:
-    """Across runs, and never a file of somebody else."""
+def test_only_the_newest_files_are_kept(tmp_path: Path) -> None:
+    """Across runs; files of others are never deleted."""
     (tmp_path / "p-100.bin").write_bytes(b"mine")
     for _ in range(2):
         written("parts", tmp_path / "p-%03d.bin", b"a", b"b", b"c", max_files=2)
@@ -123,14 +125,14 @@ def test_only_the_newest_are_kept(tmp_path: Path) -> None:
 
 
 def test_a_stop_before_the_first_frame_leaves_the_older_file(tmp_path: Path) -> None:
-    """As Ctrl-C does while a source connects."""
+    """For example Ctrl-C while a source connects."""
     (tmp_path / "a").write_bytes(b"old")
     Harness("lines", location=str(tmp_path / "a")).close()
     assert (tmp_path / "a").read_bytes() == b"old"
 
 
 def test_an_error_is_raised_once(tmp_path: Path) -> None:
-    """Neither EOS nor the stop has another one."""
+    """Neither EOS nor the stop raises another one."""
     with Harness("lines", location="/dev/full") as harness:
         with pytest.raises(
             ElementFailure, match=r"location=/dev/full: cannot be written: No space .*free some"
@@ -142,7 +144,7 @@ def test_an_error_is_raised_once(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("pts", [float("nan"), 1.5, "1"])
 def test_a_time_that_is_no_integer_is_an_error(tmp_path: Path, pts: Any) -> None:
-    """It would be written as something else; numpy's integers are fine."""
+    """Integers of NumPy are accepted."""
     with Harness("lines", location=str(tmp_path / "a")) as harness:
         harness.push(Frame(b"a", BYTES, pts=np.int64(5)))  # type: ignore[arg-type]
         with pytest.raises(ElementFailure, match="the pts of a frame must be an integer, ns, or None"):
@@ -150,8 +152,8 @@ def test_a_time_that_is_no_integer_is_an_error(tmp_path: Path, pts: Any) -> None
     assert (tmp_path / "a").read_bytes() == b"a"
 
 
-def test_a_writer_that_does_not_return_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The stop does not use the file beside it."""
+def test_a_writer_that_does_not_return_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stop does not use the file at the same time."""
     monkeypatch.setattr("streamkit.element.output_sink.CLOSE_LIMIT_S", 0.01)
     assert CLOSE_LIMIT_S > 1
     sink = Lines(location=str(tmp_path / "a"))

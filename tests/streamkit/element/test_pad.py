@@ -55,8 +55,8 @@ def test_a_template_matches_names_with_a_number(template: str, name: str, matche
     assert PadTemplate(template, Direction.SRC).matches(name) is matches
 
 
-def test_request_pads_get_the_name_asked_for_or_the_next() -> None:
-    """t-reqnames: a name given is kept; automatic ones count on from the highest."""
+def test_request_pads_get_the_requested_or_next_name() -> None:
+    """t-reqnames: automatic numbers continue from the highest."""
     element = Both("b")
     template = Both.pad_templates["src_%u"]
     names = [element.request_pad(template, name).name for name in ("src_%u", "src_100", "src_10", "")]
@@ -66,8 +66,8 @@ def test_request_pads_get_the_name_asked_for_or_the_next() -> None:
         element.request_pad(template, "src_10")
 
 
-def test_automatic_numbers_go_on_behind_named_ones() -> None:
-    """r04: after src_5 come src_6 and src_7."""
+def test_automatic_numbers_continue_after_named_ones() -> None:
+    """r04: src_6 and src_7 follow src_5."""
     element = Both("b")
     template = Both.pad_templates["src_%u"]
     assert [element.request_pad(template, name).name for name in ("src_5", "", "")] == [
@@ -77,8 +77,8 @@ def test_automatic_numbers_go_on_behind_named_ones() -> None:
     ]
 
 
-def test_a_released_pad_is_unlinked_and_gone() -> None:
-    """Its peer is free for another link."""
+def test_a_released_pad_is_unlinked_and_removed() -> None:
+    """Its peer can be linked again."""
     upstream, downstream = Both("u"), Both("d")
     pad = upstream.request_pad(Both.pad_templates["src_%u"])
     pad.link(downstream.pads["sink"])
@@ -97,8 +97,8 @@ def test_a_link_has_two_ends() -> None:
     assert (src.peer, sink.peer) == (None, None)
 
 
-def test_a_frame_without_a_peer_is_not_linked() -> None:
-    """err-push: the signal names the pad."""
+def test_a_push_without_a_peer_raises_not_linked() -> None:
+    """err-push: the exception names the pad."""
     with pytest.raises(NotLinked, match=r"^u.src$"):
         Both("u").pads["src"].push(Frame(b"", RAW))
 
@@ -125,7 +125,7 @@ def test_an_event_on_an_unlinked_pad_is_kept_as_caps() -> None:
 
 
 def test_a_query_is_bounded_by_the_template() -> None:
-    """What a pad can carry is never more than its template says; without a peer that is anything."""
+    """A caps query never exceeds the template; without a peer it is the template."""
     upstream, downstream = Both("u"), Both("d")
     assert upstream.pads["src"].peer_caps().is_any
     upstream.pads["src"].link(downstream.pads["sink"])

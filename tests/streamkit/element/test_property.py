@@ -1,4 +1,4 @@
-"""Properties: declared once, checked wherever they are set."""
+"""Properties: declared once, checked whenever they are set."""
 
 import enum
 import re
@@ -66,8 +66,8 @@ def test_defaults_are_those_declared() -> None:
         ("place", None, None),
     ],
 )
-def test_values_become_the_propertys_type(name: str, given: Any, value: Any) -> None:
-    """Text of a description and near Python types are turned; the value has the type declared."""
+def test_values_are_converted_to_the_type_of_the_property(name: str, given: Any, value: Any) -> None:
+    """From text and from similar Python types."""
     element = Sample()
     element.set_property(name, given)
     found = getattr(element, name)
@@ -95,7 +95,7 @@ def test_values_become_the_propertys_type(name: str, given: Any, value: Any) -> 
     ],
 )
 def test_a_refused_value_says_element_property_value_and_rule(name: str, given: Any, message: str) -> None:
-    """Nothing is clamped or guessed: the message gives what it got and what it takes."""
+    """Nothing is clamped: the message has the value and the rule."""
     element = Sample("s")
     before = getattr(element, name)
     with pytest.raises(PropertyError, match=f"^{re.escape(message)}"):
@@ -122,7 +122,7 @@ def test_dashes_and_underscores_are_the_same() -> None:
 
 
 def test_only_live_properties_change_while_playing() -> None:
-    """The others wait for a stop; the message says so."""
+    """The message says that the pipeline must be stopped."""
     element = Sample("s")
     element.is_playing = True
     element.set_property("gain", 2.0)
@@ -135,8 +135,8 @@ def test_only_live_properties_change_while_playing() -> None:
     assert (element.gain, element.count) == (2.0, 4)
 
 
-def test_the_element_hears_of_a_change() -> None:
-    """`property_changed` runs after each successful set, with the Python name."""
+def test_property_changed_is_called() -> None:
+    """After each successful set, with the Python name."""
 
     class Listening(Element):
         """Notes what changed."""
@@ -157,7 +157,7 @@ def test_the_element_hears_of_a_change() -> None:
 
 
 def test_secrets_are_never_shown() -> None:
-    """Neither in what is exported nor in a refusal."""
+    """Neither in exports nor in errors."""
     element = Sample("s", password="hunter2")
     declared = Sample.properties
     assert declared["password"].to_json(element.password) == "***"
@@ -179,7 +179,7 @@ def test_values_as_json() -> None:
 
 
 def test_properties_are_inherited() -> None:
-    """Those of the bases come first; a subclass may declare one anew, for itself only."""
+    """Those of the bases come first; a subclass may redeclare one."""
     assert list(Derived.properties)[: len(Sample.properties)] == list(Sample.properties)
     assert Derived().extra == 1
     assert (Derived().count, Sample().count) == (7, 3)
@@ -189,7 +189,7 @@ def test_properties_are_inherited() -> None:
 
 
 def test_a_declaration_describes_itself() -> None:
-    """Type, range, unit and choices, as `inspect` and the documentation show them."""
+    """Type, range, unit and choices, as `inspect` and the documentation print them."""
     declared = Sample.properties
     assert declared["count"].describe() == "int 0..10 px"
     assert declared["gain"].describe() == "float 0.0.."
@@ -201,8 +201,8 @@ def test_a_declaration_describes_itself() -> None:
     assert declared["count"].doc == "A number."
 
 
-def test_an_annotation_of_two_types_is_an_authors_mistake() -> None:
-    """One type, or one type and None: the message names class and property."""
+def test_an_annotation_of_two_types_is_an_error() -> None:
+    """The message names class and property."""
 
     class Wrong(Element):
         """Two types."""
@@ -224,8 +224,8 @@ class Renamed(Element):
     twice: int = Property(0, read=lambda element: 2 * element.level)
 
 
-def test_a_property_may_be_called_otherwise_than_its_attribute() -> None:
-    """Users set and read it by its own name; `property_changed` and Python use the attribute."""
+def test_a_property_may_have_another_name_than_its_attribute() -> None:
+    """Users use the name; `property_changed` and Python use the attribute."""
     element = Renamed()
     element.set_property("async", "no")
     element.set_property("start_s", 2)
@@ -236,15 +236,15 @@ def test_a_property_may_be_called_otherwise_than_its_attribute() -> None:
         element.set_property("is-async", "no")
 
 
-def test_the_application_cannot_set_what_can_only_be_read() -> None:
-    """A warning, and the value stays; the element itself sets the attribute, or works it out."""
+def test_read_only_properties_are_not_set() -> None:
+    """A warning is posted; the element itself sets the attribute or computes it."""
     element = Renamed()
-    told: list[Message] = []
-    element.poster = told.append
+    reported: list[Message] = []
+    element.poster = reported.append
     element.set_property("level", 4)
     element.set_property("twice", 4)
     assert element.level == 0
-    assert [message.text for message in told] == [
+    assert [message.text for message in reported] == [
         "property level can only be read; the value is ignored",
         "property twice can only be read; the value is ignored",
     ]
@@ -254,14 +254,14 @@ def test_the_application_cannot_set_what_can_only_be_read() -> None:
         element.twice = 1
 
 
-def test_a_whole_number_beyond_all_floats_is_refused() -> None:
-    """It cannot become one; the error is the property's own."""
+def test_an_integer_beyond_the_range_of_floats_is_refused() -> None:
+    """With a `PropertyError`."""
     with pytest.raises(PropertyError, match="property gain cannot be"):
         Sample().set_property("gain", 10**400)
 
 
 def test_the_refusal_of_a_secret_does_not_show_it() -> None:
-    """Not even where the rule that it breaks names it."""
+    """Also where the rule contains the value."""
 
     class Vault(Element):
         word: str = Property("", secret=True)

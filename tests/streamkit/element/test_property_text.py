@@ -1,4 +1,4 @@
-"""Text of a description to a typed value."""
+"""Conversion of text to property values."""
 
 import enum
 import re
@@ -134,8 +134,8 @@ def test_integers_wrap_at_the_width_of_their_range(
         (list, "1", "values of type list cannot be written in a description"),
     ],
 )
-def test_what_is_refused_says_what_is_taken(kind: type, text: str, rule: str) -> None:
-    """The rule stands in the error; the caller adds element and property."""
+def test_errors_state_the_rule(kind: type, text: str, rule: str) -> None:
+    """The caller adds element and property."""
     with pytest.raises(ValueError, match=f"^{re.escape(rule)}$"):
         value_from_text(kind, text)
 
@@ -167,7 +167,7 @@ def test_strings_lose_one_pair_of_quotes(text: str, value: str | None) -> None:
 @given(st.sampled_from([int, float, bool, str, Fraction, Caps, Colour]), st.text(max_size=20))
 @settings(max_examples=100, deadline=None, derandomize=True)
 def test_any_text_is_a_value_or_a_value_error(kind: type, text: str) -> None:
-    """No text makes the conversion raise anything else."""
+    """No text raises another exception."""
     try:
         value = value_from_text(kind, text)
     except ValueError:

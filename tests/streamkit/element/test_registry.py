@@ -1,4 +1,4 @@
-"""The registry: elements by entry point, imported when used, a broken one alone."""
+"""The registry finds elements by entry point and imports them when they are used."""
 
 import importlib.metadata
 import re
@@ -27,8 +27,8 @@ def test_our_own_elements_come_through_entry_points() -> None:
     assert list(entries) == sorted(entries)
 
 
-def test_an_entry_says_where_it_is_from(tmp_path: Path) -> None:
-    """Element, class, package and version in a few words."""
+def test_an_entry_describes_its_origin(tmp_path: Path) -> None:
+    """Element, class, package and version."""
     (tmp_path / "METADATA").write_text(
         "Metadata-Version: 2.1\nName: some-package\nVersion: 1.2\n", encoding="utf-8"
     )
@@ -104,8 +104,8 @@ def test_an_element_that_cannot_be_made_is_broken(register: Register) -> None:
         make_element("stillborn")
 
 
-def test_of_two_elements_with_one_name_the_first_found_wins(register: Register) -> None:
-    """A second package cannot take an element's name away."""
+def test_the_first_of_two_elements_with_one_name_is_used(register: Register) -> None:
+    """A second package cannot replace an element."""
     register(twice="first:Thing")
     register(twice="second:Thing")
     assert installed_elements()["twice"].target == "first:Thing"

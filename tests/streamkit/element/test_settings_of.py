@@ -86,11 +86,11 @@ def test_an_older_name_is_accepted_with_a_warning(register: Register) -> None:
     """In descriptions and by call; it says the new name, which the graph then shows."""
     register(works=Works)
     element = Works("w")
-    told: list[str] = []
-    element.poster = lambda message: told.append(message.text)
+    reported: list[str] = []
+    element.poster = lambda message: reported.append(message.text)
     element.set_property("ts", 0.25)
     assert element.settings.threshold == 0.25
-    assert told == ["property ts is called threshold now; use that name"]
+    assert reported == ["property ts is called threshold now; use that name"]
     with Pipeline.parse("fakesrc ! works name=w ts=0.75 ! fakesink") as pipeline:
         assert pipeline["w"].settings.threshold == 0.75
         assert pipeline["w"].properties_set() == {"threshold": 0.75}

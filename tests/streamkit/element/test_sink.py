@@ -1,4 +1,4 @@
-"""Sinks: the end of the line; in time where `sync` asks for it."""
+"""Sinks: order of calls, errors, and synchronisation."""
 
 from collections.abc import Callable
 
@@ -31,7 +31,7 @@ class Keeping(Sink):
 
 
 def test_caps_then_frames_then_drain() -> None:
-    """The order an author can rely on; EOS is told once."""
+    """The order of calls; EOS is reported once."""
     with Harness(Keeping("k")) as harness:
         harness.push(Frame(b"", ANYTHING, seq=0))
         harness.push(Frame(b"", ANYTHING, seq=1))
@@ -44,7 +44,7 @@ def test_caps_then_frames_then_drain() -> None:
 
 @pytest.mark.parametrize("moment", ["render", "configure", "drain"])
 def test_an_exception_names_the_sink(register: Register, moment: str) -> None:
-    """Wherever it fails; at a frame with the frame."""
+    """In any call; with the frame in `render`."""
 
     class Fails(Keeping):
         """Fails at one moment."""
@@ -68,7 +68,7 @@ def test_an_exception_names_the_sink(register: Register, moment: str) -> None:
 
 
 def test_caps_a_sink_cannot_take_are_refused() -> None:
-    """nego-push: caps outside the template do not get in."""
+    """nego-push: caps outside the template."""
 
     class Raw(Keeping):
         """Raw video only."""
@@ -85,7 +85,7 @@ def test_caps_a_sink_cannot_take_are_refused() -> None:
 
 
 def test_sync_waits_for_each_frames_time(register: Register) -> None:
-    """sk-sync: the first frame sets the zero; each later one is held until its pts has come on the clock."""
+    """sk-sync: running time starts at the first frame; later ones wait for their timestamps."""
     register(keeping=Keeping)
     clock = ManualClock()
     with Pipeline.parse("appsrc name=in ! keeping name=k sync=true", clock=clock) as pipeline:
@@ -101,8 +101,8 @@ def test_sync_waits_for_each_frames_time(register: Register) -> None:
         assert pipeline["k"].kept == ["a/b", 0, 1, "drained"]
 
 
-def test_a_new_epoch_sets_a_new_zero() -> None:
-    """After a discontinuity the time stamps begin elsewhere: nothing waits for the difference."""
+def test_a_new_epoch_restarts_running_time() -> None:
+    """Timestamps restart after a discontinuity without a wait."""
     clock = ManualClock()
     with Harness(Keeping("k", sync=True), clock=clock) as harness:
         harness.push(Frame(b"", ANYTHING, seq=0, pts=0))
@@ -112,7 +112,7 @@ def test_a_new_epoch_sets_a_new_zero() -> None:
 
 
 def test_stop_ends_the_wait(register: Register) -> None:
-    """id-stop: a frame of the far future does not keep the pipeline from stopping; it is not rendered."""
+    """id-stop: a frame that is due in the far future does not delay the stop and is not rendered."""
     register(keeping=Keeping)
     clock = ManualClock()
     with Pipeline.parse("appsrc name=in ! keeping name=k sync=true", clock=clock) as pipeline:

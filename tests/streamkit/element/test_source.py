@@ -1,4 +1,4 @@
-"""Sources: frames in a thread of their own, numbered, with caps before them and EOS behind."""
+"""Sources: numbering, caps, EOS, errors, and pausing."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -40,8 +40,8 @@ def test_the_engine_fills_in_number_and_arrival(register: Register) -> None:
     assert len({id(frame.caps) for frame in frames}) == 1
 
 
-def test_numbers_and_arrival_of_the_source_stay(register: Register) -> None:
-    """Who numbers its frames keeps its numbers."""
+def test_numbers_and_arrival_times_of_the_source_are_kept(register: Register) -> None:
+    """The engine does not overwrite them."""
 
     class Numbered(Source):
         """Its own numbers."""
@@ -58,7 +58,7 @@ def test_numbers_and_arrival_of_the_source_stay(register: Register) -> None:
 
 
 def test_every_run_begins_anew(register: Register) -> None:
-    """fs-reuse: after EOS and stop the same pipeline gives the same frames again."""
+    """fs-reuse: the pipeline sends the same frames again after EOS and stop."""
     register(counter=Counter)
     pipeline = Pipeline.parse("counter ! queue ! appsink name=out")
     for _ in range(3):
@@ -67,8 +67,8 @@ def test_every_run_begins_anew(register: Register) -> None:
             assert [frame.seq for frame in pipeline["out"]] == [0, 1, 2]
 
 
-def test_a_source_chooses_within_what_downstream_takes(register: Register) -> None:
-    """`negotiate` gets what template and downstream have in common, in downstream's order."""
+def test_negotiate_gets_the_caps_that_downstream_accepts(register: Register) -> None:
+    """In the order of downstream."""
     asked: list[str] = []
 
     class Choosy(Counter):
@@ -90,7 +90,7 @@ def test_a_source_chooses_within_what_downstream_takes(register: Register) -> No
 
 
 def test_caps_known_from_the_data_only_are_checked(register: Register) -> None:
-    """A source that cannot know negotiates by its first frame; a refusal names pads, caps and field."""
+    """The first frame decides the caps; a refusal names pads, caps and field."""
 
     class Unknown(Counter):
         """Only the data tells."""
@@ -154,8 +154,8 @@ def test_an_exception_names_the_source(register: Register) -> None:
     assert stopped.is_set()
 
 
-def test_an_error_on_purpose_is_not_dressed_up(register: Register) -> None:
-    """A ResourceError's own text follows the element's name."""
+def test_the_text_of_a_resource_error_is_kept(register: Register) -> None:
+    """It follows the name of the element."""
 
     class Missing(Counter):
         """No such file."""
@@ -199,7 +199,7 @@ def test_a_blocked_source_is_woken_by_interrupt(register: Register) -> None:
 
 
 def test_a_source_may_feed_several_pads(register: Register) -> None:
-    """A (pad name, frame) pair goes to that pad; each pad numbers its own; unlinked pads are skipped."""
+    """(pad name, frame) pairs; each pad numbers its frames; unlinked pads are skipped."""
     from streamkit import Direction, PadTemplate
 
     class Two(Source):
@@ -226,8 +226,8 @@ def test_a_source_may_feed_several_pads(register: Register) -> None:
     assert len(run_to_end("two name=s  s.video ! appsink name=out")) == 2
 
 
-def test_pause_holds_the_source_and_play_goes_on() -> None:
-    """Between two frames nothing is lost and nothing comes while paused; finish ends with EOS."""
+def test_pause_holds_a_live_source() -> None:
+    """No frame is lost or sent while paused; `finish` ends with EOS."""
     with Pipeline.parse("fakesrc ! appsink name=out max-buffers=1") as pipeline:
         pipeline.play()
         before = pipeline["out"].pull().seq

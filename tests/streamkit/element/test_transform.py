@@ -1,4 +1,4 @@
-"""Transforms: one in, one out, several or none; caps agreed before the frames; nothing lost at EOS."""
+"""Transforms: negotiation, number of output frames, EOS and errors."""
 
 from collections.abc import Callable, Iterable, Iterator
 
@@ -28,21 +28,21 @@ def frame(seq: int = 0, caps: Caps = RAW, **fields: int) -> Frame:
 
 
 class Passing(Transform):
-    """Notes what it is told."""
+    """Records its calls."""
 
     sink = src = "video/x-raw"
 
     def start(self) -> None:
-        self.told: list[object] = []
+        self.reported: list[object] = []
 
     def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
-        self.told.append((str(sink_caps), str(src_caps)))
+        self.reported.append((str(sink_caps), str(src_caps)))
 
     def event(self, event: Event) -> None:
-        self.told.append(event)
+        self.reported.append(event)
 
     def transform(self, frame: Frame) -> Frame:
-        self.told.append(frame.seq)
+        self.reported.append(frame.seq)
         return frame
 
 
@@ -71,15 +71,15 @@ def test_configure_comes_before_the_first_frame_and_again_with_new_caps() -> Non
         harness.push(frame(1))
         harness.push(frame(2, wider))
         harness.push(frame(3, wider, epoch=1))
-        told = harness.element.told  # type: ignore[attr-defined]
-    assert told == [
+        reported = harness.element.reported  # type: ignore[attr-defined]
+    assert reported == [
         (str(RAW), str(RAW)), SegmentEvent(Segment()), 0, 1,
         (str(wider), str(wider)), 2, DiscontinuityEvent(1), SegmentEvent(Segment()), 3,
     ]  # fmt: skip
 
 
-def test_several_frames_go_on_in_order(register: Register) -> None:
-    """A generator may yield any number; each reaches the next element."""
+def test_several_output_frames_are_sent_in_order(register: Register) -> None:
+    """A generator may yield any number of frames."""
     register(halves=Halves)
     text = "fakesrc num-buffers=3 ! video/x-raw,width=8 ! halves ! halves ! appsink name=out"
     with Pipeline.parse(text) as pipeline:
@@ -89,8 +89,8 @@ def test_several_frames_go_on_in_order(register: Register) -> None:
     assert {f.caps["width"] for f in frames} == {2}
 
 
-def test_none_is_no_frame() -> None:
-    """A transform may take a frame and give nothing."""
+def test_none_sends_no_frame() -> None:
+    """A transform may drop a frame."""
 
     class Every2nd(Transform):
         """Even numbers."""
@@ -121,8 +121,8 @@ class HoldsBack(Transform):
             yield self.held.pop(0)
 
 
-def test_drain_gives_what_is_held_before_eos(register: Register) -> None:
-    """Nothing is lost: what two elements hold back comes out in order, then EOS."""
+def test_drained_frames_precede_eos(register: Register) -> None:
+    """Frames held by two elements are sent in order, then EOS."""
     register(holdsback=HoldsBack)
     with Pipeline.parse(
         "fakesrc num-buffers=5 ! holdsback ! queue ! holdsback ! appsink name=out"
@@ -133,7 +133,7 @@ def test_drain_gives_what_is_held_before_eos(register: Register) -> None:
 
 @pytest.mark.parametrize("number", [0, 63, 64])
 def test_an_exception_names_element_frame_and_cause(register: Register, number: int) -> None:
-    """Timed or not, first frame or later: who failed, at which frame, and why."""
+    """With and without `sync`, at the first frame or later."""
 
     class Fails(Transform):
         """Fails at one frame."""
@@ -156,7 +156,7 @@ def test_an_exception_names_element_frame_and_cause(register: Register, number: 
 
 @pytest.mark.parametrize("moment", ["configure", "drain", "event"])
 def test_exceptions_outside_transform_name_the_element(register: Register, moment: str) -> None:
-    """Whenever an element fails, it is named, and not who called it."""
+    """In every other call."""
 
     class Fails(Passing):
         """Fails at one moment."""
@@ -188,7 +188,7 @@ def test_exceptions_outside_transform_name_the_element(register: Register, momen
 
 @pytest.mark.parametrize("wrong", [[b"row", b"row"], 3, "text"])
 def test_a_result_that_is_no_frame_is_refused(wrong: object) -> None:
-    """Data returned by mistake does not travel on: the error says what to return and what came."""
+    """The error says what to return and what was returned."""
 
     class Forgetful(Transform):
         """Returns bare data."""
@@ -205,8 +205,8 @@ def test_a_result_that_is_no_frame_is_refused(wrong: object) -> None:
         harness.push(frame())
 
 
-def test_downstreams_wish_travels_up() -> None:
-    """Where caps stay the same an element offers upstream what stands behind it."""
+def test_downstream_preference_reaches_upstream() -> None:
+    """An element that keeps caps offers upstream what its peer accepts."""
     with Harness(Passing(), downstream="video/x-raw, format={ NV12, GRAY8 }") as harness:
         offered = harness.element.pads["sink"].query_caps()
     assert str(offered) == "video/x-raw, format=(string){ NV12, GRAY8 }"
@@ -260,8 +260,8 @@ def test_caps_may_be_known_with_the_first_frame_only() -> None:
         harness.push(frame(0, coded))
 
 
-def test_a_passthrough_costs_nothing_and_sees_nothing(register: Register) -> None:
-    """Where an element says it has nothing to do, frames pass it unseen."""
+def test_a_passthrough_element_is_bypassed(register: Register) -> None:
+    """Frames do not reach `transform`."""
 
     class Absent(Passing):
         """Does nothing."""
@@ -275,4 +275,4 @@ def test_a_passthrough_costs_nothing_and_sees_nothing(register: Register) -> Non
     ) as pipeline:
         pipeline.play()
         assert len(list(pipeline["out"])) == 2
-        assert 0 not in pipeline["a"].told
+        assert 0 not in pipeline["a"].reported

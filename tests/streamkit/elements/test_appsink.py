@@ -1,4 +1,4 @@
-"""appsink: frames to the application."""
+"""appsink: frames for the application."""
 
 import threading
 
@@ -9,7 +9,7 @@ from streamkit.errors import DescriptionError, StateError
 
 
 def test_iteration_ends_with_eos() -> None:
-    """ask-eos: all frames, then None for ever."""
+    """ask-eos: all frames, then None."""
     with Pipeline.parse("fakesrc num-buffers=3 ! appsink name=out") as pipeline:
         pipeline.play()
         assert [frame.seq for frame in pipeline["out"]] == [0, 1, 2]
@@ -18,7 +18,7 @@ def test_iteration_ends_with_eos() -> None:
 
 
 def test_iteration_raises_the_pipelines_error() -> None:
-    """Frames that came before the error are given first."""
+    """Frames before the error are returned first."""
     with Pipeline.parse("fakesrc num-buffers=9 ! identity error-after=3 ! appsink name=out") as pipeline:
         pipeline.play()
         frames = iter(pipeline["out"])
@@ -28,14 +28,14 @@ def test_iteration_raises_the_pipelines_error() -> None:
 
 
 def test_a_full_sink_waits() -> None:
-    """ask-drop: nothing is lost while nobody pulls."""
+    """ask-drop: no frame is lost."""
     with Pipeline.parse("fakesrc num-buffers=30 ! appsink name=out max-buffers=2") as pipeline:
         pipeline.play()
         assert [frame.seq for frame in pipeline["out"]] == list(range(30))
 
 
 def test_a_full_sink_may_drop_the_oldest() -> None:
-    """ask-drop: of ten frames that nobody pulls the last two remain; the others are counted."""
+    """ask-drop: the last two of ten frames remain; the others are counted."""
     with Pipeline.parse("fakesrc num-buffers=10 ! appsink name=out max-buffers=2 drop=true") as pipeline:
         pipeline.play()
         assert pipeline.ended.wait(10)
@@ -43,8 +43,8 @@ def test_a_full_sink_may_drop_the_oldest() -> None:
         assert pipeline["out"].drops == {"appsink full, oldest dropped": 8}
 
 
-def test_waiting_has_a_limit() -> None:
-    """ask-timeout: the message says how long."""
+def test_pull_times_out() -> None:
+    """ask-timeout: the message has the time limit."""
     with Pipeline.parse("appsrc ! appsink name=out") as pipeline:
         pipeline.play()
         with pytest.raises(StateError, match=r"^out: no frame has come within 0.01 s$"):
@@ -52,7 +52,7 @@ def test_waiting_has_a_limit() -> None:
 
 
 def test_a_pipeline_that_does_not_play_has_no_frames() -> None:
-    """The remedy is named; what came before a stop can still be had."""
+    """The error names the remedy; frames from before the stop can still be pulled."""
     pipeline = Pipeline.parse("fakesrc num-buffers=2 ! appsink name=out")
     with pytest.raises(
         StateError, match=r"^out: no frames: the pipeline does not play; call play\(\) first$"
@@ -64,8 +64,8 @@ def test_a_pipeline_that_does_not_play_has_no_frames() -> None:
     assert pipeline["out"].pull().seq == 0
 
 
-def test_a_stop_wakes_who_waits() -> None:
-    """No time-out is waited for."""
+def test_a_stop_wakes_a_waiting_pull() -> None:
+    """Before its timeout."""
     pipeline = Pipeline.parse("appsrc ! appsink name=out")
     pipeline.play()
     outcome: list[str] = []

@@ -50,8 +50,8 @@ def test_new_caps_go_with_their_frames() -> None:
         assert [frame.caps.name for frame in pipeline["out"]] == ["a/b", "a/b", "c/d"]
 
 
-def test_a_full_line_blocks_and_says_so() -> None:
-    """asr-block: nobody takes the frames, so `push` gives up after its time."""
+def test_push_times_out_if_the_queue_is_full() -> None:
+    """asr-block: nothing takes frames."""
     with Pipeline.parse("appsrc name=in max-buffers=1 ! appsink name=out max-buffers=1") as pipeline:
         pipeline.play()
         with pytest.raises(
@@ -64,8 +64,8 @@ def test_a_full_line_blocks_and_says_so() -> None:
         assert [frame.pts for frame in pipeline["out"]][-1] == 99
 
 
-def test_a_line_that_does_not_block_keeps_the_newest() -> None:
-    """asr-limits: with block=false the oldest are dropped and counted."""
+def test_leaky_appsrc_drops_the_oldest() -> None:
+    """asr-limits: drops are counted."""
     with Pipeline.parse(
         "appsrc name=in max-buffers=2 block=false ! appsink name=out max-buffers=1"
     ) as pipeline:
@@ -79,8 +79,8 @@ def test_a_line_that_does_not_block_keeps_the_newest() -> None:
         assert len(arrived) + pipeline["in"].drops["appsrc full, oldest dropped"] == 50
 
 
-def test_nothing_follows_the_end() -> None:
-    """asr-signals: a frame after `end` is refused, until the next run."""
+def test_a_push_after_the_end_is_refused() -> None:
+    """asr-signals: until the next run."""
     pipeline = Pipeline.parse("appsrc name=in ! fakesink name=s")
     for _ in range(2):
         with pipeline:
@@ -93,8 +93,8 @@ def test_nothing_follows_the_end() -> None:
             assert pipeline["s"].count == 1
 
 
-def test_who_pushes_learns_why_the_pipeline_failed() -> None:
-    """The pipeline's error is raised where the application is."""
+def test_push_raises_the_error_of_the_pipeline() -> None:
+    """In the thread of the application."""
     with Pipeline.parse("appsrc name=in max-buffers=1 ! identity error-after=1 ! fakesink") as pipeline:
         pipeline.play()
         with pytest.raises(ElementFailure, match="error-after"):
@@ -118,8 +118,8 @@ def test_stopping_wakes_a_blocked_push() -> None:
     assert not pushing.is_alive()
 
 
-def test_data_that_the_filter_refuses() -> None:
-    """The pads and the field are named."""
+def test_data_that_the_filter_refuses_is_an_error() -> None:
+    """It names the pads and the field."""
     with Pipeline.parse("appsrc name=in ! a/b, x=1 ! fakesink") as pipeline:
         pipeline.play()
         pipeline["in"].push(Frame(b"", Caps("a/b, x=2")))

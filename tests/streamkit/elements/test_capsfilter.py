@@ -1,4 +1,4 @@
-"""capsfilter: lets one kind of frames through."""
+"""capsfilter: restricts the caps of a link."""
 
 import pytest
 
@@ -7,16 +7,16 @@ from streamkit.errors import ElementFailure
 from streamkit.testing import Harness
 
 
-def test_it_gives_an_open_source_its_caps() -> None:
-    """cf-unfixed: fixed caps are supplied by the filter."""
+def test_fixed_caps_are_given_to_a_source_without_caps() -> None:
+    """cf-unfixed."""
     with Pipeline.parse("fakesrc num-buffers=1 ! video/x-raw, width=4 ! appsink name=out") as pipeline:
         pipeline.play()
         (frame,) = pipeline["out"]
     assert frame.caps == Caps("video/x-raw, width=4")
 
 
-def test_caps_that_do_not_say_everything_are_refused() -> None:
-    """cf-unfixed: a source that takes anything cannot choose; the message says what to do."""
+def test_caps_that_are_not_fixed_are_refused() -> None:
+    """cf-unfixed: a source that accepts anything cannot choose; the error names the remedy."""
     with pytest.raises(
         (NotNegotiated, ElementFailure),
         match="do not completely specify the output format; give every field one value",

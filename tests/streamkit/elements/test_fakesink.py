@@ -1,4 +1,4 @@
-"""fakesink: takes frames and forgets them."""
+"""fakesink: discards frames."""
 
 import pytest
 
@@ -7,15 +7,15 @@ from streamkit.testing import Harness
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_an_end_after_a_number_of_frames(count: int) -> None:
-    """fk-eos2: the last one wanted ends the stream, so that an endless source comes to EOS."""
+def test_num_buffers_ends_the_stream(count: int) -> None:
+    """fk-eos2: an endless source ends."""
     pipeline = Pipeline.parse(f"fakesrc ! queue ! fakesink name=s num-buffers={count}")
     pipeline.run(timeout_s=10)
     assert pipeline["s"].count == count
 
 
-def test_none_wanted() -> None:
-    """num-buffers=0: the first frame is refused, and so is every later one."""
+def test_num_buffers_0_refuses_every_frame() -> None:
+    """The first one and all later ones."""
     with Harness("fakesink", num_buffers=0) as harness:
         for _ in range(2):
             with pytest.raises(EndOfStream):
@@ -36,5 +36,5 @@ def test_it_reports_frames_unless_silent() -> None:
     """A message for each frame."""
     with Harness("fakesink", silent=False) as harness:
         harness.push(Frame(b"", Caps("a/b"), seq=4))
-        told = [dict(m.fields) for m in harness.messages if m.kind is MessageKind.ELEMENT]
-    assert told == [{"name": "frame", "seq": 4, "pts": None, "caps": "a/b"}]
+        reported = [dict(m.fields) for m in harness.messages if m.kind is MessageKind.ELEMENT]
+    assert reported == [{"name": "frame", "seq": 4, "pts": None, "caps": "a/b"}]

@@ -1,4 +1,4 @@
-"""identity: passes frames, drops, delays, ends or fails on purpose."""
+"""identity: forwards frames; drops, delays, ends or fails on purpose."""
 
 import pytest
 
@@ -61,12 +61,12 @@ def test_it_reports_frames_unless_silent() -> None:
     """A message for each frame, with number, time and caps."""
     with Harness("identity", silent=False) as harness:
         harness.push(Frame(b"", ANYTHING, seq=4, pts=7))
-        told = [m.fields for m in harness.messages if m.kind is MessageKind.ELEMENT]
-    assert told == [{"name": "frame", "seq": 4, "pts": 7, "caps": "a/b"}]
+        reported = [m.fields for m in harness.messages if m.kind is MessageKind.ELEMENT]
+    assert reported == [{"name": "frame", "seq": 4, "pts": 7, "caps": "a/b"}]
 
 
 def test_a_delay_ends_with_the_stop() -> None:
-    """id-stop: an hour per frame keeps nobody waiting."""
+    """id-stop: with a delay of an hour per frame."""
     with Pipeline.parse("fakesrc ! identity name=i sleep-time=3600000000 ! fakesink") as pipeline:
         pipeline.play()
     assert str(pipeline.state) == "null"

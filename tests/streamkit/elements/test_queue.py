@@ -1,4 +1,4 @@
-"""queue: a bounded thread boundary; the cases are GStreamer's."""
+"""queue: limits, leaking, events, errors and threads; the cases are GStreamer's."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -74,7 +74,7 @@ def fill(element: Queue, frames: list[Frame]) -> None:
 
 
 class Pushing(threading.Thread):
-    """Pushes one frame from another thread; tells how that ended."""
+    """Pushes one frame from another thread and keeps the result."""
 
     def __init__(self, element: Queue, item: Frame) -> None:
         super().__init__(name="pushing")
@@ -185,8 +185,8 @@ def test_time_is_a_limit() -> None:
     assert isinstance(pushing.ended(), Flushing)
 
 
-def test_time_of_frames_without_a_stamp() -> None:
-    """q-time-before-out: the level is the span held, not the time since 0; a frame without pts leaves it."""
+def test_level_of_time_with_missing_timestamps() -> None:
+    """q-time-before-out: the level is the span of queued timestamps, not the time since 0."""
     element = queue(max_size_time=5 * SECOND)
     fill(element, [frame(0, pts=25 * SECOND, duration=SECOND), frame(1)])
     assert element.current_level_time == SECOND
@@ -244,8 +244,10 @@ class Refuses(Sink):
     ("answer", "later"),
     [(ValueError("bad"), EndOfStream), (EndOfStream("s"), EndOfStream), (Flushing("s"), Flushing)],
 )
-def test_what_downstream_answered_meets_every_later_push(answer: Exception, later: type[Exception]) -> None:
-    """q-err-up, q-err-flush: the queue drops what it holds, pushes nothing more and passes the reason up."""
+def test_the_reason_of_downstream_is_raised_at_every_later_push(
+    answer: Exception, later: type[Exception]
+) -> None:
+    """q-err-up, q-err-flush: queued frames are dropped."""
     element, sink = queue(), Refuses("s")
     sink.answer = answer
     element.pads["src"].link(sink.pads["sink"])
@@ -263,8 +265,8 @@ def test_what_downstream_answered_meets_every_later_push(answer: Exception, late
         fill(element, [frame(2)])
 
 
-def test_a_blocked_push_learns_that_downstream_has_ended() -> None:
-    """Who waits for room is woken with the reason."""
+def test_a_blocked_push_is_woken_when_downstream_ends() -> None:
+    """The reason is raised."""
     element = queue(max_size_buffers=1)
     fill(element, [frame(0)])
     pushing = check_blocked(element, frame(1))
@@ -315,8 +317,8 @@ def test_limits_may_change_while_playing() -> None:
         assert [next(frames).seq for _ in range(2)] == [0, 1]
 
 
-def test_raised_limits_wake_who_waits() -> None:
-    """A push that waits for room goes on as soon as there is room."""
+def test_raised_limits_wake_a_waiting_push() -> None:
+    """It continues as soon as there is room."""
     element = queue(max_size_buffers=1)
     fill(element, [frame(0)])
     pushing = check_blocked(element, frame(1))

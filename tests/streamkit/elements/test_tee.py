@@ -83,7 +83,7 @@ class Answers(Sink):
         (NotLinked("x"), ValueError("x"), ValueError),
     ],
 )
-def test_answers_of_two_branches_become_one(
+def test_flow_results_of_branches_are_combined(
     one: Exception | None, other: Exception | None, expected: type[Exception] | None
 ) -> None:
     """t-flow: flushing, ended or failed if any branch is; not linked only if all are."""

@@ -1,4 +1,4 @@
-"""valve, as GStreamer's own tests have it."""
+"""valve: forwards or drops frames; the cases are GStreamer's."""
 
 from streamkit import ANY, Frame, FrameFlags, Pipeline, raw_video_caps
 from streamkit.testing import Harness
@@ -19,7 +19,7 @@ def test_open_passes_and_closed_drops() -> None:
 
 
 def test_first_frame_after_opening_is_a_discontinuity() -> None:
-    """Who comes after a gap must know of it, and only the first frame says so."""
+    """Only the first frame has the flag."""
     with Harness("valve", drop=True) as harness:
         harness.push(frame(0))
         harness.element.set_property("drop", False)
@@ -28,8 +28,8 @@ def test_first_frame_after_opening_is_a_discontinuity() -> None:
         assert not second.flags & FrameFlags.DISCONTINUITY
 
 
-def test_caps_held_back_come_before_the_next_frame() -> None:
-    """Opening sends nothing by itself; the latest caps go just before the next frame."""
+def test_held_caps_precede_the_next_frame() -> None:
+    """Opening sends nothing; the latest caps are sent with the next frame."""
     caps = raw_video_caps("GRAY8", 2, 2)
     with Harness("valve", drop=True) as harness:
         src = harness.element.pads["src"]

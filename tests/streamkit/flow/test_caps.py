@@ -1,4 +1,4 @@
-"""Caps: built, compared, joined, fixated and named."""
+"""Caps: construction, comparison, union, fixation and errors."""
 
 from fractions import Fraction
 
@@ -19,14 +19,14 @@ sampled = settings(max_examples=60, deadline=None, derandomize=True)
 @given(all_caps)
 @sampled
 def test_equal_caps_have_equal_hashes(caps: Caps) -> None:
-    """Caps that are equal as sets meet in a dict, in whatever order they were written."""
+    """Also if written in another order."""
     turned = caps if caps.is_any else Caps(tuple(reversed(caps.structures)))
     assert turned == caps
     assert hash(turned) == hash(caps)
 
 
 def test_any_and_empty() -> None:
-    """ANY meets everything, EMPTY nothing; neither is fixed."""
+    """ANY intersects everything, EMPTY nothing; neither is fixed."""
     raw = Caps(RAW)
     assert ANY & raw == raw == raw & ANY
     assert (EMPTY & raw).is_empty
@@ -40,20 +40,20 @@ def test_any_and_empty() -> None:
 
 
 def test_order_is_preference() -> None:
-    """The order of the left side rules, of structures and of list entries."""
+    """An intersection keeps the order of its left side."""
     wanted = Caps("video/x-raw, format={ NV12, GRAY8 }; video/x-h264")
     offered = Caps("video/x-h264; video/x-raw, format={ GRAY8, NV12 }")
     assert str(wanted & offered) == "video/x-raw, format=(string){ NV12, GRAY8 }; video/x-h264"
 
 
 def test_a_missing_field_means_any_value() -> None:
-    """Caps without a field are the wider ones."""
+    """Caps without a field are a superset."""
     assert Caps("video/x-raw, width=320") <= Caps("video/x-raw")
     assert not Caps("video/x-raw") <= Caps("video/x-raw, width=320")
 
 
-def test_features_keep_caps_apart() -> None:
-    """Other features never meet; `ANY` meets all and takes the other's."""
+def test_different_features_do_not_intersect() -> None:
+    """`ANY` intersects all features."""
     plain, mapped, every = (Caps(f"video/x-raw{text}") for text in ("", "(memory:DMABuf)", "(ANY)"))
     assert (plain & mapped).is_empty
     assert every & mapped == mapped == mapped & every
@@ -75,8 +75,8 @@ def test_reading_fields() -> None:
         caps.integer("live")
 
 
-def test_fields_set_and_left_out() -> None:
-    """Both give new caps; without a field any value of it is allowed."""
+def test_with_and_without_fields() -> None:
+    """Both return new caps."""
     caps = Caps("video/x-raw, format=GRAY8, width=320; video/x-raw, format=BGR, width=320")
     assert all(structure.fields["width"] == 640 for structure in caps.with_fields(width=640).structures)
     assert caps.without_fields("format") == Caps("video/x-raw, width=320")
@@ -98,15 +98,15 @@ def test_the_field_in_conflict_is_named(offered: str, accepted: str, field: str)
     assert Caps(offered).conflict(Caps(accepted)) == field
 
 
-def test_fixation_stays_near_what_comes_in() -> None:
-    """Each field takes the wished value where it may, else the nearest."""
+def test_fixation_is_near_the_given_caps() -> None:
+    """Each field gets the given value or the nearest allowed one."""
     allowed = Caps("video/x-raw, format={ BGR, GRAY8 }, width=[ 16, 256 ], height=[ 16, 256 ]")
     near = Caps("video/x-raw, format=GRAY8, width=640, height=64")
     assert str(allowed.fixate(near)) == "video/x-raw, format=(string)GRAY8, width=(int)256, height=(int)64"
 
 
 def test_caps_compare_with_caps_only() -> None:
-    """A text is no caps: comparison does not guess."""
+    """A string is not equal to caps."""
     assert Caps("a/b") != "a/b"
     assert repr(Caps("a/b")) == "Caps('a/b')"
     assert Caps(Caps("a/b")) == Caps("a/b")
@@ -157,14 +157,14 @@ def test_truncation_keeps_the_first() -> None:
     assert ANY.truncate() is ANY
 
 
-def test_caps_without_end_are_refused() -> None:
-    """An intersection that would give more structures than are kept says so."""
+def test_too_many_structures_are_refused() -> None:
+    """An intersection with too many structures is an error."""
     one = Caps("; ".join(f"a/b, f={index}" for index in range(40)))
     other = Caps("; ".join(f"a/b, g={index}" for index in range(40)))
     with pytest.raises(CapsTooLarge, match=r"^the caps would have more than 512 structures$"):
         one & other
 
 
-def test_the_same_text_is_read_once() -> None:
-    """Caps of equal text share their structures, which cannot be changed."""
+def test_parsed_texts_are_cached() -> None:
+    """Caps of equal text share immutable structures."""
     assert Caps("x/y, z=1").structures is Caps("x/y, z=1").structures

@@ -1,4 +1,4 @@
-"""What values of caps fields share and contain."""
+"""Equality, intersection and subset of values of caps fields."""
 
 from fractions import Fraction
 
@@ -26,8 +26,8 @@ from streamkit.flow.caps_values import (
 )
 
 
-def test_equality_keeps_the_types_apart() -> None:
-    """1, 1.0, True and 1/1 are equal in Python; in caps they are four values."""
+def test_values_of_different_types_are_not_equal() -> None:
+    """1, 1.0, True and 1/1 are equal in Python only."""
     values: list[Value] = [1, 1.0, True, Fraction(1), "1"]
     for i, left in enumerate(values):
         assert [same_type_equal(left, right) for right in values] == [i == j for j in range(len(values))]
@@ -60,7 +60,7 @@ def test_equality_keeps_the_types_apart() -> None:
     ],
 )  # fmt: skip
 def test_intersection(left: Value, right: Value, common: Value | None) -> None:
-    """What both allow is left, in the order of the left one; one remaining value stands bare."""
+    """In the order of the left value; a single value is not a list."""
     assert intersect_values(left, right) == common
 
 
@@ -84,7 +84,7 @@ def test_intersection(left: Value, right: Value, common: Value | None) -> None:
     ],
 )
 def test_subset(inner: Value, outer: Value, contained: bool) -> None:
-    """A value is a subset where everything it allows is allowed by the other."""
+    """Everything that the inner value allows is allowed by the outer one."""
     assert is_subset_value(inner, outer) is contained
 
 
@@ -135,7 +135,7 @@ def test_intersection_keeps_types_and_repeats(left: Value, right: Value, common:
     ],
 )
 def test_several_members_together_may_contain_a_range(inner: Value, outer: Value, contained: bool) -> None:
-    """A subset is one of sets: it does not matter how the outer value is cut into members."""
+    """The members of a list together count, not each one alone."""
     assert is_subset_value(inner, outer) is contained
 
 

@@ -1,4 +1,4 @@
-"""Picking one value out of a choice."""
+"""Fixation of values."""
 
 from fractions import Fraction
 
@@ -40,19 +40,19 @@ from streamkit.flow.caps_values import (
     ],
 )
 def test_fixation(value: Value, near: Value | None, fixed: Value) -> None:
-    """One value is picked: the one nearest to what is wanted, else the first or the lowest."""
+    """The value nearest to the given one, else the first or the lowest."""
     found = fixate_value(value, near)
     assert found == fixed
     assert is_fixed(found)
 
 
-def test_a_wish_that_is_no_single_value_does_not_unfix() -> None:
-    """Near a range, fixation still ends in one value."""
+def test_fixation_near_a_range_is_fixed() -> None:
+    """The result is one value."""
     assert is_fixed(fixate_value(ValueList((IntRange(0, 100), 500)), IntRange(10, 20)))
 
 
-def test_what_allows_nothing_stays_as_it_is() -> None:
-    """An empty list has no value to pick: it stays and is not fixed."""
+def test_an_empty_list_is_not_fixated() -> None:
+    """There is no value to choose."""
     assert fixate_value(ValueList(())) == ValueList(())
     assert not is_fixed(ValueList(()))
     assert fixate_value(ValueList(()), near=3) == ValueList(())

@@ -1,4 +1,4 @@
-"""Caps: the algebra that negotiation rests on, as laws over caps of every type."""
+"""Laws of the algebra of caps, with caps of every type."""
 
 from __future__ import annotations
 
@@ -97,8 +97,8 @@ sampled = settings(max_examples=80, deadline=None, derandomize=True)
 
 @given(all_caps)
 @sampled
-def test_text_and_back(caps: Caps) -> None:
-    """What is written reads as the same caps, value by value and type by type."""
+def test_written_caps_parse_to_equal_caps(caps: Caps) -> None:
+    """With the same values and types."""
     again = Caps(str(caps))
     assert again.strictly_equal(caps)
     assert str(again) == str(caps)
@@ -107,7 +107,7 @@ def test_text_and_back(caps: Caps) -> None:
 @given(all_caps)
 @sampled
 def test_caps_are_a_subset_of_themselves(caps: Caps) -> None:
-    """Equality, subset and intersection know a thing itself."""
+    """Caps also equal themselves and intersect with themselves."""
     same = Caps(caps)
     assert caps <= same
     assert caps == same
@@ -125,7 +125,7 @@ def allows_nothing(structure: Structure) -> bool:
 @given(all_caps | alike, all_caps | alike)
 @sampled
 def test_intersection_is_commutative_and_within_both(a: Caps, b: Caps) -> None:
-    """As sets a & b is b & a, whatever the order of trying, and a subset of either."""
+    """As sets a & b equals b & a, and is a subset of both."""
     both = a & b
     assert both == b & a
     assert both == a.intersect(b) == b.intersect(a)
@@ -137,14 +137,14 @@ def test_intersection_is_commutative_and_within_both(a: Caps, b: Caps) -> None:
 @given(alike, alike, alike)
 @sampled
 def test_intersection_is_associative(a: Caps, b: Caps, c: Caps) -> None:
-    """It does not matter which pads of a chain are settled first."""
+    """The order in which the pads of a chain negotiate does not matter."""
     assert (a & b) & c == a & (b & c)
 
 
 @given(all_caps | alike, all_caps | alike)
 @sampled
 def test_union_contains_both(a: Caps, b: Caps) -> None:
-    """Nothing is lost by joining caps, and nothing is gained."""
+    """And nothing else."""
     assert a <= a | b
     assert b <= a | b
     assert a | b == b | a
@@ -185,8 +185,8 @@ def test_other_forms_of_any_caps(caps: Caps) -> None:
 
 @given(all_caps, all_caps)
 @sampled
-def test_fixation_gives_one_format_of_the_caps(caps: Caps, near: Caps) -> None:
-    """What is picked is fixed and allowed, whatever is wished for."""
+def test_fixation_returns_an_allowed_format(caps: Caps, near: Caps) -> None:
+    """Whatever the given value is."""
     if not caps.structures:
         assert caps.fixate(near) == caps
         return
@@ -199,8 +199,8 @@ def test_fixation_gives_one_format_of_the_caps(caps: Caps, near: Caps) -> None:
 
 @given(st.text(max_size=40) | st.text(alphabet='ab/,;=(){}[]<>"\\ 0129.-:', max_size=60), all_caps)
 @sampled
-def test_every_operation_ends_in_caps_or_a_clear_error(text: str, other: Caps) -> None:
-    """Whatever is read can be computed with; only the errors of caps come out."""
+def test_every_operation_returns_or_raises_a_caps_error(text: str, other: Caps) -> None:
+    """For all caps that can be parsed."""
     try:
         caps = Caps(text)
         results = [caps & other, caps | other, caps.intersect(other), caps.fixate(other), caps.normalize()]

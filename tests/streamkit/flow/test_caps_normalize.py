@@ -1,4 +1,4 @@
-"""Other forms of the same caps: normalized and simplified."""
+"""Normalized and simplified caps."""
 
 import pytest
 
@@ -21,12 +21,12 @@ from streamkit.flow.caps import ANY, Caps
     ],
 )  # fmt: skip
 def test_normal_form(text: str, normal: str) -> None:
-    """A structure for each entry, the first in its place, the others at the end; an empty list is nothing."""
+    """One structure per list entry, further ones appended; an empty list gives none."""
     assert str(Caps(text).normalize()) == normal
 
 
-def test_a_normal_form_without_end_is_refused() -> None:
-    """Forty fields of three values would be more structures than there are atoms."""
+def test_a_too_large_normal_form_is_refused() -> None:
+    """Forty fields of three values."""
     text = "a/b" + "".join(f", f{index}={{ 1, 2, 3 }}" for index in range(40))
     with pytest.raises(CapsTooLarge, match=r"^normalized the caps have more than 10000 structures$"):
         Caps(text).normalize()
@@ -61,7 +61,7 @@ def test_a_normal_form_without_end_is_refused() -> None:
     ],
 )
 def test_simple_form(text: str, simple: str) -> None:
-    """Sorted by name; what is contained falls away, what differs in one field is joined; nothing is lost."""
+    """Sorted by name; subsets are removed, and structures that differ in one field are merged."""
     assert str(Caps(text).simplify()) == simple
 
 

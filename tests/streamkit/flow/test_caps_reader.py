@@ -1,4 +1,4 @@
-"""The grammar of caps texts: what is read, and where errors point."""
+"""Parsing of caps, and places of errors."""
 
 import re
 from fractions import Fraction
@@ -95,8 +95,8 @@ def test_an_unknown_type_lists_the_known_ones() -> None:
 
 
 @pytest.mark.parametrize("text", ["9" * 5000, "(int)" + "9" * 5000, "(fraction)1/" + "9" * 5000, "1e999"])
-def test_numbers_without_end_are_refused_as_caps(text: str) -> None:
-    """A number that Python does not convert, or that is infinite, is a fault of the text, not a crash."""
+def test_too_large_numbers_are_refused(text: str) -> None:
+    """A syntax error, not a crash."""
     with pytest.raises(CapsSyntax, match=r"is no value of type (int|double|fraction)$"):
         Caps(f"a/b, f={text}")
 
@@ -109,7 +109,7 @@ def test_the_last_of_equal_fields_wins() -> None:
 @given(st.text(max_size=60) | st.text(alphabet='ab/,;=(){}[]<>"\\ 0129.-:', max_size=60))
 @settings(max_examples=150, deadline=None, derandomize=True)
 def test_any_text_is_caps_or_a_clear_error(text: str) -> None:
-    """Reading never raises anything but CapsSyntax, and what is read can be written and read again."""
+    """Only CapsSyntax is raised, and parsed caps can be written and parsed again."""
     caps, position = None, 0
     try:
         caps = Caps(text)
@@ -181,8 +181,8 @@ def test_names_and_features(text: str, name: str, features: tuple[str, ...]) -> 
         'a/b, f=(structure)"s, x="',
     ],
 )  # fmt: skip
-def test_what_is_no_caps(text: str) -> None:
-    """Each is refused with an error that points into the text."""
+def test_invalid_caps(text: str) -> None:
+    """The error has the place in the text."""
     with pytest.raises(CapsSyntax) as caught:
         Caps(text)
     assert 0 <= caught.value.position <= len(text)
@@ -210,16 +210,16 @@ def test_an_unknown_type_gets_a_suggestion() -> None:
         ("a/b, f=" + "{ <" * 30, "values nest at most 16 deep"),
     ],
 )
-def test_there_is_a_limit_to_everything(text: str, rule: str) -> None:
-    """Length, number and depth are bounded, and the message is short whatever the text."""
+def test_limits(text: str, rule: str) -> None:
+    """Length, number and depth are bounded; messages are short."""
     with pytest.raises(CapsSyntax) as caught:
         Caps(text)
     assert caught.value.rule == rule
     assert len(str(caught.value)) < 600
 
 
-def test_structures_may_not_nest_without_end_in_strings() -> None:
-    """A string that holds a structure counts as one level, however it is quoted."""
+def test_nesting_in_strings_is_limited() -> None:
+    """A string that contains a structure is one level."""
     text = "s"
     for _ in range(11):
         quoted = re.sub(r'(["\\])', r"\\\1", text)
@@ -232,8 +232,8 @@ def test_structures_may_not_nest_without_end_in_strings() -> None:
     )
 
 
-def test_a_value_is_read_alone() -> None:
-    """As in a field, and nothing after it."""
+def test_a_single_value_is_parsed() -> None:
+    """Text after it is an error."""
     assert read_value("[16, 96, 16]") == IntRange(16, 96, 16)
     with pytest.raises(CapsSyntax, match=r"expected the end after the value$"):
         read_value("1 2")

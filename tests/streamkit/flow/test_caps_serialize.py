@@ -1,4 +1,4 @@
-"""Text of caps, as GStreamer writes it."""
+"""Text of caps, in GStreamer's form."""
 
 from datetime import date
 
@@ -51,8 +51,8 @@ def test_what_gstreamer_writes_is_written_again(text: str) -> None:
     assert str(Caps(f"a/b, f={text}")) == f"a/b, f={text}"
 
 
-def test_members_of_unlike_types_carry_their_own() -> None:
-    """A list of mixed types reads back as it was, which GStreamer's text does not."""
+def test_members_of_different_types_have_types() -> None:
+    """So that a mixed list is parsed to the same value."""
     assert str(Caps("a/b, f={ 1, foo, 1.5 }")) == "a/b, f={ (int)1, (string)foo, (double)1.5 }"
 
 

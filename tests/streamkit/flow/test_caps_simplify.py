@@ -1,4 +1,4 @@
-"""What is left of a value when another is taken away, and what two values make together."""
+"""Difference and union of values."""
 
 from fractions import Fraction
 
@@ -45,7 +45,7 @@ from streamkit.flow.caps_values import (
     ],
 )  # fmt: skip
 def test_difference(minuend: Value, subtrahend: Value, left: Value | None) -> None:
-    """What only the first allows is left; a hole that cannot be written leaves the value as it is."""
+    """A hole that cannot be written leaves the value unchanged."""
     found = subtract_values(minuend, subtrahend)
     assert found == left
     assert type(found) is type(left)
@@ -84,8 +84,8 @@ def test_union(left: Value, right: Value, both: Value | None) -> None:
     assert type(found) is type(both)
 
 
-def test_a_union_without_end_is_refused() -> None:
-    """More than a thousand ranges in one field are an error that says so."""
+def test_a_too_large_union_is_refused() -> None:
+    """More than a thousand ranges in one field."""
     left = ValueList(tuple(FloatRange(float(i), i + 0.5) for i in range(600)))
     right = ValueList(tuple(FloatRange(i + 0.6, i + 0.8) for i in range(600)))
     with pytest.raises(CapsTooLarge, match=r"^a field of the caps has more than 1000 alternatives$"):

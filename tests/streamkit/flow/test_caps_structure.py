@@ -1,4 +1,4 @@
-"""One alternative of caps: features and fields."""
+"""Structures: features and fields."""
 
 import pytest
 
@@ -35,8 +35,8 @@ def test_intersection(one: str, other: str, common: str | None) -> None:
     assert (None if found is None else str(found)) == common
 
 
-def test_fixation_leaves_no_choice_at_all() -> None:
-    """Structures within are fixated too; features that may be any become those of system memory."""
+def test_fixation_includes_nested_structures() -> None:
+    """The feature ANY becomes system memory."""
     structure = read("a/b(ANY), f=[s, x={ 1, 2 }], g=(GstCaps)[t, y={ 1, 2 }], h=[ 3, 9 ]")
     assert not structure.is_fixed
     fixed = structure.fixate()
@@ -56,8 +56,8 @@ def test_two_structures_join_where_one_field_differs() -> None:
     assert join_structures(one, Structure("a/b", {"f": 1, "g": 3}, ("memory:A",))) is None
 
 
-def test_the_first_field_in_conflict_is_named_in_order() -> None:
-    """The order is that of the structure's own fields, so that the same error comes each time."""
+def test_the_first_conflicting_field_is_named() -> None:
+    """In the order of the structure's own fields."""
     one = Structure("a/b", {"width": 1, "height": IntRange(1, 2), "format": "GRAY8"})
     other = Structure("a/b", {"format": "BGR", "height": 9})
     assert one.conflict(other) == "height"

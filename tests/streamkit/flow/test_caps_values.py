@@ -1,4 +1,4 @@
-"""Values of caps fields: ranges and flag sets keep their rules, types are told apart."""
+"""Values of caps fields: ranges and flag sets."""
 
 import re
 from fractions import Fraction
@@ -35,8 +35,8 @@ from streamkit.flow.caps_values import (
         ),
     ],
 )  # fmt: skip
-def test_a_range_without_width_is_refused(make: object, message: str) -> None:
-    """Low end below high end, ends on the step: anything else says which rule was broken."""
+def test_invalid_ranges_are_refused(make: object, message: str) -> None:
+    """The error states the rule."""
     assert callable(make)
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         make()

@@ -1,4 +1,4 @@
-"""Frames: read-only data that is shared, and a copy only where somebody else looks."""
+"""Frames: shared read-only data, and writable copies."""
 
 from collections.abc import Callable, Iterator
 
@@ -18,7 +18,7 @@ def grey_frame(seq: int = 0) -> Frame:
 
 
 class GreySource(Source):
-    """Three frames whose arrays nobody else holds."""
+    """Three frames of grey video."""
 
     src = "video/x-raw, format=GRAY8"
 
@@ -47,14 +47,14 @@ class Brighten(Transform):
 
 
 def test_an_array_in_a_frame_is_read_only() -> None:
-    """Whoever shares a frame can trust that nobody writes into it."""
+    """Frames are shared."""
     frame = grey_frame()
     with pytest.raises(ValueError, match="read-only"):
         frame.data[0, 0] = 1
 
 
 def test_a_frame_is_frozen() -> None:
-    """Attributes change only by making another frame."""
+    """Attributes cannot be set."""
     frame = grey_frame()
     with pytest.raises(AttributeError):
         frame.seq = 3  # type: ignore[misc]
@@ -64,7 +64,7 @@ def test_a_frame_is_frozen() -> None:
 
 
 def test_metadata_is_found_by_type() -> None:
-    """Each item lies under its type; a later one of the type replaces it; the first frame stays as it was."""
+    """A later item of a type replaces the earlier one in the new frame only."""
     frame = grey_frame()
     pose = Pose(47.0, 8.0)
     registration = Registration(np.eye(3), np.eye(3))
@@ -76,8 +76,8 @@ def test_metadata_is_found_by_type() -> None:
     assert frame.get(Pose) is None
 
 
-def test_an_item_can_lie_under_a_protocol() -> None:
-    """`attach_as` names the type to ask for."""
+def test_an_item_can_be_attached_under_a_protocol() -> None:
+    """With `attach_as`."""
     assert grey_frame().attach_as(Iterator, iter(())).get(Iterator) is not None  # type: ignore[type-abstract]
 
 
@@ -96,8 +96,8 @@ class WriteAndKeep(Transform):
         return changed
 
 
-def test_writing_copies_while_somebody_else_holds_the_frame(register: Register) -> None:
-    """One more holder, be it the element itself, and the writer gets a copy; also behind a queue."""
+def test_writable_returns_a_copy(register: Register) -> None:
+    """Also behind a queue."""
     register(greysource=GreySource, writeandkeep=WriteAndKeep)
     text = "greysource ! writeandkeep name=a ! queue ! writeandkeep name=b ! appsink name=out"
     with Pipeline.parse(text) as pipeline:
@@ -109,7 +109,7 @@ def test_writing_copies_while_somebody_else_holds_the_frame(register: Register) 
 
 
 def test_a_copy_of_a_frame_is_writable_once() -> None:
-    """The copy may be written; as soon as it goes into another frame it is read-only again."""
+    """In another frame it is read-only again."""
     shared = grey_frame()
     holders = [shared, shared]
     writable = shared.writable()
@@ -119,8 +119,8 @@ def test_a_copy_of_a_frame_is_writable_once() -> None:
         writable.replace(seq=1).data[0, 0] = 6
 
 
-def test_a_writer_never_changes_the_frame_it_was_given(register: Register) -> None:
-    """Through a chain of transforms, a queue and into an appsink each writer has its own copy."""
+def test_a_writer_does_not_change_its_input(register: Register) -> None:
+    """Through transforms, a queue and an appsink."""
     register(greysource=GreySource, brighten=Brighten)
     text = "greysource ! brighten name=a ! brighten name=b ! queue ! brighten name=c ! appsink name=out"
     with Pipeline.parse(text) as pipeline:
@@ -132,7 +132,7 @@ def test_a_writer_never_changes_the_frame_it_was_given(register: Register) -> No
 
 
 def test_branches_of_a_tee_do_not_see_each_others_writing(register: Register) -> None:
-    """A frame that two branches share is copied by the one that writes."""
+    """The branch that writes gets a copy."""
     register(greysource=GreySource, brighten=Brighten)
     text = """greysource ! tee name=t  t. ! brighten ! brighten ! appsink name=two
               t. ! brighten ! appsink name=one  t. ! appsink name=none"""
@@ -143,7 +143,7 @@ def test_branches_of_a_tee_do_not_see_each_others_writing(register: Register) ->
 
 
 def test_a_view_is_copied() -> None:
-    """An array that looks into another one is never written in place: its owner would change too."""
+    """The owner of the array is not changed."""
     whole = np.zeros((4, 4), np.uint8)
 
     class View(Transform):
@@ -162,15 +162,15 @@ def test_a_view_is_copied() -> None:
     assert whole.max() == 0
 
 
-def test_a_frame_names_itself() -> None:
-    """Messages say which frame: its number, its time and, after a discontinuity, its epoch."""
+def test_describe() -> None:
+    """Number, time and, after a discontinuity, epoch."""
     caps = Caps("a/b")
     assert Frame(b"", caps, seq=12, pts=480_000_000).describe() == "frame seq=12 pts=0.480 s"
     assert Frame(b"", caps, seq=3, epoch=2).describe() == "frame seq=3 epoch=2"
 
 
-def test_time_of_capture_carries_its_origin() -> None:
-    """A UTC time says where it is from."""
+def test_capture_has_an_origin() -> None:
+    """A UTC time and where it is from."""
     frame = Frame(b"", Caps("a/b"), capture=Capture(1_763_690_000_000_000_000, "rtcp"))
     assert frame.capture is not None
     assert frame.capture.origin == "rtcp"

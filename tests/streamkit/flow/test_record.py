@@ -1,4 +1,4 @@
-"""The record is the JSON of the design, loses nothing, and refuses what is no record."""
+"""Track records: JSON format, and invalid records."""
 
 import json
 import math
@@ -54,8 +54,8 @@ def _registration(to_reference: np.ndarray) -> Registration:
     return Registration(to_previous=np.eye(3), to_reference=to_reference, reference=3)
 
 
-def test_json_is_that_of_the_design() -> None:
-    """Names, order and meaning of every field are the public contract."""
+def test_json_format() -> None:
+    """Names, order and meaning of the fields are public."""
     capture = Capture(1_763_690_000_123_456_789, "rtcp")
     frame = _frame(Tracks((_track(),)), _registration(np.eye(3)), capture=capture)
     record = track_record(frame, source="uav/1", published_ns=1_763_690_000_171_000_000, dropped=4)
@@ -100,7 +100,7 @@ def test_json_is_that_of_the_design() -> None:
 
 
 def test_missing_values_are_left_out() -> None:
-    """What is not known is not written: no null, no zero in its place."""
+    """Neither null nor zero."""
     frame = Frame(b"", Caps("video/x-raw"))
     written = json.loads(encode_record(track_record(frame, source="a", published_ns=5)))
     assert written == {
@@ -115,7 +115,7 @@ def test_missing_values_are_left_out() -> None:
 
 
 def test_numbers_that_are_not_finite_are_left_out() -> None:
-    """A velocity, covariance or homography with NaN is not known; JSON has no NaN."""
+    """JSON has no NaN."""
     track = _track(velocity=(math.nan, 1.0), covariance=np.full((2, 2), np.inf))
     frame = _frame(Tracks((track,)), _registration(np.full((3, 3), np.nan)))
     record = track_record(frame, source="a", published_ns=5)
@@ -127,8 +127,8 @@ def test_numbers_that_are_not_finite_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("field", ["x", "y", "length", "width", "angle", "score"])
-def test_a_track_without_a_place_is_an_error(field: str) -> None:
-    """A tracker must end such a track; the error names it."""
+def test_a_track_without_a_finite_position_is_an_error(field: str) -> None:
+    """The error names the track."""
     frame = _frame(Tracks((_track(id=31, **{field: math.nan}),)))
     with pytest.raises(ValueError, match=r"track 31: .* must be finite"):
         track_record(frame, source="a", published_ns=5)
@@ -146,8 +146,8 @@ def test_bbox_holds_the_rotated_rectangle(angle: float) -> None:
     np.testing.assert_allclose(record.tracks[0].bbox, expected, atol=1e-9)
 
 
-def test_decode_gives_what_was_encoded() -> None:
-    """Every number survives the trip exactly."""
+def test_decode_is_the_inverse_of_encode() -> None:
+    """Exactly."""
     generator = np.random.default_rng(3)
     tracks = tuple(
         _track(
@@ -165,15 +165,15 @@ def test_decode_gives_what_was_encoded() -> None:
     assert record.tracks[4].x == tracks[4].x
 
 
-def test_numpy_numbers_are_taken() -> None:
-    """Trackers compute with NumPy; its numbers become plain ones."""
+def test_numpy_numbers_are_accepted() -> None:
+    """They become Python numbers."""
     track = _track(id=np.int64(5), x=np.float32(3.5), age_ns=np.int64(9), score=np.float64(0.5))
     record = track_record(_frame(Tracks((track,))), source="a", published_ns=5)
     assert decode_record(encode_record(record)) == record
 
 
 def test_unknown_fields_are_skipped() -> None:
-    """A later publisher may say more than this reader knows."""
+    """Of a later version."""
     record = track_record(_frame(Tracks((_track(),))), source="a", published_ns=5)
     fields = json.loads(encode_record(record))
     fields["weather"] = {"wind": [1, 2]}
@@ -182,7 +182,7 @@ def test_unknown_fields_are_skipped() -> None:
 
 
 def test_geo_is_read() -> None:
-    """A track may carry its place on the ground."""
+    """The position of a track on the ground."""
     record = track_record(_frame(Tracks((_track(),))), source="a", published_ns=5)
     fields = json.loads(encode_record(record))
     fields["tracks"][0]["geo"] = {"lat": 48.1, "lon": 11.5, "error_m": 3.5}
@@ -191,8 +191,8 @@ def test_geo_is_read() -> None:
     assert (geo.lat, geo.lon, geo.error_m) == (48.1, 11.5, 3.5)
 
 
-def test_places_on_the_ground_are_written() -> None:
-    """A target below the camera has `geo`; one near the horizon has none, and none has it without ground."""
+def test_ground_positions_are_written() -> None:
+    """`geo` of a target below the camera; none near the horizon or without ground altitude."""
     pose = Pose(
         48.1, 11.5, 600.0, heading=0.0, pitch=0.0, roll=0.0, sensor_angles=(0.0, -math.pi / 2, 0.0),
         field_of_view=(math.radians(178), 1.0),
@@ -237,8 +237,8 @@ def _changed(**changes: Any) -> bytes:
         _changed() + b"x",
     ],
 )
-def test_what_is_no_record_is_refused(data: bytes) -> None:
-    """Malformed, truncated, nested, oversized or mistyped data is a StreamError, nothing else."""
+def test_invalid_records_are_refused(data: bytes) -> None:
+    """With a StreamError."""
     with pytest.raises(StreamError, match="not a track record"):
         decode_record(data)
 
@@ -250,15 +250,15 @@ def test_the_error_names_the_field() -> None:
 
 
 def test_records_are_immutable() -> None:
-    """A record that has been handed on cannot change."""
+    """Attributes cannot be set."""
     record: TrackRecord = track_record(_frame(), source="a", published_ns=5)
     with pytest.raises(AttributeError):
         record.seq = 4  # type: ignore[misc]
     assert msgspec.structs.replace(record, seq=4).seq == 4
 
 
-def test_status_words_are_those_of_the_vocabulary() -> None:
-    """Every registration status is written and read as its word."""
+def test_every_registration_status_is_written_and_parsed() -> None:
+    """As its word."""
     for status in RegistrationStatus:
         registration = Registration(np.eye(3), np.eye(3), status=status)
         record = track_record(_frame(registration), source="a", published_ns=5)

@@ -1,4 +1,4 @@
-"""Why no record of a run has a target, or a position."""
+"""RecordTally: why no record of a run has a target or a position."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ SEEN = EMPTY.attach(Tracks((TARGET,)))
     ],
 )
 def test_reasons(frames: list[Frame], positions: bool, text: str) -> None:
-    """The first that is missing is named, with the remedy."""
+    """The first missing input is named, with the remedy."""
     tally = RecordTally()
     for frame in frames:
         tally.note(frame)
@@ -45,8 +45,8 @@ def test_reasons(frames: list[Frame], positions: bool, text: str) -> None:
     assert bool(found) is bool(text)
 
 
-def test_a_position_is_enough() -> None:
-    """Of one frame; without any, the ground or the state of the targets is the reason."""
+def test_one_position_is_no_shortfall() -> None:
+    """Without any, the ground altitude or the states of the targets are the reason."""
     tally = RecordTally()
     tally.note(SEEN.attach(Pose(48.0, 11.0, 600.0)))
     assert "none was confirmed" in tally.shortfall(needs_positions=True)

@@ -1,4 +1,4 @@
-"""Tests of metadata carried over to another size."""
+"""Metadata of scaled frames."""
 
 import cv2
 import numpy as np
@@ -49,16 +49,16 @@ def test_registration_maps_scaled_pixels_to_scaled_pixels() -> None:
     assert scaled.rmse == pytest.approx(0.4 * np.sqrt(0.5 / 3.0))
 
 
-def test_the_frame_before_may_have_been_scaled_otherwise() -> None:
-    """After a change of size, `to_previous` leads to the pixels that the previous frame had."""
+def test_the_previous_frame_may_have_another_scaling() -> None:
+    """After a change of size `to_previous` maps to the pixels of the previous frame."""
     frame = bare().attach(Registration(np.eye(3), np.eye(3)))
     scaled = scale_metadata(frame, SCALING, SAME).get(Registration)
     assert scaled is not None
     np.testing.assert_allclose(mapped(scaled.to_previous, *mapped(SCALING, 77.0, 11.0)), (77.0, 11.0))
 
 
-def test_unknown_homographies_stay_unknown() -> None:
-    """A homography that is not finite is not made up."""
+def test_non_finite_homographies_are_kept() -> None:
+    """They are not replaced."""
     frame = bare().attach(Registration(np.full((3, 3), np.nan), np.eye(3)))
     scaled = scale_metadata(frame, SCALING, SCALING).get(Registration)
     assert scaled is not None
@@ -66,8 +66,8 @@ def test_unknown_homographies_stay_unknown() -> None:
     assert np.isfinite(scaled.to_reference).all()
 
 
-def test_detections_keep_their_shape() -> None:
-    """Corners, middles and areas follow the pixels; scores and labels stay."""
+def test_detections_are_scaled() -> None:
+    """Boxes, centroids and areas; scores and labels are kept."""
     item = Detections(
         np.array([[100.0, 60.0]]),
         np.array([[80.0, 50.0, 120.0, 70.0]]),
@@ -85,8 +85,8 @@ def test_detections_keep_their_shape() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.6, np.pi / 2, -2.5])
-def test_tracks_keep_their_ends(angle: float) -> None:
-    """The end of a turned box lands where its pixel lands; the velocity on the plane stays."""
+def test_tracks_are_scaled(angle: float) -> None:
+    """Ends of rotated boxes follow the pixels; velocities on the plane are kept."""
     track = Track(
         3, TrackState.CONFIRMED, 90.0, 40.0, 30.0, 12.0, angle, (5.0, 6.0), np.diag([4.0, 9.0]), 0.9, 10
     )

@@ -1,4 +1,4 @@
-"""Raw video on frames."""
+"""Raw video: caps, luma and array layout."""
 
 from fractions import Fraction
 
@@ -28,8 +28,8 @@ def test_luma_is_a_view(pixel_format: str, rows: int) -> None:
     assert frame.caps <= Caps(LUMA_CAPS)
 
 
-def test_luma_of_colour_says_what_to_do() -> None:
-    """A format without such a plane is refused with the remedy."""
+def test_luma_of_a_colour_format_is_an_error() -> None:
+    """It names the remedy."""
     frame = Frame(np.zeros((4, 8, 3), np.uint8), raw_video_caps("BGR", 8, 4))
     with pytest.raises(
         TypeError, match="luma needs a frame of format GRAY8, I420, NV12, got 'BGR': put videoconvert"
@@ -50,8 +50,8 @@ def layout_error(frame: Frame) -> str | None:
     ("pixel_format", "shape"),
     [("GRAY8", (4, 8)), ("I420", (6, 8)), ("NV12", (6, 8)), ("RGB", (4, 8, 3)), ("BGRA", (4, 8, 4))],
 )
-def test_arrays_are_to_be_what_the_caps_say(pixel_format: str, shape: tuple[int, ...]) -> None:
-    """Shape and type of each format; what is no array, or of an unknown format, is not judged."""
+def test_arrays_must_match_the_caps(pixel_format: str, shape: tuple[int, ...]) -> None:
+    """Unknown formats and data that is not an array are not checked."""
     caps = raw_video_caps(pixel_format, 8, 4)
     right = Frame(np.zeros(shape, np.uint8), caps)
     assert layout_error(right) is None

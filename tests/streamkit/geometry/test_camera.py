@@ -1,4 +1,4 @@
-"""Pixels meet flat ground where geometry says; what looks past it has no place."""
+"""Ground coordinates of pixels."""
 
 import math
 
@@ -48,8 +48,8 @@ def test_a_slanted_view_looks_ahead() -> None:
 
 
 @pytest.mark.parametrize("height_m", [100.0, 2000.0])
-def test_the_sky_has_no_place(height_m: float) -> None:
-    """At and above the horizon, and just below it, there is nothing to say."""
+def test_pixels_near_and_above_the_horizon_have_no_position(height_m: float) -> None:
+    """NaN."""
     level = _camera(sensor=(0.0, 0.0, 0.0), height_m=height_m)
     assert np.isnan(
         ground_coordinates(level, np.array([(100.0, 50.0), (100.0, 100.0), (100.0, 103.0)]))

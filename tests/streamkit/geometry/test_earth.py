@@ -1,4 +1,4 @@
-"""WGS84: lengths near a place, against pyproj."""
+"""Lengths on the WGS84 ellipsoid, compared with pyproj."""
 
 import pytest
 

@@ -11,14 +11,14 @@ TILTED = np.array([[1.02, 0.03, 12.0], [-0.02, 0.99, -7.0], [1e-5, -2e-5, 1.0]])
 
 
 def test_inverse_undoes_a_homography():
-    """A point mapped there and back is where it was."""
+    """A point mapped forth and back is unchanged."""
     points = h.corners(SHAPE)
     assert h.project(h.inverse(TILTED), h.project(TILTED, points)) == pytest.approx(points, abs=1e-6)
 
 
 @pytest.mark.parametrize("matrix", [np.zeros((3, 3)), np.ones((3, 3)), np.full((3, 3), np.nan)])
 def test_degenerate_matrices_become_the_identity(matrix):
-    """Neither a singular nor a non-finite matrix spreads."""
+    """Singular and non-finite ones."""
     assert np.array_equal(h.inverse(matrix), np.eye(3))
 
 
@@ -33,8 +33,8 @@ def test_a_reduced_homography_maps_the_same_ground():
     assert np.array_equal(reduced[:, :-2], reduced_moved[:, 2:])
 
 
-def test_lowering_undoes_lifting():
-    """to_reduced and from_reduced are inverse to each other."""
+def test_to_reduced_is_the_inverse_of_from_reduced():
+    """For any factor."""
     assert h.to_reduced(h.from_reduced(TILTED, 4), 4) == pytest.approx(TILTED)
 
 
@@ -79,7 +79,7 @@ def test_tilt_is_the_change_of_scale_from_side_to_side():
 
 
 def test_overlap_is_the_shared_part_of_the_footprint():
-    """Half a picture aside leaves half, another picture away nothing."""
+    """0.5 for a shift by half an image, 0 for a shift by a whole one."""
     assert h.overlap(h.translation(np.array([639.5, 0.0])), SHAPE) == pytest.approx(0.5, abs=1e-3)
     assert h.overlap(h.translation(np.array([2000.0, 0.0])), SHAPE) == 0.0
 

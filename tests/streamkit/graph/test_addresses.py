@@ -1,4 +1,4 @@
-"""Addresses: which element reads or writes one."""
+"""URIs: the element that reads or writes one."""
 
 from collections.abc import Callable
 
@@ -12,14 +12,14 @@ Register = Callable[..., None]
 
 
 class Reader(Source):
-    """Reads what it is told."""
+    """Reads a location."""
 
     src = "ANY"
     location: str = Property("")
 
 
 class Writer(Sink):
-    """Writes what it is told."""
+    """Writes a location."""
 
     location: str = Property("")
     sink = "ANY"
@@ -59,7 +59,7 @@ class Upload(Writer):
     ],
 )
 def test_the_element_for_an_address(register: Register, text: str, factory: str, location: str) -> None:
-    """Named after the scheme and side, else of the highest rank; files are told their path, decoded."""
+    """Named after scheme and side, else of the highest rank; files get their decoded path."""
     register(
         filesrc=Reader,
         filesink=Writer,
@@ -82,8 +82,8 @@ def test_the_element_for_an_address(register: Register, text: str, factory: str,
         ("file://host/a ! fakesink", "no element for files of the host 'host'; write file:///host/a"),
     ],
 )
-def test_an_address_that_nothing_takes(text: str, message: str) -> None:
-    """u05-u07: the code is `no-such-element`; passwords do not show."""
+def test_a_uri_without_an_element_is_an_error(text: str, message: str) -> None:
+    """u05-u07: code `no-such-element`; passwords are masked."""
     with pytest.raises(DescriptionError) as caught:
         build(text, {})
     assert caught.value.code == "no-such-element"

@@ -1,4 +1,4 @@
-"""What a description sets on an element: presets, names, and what can only be read."""
+"""Properties, presets and names set by a description."""
 
 from collections.abc import Callable
 
@@ -38,8 +38,8 @@ class Coder(Element):
         r"coder speed=3 @preset=Fast\ Lane quality=7",
     ],
 )
-def test_a_preset_goes_over_the_properties(register: Register, text: str) -> None:
-    """s07: wherever it is written, it is set last; what it sets is shown."""
+def test_a_preset_overrides_properties(register: Register, text: str) -> None:
+    """s07: wherever it is written."""
     register(coder=Coder)
     assert build(text, {}).elements[0].properties_set() == {"quality": "low", "speed": 9}
 
@@ -54,7 +54,7 @@ def test_a_preset_goes_over_the_properties(register: Register, text: str) -> Non
         ("queue @preset=bad", "queue has no presets"),
     ],
 )
-def test_a_preset_that_cannot_be(register: Register, text: str, message: str) -> None:
+def test_invalid_presets(register: Register, text: str, message: str) -> None:
     """s01-s08: quotes and blanks belong to the name, as in gst-launch."""
     register(coder=Coder)
     with pytest.raises(DescriptionError) as caught:
@@ -71,22 +71,22 @@ def test_a_choice_by_word_number_or_label(register: Register, value: str) -> Non
 
 
 @pytest.mark.parametrize("value", ["HIGH", "High", "0", "2", "Quality.HIGH", '"good pictures"'])
-def test_a_choice_is_read_exactly(register: Register, value: str) -> None:
-    """v19-v23: neither Python's names nor other capitals."""
+def test_a_choice_is_case_sensitive(register: Register, value: str) -> None:
+    """v19-v23."""
     register(coder=Coder)
     with pytest.raises(DescriptionError, match="it takes low, high"):
         build(f"coder quality={value}", {})
 
 
-def test_no_text_at_all(register: Register) -> None:
-    """NULL is how GStreamer writes a text that is not there."""
+def test_null_strings(register: Register) -> None:
+    """NULL is GStreamer's null string."""
     register(coder=Coder)
     coder = build("coder place=NULL label=NULL name=NULL", {}).elements[0]
     assert (coder.name, coder.properties_set()) == ("coder0", {"place": None, "label": ""})
 
 
-def test_what_can_only_be_read_is_ignored_with_a_warning(register: Register) -> None:
-    """v36: the element is made; the graph tells it."""
+def test_a_read_only_property_is_ignored_with_a_warning(register: Register) -> None:
+    """v36: in the warnings of the graph."""
     register(coder=Coder)
     graph = build("coder frames-coded=3 speed=2", {})
     assert graph.elements[0].properties_set() == {"speed": 2}
@@ -95,8 +95,8 @@ def test_what_can_only_be_read_is_ignored_with_a_warning(register: Register) -> 
     ]  # fmt: skip
 
 
-def test_what_can_only_be_read_has_a_type_too(register: Register) -> None:
-    """A text that is no such value is refused."""
+def test_a_value_of_the_wrong_type_for_a_read_only_property_is_refused(register: Register) -> None:
+    """With the code of other wrong values."""
     register(coder=Coder)
     with pytest.raises(DescriptionError, match="frames-coded cannot be 'x'") as caught:
         build("coder frames-coded=x", {})

@@ -1,4 +1,4 @@
-"""Branches behind a tee that may fail: reported and counted, and the others continue."""
+"""Branches that may be dropped after a failure."""
 
 from collections.abc import Callable
 
@@ -54,7 +54,7 @@ TEXT = "fakesrc num-buffers=50 ! tee name=t  t. ! queue ! appsink name=kept max-
     ],
 )
 def test_the_other_branch_gets_every_frame(branch: str) -> None:
-    """The failure is a warning that says what was dropped; the end of the stream comes as ever."""
+    """The failure is a warning; EOS is posted as usual."""
     with Pipeline.parse(TEXT.format(branch=branch)) as pipeline:
         pipeline.play()
         assert [frame.seq for frame in pipeline["kept"]] == list(range(50))
@@ -89,14 +89,14 @@ def test_frames_that_a_dropped_branch_missed_are_counted() -> None:
         "fakesrc num-buffers=9 ! tee name=t  t. ! breaks ! fakesink on-error=drop-branch",
     ],
 )
-def test_a_failure_ends_the_pipeline_where_nothing_would_be_left(text: str) -> None:
-    """A sink that is not declared so, a branch that feeds another sink too, or the only branch."""
+def test_a_failure_ends_the_pipeline_unless_the_branch_may_be_dropped(text: str) -> None:
+    """`on-error` of a sink is `end`, the branch feeds another sink, or it is the only one."""
     with pytest.raises(ElementFailure, match="publisher died"):
         Pipeline.parse(text).run(timeout_s=20)
 
 
-def test_a_branch_that_joins_may_fail_as_well() -> None:
-    """What is added while playing is guarded like what was there."""
+def test_an_added_branch_may_be_dropped() -> None:
+    """Like those of the description."""
     with Pipeline.parse("fakesrc num-buffers=-1 ! tee name=t  t. ! queue ! appsink name=kept") as pipeline:
         pipeline.play()
         pipeline["kept"].pull()

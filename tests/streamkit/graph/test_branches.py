@@ -1,4 +1,4 @@
-"""Branches that join and leave a playing pipeline, and pads that only the stream brings."""
+"""Branches added and removed while playing, and pads that the stream adds."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -64,8 +64,8 @@ def push(pipeline: Pipeline, numbers: range) -> None:
         pipeline["in"].push(Frame(b"", ANYTHING, seq=number, arrival_ns=1))
 
 
-def test_a_branch_joins_and_leaves_while_playing(register: Register) -> None:
-    """It sees the frames from the next on, in order; leaving, it finishes what it has and is stopped."""
+def test_a_branch_is_added_and_removed_while_playing(register: Register) -> None:
+    """It gets all frames in between, drains, and is stopped."""
     register(gathering=Gathering)
     with Pipeline.parse("appsrc name=in ! tee name=t t. ! queue ! gathering name=a") as pipeline:
         pipeline.play()
@@ -101,8 +101,8 @@ def test_the_end_waits_for_a_branch_that_joined(register: Register) -> None:
         assert pipeline["b"].numbers == list(range(1, 50))
 
 
-def test_branches_come_and_go_without_growing(register: Register) -> None:
-    """A hundred of them, while frames flow: no thread or element is left; nothing is lost elsewhere."""
+def test_a_hundred_branches_leave_no_thread_or_element(register: Register) -> None:
+    """Other branches lose no frame."""
     register(gathering=Gathering)
     text = "videotestsrc ! video/x-raw,width=16,height=16 ! tee name=t t. ! queue ! gathering name=a"
     with Pipeline.parse(text) as pipeline:
@@ -120,7 +120,7 @@ def test_branches_come_and_go_without_growing(register: Register) -> None:
 
 
 def test_a_branch_that_cannot_start_leaves_nothing(register: Register) -> None:
-    """st-fail: the pipeline goes on as it was."""
+    """st-fail: the pipeline continues."""
     register(gathering=Gathering, refusing=Refusing)
     with Pipeline.parse("appsrc name=in ! tee name=t t. ! gathering name=a") as pipeline:
         pipeline.play()
@@ -156,7 +156,7 @@ def test_only_elements_with_request_pads_take_branches() -> None:
 
 
 def test_a_name_that_is_taken_is_refused() -> None:
-    """Automatic names step aside, given ones do not."""
+    """Automatic names are renumbered."""
     with Pipeline.parse("fakesrc ! tee name=t t. ! fakesink name=k") as pipeline:
         branch = pipeline.add_branch("t", "queue ! fakesink")
         assert [element.name for element in branch.elements] == ["queue0", "fakesink0"]
@@ -191,7 +191,7 @@ def test_links_wait_for_pads_that_the_stream_brings(register: Register) -> None:
 
 
 def test_a_pad_that_never_comes_is_warned_of(register: Register) -> None:
-    """y05: the sink that waited ends, so that the pipeline can, and the bus says what is missing."""
+    """y05: the waiting sink gets EOS, and the bus a warning."""
     register(discovering=Discovering, gathering=Gathering)
     text = "discovering name=d d.stream_0 ! gathering name=a d.stream_7 ! gathering name=b"
     with Pipeline.parse(text) as pipeline:

@@ -1,4 +1,4 @@
-"""Syntax tree to elements: names, properties, bins, addresses, and what cannot be made."""
+"""Graphs from descriptions: names, properties, bins, URIs and errors."""
 
 import re
 import time
@@ -38,7 +38,7 @@ def test_names_given_automatically_count_per_type() -> None:
     ]  # fmt: skip
 
 
-def test_a_filter_stands_between_its_neighbours() -> None:
+def test_a_filter_is_linked_between_its_neighbours() -> None:
     """It has the caps of the text, escapes resolved."""
     graph = build(r'fakesrc ! a/b, s=(string)"x\!y" ! fakesink', {})
     assert graph.element("capsfilter0").properties_set() == {"caps": r'a/b, s=(string)"x\!y"'}
@@ -202,16 +202,16 @@ def test_backslashes_of_an_address_are_resolved(register: Register) -> None:
         ("( " * 70 + "queue" + " )" * 70, "syntax", "bins nest at most 64 deep", 129, 1),
     ],
 )  # fmt: skip
-def test_what_cannot_be_built(text: str, code: str, message: str, column: int, length: int) -> None:
-    """The code is for programs, the message for people, the place for the caret."""
+def test_invalid_descriptions(text: str, code: str, message: str, column: int, length: int) -> None:
+    """Code, message and place."""
     with pytest.raises(DescriptionError, match=f"^{re.escape(message)}") as caught:
         build(text, {})
     assert caught.value.code == code
     assert (caught.value.place.column, caught.value.place.length) == (column, length or 1)
 
 
-def test_the_caret_stands_below_the_fault() -> None:
-    """The example of the design, word for word."""
+def test_the_caret_is_below_the_error() -> None:
+    """The example of the documentation."""
     text = "# a flight\nfakesrc\n    ! queu ! fakesink"
     with pytest.raises(DescriptionError) as caught:
         build(text, {})
@@ -222,8 +222,8 @@ def test_the_caret_stands_below_the_fault() -> None:
     )
 
 
-def test_a_property_that_refuses_in_its_own_way(register: Register) -> None:
-    """Whatever an element raises becomes an error of the description, with its cause."""
+def test_any_exception_of_a_property_is_a_description_error(register: Register) -> None:
+    """With its cause."""
     register(texts=Texts)
     with pytest.raises(
         DescriptionError, match=r"^texts0: property picky cannot be '3': ZeroDivisionError: no such device$"

@@ -1,4 +1,4 @@
-"""The bus: messages in order, bounded, errors and ends kept."""
+"""The bus: order, bounds, and what is never dropped."""
 
 import threading
 
@@ -36,8 +36,8 @@ def test_waiting_ends_with_the_time() -> None:
     assert Bus().pop(0.01) is None
 
 
-def test_a_message_wakes_who_waits() -> None:
-    """From another thread, with and without a time limit."""
+def test_a_message_wakes_a_waiting_pop() -> None:
+    """From another thread, with and without a timeout."""
     bus = Bus()
     for timeout_s in (10.0, None):
         poster = threading.Thread(target=bus.post, args=(note(7),))
@@ -46,8 +46,8 @@ def test_a_message_wakes_who_waits() -> None:
         poster.join(10)
 
 
-def test_a_full_bus_loses_the_oldest_but_no_error_and_no_end() -> None:
-    """What nobody reads is dropped and counted; the order of the rest stays."""
+def test_a_full_bus_drops_the_oldest_but_no_error_or_eos() -> None:
+    """Drops are counted; the order of the rest is kept."""
     bus = Bus()
     bus.post(Message(MessageKind.ERROR, "x"))
     bus.post(Message(MessageKind.EOS))
@@ -81,8 +81,8 @@ def test_watchers_see_messages_at_once() -> None:
     assert bus.pop() == note(4)
 
 
-def test_flushing_forgets_what_was_not_read() -> None:
-    """bus-null: a new run does not see the old one's messages."""
+def test_flush_discards_unread_messages() -> None:
+    """bus-null: of an earlier run."""
     bus = Bus()
     bus.post(note(1))
     bus.flush()

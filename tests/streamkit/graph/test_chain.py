@@ -1,4 +1,4 @@
-"""Chains: what stands behind a src pad, called in one loop, counted and timed."""
+"""Chains: the transforms behind a src pad, called, counted and timed in one loop."""
 
 from collections.abc import Callable, Iterable
 
@@ -24,8 +24,8 @@ def test_a_chain_ends_at_the_first_element_that_is_no_transform() -> None:
     assert chain.stages[-1].is_terminal
 
 
-def test_an_open_end_is_not_linked() -> None:
-    """The signal names the pad that has no peer; nothing is counted behind it."""
+def test_an_unlinked_end_raises_not_linked() -> None:
+    """The exception names the pad."""
     from streamkit.flow.events import NotLinked
 
     source, passing = make_element("fakesrc", "s"), make_element("identity", "i")
@@ -116,7 +116,7 @@ def test_every_frame_arrives_once_and_in_order(trunk: list[str], tails: list[lis
 
 
 class Crops(Transform):
-    """Hands on fewer rows than its caps say, in one of two ways."""
+    """Returns fewer rows than its caps say, in one of two ways."""
 
     sink = src = "video/x-raw, format=GRAY8"
     several: bool = Property(False, doc="Whether in a list.")
@@ -127,8 +127,8 @@ class Crops(Transform):
 
 
 @pytest.mark.parametrize("several", [False, True])
-def test_pixels_that_are_not_what_the_caps_say_are_an_error(register: Register, several: bool) -> None:
-    """The element that made them is named, not the next one that stumbles."""
+def test_an_array_that_contradicts_its_caps_is_an_error(register: Register, several: bool) -> None:
+    """Of the element that made it."""
     register(crops=Crops)
     text = f"videotestsrc num-buffers=3 ! video/x-raw,width=8,height=4 ! crops several={several} ! fakesink"
     fault = r"^crops0: .*GRAY8 of 8 x 4 px is uint8\[4, 8\], got uint8\[2, 8\]: give the frame the caps"
@@ -137,7 +137,7 @@ def test_pixels_that_are_not_what_the_caps_say_are_an_error(register: Register, 
 
 
 class Masks(Transform):
-    """Hands each frame on, and every second one by another pad as well."""
+    """Forwards each frame, and every second one through another pad as well."""
 
     sink = src = "ANY"
     templates = (PadTemplate("mask", Direction.SRC),)
@@ -159,8 +159,8 @@ def test_a_transform_may_feed_several_pads(register: Register) -> None:
         assert str(pipeline["masks"].sink_caps) == "a/b, x=(int)1"
 
 
-def test_a_failure_names_the_frame_that_the_stage_was_given(register: Register) -> None:
-    """What went wrong is told of the frame that went in, not of the one before it."""
+def test_a_failure_names_the_input_frame_of_the_stage(register: Register) -> None:
+    """Not the frame before it."""
 
     class Third(Transform):
         """Fails at the third frame."""

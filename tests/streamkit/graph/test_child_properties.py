@@ -1,4 +1,4 @@
-"""Properties of bins, and of what stands in them."""
+"""Properties of bins and of their children."""
 
 import re
 
@@ -46,7 +46,7 @@ def test_brackets_set_properties_of_children(text: str, name: str, settings: dic
         ("( delay=1 fakesrc )", "no-such-property", "bin has no property 'delay'"),
     ],
 )
-def test_what_brackets_cannot_set(text: str, code: str, message: str) -> None:
+def test_invalid_properties_of_bins(text: str, code: str, message: str) -> None:
     """b06, b07, b18, b20: gst-launch's codes."""
     with pytest.raises(DescriptionError, match=f"^{re.escape(message)}") as caught:
         build(text, {})
@@ -54,8 +54,8 @@ def test_what_brackets_cannot_set(text: str, code: str, message: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["( x::y=3 fakesrc )", "( s::x::y=3 fakesrc name=s )", "bin x::y=3 fakesrc"])
-def test_a_child_that_never_comes_is_a_warning(text: str) -> None:
-    """b19: the property waits, and nothing is set."""
+def test_a_missing_child_is_a_warning(text: str) -> None:
+    """b19: nothing is set."""
     assert [code for code, _ in build(text, {}).warnings] == ["no-such-child"]
 
 

@@ -1,4 +1,4 @@
-"""Links that wait for a pad which only the stream brings."""
+"""Links that wait for pads that the stream adds."""
 
 from collections.abc import Callable, Iterator
 
@@ -52,13 +52,15 @@ def demuxer(register: Register) -> None:
 
 def run(text: str) -> tuple[dict[str, int], list[str]]:
     """How many frames each appsink got, and the codes of the warnings."""
-    told: list[Message] = []
+    reported: list[Message] = []
     with Pipeline.parse(text) as pipeline:
         sinks = [element.name for element in pipeline.graph.elements if element.factory == "appsink"]
-        pipeline.bus.watch(told.append)
+        pipeline.bus.watch(reported.append)
         pipeline.play()
         got = {name: len(list(pipeline[name])) for name in sinks}  # type: ignore[call-overload]
-    return got, [str(message.fields.get("code")) for message in told if message.kind is MessageKind.WARNING]
+    return got, [
+        str(message.fields.get("code")) for message in reported if message.kind is MessageKind.WARNING
+    ]
 
 
 @pytest.mark.usefixtures("demuxer")
@@ -79,21 +81,21 @@ def run(text: str) -> tuple[dict[str, int], list[str]]:
         ("demux pads-found=video_0+video_1+data_0 : video/x-raw ! funnel ! appsink", {"appsink0": 4}),
     ],
 )
-def test_the_link_is_made_when_the_pad_comes(text: str, got: dict[str, int]) -> None:
-    """By name and by filter as the text says; `:` links every pad that comes, `!` the first that fits."""
+def test_the_link_is_made_when_the_pad_is_added(text: str, got: dict[str, int]) -> None:
+    """By name and filter; `:` links every new pad, `!` the first that fits."""
     assert run(text) == (got, [])
 
 
 @pytest.mark.usefixtures("demuxer")
 def test_a_pad_that_never_comes_is_a_warning() -> None:
-    """Code `delayed-link` on the bus once there will be no more pads; what it should have fed ends."""
+    """Code `delayed-link`, once no more pads follow; the waiting sink ends."""
     text = "demux name=d d.video_0 ! appsink name=v d.video_7 ! appsink name=w"
     assert run(text) == ({"v": 2, "w": 0}, ["delayed-link"])
 
 
 @pytest.mark.usefixtures("demuxer")
 def test_a_stream_that_feeds_nothing_is_an_error() -> None:
-    """Where a decoder was left out, what has done nothing has not gone well: `not-linked` in gst-launch."""
+    """For example without a decoder: `not-linked` in gst-launch."""
     text = "demux name=d pads-found=data_0 ! video/x-raw ! fakesink"
     with (
         Pipeline.parse(text) as pipeline,
@@ -109,8 +111,8 @@ def test_the_warning_names_the_pads_there_are() -> None:
     with Pipeline.parse("demux name=d d.video_0 ! fakesink d.video_7 ! fakesink") as pipeline:
         pipeline.bus.watch(lambda message: texts.append(message.text))
         pipeline.run(timeout_s=20)
-    told = [text for text in texts if "no pad" in text]
-    assert told == ["the stream has no pad for d.video_7 ! fakesink1; it has video_0"]
+    reported = [text for text in texts if "no pad" in text]
+    assert reported == ["the stream has no pad for d.video_7 ! fakesink1; it has video_0"]
 
 
 @pytest.mark.usefixtures("demuxer")
@@ -123,7 +125,7 @@ def test_waiting_elements_are_reported() -> None:
 
 @pytest.mark.usefixtures("demuxer")
 def test_only_src_pads_are_waited_for() -> None:
-    """A sink side that is not there fails at once, as does an element without such pads."""
+    """A missing sink pad is an error at once."""
     for text in ("fakesrc ! demux", "fakesrc name=a a.video_0 ! fakesink"):
         with pytest.raises(DescriptionError) as caught:
             build(text, {})

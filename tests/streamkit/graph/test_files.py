@@ -1,4 +1,4 @@
-"""No file is both read and written, or written twice; known when the pipeline is built."""
+"""Files of a graph: none is both read and written, or written twice."""
 
 from pathlib import Path
 
@@ -44,7 +44,7 @@ def small_file(tmp_path: Path) -> Path:
 
 
 def test_two_sinks_do_not_share_a_file(tmp_path: Path) -> None:
-    """Not even one that is not there yet; a device may be shared."""
+    """Also one that does not exist yet; a device may be shared."""
     text = "videotestsrc ! tee name=t  t. ! filesink location=${one}  t. ! filesink location=${other}"
     with pytest.raises(DescriptionError, match=r"filesink1 must not write .*: it is written by filesink0"):
         Pipeline.parse(text, {"one": f"{tmp_path}/x", "other": f"{tmp_path}/./x"})
@@ -65,8 +65,8 @@ def test_a_location_that_is_set_later_is_checked_at_the_start(tmp_path: Path) ->
             pipeline.ready()
 
 
-def test_a_branch_that_joins_is_checked(tmp_path: Path) -> None:
-    """As the others are."""
+def test_an_added_branch_is_checked(tmp_path: Path) -> None:
+    """Against the files of the others."""
     pipeline = Pipeline.parse(f"videotestsrc ! tee name=t ! filesink location={tmp_path}/x")
     with pytest.raises(DescriptionError, match="must not write"):
         pipeline.add_branch("t", f"filesink location={tmp_path}/x")

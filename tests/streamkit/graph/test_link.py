@@ -1,4 +1,4 @@
-"""Links: which pads two ends of a `!` mean."""
+"""Links: the choice of pads."""
 
 import re
 
@@ -52,14 +52,14 @@ def test_links(text: str, expected: list[str]) -> None:
         ("tee name=t t.src_x ! fakesink", "t has no pad 'src_x'; did you mean \"src_%u\"?"),
     ],
 )  # fmt: skip
-def test_links_that_cannot_be(text: str, message: str) -> None:
-    """The code is `link`; the message names elements and pads, and the remedy where there is one."""
+def test_invalid_links(text: str, message: str) -> None:
+    """Code `link`; the message names elements, pads and the remedy."""
     with pytest.raises(DescriptionError, match=f"^{re.escape(message)}$") as caught:
         build(text, {})
     assert caught.value.code == "link"
 
 
-def test_the_error_stands_at_the_link() -> None:
+def test_the_error_is_at_the_link() -> None:
     """The caret is below the `!` or the filter."""
     text = "fakesrc name=a ! fakesink\na. ! fakesink"
     with pytest.raises(DescriptionError) as caught:

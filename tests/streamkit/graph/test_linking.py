@@ -1,4 +1,4 @@
-"""Links made in textual order: names, filters, link-all, and which error counts."""
+"""Order of links: names, filters, link-all, and the first error."""
 
 from collections.abc import Callable
 
@@ -39,8 +39,8 @@ def code(text: str) -> str:
         ("fakesrc .src : .sink fakesink", {"fakesrc0.src -> fakesink0.sink"}),
     ],
 )  # fmt: skip
-def test_a_colon_links_whatever_fits(text: str, expected: set[str]) -> None:
-    """c01-c04, pl-ok-16..18: it never fails, and ends also where both sides make pads on request."""
+def test_a_colon_links_all_pads_that_fit(text: str, expected: set[str]) -> None:
+    """c01-c04, pl-ok-16..18: it never fails, and ends if both sides have request pads."""
     assert links(text) == expected
 
 
@@ -116,13 +116,13 @@ def test_of_several_pads_the_one_that_fits_is_taken(register: Register) -> None:
         ("identity parent=x", "could-not-set-property"),
     ],
 )
-def test_the_first_error_counts(text: str, expected: str) -> None:
-    """First in gst-launch's order: all elements from left to right, then the links."""
+def test_the_first_error_is_reported(text: str, expected: str) -> None:
+    """As in gst-launch: all elements from left to right, then the links."""
     assert code(text) == expected
 
 
-def test_a_name_is_looked_up_where_it_came_last() -> None:
-    """r36: of several, the newest in the newest bin; equal names in different bins are fine."""
+def test_a_name_is_found_in_the_last_bin() -> None:
+    """r36: the newest of several; equal names in different bins are allowed."""
     text = "( identity name=x ) ( identity name=x ! fakesink ) fakesrc ! x."
     graph = build(text, {})
     first, second = (element for element in graph.elements if element.name == "x")

@@ -1,4 +1,4 @@
-"""The check of all links before anything runs, and the converter put in where raw video needs one."""
+"""Negotiation before streaming, and inserted converters."""
 
 from collections.abc import Callable
 
@@ -39,7 +39,7 @@ class Convert(Transform):
         return frame
 
 
-def test_pads_that_can_never_agree_are_refused(register: Register) -> None:
+def test_pads_without_common_caps_are_refused(register: Register) -> None:
     """Both pads, both caps and the field in conflict, at the place of the link."""
     register(camera=Camera, wide=Wide)
     text = "camera !\n  identity ! wide"
@@ -59,8 +59,8 @@ def test_a_filter_that_no_caps_can_pass_is_refused() -> None:
         build("fakesrc ! a/b ! identity ! c/d ! fakesink", {})
 
 
-def test_a_converter_joins_where_raw_formats_differ(register: Register) -> None:
-    """It is reported, listed as inserted, and stands in the source's bin with a name of its own."""
+def test_a_converter_is_inserted_where_raw_formats_differ(register: Register) -> None:
+    """With a warning, in the bin of the source."""
     register(camera=Camera, screen=Screen, videoconvert=Convert)
     graph = build("( name=b camera ) ! screen", {})
     assert {f"{src.path} -> {sink.path}" for src, sink in graph.links()} == {
@@ -72,16 +72,16 @@ def test_a_converter_joins_where_raw_formats_differ(register: Register) -> None:
     assert text.startswith("videoconvert0 was inserted between camera0.src and screen0.sink: ")
 
 
-def test_nothing_is_put_between_pads_that_agree(register: Register) -> None:
-    """Formats in common need no converter."""
+def test_no_converter_is_inserted_between_pads_that_agree(register: Register) -> None:
+    """Common formats need none."""
     register(camera=Camera, videoconvert=Convert)
     graph = build("camera ! video/x-raw, format=BGR ! fakesink", {})
     assert not graph.inserted
     assert not graph.warnings
 
 
-def test_nothing_is_scaled_unasked(register: Register) -> None:
-    """A converter changes the format only: other sizes are an error."""
+def test_no_scaler_is_inserted(register: Register) -> None:
+    """Other sizes are an error."""
     register(camera=Camera, wide=Wide, videoconvert=Convert)
     with pytest.raises(DescriptionError, match="disagree on width"):
         build("camera ! wide", {})

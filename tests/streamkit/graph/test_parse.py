@@ -1,4 +1,4 @@
-"""Text to syntax tree, and errors that point into the text."""
+"""Parsing of descriptions, and places of errors."""
 
 import time
 
@@ -152,16 +152,16 @@ def test_a_long_line_is_shown_around_the_fault() -> None:
     assert shown[carets.index("^")] == ";"
 
 
-def test_what_a_terminal_would_obey_is_not_shown() -> None:
-    """Control characters of the text become blanks; lines are those that a line break ends, no others."""
+def test_control_characters_are_not_printed() -> None:
+    """They become blanks."""
     text = "queue\x1b[2J\x0b\u2028 ;\n! x"
     with pytest.raises(DescriptionError) as caught:
         parsed(text)
     assert caught.value.pointed(text).split("\n")[1] == "    queue [2J   ;"
 
 
-def test_a_long_token_has_carets_as_far_as_it_is_shown() -> None:
-    """The error stays readable, however long the text."""
+def test_carets_of_a_long_token_are_truncated() -> None:
+    """As the text is."""
     text = "queue name=q " + "x" * 5000 + "=1=2 ;"
     with pytest.raises(DescriptionError) as caught:
         parsed(text)
@@ -192,8 +192,8 @@ def test_unquoting_is_gst_launchs(text: str, value: str) -> None:
     assert unquote_value(text) == value
 
 
-def test_what_stands_before_a_fault_is_kept() -> None:
-    """It may hold an earlier error, which then counts."""
+def test_nodes_before_a_syntax_error_are_kept() -> None:
+    """They may have an earlier error."""
     chains = parse("a ! b x=1 c ! ( d .p , ;", {})
     assert [len(chain.nodes) for chain in chains] == [2, 2]
     group = chains[1].nodes[1]

@@ -1,4 +1,4 @@
-"""A pipeline: states, ends, errors, and stopping within bounds."""
+"""Pipelines: states, EOS, errors, and stopping in time."""
 
 import threading
 import time
@@ -28,7 +28,7 @@ ANYTHING = Caps("a/b")
 
 
 class Journal(list[str]):
-    """What happened, in order."""
+    """Starts and stops, in order."""
 
 
 def journaling(journal: Journal, base: type[Element], **behaviour: Any) -> type[Element]:
@@ -71,15 +71,15 @@ TEXT = "jsrc name=src ! jmid name=mid ! jsink name=sink"
 
 
 def test_sinks_start_first_and_stop_last(register: Register) -> None:
-    """st-order: nobody sends into an element that is not open; sinks close with all they got."""
+    """st-order: every element has started before it gets a frame."""
     journal = register_journaling(register)
     Pipeline.parse(TEXT).run(timeout_s=10)
     assert journal == ["start sink", "start mid", "start src", "stop src", "stop mid", "stop sink"]
 
 
 @pytest.mark.parametrize(("failing", "started"), [("sink", 1), ("mid", 2), ("src", 3)])
-def test_a_failed_start_is_taken_back(register: Register, failing: str, started: int) -> None:
-    """st-fail: every element whose start began is stopped, the failing one too, and no other."""
+def test_a_failed_start_stops_the_started_elements(register: Register, failing: str, started: int) -> None:
+    """st-fail: including the one that failed, and no other."""
     journal = register_journaling(register, fail_start=failing)
     pipeline = Pipeline.parse(TEXT)
     with pytest.raises(ElementFailure, match=f"^{failing} .*no such device$"):
@@ -212,7 +212,7 @@ def test_a_failed_branch_leaves_the_other_streaming(register: Register) -> None:
     drained = threading.Event()
 
     class Collects(Sink):
-        """Tells when EOS has come."""
+        """Keeps frames; reports EOS."""
 
         sink = "ANY"
 
@@ -246,7 +246,7 @@ def test_run_says_when_it_takes_too_long() -> None:
 
 
 def test_an_end_of_an_earlier_run_does_not_end_the_next() -> None:
-    """bus-null: messages that nobody read do not survive into the next run."""
+    """bus-null: unread messages are discarded."""
     pipeline = Pipeline.parse("fakesrc num-buffers=3 ! queue ! identity sleep-time=1000 ! fakesink name=out")
     with pipeline:
         pipeline.play()
@@ -278,8 +278,8 @@ def test_threads_are_named_after_their_elements() -> None:
         assert not any(thread.daemon for thread in ours)
 
 
-def test_a_call_that_does_not_come_back_is_named(register: Register, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`stop` returns within its limit and says which element hangs; the others are stopped."""
+def test_a_hanging_stop_is_named(register: Register, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`stop` returns in time and names the element; the others are stopped."""
     import streamkit.graph.pipeline as module
 
     monkeypatch.setattr(module, "STOP_LIMIT_S", 0.1)
@@ -333,8 +333,8 @@ def test_a_sink_without_a_source_is_an_error() -> None:
         Pipeline.parse("fakesink").run(timeout_s=10)
 
 
-def test_an_exit_inside_an_element_is_a_failure(register: Register) -> None:
-    """A library that calls sys.exit ends its pipeline with an error, and not a thread unseen."""
+def test_system_exit_in_an_element_is_a_failure(register: Register) -> None:
+    """The pipeline ends with an error."""
 
     class Exits(Sink):
         """Leaves."""
@@ -353,7 +353,7 @@ def test_element_messages_and_warnings_reach_the_bus(register: Register) -> None
     """With their element's name; fields are for programs."""
 
     class Talks(Sink):
-        """Tells what it sees."""
+        """Posts messages."""
 
         sink = "ANY"
 
@@ -363,18 +363,18 @@ def test_element_messages_and_warnings_reach_the_bus(register: Register) -> None
 
     register(talks=Talks)
     pipeline = Pipeline.parse("fakesrc num-buffers=1 ! talks name=t")
-    told: list[tuple[str, str, str, Any]] = []
+    reported: list[tuple[str, str, str, Any]] = []
     pipeline.bus.watch(
-        lambda m: told.append((str(m.kind), m.source, m.text, dict(m.fields))) if m.source else None
+        lambda m: reported.append((str(m.kind), m.source, m.text, dict(m.fields))) if m.source else None
     )
     pipeline.run(timeout_s=10)
-    assert told == [
+    assert reported == [
         ("element", "t", "seen", {"name": "seen", "seq": 0}), ("warning", "t", "nothing in it", {}),
     ]  # fmt: skip
 
 
-def test_a_block_that_fails_stops_the_pipeline() -> None:
-    """As a context manager, also when the application's own code raises."""
+def test_the_context_manager_stops_the_pipeline() -> None:
+    """Also after an exception of the application."""
     pipeline = Pipeline.parse("fakesrc ! fakesink")
 
     def block() -> None:
@@ -395,8 +395,8 @@ def test_a_block_that_fails_stops_the_pipeline() -> None:
         "fakesrc sizetype=fixed sizemax=10 datarate=1 format=time do-timestamp=true sync=true",
     ],
 )
-def test_a_source_ends_on_finish_though_its_next_frame_is_far_off(source: str) -> None:
-    """Nobody waits for a frame that is due in an hour, and what came before it is delivered."""
+def test_finish_ends_a_wait_for_the_next_frame(source: str) -> None:
+    """Frames before it are delivered."""
     with Pipeline.parse(f"{source} ! queue ! appsink name=out") as pipeline:
         pipeline.play()
         assert pipeline["out"].pull() is not None

@@ -1,4 +1,4 @@
-"""Where elements stand: bins, names, and the edges that links cross."""
+"""Bins: names and ghost pads."""
 
 import pytest
 
@@ -12,8 +12,8 @@ def ghosts(text: str) -> dict[str, dict[str, str]]:
     return {group.name: group.ghost_pads for group in build(text, {}).bins if group.ghost_pads}
 
 
-def test_a_link_has_a_ghost_pad_on_every_edge() -> None:
-    """pl-ok-14: numbered as they are made, from the inside out, the source's side first."""
+def test_a_link_has_a_ghost_pad_on_every_bin_border() -> None:
+    """pl-ok-14: numbered in the order of the links, from the inside out, the source's side first."""
     text = "deepsrc. ! fakesink fakesrc ! ( identity ! ( identity ! ( identity name=deepsrc ) ) )"
     assert ghosts(text) == {
         "bin0": {"ghost0": "deepsrc.src", "ghost3": "deepsrc.sink"},
@@ -41,8 +41,8 @@ def test_a_link_has_a_ghost_pad_on_every_edge() -> None:
         ),
     ],
 )
-def test_only_edges_that_are_crossed_have_some(text: str, expected: dict[str, dict[str, str]]) -> None:
-    """A filter stands in the bin of its source."""
+def test_links_inside_a_bin_have_no_ghost_pads(text: str, expected: dict[str, dict[str, str]]) -> None:
+    """A filter is in the bin of its source."""
     assert ghosts(text) == expected
 
 
@@ -60,8 +60,8 @@ def test_names_are_unique_in_a_bin() -> None:
     assert build("( fakesrc name=a ) ( fakesink name=a ) queue name=a", {}).elements
 
 
-def test_the_name_of_the_only_bin_means_nothing() -> None:
-    """A lookup begins inside the object that gst-launch would return."""
+def test_the_name_of_the_only_bin_cannot_be_referenced() -> None:
+    """As in gst-launch, which returns that bin."""
     with pytest.raises(DescriptionError) as caught:
         build("( name=b fakesrc name=s b. ! s. )", {})
     assert caught.value.code == "no-such-element"

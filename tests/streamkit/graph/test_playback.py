@@ -1,4 +1,4 @@
-"""Pausing, prerolling, flushing, renegotiation and running time of a playing graph."""
+"""Pausing, preroll, flushing, renegotiation and running time."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -27,29 +27,29 @@ SECOND = 1_000_000_000
 
 
 class Showing(Sink):
-    """Writes down what it prerolls and renders."""
+    """Records what it prerolls and renders."""
 
     sink = "ANY"
 
     def start(self) -> None:
-        self.told: list[tuple[str, int | None]] = []
+        self.reported: list[tuple[str, int | None]] = []
         self.changed = threading.Condition()
 
-    def _tell(self, what: str, number: int | None) -> None:
+    def _record(self, what: str, number: int | None) -> None:
         with self.changed:
-            self.told.append((what, number))
+            self.reported.append((what, number))
             self.changed.notify_all()
 
     def preroll(self, frame: Frame | None) -> None:
-        self._tell("preroll", None if frame is None else frame.seq)
+        self._record("preroll", None if frame is None else frame.seq)
 
     def render(self, frame: Frame) -> None:
-        self._tell("render", frame.seq)
+        self._record("render", frame.seq)
 
     def wait_for(self, number: int) -> bool:
-        """Waits until so much has been told."""
+        """Waits for a number of records."""
         with self.changed:
-            return self.changed.wait_for(lambda: len(self.told) >= number, timeout=10)
+            return self.changed.wait_for(lambda: len(self.reported) >= number, timeout=10)
 
 
 class Camera(Source):
@@ -76,10 +76,10 @@ def test_pausing_from_the_start_prerolls_one_frame(register: Register) -> None:
         assert pipeline.pause() in (StateChange.ASYNC, StateChange.SUCCESS)
         assert pipeline.wait_prerolled(10)
         assert pipeline.state is State.PAUSED
-        assert pipeline["k"].told == [("preroll", 0)]
+        assert pipeline["k"].reported == [("preroll", 0)]
         assert pipeline.play() is StateChange.SUCCESS
         assert pipeline.wait(10) is not None
-        assert pipeline["k"].told == [("preroll", 0), ("render", 0), ("render", 1), ("render", 2)]
+        assert pipeline["k"].reported == [("preroll", 0), ("render", 0), ("render", 1), ("render", 2)]
 
 
 def test_preroll_is_reported_once(register: Register) -> None:
@@ -95,7 +95,7 @@ def test_preroll_is_reported_once(register: Register) -> None:
 
 
 def test_end_of_stream_counts_as_preroll(register: Register) -> None:
-    """bs-eos-play, sk-asyncdone-eos: EOS prerolls; it is told only once the pipeline plays."""
+    """bs-eos-play, sk-asyncdone-eos: EOS is posted once the pipeline plays."""
     register(showing=Showing)
     with Pipeline.parse("fakesrc num-buffers=0 ! showing name=k") as pipeline:
         pipeline.pause()
@@ -103,7 +103,7 @@ def test_end_of_stream_counts_as_preroll(register: Register) -> None:
         assert not pipeline.ended.is_set()
         pipeline.play()
         assert pipeline.wait(10) is not None
-        assert pipeline["k"].told == [("preroll", None)]
+        assert pipeline["k"].reported == [("preroll", None)]
 
 
 def test_a_sink_without_async_is_not_waited_for() -> None:
@@ -122,7 +122,7 @@ def test_branches_without_queues_stay_asynchronous(register: Register) -> None:
         assert not pipeline.wait_prerolled(0.05)
         pipeline.play()
         assert pipeline.wait(10) is not None
-        assert pipeline["b"].told == [("render", 0), ("render", 1)]
+        assert pipeline["b"].reported == [("render", 0), ("render", 1)]
 
 
 def test_a_live_pipeline_does_not_preroll(register: Register) -> None:
@@ -133,7 +133,7 @@ def test_a_live_pipeline_does_not_preroll(register: Register) -> None:
         pipeline["c"].asked.release()
         assert pipeline.play() is StateChange.SUCCESS
         assert pipeline["k"].wait_for(1)
-        assert pipeline["k"].told == [("render", 0)]
+        assert pipeline["k"].reported == [("render", 0)]
         assert pipeline.pause() is StateChange.NO_PREROLL
 
 
@@ -148,14 +148,14 @@ def test_a_pause_holds_the_next_frame(register: Register) -> None:
         for seq in (1, 2):
             pipeline["in"].push(Frame(b"", ANYTHING, seq=seq, arrival_ns=1))
         assert pipeline.wait_prerolled(10)
-        assert pipeline["k"].told == [("render", 0), ("preroll", 1)]
+        assert pipeline["k"].reported == [("render", 0), ("preroll", 1)]
         pipeline.play()
         assert pipeline["k"].wait_for(4)
-        assert pipeline["k"].told[2:] == [("render", 1), ("render", 2)]
+        assert pipeline["k"].reported[2:] == [("render", 1), ("render", 2)]
 
 
 def test_running_time_stands_still_while_paused() -> None:
-    """sk-pause, clk-base: a second of pause makes what follows a second later."""
+    """sk-pause, clk-base: a pause of a second delays later frames by a second."""
     clock = ManualClock()
     with Pipeline.parse("appsrc name=in ! fakesink name=k sync=true", clock=clock) as pipeline:
         pipeline.play()
@@ -209,7 +209,7 @@ def test_two_sinks_share_one_running_time(register: Register) -> None:
 
 
 def test_late_frames_are_dropped_counted_and_reported() -> None:
-    """sk-late: max-lateness drops what comes too late; with qos each is told on the bus."""
+    """sk-late: with max-lateness; with qos each is posted on the bus."""
     clock = ManualClock()
     text = "appsrc name=in ! fakesink name=k sync=true qos=true max-lateness=1000000"
     with Pipeline.parse(text, clock=clock) as pipeline:
@@ -218,9 +218,9 @@ def test_late_frames_are_dropped_counted_and_reported() -> None:
             pipeline["in"].push(Frame(b"", ANYTHING, pts=pts, seq=seq, arrival_ns=1))
         assert clock.wait_for_waiter()
         clock.advance(5)
-        told = pipeline.bus.pop(5.0, (MessageKind.ELEMENT,))
-        assert told is not None
-        assert (told.fields["name"], told.fields["late_ns"]) == ("qos", 4 * SECOND)
+        reported = pipeline.bus.pop(5.0, (MessageKind.ELEMENT,))
+        assert reported is not None
+        assert (reported.fields["name"], reported.fields["late_ns"]) == ("qos", 4 * SECOND)
         assert clock.wait_for_waiter()
         clock.advance(1)
         pipeline["in"].end()
@@ -229,8 +229,8 @@ def test_late_frames_are_dropped_counted_and_reported() -> None:
         assert pipeline["k"].drops == {"too late": 1}
 
 
-def test_a_flush_drops_what_is_on_its_way(register: Register) -> None:
-    """q-flush: what waits in front of a sink is gone; what comes afterwards passes."""
+def test_a_flush_drops_frames_in_flight(register: Register) -> None:
+    """q-flush: later frames pass."""
     clock = ManualClock()
     register(showing=Showing)
     with Pipeline.parse("appsrc name=in ! showing name=k sync=true", clock=clock) as pipeline:
@@ -241,7 +241,7 @@ def test_a_flush_drops_what_is_on_its_way(register: Register) -> None:
         pipeline.flush()
         pipeline["in"].push(Frame(b"", ANYTHING, pts=0, seq=2, arrival_ns=1))
         assert pipeline["k"].wait_for(2)
-        assert pipeline["k"].told == [("render", 0), ("render", 2)]
+        assert pipeline["k"].reported == [("render", 0), ("render", 2)]
 
 
 def test_a_filter_changed_while_playing_renegotiates() -> None:
@@ -324,8 +324,8 @@ def test_latency_adds_up_along_the_longest_path(register: Register) -> None:
     assert (latency.is_live, latency.minimum_ns) == (True, 7)
 
 
-def test_a_thousand_runs_do_not_grow() -> None:
-    """Started, run and stopped a thousand times: as many threads and objects as before."""
+def test_a_thousand_runs_leak_nothing() -> None:
+    """Neither threads nor objects."""
     import gc
 
     with Pipeline.parse("fakesrc num-buffers=2 ! queue ! fakesink name=k") as pipeline:

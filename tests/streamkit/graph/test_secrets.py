@@ -1,4 +1,4 @@
-"""What must not be shown with a text."""
+"""Secrets in descriptions."""
 
 import time
 from collections.abc import Callable
@@ -14,7 +14,7 @@ Register = Callable[..., None]
 
 
 class Vault(Element):
-    """Has a secret whose name does not tell."""
+    """Has a secret property."""
 
     sink = "ANY"
     word: str = Property("", secret=True)
@@ -28,7 +28,7 @@ def test_secrets_are_found_by_declaration_and_by_name(register: Register) -> Non
 
 
 def test_credentials_of_addresses_are_masked() -> None:
-    """Up to the last @ before the path; what has none stays."""
+    """Up to the last @ before the path."""
     assert mask_secrets("a rtsp://me:p@ss@cam/x b http://h/@x y://u@h") == (
         "a rtsp://***@cam/x b http://h/@x y://***@h"
     )

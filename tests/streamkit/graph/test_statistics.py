@@ -1,4 +1,4 @@
-"""Counters of a running graph: every frame not delivered has a reason."""
+"""Statistics of a running graph."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -61,7 +61,7 @@ def test_counts_are_right_at_every_moment(register: Register) -> None:
 
 @pytest.mark.parametrize("probability", [1.0, 0.5])
 def test_a_drop_has_a_reason(probability: float) -> None:
-    """What came in and did not go out stands under its reason."""
+    """Dropped frames are counted by reason."""
     with Pipeline.parse(
         f"fakesrc num-buffers=50 ! identity drop-probability={probability} ! fakesink"
     ) as pipeline:
@@ -232,8 +232,8 @@ def test_errors_and_warnings_are_counted(register: Register) -> None:
         assert (rows["fakesrc0"].errors, rows["fakesrc0"].warnings) == (0, 0)
 
 
-def test_waiting_for_a_frames_time_is_no_work() -> None:
-    """A synchronised sink is idle until a frame is due."""
+def test_waiting_with_sync_is_not_counted_as_work() -> None:
+    """A sink is idle until a frame is due."""
     with Pipeline.parse(
         "videotestsrc num-buffers=10 ! video/x-raw,framerate=50/1 ! fakesink sync=true"
     ) as pipeline:
@@ -242,8 +242,8 @@ def test_waiting_for_a_frames_time_is_no_work() -> None:
     assert rows["fakesink0"].busy_ns < 90_000_000
 
 
-def test_a_branch_that_goes_takes_no_counts_with_it() -> None:
-    """What a tee has handed out stays counted."""
+def test_frames_of_a_removed_branch_stay_counted() -> None:
+    """In the counters of the tee."""
     with Pipeline.parse("appsrc name=in ! tee name=t ! fakesink") as pipeline:
         pipeline.play()
         branch = pipeline.add_branch("t", "appsink name=out")

@@ -1,4 +1,4 @@
-"""Comments and variables, with places that point into the text as written."""
+"""Comments and variables, and places in the original text."""
 
 import re
 
@@ -53,8 +53,8 @@ def test_expansion(text: str, variables: dict[str, str], expanded: str) -> None:
         ("${1a} a", "'${1a}' names no variable: ${NAME} or ${NAME:-default}", Place(1, 1, 5)),
     ],
 )
-def test_a_variable_without_value(text: str, message: str, place: Place) -> None:
-    """The error names it, points at it, and says how to give it."""
+def test_a_variable_without_a_value_is_an_error(text: str, message: str, place: Place) -> None:
+    """With its place and the remedy."""
     with pytest.raises(DescriptionError, match=f"^{re.escape(message)}$") as caught:
         expand(text, {"NAME": "x"})
     assert caught.value.place == place
@@ -73,8 +73,8 @@ def test_places_point_into_the_text_as_written() -> None:
     assert expanded.place(start, start + 1) == Place(2, 12, 1)
 
 
-def test_a_description_has_bounds() -> None:
-    """Variables cannot blow a text up without end."""
+def test_the_expanded_length_is_limited() -> None:
+    """Variables cannot make a text arbitrarily long."""
     with pytest.raises(DescriptionError, match=r"^a description has at most 1000000 characters$"):
         expand("${X}" * 1000, {"X": "x" * 10_000})
 

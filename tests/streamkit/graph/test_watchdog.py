@@ -1,4 +1,4 @@
-"""Watchdog: an element that does not come back is named, with the frame; who waits is left alone."""
+"""Watchdog: a hanging element is named with its frame; elements that wait on purpose are ignored."""
 
 import re
 import threading
@@ -14,7 +14,7 @@ Register = Callable[..., None]
 
 
 class Stuck(Transform):
-    """Does not come back from one of its calls until it is released."""
+    """Does not return from one of its calls until it is released."""
 
     sink = src = "ANY"
     release = threading.Event()
@@ -61,8 +61,8 @@ def next_warning(pipeline: Pipeline) -> Message:
 @pytest.mark.parametrize(
     "text", ["stuck name=s", "queue ! stuck name=s", "identity silent=false ! stuck name=s"]
 )
-def test_an_element_that_does_not_come_back_ends_the_pipeline(text: str) -> None:
-    """The element in whose own code the thread stands is named, not one upstream of it."""
+def test_a_hanging_element_ends_the_pipeline(text: str) -> None:
+    """It is named, not one upstream of it."""
     with Pipeline.parse(f"fakesrc num-buffers=9 ! {text} ! fakesink", watchdog_s=0.2) as pipeline:
         pipeline.play()
         message = pipeline.wait(20)
@@ -88,7 +88,7 @@ def test_a_long_drain_is_reported_and_continues() -> None:
 
 
 def test_waiting_on_purpose_is_no_hang(register: Register) -> None:
-    """A sink that waits for time, a full queue and a source without frames stand still for many looks."""
+    """A sink that waits for time, a full queue, and a source without frames."""
 
     class Slow(Sink):
         """Waits as long as several limits."""
@@ -108,8 +108,8 @@ def test_waiting_on_purpose_is_no_hang(register: Register) -> None:
         assert pipeline.wait(1.0) is None
 
 
-def test_a_stop_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`stop` returns in its bound, names the element, and the others have been stopped."""
+def test_a_hanging_stop_is_abandoned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`stop` returns in time, names the element, and the others have been stopped."""
     monkeypatch.setattr("streamkit.graph.pipeline.STOP_LIMIT_S", 0.3)
     pipeline = Pipeline.parse("fakesrc num-buffers=3 ! stuck name=s where=stop ! fakesink", watchdog_s=0.2)
     pipeline.play()
@@ -140,8 +140,8 @@ def test_a_start_can_be_cancelled() -> None:
     assert not pipeline["k"].is_playing
 
 
-def test_a_start_that_ignores_its_cancelling_is_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The caller gets its thread back, with the name of the element."""
+def test_a_start_that_ignores_cancel_is_abandoned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error names the element."""
     monkeypatch.setattr("streamkit.graph.element_calls.CANCEL_GRACE_S", 0.2)
     pipeline = Pipeline.parse("fakesrc ! stuck name=s where=start ! fakesink")
     canceller = threading.Thread(target=lambda: Stuck.inside.wait(20) and pipeline.cancel())
@@ -151,8 +151,8 @@ def test_a_start_that_ignores_its_cancelling_is_left_behind(monkeypatch: pytest.
     canceller.join(20)
 
 
-def test_who_stands_in_a_call_is_known_while_it_stands_there() -> None:
-    """A crash report reads one byte an element: the source and the element at work are marked."""
+def test_active_elements_are_marked_during_calls() -> None:
+    """One byte per element, for the crash report."""
     pipeline = Pipeline.parse(
         "fakesrc num-buffers=9 name=f ! queue ! identity name=i ! stuck name=s ! fakesink"
     )

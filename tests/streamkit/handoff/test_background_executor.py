@@ -1,4 +1,4 @@
-"""BackgroundExecutor: order, bounds, results, and an end that waits for nothing."""
+"""BackgroundExecutor: order, bounds, results, and closing."""
 
 import threading
 
@@ -9,7 +9,7 @@ from streamkit.handoff.background_executor import BackgroundExecutor
 
 @pytest.fixture
 def failures():
-    """What work raised for whose result nobody asked."""
+    """Exceptions of work without a future."""
     return []
 
 
@@ -30,8 +30,8 @@ def test_work_is_done_in_order(worker):
     assert done == list(range(50))
 
 
-def test_whoever_hands_over_more_than_the_capacity_waits(worker):
-    """Memory is bounded; nothing is lost; the wait ends when there is room."""
+def test_do_waits_for_room(worker):
+    """Memory is bounded; nothing is lost."""
     gate, handed, done = threading.Event(), threading.Event(), []
 
     def hand_over():
@@ -50,7 +50,7 @@ def test_whoever_hands_over_more_than_the_capacity_waits(worker):
 
 
 def test_a_cancelled_wait_for_room_loses_no_work(worker):
-    """A pipeline that stops still gets its last picture into the mosaic."""
+    """The work is added all the same."""
     gate, cancelled, done = threading.Event(), threading.Event(), []
     cancelled.set()
     for number in range(3):
@@ -60,8 +60,8 @@ def test_a_cancelled_wait_for_room_loses_no_work(worker):
     assert done == [0, 1, 2]
 
 
-def test_failures_reach_whoever_asks(worker, failures):
-    """The future has the exception of work that was asked for; others are told, and work goes on."""
+def test_failures_are_set_on_the_future(worker, failures):
+    """Others are reported to `failed`; work continues."""
 
     def fail():
         raise OSError("disk full")
@@ -72,8 +72,8 @@ def test_failures_reach_whoever_asks(worker, failures):
     assert [str(error) for error in failures] == ["disk full"]
 
 
-def test_a_wait_goes_on_while_there_is_progress(worker):
-    """Patience counts from the last sign of life; without one the wait ends."""
+def test_a_wait_continues_while_there_is_progress(worker):
+    """Patience counts from the last progress."""
     gate = threading.Event()
     stuck = worker.ask(lambda: gate.wait(30))
     assert not worker.wait(stuck, 0.05)
@@ -93,8 +93,8 @@ def test_a_wait_ends_when_cancelled(worker):
     gate.set()
 
 
-def test_closing_abandons_what_is_not_done(failures):
-    """Work that breathes ends at once, what waits never begins, and the thread ends."""
+def test_closing_abandons_unfinished_work(failures):
+    """Work that reports progress ends; waiting work never begins."""
     worker = BackgroundExecutor("test mosaic", 10, failures.append)
     begun, done = threading.Event(), []
 
@@ -178,7 +178,7 @@ def test_a_full_executor_drops_the_oldest(sender, link):
 
 
 def test_a_stuck_executor_is_waited_for_once(sender, link):
-    """After one wait in vain, work is offered at once until a piece is done."""
+    """After one timeout, offers return at once until a piece is done."""
     executor, offer = sender(1)
     offer("first")
     assert link.is_busy.wait(5)

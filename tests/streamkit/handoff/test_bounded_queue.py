@@ -1,4 +1,4 @@
-"""BoundedQueue: order, bounds, waits that end, and losses that are counted."""
+"""BoundedQueue: order, bounds, waits and counted losses."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ from streamkit.handoff.bounded_queue import BoundedQueue, QueueStatistics
 
 
 def in_thread(work: Callable[[], object]) -> tuple[threading.Thread, list[object]]:
-    """Runs work beside the test; the list gets its result."""
+    """Runs work in another thread; the list gets its result."""
     results: list[object] = []
     thread = threading.Thread(target=lambda: results.append(work()))
     thread.start()
@@ -24,7 +24,7 @@ def in_thread(work: Callable[[], object]) -> tuple[threading.Thread, list[object
 def test_every_item_is_taken_held_or_dropped(
     steps: list[tuple[int, bool]], capacity: int, limit: int
 ) -> None:
-    """Whatever comes and goes: order stays, the bounds hold, and the counts add up."""
+    """Order, bounds and counts hold for any sequence of calls."""
     queue: BoundedQueue[int] = BoundedQueue(capacity, limit)
     taken: list[int] = []
     for number, (size, takes) in enumerate(steps):
@@ -42,7 +42,7 @@ def test_every_item_is_taken_held_or_dropped(
 
 
 def test_a_full_queue_drops_the_chosen_items() -> None:
-    """Errors stay, chatter goes, also where the chatter is the new item."""
+    """Also the new item."""
 
     def choose_dropped(held: Sequence[str], new: str, is_full: bool) -> range:
         words = [*held, new]
@@ -73,7 +73,7 @@ def test_a_full_queue_waits_for_room() -> None:
 
 
 def test_waits_end_when_cancelled_or_closed() -> None:
-    """Both sides, each with nothing."""
+    """Of `put` and `get`."""
     queue: BoundedQueue[int] = BoundedQueue(1)
     cancelled = threading.Event()
     thread, results = in_thread(lambda: queue.get(None, cancelled))
@@ -87,8 +87,8 @@ def test_waits_end_when_cancelled_or_closed() -> None:
     assert (results, dropped, queue.get()) == ([None], [0], None)
 
 
-def test_an_end_comes_behind_the_last_item() -> None:
-    """With its error, if there is one; and can be taken back."""
+def test_the_end_follows_the_last_item() -> None:
+    """With its error, if there is one; `reopen` takes it back."""
     queue: BoundedQueue[int] = BoundedQueue()
     queue.put(0)
     queue.end(OSError("lens cap on"))

@@ -1,4 +1,4 @@
-"""FrameQueue: order, levels and what is dropped."""
+"""FrameQueue: order, levels and drops."""
 
 import numpy as np
 import pytest
@@ -21,13 +21,13 @@ def frame(seq: int = 0, data: bytes = b"", pts: int | None = None, duration: int
     ("data", "size"),
     [(b"123", 3), (bytearray(2), 2), (np.zeros((2, 3), np.uint16), 12), ("ab", 2), (None, 0)],
 )
-def test_data_size_is_that_of_the_bytes_held(data: object, size: int) -> None:
-    """Arrays, bytes and text have a size; what cannot tell has none."""
+def test_data_size(data: object, size: int) -> None:
+    """Of arrays, bytes and text; 0 for other objects."""
     assert data_size(data) == size
 
 
-def test_events_weigh_nothing_and_keep_their_place() -> None:
-    """Items leave in the order they came; only frames are counted."""
+def test_events_keep_their_place_and_are_not_counted() -> None:
+    """Only frames have a level."""
     queue = FrameQueue()
     items = [frame(0, b"x"), EosEvent(), frame(1, b"xy")]
     for item in items:
@@ -77,7 +77,7 @@ def test_a_queue_that_drops_its_oldest_stays_below_its_limits(
 
 
 def test_dropping_frames_keeps_events() -> None:
-    """A flush keeps the newest of each kind; who calls says which."""
+    """A flush keeps the given events."""
     queue = FrameQueue()
     for item in (frame(0, b"x"), EosEvent(), frame(1)):
         queue.append(item)

@@ -1,4 +1,4 @@
-"""OutputFile grows beside an older file, and replaces it once it holds something."""
+"""OutputFile: replaces an older file when it holds something."""
 
 import errno
 import json
@@ -38,8 +38,8 @@ def test_folders_are_made_and_links_followed(tmp_path: Path) -> None:
     assert (tmp_path / "link.bin").is_symlink()
 
 
-def test_a_file_that_is_whole_only_is_not_seen_before(tmp_path: Path) -> None:
-    """Nobody reads half an archive."""
+def test_a_whole_file_appears_when_it_is_finished(tmp_path: Path) -> None:
+    """No incomplete file is visible."""
     file = OutputFile(tmp_path / "a.npz", is_whole=True)
     file.write(b"half")
     assert not (tmp_path / "a.npz").exists()
@@ -104,8 +104,8 @@ def test_a_piece_that_does_not_fit_leaves_the_file_as_it_was(
     assert path.read_bytes() == b"x" * 600 + tail
 
 
-def test_what_an_error_leaves(tmp_path: Path) -> None:
-    """What is written stays, but it does not replace an older file."""
+def test_abandon_keeps_what_is_written(tmp_path: Path) -> None:
+    """But it does not replace an older file."""
     (tmp_path / "old").write_bytes(b"old")
     for name, left in (("old", b"old"), ("new", b"part")):
         file = OutputFile(tmp_path / name)
@@ -116,8 +116,8 @@ def test_what_an_error_leaves(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "old"]
 
 
-def test_what_cannot_be_written_is_known_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder, a file as a folder, and a folder that takes no files; nothing is made."""
+def test_check_writable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder, a file as a folder, and a read-only folder; nothing is made."""
     (tmp_path / "file").touch()
     check_writable(tmp_path / "a" / "b" / "c.txt")
     with pytest.raises(IsADirectoryError):

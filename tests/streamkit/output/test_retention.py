@@ -1,4 +1,4 @@
-"""The oldest files beyond the limits are deleted, and no other ones."""
+"""Retention: the oldest files beyond the limits are deleted, and no others."""
 
 from pathlib import Path
 
@@ -32,7 +32,7 @@ def test_limits(tmp_path: Path, limits: RetentionLimits, kept: str) -> None:
 
 
 def test_files_of_others_are_never_deleted(tmp_path: Path) -> None:
-    """Neither one that was there before, nor one that took the name of a deleted one."""
+    """Neither one that existed before, nor one with the name of a deleted one."""
     (tmp_path / "old.ts").write_bytes(b"x")
     retention = Retention(RetentionLimits(files=1), tmp_path)
     retention.add(_written(tmp_path, 0), 0.0)

@@ -1,20 +1,20 @@
-"""The clock that tests move by hand."""
+"""ManualClock."""
 
 import threading
 
 from streamkit.testing import ManualClock
 
 
-def test_it_moves_only_by_hand() -> None:
-    """Both readings stand still until `advance`."""
+def test_the_clock_moves_only_by_advance() -> None:
+    """Both readings."""
     clock = ManualClock(5)
     assert (clock.monotonic_ns(), clock.utc_ns()) == (5, 5)
     clock.advance(1.5)
     assert (clock.monotonic_ns(), clock.utc_ns()) == (1_500_000_005, 1_500_000_005)
 
 
-def test_a_wait_ends_when_its_time_has_come() -> None:
-    """Not before, and at once where it has passed."""
+def test_a_wait_ends_at_its_deadline() -> None:
+    """Or at once after it."""
     clock, cancelled = ManualClock(0), threading.Event()
     ended: list[bool] = []
     waiting = threading.Thread(target=lambda: ended.append(clock.wait_until(2_000_000_000, cancelled)))
@@ -36,6 +36,6 @@ def test_a_wait_can_be_cancelled() -> None:
     assert not clock.wait_until(0, cancelled)
 
 
-def test_missing_subscribers_are_reported_in_time() -> None:
-    """The look for a waiter is bounded in real time."""
+def test_wait_for_waiter_times_out() -> None:
+    """In real time."""
     assert not ManualClock().wait_for_waiter(timeout_s=0.01)

@@ -1,4 +1,4 @@
-"""The harness that plugin authors test with."""
+"""Harness."""
 
 import pytest
 
@@ -43,8 +43,8 @@ class Lifecycle(Transform):
         self.life.append(f"stop, stopping {self.stopping.is_set()}")
 
 
-def test_an_element_lives_as_in_a_pipeline() -> None:
-    """Started, fed, drained and stopped, in this thread, on the clock given; messages are collected."""
+def test_an_element_runs_as_in_a_pipeline() -> None:
+    """Started, fed, drained and stopped in this thread, with the given clock; messages are collected."""
     element = Lifecycle("l")
     with Harness(element, clock=ManualClock(42)) as harness:
         (out,) = harness.push(Frame(b"", ANYTHING, seq=7))
@@ -120,8 +120,8 @@ def test_a_failed_start_is_stopped() -> None:
     assert element.life[-1].startswith("stop")  # type: ignore[attr-defined]
 
 
-def test_a_closed_harness_takes_nothing() -> None:
-    """Closing twice is fine, pushing is not."""
+def test_a_closed_harness_refuses_frames() -> None:
+    """Closing twice is allowed."""
     harness = Harness("identity")
     harness.close()
     harness.close()
@@ -129,8 +129,8 @@ def test_a_closed_harness_takes_nothing() -> None:
         harness.push(Frame(b"", ANYTHING))
 
 
-def test_pads_that_come_with_the_stream_are_collected() -> None:
-    """An element that adds a sometimes pad while frames flow is heard on it at once."""
+def test_added_pads_are_connected() -> None:
+    """While frames flow."""
 
     class Unpacks(Split):
         """Adds an output for each kind of data it meets."""
@@ -156,8 +156,8 @@ def test_pads_that_come_with_the_stream_are_collected() -> None:
         assert [pad.name for pad in harness.element.src_pads()] == ["kind_0", "kind_1"]
 
 
-def test_an_element_that_asks_for_it_is_negotiated_anew() -> None:
-    """Before the next frame, whose caps are the same."""
+def test_reconfigure_renegotiates_before_the_next_frame() -> None:
+    """Also with the same caps."""
 
     class Changes(Transform):
         """Configured how often."""
