@@ -18,13 +18,13 @@ from streamkit_differencer.canvas_images import region_of
 from streamkit_differencer.cleaning import cleaned
 from streamkit_differencer.confidence import Persistence, confidence
 from streamkit_differencer.cuts import Cut, CutDetector
-from streamkit_differencer.filters.parallax import parallax_shift
-from streamkit_differencer.mask_refinement import refine_mask
+from streamkit_differencer.filters.parallax import SMALLEST_STEP_PX, parallax_shift
 from streamkit_differencer.model import BackgroundModel, Event
-from streamkit_differencer.objects import Objects, find_objects, most_confident
+from streamkit_differencer.objects import Objects, find_objects, mark_moving, most_confident
 from streamkit_differencer.refinement import refine_objects
 from streamkit_differencer.sampling import warp_frame, warp_mask_back
 from streamkit_differencer.settings import DifferencerSettings
+from streamkit_differencer.trimming import HALO_SHARE, SHADOW_SHARE, trim
 from streamkit_kernels import prepare
 
 # The outermost pixels of a warped frame mix with the border.
@@ -177,8 +177,7 @@ class Differencer:
 
     def _new_model(self, size: tuple[int, int]) -> BackgroundModel:
         self._persistence, self._centres = Persistence(), []
-        # A flight comes to new ground all the time: its first second is not worth the ghosts.
-        return BackgroundModel(size, self.settings.background, self._scale, not self._is_registered)
+        return BackgroundModel(size, self.settings.background, self._scale)
 
     def _scored(
         self,
@@ -196,24 +195,33 @@ class Differencer:
         if self.region is not None:
             inside = cv2.resize(self.region, size_of(mask), interpolation=cv2.INTER_NEAREST)
             mask = mask & cast("ByteImage", inside)
+        background, (rows, columns) = self._model.compared_background
+        offset = translation(np.array([-columns.start, -rows.start]))
+        from_working = offset @ position.working_to_canvas
+        trim(mask, working, background, from_working, 0.0, SHADOW_SHARE)
         objects = find_objects(mask, scale, settings, max(settings.max_objects, MOST_SCORED))
         to_canvas = position.working_to_canvas @ frame_to_working(scale)
         ages = self._persistence.update(mapped_boxes(to_canvas, objects.boxes))
         contrast = self._model.contrast(objects.boxes, to_canvas)
         objects = replace(objects, confidences=confidence(contrast, ages, registration))
         objects = most_confident(objects, settings.max_objects)
-        background, (rows, columns) = self._model.compared_background
-        to_background = translation(np.array([-columns.start, -rows.start])) @ to_canvas
-        refined = refine_objects(objects, image, background, to_background, mask, scale)
-        from_working = to_background @ working_to_frame(scale)
-        refine_mask(mask, objects, working, background, from_working, scale, self._model.tolerance > 0)
+        refined = refine_objects(objects, image, background, offset @ to_canvas, mask, scale)
+        if self._model.tolerance > 0:
+            # Small objects are found with their halo.
+            trim(mask, working, background, from_working, HALO_SHARE, 0.0)
+        mark_moving(mask, objects, scale)
         return Result(refined, mask, position.change, event)
 
     def _parallax(self, working_to_canvas: FloatArray, size: tuple[int, int]) -> FloatArray | None:
         """Shift on the canvas, px, that the camera's recent motion gives tall objects."""
+        assert self._model is not None
         self._centres.append(project(working_to_canvas, np.array([size]) / 2)[0])
         del self._centres[: -self.settings.background.frame_interval - 1]
-        return parallax_shift(self._centres[-1] - self._centres[0], self.settings.objects.parallax)
+        step = self._centres[-1] - self._centres[0]
+        if self._is_registered and np.abs(step).max() >= SMALLEST_STEP_PX:
+            # A flight comes to new ground all the time: its first second is not worth the ghosts.
+            self._model.begins_at_once = False
+        return parallax_shift(step, self.settings.objects.parallax)
 
     def _follow(self, model: BackgroundModel, position: FramePosition) -> None:
         """Moves what is kept on the canvas along with it."""

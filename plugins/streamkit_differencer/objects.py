@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from streamkit_differencer.arrays import ByteImage, Flags, FloatArray, LabelImage
 from streamkit_differencer.clusters import label_by_gap, merge_by_scatter
-from streamkit_differencer.mask_values import HIGHEST_BACKGROUND
+from streamkit_differencer.mask_values import HIGHEST_BACKGROUND, MOVING
 from streamkit_differencer.measurement import (
     BOTTOM,
     CHANGED,
@@ -41,6 +41,8 @@ _SQUARE = np.ones((3, 3), np.uint8)
 GAP_FULL, GAP_REDUCED = 3, 1
 # Clustering is quadratic: more fragments than this are noise, and the largest are kept.
 MOST_FRAGMENTS = 1500
+# An object of which this share changed moves as a whole.
+MOVES = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,3 +195,17 @@ def objects_of(table: FloatArray, scale: int) -> Objects:
     centroids = table[:, [SUM_X, SUM_Y]] / pixels[:, None]
     boxes = (table[:, [LEFT, TOP, RIGHT, BOTTOM]] + (0.0, 0.0, 1.0, 1.0)) * scale - 0.5
     return Objects(centroids * scale + (scale - 1) / 2, boxes, pixels * scale**2, table[:, CHANGED] / pixels)
+
+
+def mark_moving(mask: ByteImage, objects: Objects, scale: int) -> None:
+    """Marks all of an object as moving where most of it changed: the middle of a slow one looks as before.
+
+    Args:
+        mask: uint8[h, w], see `mask_values`; updated in place.
+        objects: found in it.
+        scale: frame pixels per pixel of `mask`.
+    """
+    moving = objects.boxes[objects.changes >= MOVES]
+    for left, top, right, bottom in np.rint((moving + 0.5) / scale).astype(int):
+        part = mask[top:bottom, left:right]
+        part[part > HIGHEST_BACKGROUND] = MOVING

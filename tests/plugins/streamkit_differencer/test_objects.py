@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from streamkit_differencer.objects import cells_of, find_objects, most_confident
+from streamkit_differencer.objects import (
+    NO_OBJECTS,
+    Objects,
+    cells_of,
+    find_objects,
+    mark_moving,
+    most_confident,
+)
 from streamkit_differencer.settings import Criterion, ObjectSettings
 
 
@@ -140,3 +147,23 @@ def test_noise_everywhere_takes_bounded_work():
         mask[y : y + 2, x : x + 2] = 255 if random.random() < 0.9 else 0
     objects = find_objects(mask, 4, ObjectSettings(min_area=1, merge_gap=1))
     assert 0 < len(objects) <= 400
+
+
+def test_all_of_what_moves_is_marked_as_moving():
+    """Of objects that changed for the most part; of others what stands stays marked as standing."""
+    mask = np.zeros((40, 60), np.uint8)
+    mask[5:15, 5:25], mask[5:15, 5:17] = 128, 255
+    mask[25:35, 5:25], mask[25:35, 5:10] = 128, 255
+    before = mask.copy()
+    boxes = np.array([[5, 5, 25, 15], [5, 25, 25, 35]]) * 2 - 0.5
+    mark_moving(mask, Objects(np.zeros((2, 2)), boxes, np.ones(2), np.array([0.6, 0.25])), 2)
+    assert (mask[5:15, 5:25] == 255).all()
+    np.testing.assert_array_equal(mask[20:], before[20:])
+    assert np.count_nonzero(mask) == np.count_nonzero(before)
+
+
+def test_nothing_found_leaves_the_mask_alone():
+    """Foreground that no object was made of stays as it is."""
+    mask = np.full((40, 60), 128, np.uint8)
+    mark_moving(mask, NO_OBJECTS, 2)
+    assert (mask == 128).all()
