@@ -254,9 +254,9 @@ def on_a_full_disk(name: str) -> str:
     with mounted("size=64k" if name == "mcapsink" else "size=400k") as folder:
         run = Run(folder, [name], count=6000, rate=2000.0)
         log = run.end(None)
-        told = "told" if "No space left" in log or "has room" in log else "no error"
+        error = "reported" if "No space left" in log or "has room" in log else "no error"
         cell = lost(name, folder, 0)
-        return f"{told}, the rest is readable" if not cell.startswith("everything") else f"{told}, {cell}"
+        return f"{error}, {cell if cell.startswith('everything') else 'the rest is readable'}"
 
 
 def unwritable(name: str) -> str:
@@ -278,7 +278,7 @@ def closed_pipe(name: str) -> str:
         with path.open("rb") as reader:
             reader.read(1)
         log = run.end(None)
-        return "told" if "Broken pipe" in log or "Illegal seek" in log else f"no error: {log[:200]}"
+        return "reported" if "Broken pipe" in log or "Illegal seek" in log else f"no error: {log[:200]}"
 
 
 def table(kills: int) -> str:

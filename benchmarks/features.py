@@ -1,4 +1,4 @@
-"""Features: time to prepare and embed windows, beside the same steps one by one and beside HOG.
+"""Features: time to prepare and embed windows, next to the same steps one by one and to HOG.
 
 Run it:  python benchmarks/features.py
 Times are of one thread's work (its processor time), medians of five; linear algebra is held to one thread.
@@ -48,7 +48,7 @@ def seconds(action: Callable[[], object]) -> float:
 
 
 def windows(count: int, side: int, seed: int = 0) -> np.ndarray:
-    """Smooth random pictures with a little noise."""
+    """Smooth random images with a little noise."""
     generator = np.random.default_rng(seed)
     coarse = generator.integers(20, 230, (count, 6, 6)).astype(np.float32)
     smooth = np.stack([cv2.resize(one, (side, side), interpolation=cv2.INTER_CUBIC) for one in coarse])
@@ -68,7 +68,7 @@ def textbook(patch: np.ndarray) -> np.ndarray:
 
 
 def preparing(side: int) -> None:
-    """Microseconds per patch, paper mode, beside the textbook path and HOG."""
+    """Microseconds per patch, paper mode, next to the textbook path and HOG."""
     from skimage.feature import hog
 
     given = windows(BATCH, side)

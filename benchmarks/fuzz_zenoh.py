@@ -1,9 +1,9 @@
-"""Hostile zenoh messages to every kind of receiver: each survives, within bounds and without complaints.
+"""Hostile zenoh messages to every kind of receiver: each survives, within bounds and without errors.
 
-A stranger's session sends mutated records, status and pictures, extreme numbers, forged stamps, garbage like
+A hostile session sends mutated records, status and images, extreme numbers, forged stamps, garbage like
 KLV, deletions, garbage as answers, and tokens that come and go. After each batch one good record must pass
 every receiver within 5 s. Receivers are processes of their own: what they write to stderr, their descriptors
-and their memory are watched. Exit code 1 where one of them ends, hangs, complains, leaks or grows.
+and their memory are watched. Exit code 1 where one of them ends, hangs, reports an error, leaks or grows.
 
 Run it:  python benchmarks/fuzz_zenoh.py [--minutes N] [--seed N]
 """
@@ -48,7 +48,7 @@ RUN = 1_763_690_000_171_000_000
 EXTREMES = (0, -1, 2**31, 2**63, 10**19 - 1, 10**40, 1e308, float("nan"), None, "", [], {}, True, "\ud800")
 KLV_KEY = bytes.fromhex("060e2b34020b01010e01030101000000")
 COMPLAINTS = ("Traceback", "callback error", "panicked", "Exception", "Already borrowed")
-KINDS = ("subscriber", "updates", "zenohsrc", "pictures", "subscribe")
+KINDS = ("subscriber", "updates", "zenohsrc", "images", "subscribe")
 
 Message = tuple[str, bytes, str, bytes]
 
@@ -62,7 +62,7 @@ def receive(kind: str, endpoint: str) -> None:
             for record in subscriber:
                 say(record.seq)
         return
-    what = "frame" if kind == "pictures" else "tracks"
+    what = "frame" if kind == "images" else "tracks"
     text = f"zenohsrc key={KEY} connect={endpoint} receive={what} eos-on-disconnect=false ! appsink name=out"
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
@@ -82,7 +82,7 @@ class Receiver:
 
     def __init__(self, kind: str, endpoint: str) -> None:
         self.kind = kind
-        self.complaints: list[str] = []
+        self.errors: list[str] = []
         self.memory_mb: list[float] = []
         self.descriptors: list[int] = []
         self._last = -1
@@ -120,8 +120,8 @@ class Receiver:
         follows = 0  # lines of a traceback to keep
         for line in self.process.stderr or ():
             follows = 30 if any(word in line for word in COMPLAINTS) else follows - 1
-            if follows > 0 and len(self.complaints) < 60:
-                self.complaints.append(f"{self.kind}: stderr: {line.rstrip()[:300]}")
+            if follows > 0 and len(self.errors) < 60:
+                self.errors.append(f"{self.kind}: stderr: {line.rstrip()[:300]}")
 
     def has_passed(self, seq: int, limit_s: float) -> bool:
         """Whether this valid record is printed within the time limit."""
@@ -162,7 +162,7 @@ class Receiver:
         return memory, max(self.descriptors[late]) - max(self.descriptors[early])
 
 
-class Stranger:
+class HostileSender:
     """Makes hostile and valid messages."""
 
     def __init__(self, seed: int) -> None:
@@ -170,7 +170,7 @@ class Stranger:
         self._codecs = {form: Codec(TrackRecord, TRACKS_SCHEMA, form) for form in Encoding}
         self._status = {form: Codec(StatusRecord, STATUS_SCHEMA, form) for form in Encoding}
         frame = self._frame(1)
-        self._picture = encode_image(frame.data, ImageFormat.PNG)
+        self._image = encode_image(frame.data, ImageFormat.PNG)
         self._header = frame_header(frame, "x", 2, 0, frame.data.shape)
         self._record = track_record(frame, source="x", published_ns=2)
         stream = StreamStatus(
@@ -196,7 +196,7 @@ class Stranger:
         return [
             (f"{KEY}/tracks", record, codec.content_type, stamp),
             (f"{KEY}/track/1", record, codec.content_type, stamp),
-            (f"{KEY}/frame", self._picture, "image/png", Stamp(RUN, number).attachment(header)),
+            (f"{KEY}/frame", self._image, "image/png", Stamp(RUN, number).attachment(header)),
         ]
 
     def hostile(self) -> Message:
@@ -220,8 +220,8 @@ class Stranger:
             return f"{KEY}/status", payload, self._status[Encoding.JSON].content_type, stamp
         if kind == 5:
             header = self._extreme(self._header) if chance.random() < 0.5 else self._mutated(self._header)
-            picture = self._mutated(self._picture) if chance.random() < 0.7 else self._picture
-            return f"{KEY}/frame", picture, "image/png", stamp + b"\n" + header
+            image = self._mutated(self._image) if chance.random() < 0.7 else self._image
+            return f"{KEY}/frame", image, "image/png", stamp + b"\n" + header
         if kind == 6:
             nested = b"[" * 200_000 if chance.random() < 0.02 else b'{"tracks":' * 50
             return f"{KEY}/{where}", nested, self._codecs[Encoding.JSON].content_type, stamp
@@ -271,10 +271,10 @@ def free_endpoint() -> str:
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
-def send_hostile(session: zenoh.Session, stranger: Stranger, chance: random.Random) -> None:
+def send_hostile(session: zenoh.Session, sender: HostileSender, chance: random.Random) -> None:
     """Sends a batch with occasional deletions."""
     for _ in range(BATCH):
-        key, payload, encoding, attachment = stranger.hostile()
+        key, payload, encoding, attachment = sender.hostile()
         if chance.random() < 0.03:
             session.delete(key, attachment=attachment)
         else:
@@ -288,13 +288,13 @@ def put(session: zenoh.Session, message: Message) -> None:
     session.put(key, payload, encoding=encoding, attachment=attachment, congestion_control=block)
 
 
-def answering(stranger: Stranger) -> Callable[[zenoh.Query], None]:
+def answering(sender: HostileSender) -> Callable[[zenoh.Query], None]:
     """Replies to every query with garbage."""
 
     def answer(query: zenoh.Query) -> None:
         with query:
             for _ in range(5):
-                key, payload, encoding, attachment = stranger.hostile()
+                key, payload, encoding, attachment = sender.hostile()
                 if query.key_expr.intersects(key):
                     query.reply(key, payload, encoding=encoding, attachment=attachment)
 
@@ -303,24 +303,24 @@ def answering(stranger: Stranger) -> Callable[[zenoh.Query], None]:
 
 def fuzz(minutes: float, seed: int) -> list[str]:
     """Runs it; returns the violations."""
-    endpoint, chance, stranger = free_endpoint(), random.Random(seed), Stranger(seed)
+    endpoint, chance, sender = free_endpoint(), random.Random(seed), HostileSender(seed)
     session = open_session(SessionSettings(listen=endpoint))
     receivers = [Receiver(kind, endpoint) for kind in KINDS]
     violations: list[str] = []
     sent, slowest_s, number, limit_s = 0, 0.0, 0, START_LIMIT_S
     try:
-        handler = zenoh.handlers.Callback(answering(Stranger(seed + 1)), indirect=True)
+        handler = zenoh.handlers.Callback(answering(HostileSender(seed + 1)), indirect=True)
         session.declare_queryable(f"{KEY}/**", handler)
         wait_for_subscribers(session)
         deadline_s = time.monotonic() + 60 * minutes
         while time.monotonic() < deadline_s and not violations:
             if sent or number:
                 token = session.liveliness().declare_token(f"{KEY}/alive")
-                send_hostile(session, stranger, chance)
+                send_hostile(session, sender, chance)
                 sent += BATCH
                 token.undeclare()
             began_s = time.monotonic()
-            for message in stranger.good(number):
+            for message in sender.good(number):
                 put(session, message)
             for one in receivers:
                 left_s = max(0.0, began_s + limit_s - time.monotonic())
@@ -354,13 +354,13 @@ def wait_for_subscribers(session: zenoh.Session) -> None:
 def judged(one: Receiver) -> list[str]:
     """Prints a receiver's figures; returns the violations."""
     if len(one.memory_mb) < 10:
-        return [*one.complaints, f"{one.kind}: only {len(one.memory_mb)} looks"]
+        return [*one.errors, f"{one.kind}: only {len(one.memory_mb)} looks"]
     memory, descriptors = one.growth()
     print(
         f"  {one.kind:<11} memory {one.memory_mb[-1]:6.1f} MB, since the first tenth {memory:+5.1f} MB"
-        f"; descriptors {one.descriptors[-1]}, {descriptors:+d}; complaints {len(one.complaints)}"
+        f"; descriptors {one.descriptors[-1]}, {descriptors:+d}; errors {len(one.errors)}"
     )
-    wrong = list(one.complaints)
+    wrong = list(one.errors)
     if memory > GROWTH_LIMIT_MB:
         wrong.append(f"{one.kind}: memory grows by {memory:.1f} MB")
     if descriptors > 0:

@@ -1,4 +1,4 @@
-"""The published tables: accuracy beside the printed values and beside scikit-learn and scikit-image.
+"""The published tables: accuracy next to the printed values and to scikit-learn and scikit-image.
 
 Run it:  STREAMKIT_DATA=FOLDER python benchmarks/paper.py --output out/experiments
 The same as `streamkit experiments`; docs/paper-tables.md holds the result.

@@ -6,7 +6,7 @@ Both publish to the same subscriber in another process, in turn, at 100 frames a
 what the streaming thread waits for; `process` is the work of all threads of this process, making the record
 included. Each call follows a little work on a frame, as in a pipeline: the first call of a thread that has
 just been asleep takes some 40 us more, whatever it does.
-Limits: 1.5 times the bare put; 60 us where nobody listens.
+Limits: 1.5 times the bare put; 60 us without a subscriber.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def main() -> None:
         calls: dict[str, Callable[[], object]] = {
             "bare put": lambda: bare.put(payload),
             "zenohsink": lambda: ours.element.render(frame),
-            "zenohsink, nobody listens": lambda: alone.element.render(frame),
+            "zenohsink, no subscriber": lambda: alone.element.render(frame),
         }
         rounds = [{name: median_us(frame, call) for name, call in calls.items()} for _ in range(ROUNDS)]
         dropped = sum(ours.element.drops.values())

@@ -34,7 +34,7 @@ from streamkit_differencer.model import Event
 from streamkit_differencer.objects import NO_OBJECTS, Objects
 from streamkit_differencer.region import RegionOfInterest
 from streamkit_differencer.settings import DifferencerSettings
-from streamkit_kernels import COMPILING, telling
+from streamkit_kernels import COMPILING, on_compilation
 
 WORKING_SCALES = (0, 1, 2, 4)
 MASK_CAPS = Caps("video/x-raw, format=GRAY8")
@@ -105,7 +105,7 @@ class FrameDiff(Transform):
             self._region = RegionOfInterest(self.roi) if self.roi else None
         except ValueError as error:
             raise ResourceError(f"{self.name}: roi: {error}") from error
-        with telling(lambda: self.post_warning(COMPILING)):
+        with on_compilation(lambda: self.post_warning(COMPILING)):
             warm_up()
         self._differencer = Differencer(own_motion=self.motion in (MotionSource.AUTO, MotionSource.OWN))
         self._last_seq: int | None = None

@@ -23,5 +23,5 @@ from streamkit_kernels.compilation import TABLE as TABLE
 from streamkit_kernels.compilation import VIEW as VIEW
 from streamkit_kernels.compilation import compiled as compiled
 from streamkit_kernels.compilation import kernel as kernel
+from streamkit_kernels.compilation import on_compilation as on_compilation
 from streamkit_kernels.compilation import prepare as prepare
-from streamkit_kernels.compilation import telling as telling

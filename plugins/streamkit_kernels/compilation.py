@@ -137,7 +137,7 @@ class _CompilationListener(event.Listener):
 
 
 @contextlib.contextmanager
-def telling(callback: Callable[[], None]) -> Iterator[None]:
+def on_compilation(callback: Callable[[], None]) -> Iterator[None]:
     """Calls `callback` once, as soon as anything within the block is compiled and not only loaded."""
     with event.install_listener("numba:compile", _CompilationListener(callback)):
         yield

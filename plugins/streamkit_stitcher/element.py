@@ -36,7 +36,7 @@ from streamkit import (
     Transform,
     luma,
 )
-from streamkit_kernels import COMPILING, telling
+from streamkit_kernels import COMPILING, on_compilation
 from streamkit_stitcher.flight_plan.plan import CameraView, FlightPlan, GeodeticPoint, parse_strip, plan_strip
 from streamkit_stitcher.live_mosaic import PREVIEW_CAPS, LiveMosaic, linked_pad
 from streamkit_stitcher.mosaic.image_file import check_location
@@ -103,7 +103,7 @@ class Stitch(Transform):
             ResourceError: the location or the strip cannot be used.
         """
         self._counts: Counter[str] = Counter()
-        with telling(lambda: self.post_warning(COMPILING)):
+        with on_compilation(lambda: self.post_warning(COMPILING)):
             self._tracker = PlaneTracker(self.settings)
         self._mosaic: LiveMosaic | None = None
         self._epoch: int | None = None

@@ -26,7 +26,7 @@ from streamkit import (
     Transform,
     luma,
 )
-from streamkit_kernels import COMPILING, telling
+from streamkit_kernels import COMPILING, on_compilation
 from streamkit_tracker.appearance.feature_template import Space
 from streamkit_tracker.appearance.window_sampling import Chroma
 from streamkit_tracker.observation import Continuity, Observation
@@ -84,7 +84,7 @@ class ParticleTrack(Transform):
 
     def start(self) -> None:
         """Begins without targets."""
-        with telling(lambda: self.post_warning(COMPILING)):
+        with on_compilation(lambda: self.post_warning(COMPILING)):
             warm_up()
         self._start_window = None if self.window is None else parse_window(self.window, self.name)
         self._tracker = MultiTargetTracker(self.settings)

@@ -15,7 +15,7 @@ SCHEMA = "streamkit.features/1"
 LABEL_CHARACTERS = 64
 ROWS_PER_GROUP = 4096
 
-# Columns besides `vectors`, with their element types.
+# Columns other than `vectors`, with their element types.
 COLUMNS: dict[str, str] = {
     "seq": "<i8", "epoch": "<i8", "pts_ns": "<i8", "version": "<i8", "id": "<i8",
     "x": "<f8", "y": "<f8", "length": "<f8", "width": "<f8", "angle": "<f8",

@@ -63,7 +63,7 @@ def read_gallery(folder: Path, patch: int) -> Gallery:
     ]
     if not 0 < len(paths) <= MAX_IMAGES:
         raise ValueError(
-            f"{folder}: a gallery has 1 to {MAX_IMAGES} pictures in folders named after their labels, "
+            f"{folder}: a gallery has 1 to {MAX_IMAGES} images in folders named after their labels, "
             f"got {len(paths)}"
         )
     return Gallery(
@@ -75,7 +75,7 @@ def _read_window(path: Path, patch: int) -> NDArray[np.uint8]:
     encoded = np.fromfile(path, np.uint8)
     image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if len(encoded) else None
     if image is None:
-        raise ValueError(f"{path}: not a picture that can be read; remove it or save it as PNG")
+        raise ValueError(f"{path}: not an image that can be read; remove it or save it as PNG")
     interpolation = cv2.INTER_AREA if max(image.shape) > patch else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(image, (patch, patch), interpolation=interpolation), np.uint8)
 

@@ -19,7 +19,7 @@ from streamkit_wavelet_eigen.wavelet import FloatBatch
 
 # The fewest windows that differ, so the fewest that give an eigenvector.
 FIRST_BATCH = 2
-# Eigenvectors kept besides those asked for. What an update truncates is lost for later ones: without the
+# Eigenvectors kept beyond those asked for. What an update truncates is lost for later ones: without the
 # extra eigenvectors the leading directions of 200 windows end up to 7 degrees from those of a single batch.
 EXTRA_COMPONENTS = 8
 

@@ -148,7 +148,7 @@ def configuration(settings: SessionSettings) -> zenoh.Config:
         _put(config, "listen/endpoints", _default_listen(connect, mode))
     _disable_scouting(config)
     # A router introduces its peers to each other by gossip. A session that only listens needs no
-    # introduction, and a stranger could introduce it to any address.
+    # introduction, and an attacker could introduce it to any address.
     if not connect and not _is_set(config, "scouting/gossip/autoconnect"):
         _put(config, "scouting/gossip/autoconnect", {"router": [], "peer": []})
     named = (*connect, *_endpoints(config, "listen/endpoints"))

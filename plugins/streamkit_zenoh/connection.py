@@ -28,5 +28,5 @@ class Connection(Element):
             raise ResourceError(str(error)) from None
         if settings.connect_endpoints and not list(session.info.transports()):
             shown = mask_secrets(", ".join(settings.connect_endpoints))
-            self.post_warning(f"nobody answers at {shown} yet; retrying in the background")
+            self.post_warning(f"no session answers at {shown} yet; retrying in the background")
         return session

@@ -139,7 +139,7 @@ def wait_until_delivered(
     """
     tokens = [token for token in receivers.tokens() if listens_to(token, records)]
     # No queryable has this key; a router in between ends the query once it has come to it.
-    queried = [*tokens, f"{LISTENING}/nobody/{session.info.zid()}"]
+    queried = [*tokens, f"{LISTENING}/none/{session.info.zid()}"]
     finished = threading.Semaphore(0)
 
     def ignore(reply: zenoh.Reply) -> None:

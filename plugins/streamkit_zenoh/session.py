@@ -41,7 +41,7 @@ def open_session(settings: SessionSettings, limit_s: float = OPEN_LIMIT_S) -> ze
             return _open(local_configuration(settings, None), settings, limit_s)
         except SessionFailure:
             raise SessionFailure(
-                f"zenoh (mode=client): nobody answers at tcp/127.0.0.1:{MEETING_PORTS[0]} to "
+                f"zenoh (mode=client): no session answers at tcp/127.0.0.1:{MEETING_PORTS[0]} to "
                 f"{MEETING_PORTS[-1]}; start a publisher or a router, or name an endpoint with connect"
             ) from None
     for port in MEETING_PORTS:

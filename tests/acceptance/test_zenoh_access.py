@@ -50,7 +50,7 @@ def configured(certificates: Path, tmp_path: Path) -> Iterator[Configured]:
             "connect_private_key": str(certificates / f"{name}.key"),
             "enable_mtls": True,
         }
-        if name == "nobody":
+        if name == "unknown":
             own = {"root_ca_certificate": own["root_ca_certificate"]}
         content = {"connect": {"endpoints": [endpoint]}, "transport": {"link": {"tls": own}}}
         path.write_text(json.dumps(content), encoding="utf-8")
@@ -117,7 +117,7 @@ def test_the_drone_publishes_below_its_key_only(configured: Configured) -> None:
 def test_a_client_without_certificate_is_refused(configured: Configured) -> None:
     """The error says so; without a certificate nothing is read or written."""
     with pytest.raises(SessionFailure, match=r"TLS is refused|Unable to connect"):
-        open_session(SessionSettings(config=configured("nobody")))
+        open_session(SessionSettings(config=configured("unknown")))
     # A trusted client without policy is accepted and gets nothing.
     with (
         TrackSubscriber(KEY, config=configured("client"), ring=100) as outsider,

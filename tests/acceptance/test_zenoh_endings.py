@@ -56,8 +56,8 @@ def _end(process: subprocess.Popen[str], number: int) -> tuple[int, str, float]:
     return process.returncode, err, time.monotonic() - began_s
 
 
-def complaints(err: str) -> list[str]:
-    """The output without the lines about the interrupt, and about the tracks that a test picture has not."""
+def unexpected_lines(err: str) -> list[str]:
+    """The output without the lines about the interrupt, and about tracks, which a test frame lacks."""
     lines = [line for line in err.splitlines() if line and not line.startswith("interrupt:")]
     return [line for line in lines if "carried tracks" not in line]
 
@@ -67,7 +67,7 @@ def test_an_interrupt_ends_the_publisher(meeting: Router, number: int) -> None:
     """Exit code 0, no output, no thread left."""
     code, err, took_s = _end(_publishing(meeting), number)
     assert code == 0, err
-    assert not complaints(err)
+    assert not unexpected_lines(err)
     assert took_s < LIMIT_S
 
 
@@ -78,7 +78,7 @@ def test_a_lost_router_does_not_delay_the_end(meeting: Router) -> None:
     assert process.poll() is None
     code, err, took_s = _end(process, signal.SIGINT)
     assert code == 0, err
-    assert not complaints(err)
+    assert not unexpected_lines(err)
     assert took_s < LIMIT_S
 
 
@@ -94,7 +94,7 @@ def test_a_source_without_router_ends_too(meeting: Router) -> None:
     meeting.kill()
     code, err, took_s = _end(process, signal.SIGTERM)
     assert code == 0, err
-    assert not complaints(err)
+    assert not unexpected_lines(err)
     assert took_s < LIMIT_S
 
 

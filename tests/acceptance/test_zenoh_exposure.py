@@ -197,16 +197,16 @@ def test_a_listening_session_follows_no_gossip() -> None:
     session = open_session(SessionSettings(listen=f"tcp/127.0.0.1:{port}"))
     third = _raw_session(free_port())
     third_port = next(one for one in _listening_ports() if one != port)
-    stranger = _raw_session(free_port(), f"tcp/127.0.0.1:{port}", f"tcp/127.0.0.1:{third_port}")
+    other = _raw_session(free_port(), f"tcp/127.0.0.1:{port}", f"tcp/127.0.0.1:{third_port}")
     try:
-        stranger_id, third_id = str(stranger.info.zid()), str(third.info.zid())
-        assert wait_for(lambda: stranger_id in {str(peer) for peer in session.info.peers_zid()})
-        assert wait_for(lambda: third_id in {str(peer) for peer in stranger.info.peers_zid()})
+        other_id, third_id = str(other.info.zid()), str(third.info.zid())
+        assert wait_for(lambda: other_id in {str(peer) for peer in session.info.peers_zid()})
+        assert wait_for(lambda: third_id in {str(peer) for peer in other.info.peers_zid()})
         assert not wait_for(
             lambda: any(str(third_port) in str(link.dst) for link in session.info.links()), limit_s=1.0
         )
     finally:
-        for opened in (stranger, third, session):
+        for opened in (other, third, session):
             close_session(opened, 5.0)
 
 
@@ -223,8 +223,8 @@ def test_the_admin_space_is_off(settings: SessionSettings) -> None:
     try:
         answers = asking.get("@/**", timeout=2.0)
         # zenoh answers a session's own question about that session itself.
-        told = [str(answer.ok.key_expr) for answer in answers if answer.ok is not None]
-        assert [key for key in told if not key.startswith(f"@/{asking.info.zid()}/")] == []
+        keys = [str(answer.ok.key_expr) for answer in answers if answer.ok is not None]
+        assert [key for key in keys if not key.startswith(f"@/{asking.info.zid()}/")] == []
     finally:
         close_session(asking, 5.0)
         close_session(session, 5.0)

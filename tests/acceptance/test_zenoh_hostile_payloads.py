@@ -140,10 +140,10 @@ def test_hostile_images_are_counted(publisher: zenoh.Session, endpoint: str) -> 
     """Damaged images, wrong headers, and both: none crashes, each is counted."""
     generator = random.Random(3)
     header = frame_header(_frame(1), "x", 2, 0, (24, 32))
-    picture = encode_image(np.zeros((24, 32), np.uint8), ImageFormat.PNG)
+    image = encode_image(np.zeros((24, 32), np.uint8), ImageFormat.PNG)
     messages = []
     for _ in range(COUNT // 10):
-        payload = _mutated(picture, generator) if generator.random() < 0.7 else picture
+        payload = _mutated(image, generator) if generator.random() < 0.7 else image
         lying = _mutated(header, generator) if generator.random() < 0.7 else header
         messages.append((payload, "image/png", b"1 1\n" + lying))
     bad = 0

@@ -44,6 +44,6 @@ def test_the_growing_mosaic_is_published() -> None:
     finally:
         close_session(session, 5.0)
     with held:
-        pictures = [cv2.imdecode(np.frombuffer(s.payload.to_bytes(), np.uint8), 1) for s in samples]
-    assert len(pictures) >= 2
-    assert (pictures[-1] > 0).sum() > (pictures[0] > 0).sum()
+        images = [cv2.imdecode(np.frombuffer(s.payload.to_bytes(), np.uint8), 1) for s in samples]
+    assert len(images) >= 2
+    assert (images[-1] > 0).sum() > (images[0] > 0).sum()

@@ -1,4 +1,4 @@
-"""What a contributor is told holds: targets and folders exist, and commit hooks check what CI checks."""
+"""What CONTRIBUTING says holds: targets and folders exist, and commit hooks check what CI checks."""
 
 import re
 import tomllib
@@ -20,7 +20,7 @@ def recipe(target: str) -> list[str]:
 
 
 def test_commit_hooks_run_what_ci_runs() -> None:
-    """Each command of `make lint` is a hook of a commit, each target of .ci/run besides one of a push."""
+    """Each command of `make lint` is a hook of a commit, each target of .ci/run except one of a push."""
     entries = set(re.findall(r"^ +entry: (.+)$", HOOKS, re.MULTILINE))
     assert set(recipe("lint")) <= entries
     targets = set(

@@ -1,4 +1,4 @@
-"""What the pages of docs/ tell to type works; pages with a test of their own are left to it."""
+"""Every command on the pages of docs/ works; pages with a test of their own are left to it."""
 
 import ast
 import importlib

@@ -48,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_readme_names_the_two_commands() -> None:
-    """The first thing a reader is told is `make demo` and `make test`."""
+    """The first thing a reader is asked to type is `make demo` and `make test`."""
     assert {"make demo", "make test"} <= {command.split("  ")[0].strip() for command in COMMANDS}
 
 

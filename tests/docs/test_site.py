@@ -35,13 +35,13 @@ def test_the_navigation_has_every_page_once() -> None:
 
 
 def test_the_reference_has_every_public_name() -> None:
-    """Each class and function that streamkit exports is on exactly one page; constants are told in words."""
+    """Each class and function that streamkit exports is on exactly one page; constants in words."""
     documented = re.findall(r"^::: ([\w.]+)$", REFERENCE, re.MULTILINE)
     assert len(documented) == len(set(documented))
     names = {f"streamkit.{name}" for name in streamkit.__all__}
     names |= {f"streamkit.testing.{name}" for name in streamkit.testing.__all__}
-    told = set(re.findall(r"`(streamkit\.[A-Z_]+)`", REFERENCE))
-    assert names - set(documented) - told == set()
+    described = set(re.findall(r"`(streamkit\.[A-Z_]+)`", REFERENCE))
+    assert names - set(documented) - described == set()
 
 
 @pytest.mark.parametrize("room", ["geometry", "handoff"])

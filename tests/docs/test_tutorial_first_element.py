@@ -51,7 +51,7 @@ class Reader:
 
 @pytest.mark.timeout(180)
 def test_the_tutorial_can_be_followed(make_environment: Callable[[], Any], tmp_path: Path) -> None:
-    """Every command ends as it is told, every file goes where it is told, every output is as shown."""
+    """Every command ends as the page says, every file is where it says, every output is as shown."""
     reader = Reader(make_environment(), tmp_path)
     reader.follow(TEXT)
     assert reader.commands >= 12

@@ -70,7 +70,7 @@ class PublicationSettings:
 
     key: str = setting("streamkit", doc="Where to publish: records go to KEY/tracks, and name KEY as source.")
     shared: bool = setting(
-        False, doc="Publish beside others at the key; without it the second one is refused."
+        False, doc="Publish together with others at the key; without it the second publisher is refused."
     )
     takeover: bool = setting(False, doc="Make another publisher at the key end.")
     encoding: Encoding = setting(Encoding.JSON, doc="Encoding of records and status.")

@@ -14,11 +14,11 @@ from streamkit_kernels import BYTES, compiled, kernel, prepare
 
 
 @kernel(BYTES, types.int64)
-def brighten(picture: Any, amount: int) -> None:
+def brighten(image: Any, amount: int) -> None:
     """Adds to each pixel, in place."""
-    for row in range(picture.shape[0]):
-        for column in range(picture.shape[1]):
-            picture[row, column] += amount
+    for row in range(image.shape[0]):
+        for column in range(image.shape[1]):
+            image[row, column] += amount
 
 
 def test_code_without_a_file_is_compiled_anew() -> None:
@@ -38,10 +38,10 @@ def test_code_without_a_file_is_compiled_anew() -> None:
 def test_a_prepared_kernel_takes_its_own_types_alone() -> None:
     """Others would be compiled in mid-stream."""
     prepare(__name__.partition(".")[0])
-    picture = np.zeros((2, 3), np.uint8)
-    brighten(picture, 7)
+    image = np.zeros((2, 3), np.uint8)
+    brighten(image, 7)
     prepare(__name__.partition(".")[0])
-    assert picture.tolist() == [[7, 7, 7], [7, 7, 7]]
+    assert image.tolist() == [[7, 7, 7], [7, 7, 7]]
     with pytest.raises(TypeError, match="No matching definition"):
         brighten(np.zeros((2, 3), np.float32), 7)
 
@@ -50,8 +50,8 @@ def test_a_package_is_prepared_alone() -> None:
     """Kernels of others are not compiled for it."""
 
     @kernel(BYTES)
-    def untouched(picture: Any) -> None:
-        picture[0, 0] = 0
+    def untouched(image: Any) -> None:
+        image[0, 0] = 0
 
     prepare("no_such_package")
     assert not untouched.overloads  # type: ignore[attr-defined]
@@ -61,17 +61,17 @@ def test_the_wait_is_reported_where_there_is_one(tmp_path: Path) -> None:
     """Once, by the process that compiles; not by those that find the machine code."""
     (tmp_path / "loops_of_a_test.py").write_text(
         textwrap.dedent("""
-        from streamkit_kernels import BYTES, kernel, prepare, telling
+        from streamkit_kernels import BYTES, kernel, prepare, on_compilation
 
         @kernel(BYTES)
-        def first(picture):
-            picture[0, 0] = 1
+        def first(image):
+            image[0, 0] = 1
 
         @kernel(BYTES)
-        def second(picture):
-            picture[0, 0] = 2
+        def second(image):
+            image[0, 0] = 2
 
-        with telling(lambda: print("told")):
+        with on_compilation(lambda: print("compiling")):
             prepare(__name__)
         """)
     )
@@ -82,7 +82,7 @@ def test_the_wait_is_reported_where_there_is_one(tmp_path: Path) -> None:
         ).stdout
         for _ in range(2)
     ]  # fmt: skip
-    assert said == ["told\n", ""]
+    assert said == ["compiling\n", ""]
 
 
 def test_a_change_in_another_module_of_the_package_invalidates_the_machine_code(tmp_path: Path) -> None:
@@ -114,9 +114,9 @@ def test_a_change_in_another_module_of_the_package_invalidates_the_machine_code(
     program = textwrap.dedent("""
         import numpy as np
         from loops_of_a_package.kernels import brighten
-        from streamkit_kernels import prepare, telling
+        from streamkit_kernels import prepare, on_compilation
 
-        with telling(lambda: print("compiles")):
+        with on_compilation(lambda: print("compiles")):
             prepare("loops_of_a_package")
         image = np.zeros((1, 1), np.uint8)
         brighten(image)

@@ -192,12 +192,12 @@ def test_reconstruction_errors_are_the_distance_to_the_space() -> None:
     """What lies in the space has error 0; what is orthogonal to it has its own length."""
     space = learn_eigenspace(_low_rank(30, 80, 4), 4)
     inside = space.reconstruct(np.array([[3.0, -2.0, 1.0, 0.5]]))
-    beside = np.random.default_rng(1).normal(size=80)
-    beside -= space.basis.T @ (space.basis @ beside)
-    vectors = np.concatenate([inside, inside + beside])
+    orthogonal = np.random.default_rng(1).normal(size=80)
+    orthogonal -= space.basis.T @ (space.basis @ orthogonal)
+    vectors = np.concatenate([inside, inside + orthogonal])
     residuals = vectors - space.reconstruct(space.project(vectors))
     errors = np.sqrt(np.mean(residuals**2, axis=1))
-    np.testing.assert_allclose(errors, [0.0, np.sqrt(np.mean(beside**2))], atol=1e-9)
+    np.testing.assert_allclose(errors, [0.0, np.sqrt(np.mean(orthogonal**2))], atol=1e-9)
 
 
 def test_the_leading_part_is_a_smaller_batch() -> None:

@@ -347,7 +347,7 @@ def test_targets_are_recognised_by_a_gallery(tmp_path: Path, properties: dict[st
 
 
 def test_targets_that_are_not_sure_have_no_label(tmp_path: Path) -> None:
-    """`min-margin` asks for a distance from the next label; a stranger does not reach it."""
+    """`min-margin` is the least distance to the next label; an unknown target does not have it."""
     gallery = str(_gallery(tmp_path / "gallery"))
     properties = {"preset": "recognition", "gallery": gallery, "margin": 2.0, "min_margin": 0.5}
     with Harness("waveleteigen", **properties) as harness:

@@ -139,12 +139,12 @@ def test_a_folder_is_a_gallery(tmp_path: Path) -> None:
     assert gallery.patches.shape == (4, 16, 16)
 
 
-@pytest.mark.parametrize("content", [b"", b"no picture"])
+@pytest.mark.parametrize("content", [b"", b"no image"])
 def test_a_broken_image_is_named(tmp_path: Path, content: bytes) -> None:
     """The error says which file to remove."""
     (tmp_path / "car").mkdir()
     (tmp_path / "car" / "1.png").write_bytes(content)
-    with pytest.raises(ValueError, match=r"car/1\.png: not a picture"):
+    with pytest.raises(ValueError, match=r"car/1\.png: not an image"):
         read_gallery(tmp_path, 16)
 
 

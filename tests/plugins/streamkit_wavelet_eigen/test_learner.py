@@ -129,7 +129,7 @@ def test_a_fisher_step_needs_a_label_for_each_window() -> None:
 @pytest.mark.parametrize("name", ["orl", "coil20"])
 def test_a_stream_follows_the_batch(streamkit_data: Path, name: str) -> None:
     """After 200 images, 5 at a time, the first 8 principal angles to the batch are at most 5 degrees."""
-    images = _pictures(sorted((streamkit_data / name).rglob("*.p[gn][mg]")))
+    images = _images(sorted((streamkit_data / name).rglob("*.p[gn][mg]")))
     recipe = Recipe(32, Preprocessing(Mode.RAW), components=16)
     for seed in range(3):
         chosen = np.random.default_rng(seed).permutation(images)[:200]
@@ -143,7 +143,7 @@ def test_a_stream_follows_the_batch(streamkit_data: Path, name: str) -> None:
         assert np.degrees(subspace_angles(ours.basis[:8].T, theirs.basis[:8].T)).max() <= 5.0
 
 
-def _pictures(paths: list[Path]) -> np.ndarray:
+def _images(paths: list[Path]) -> np.ndarray:
     assert len(paths) >= 200
     read = (cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths)
     return np.stack([cv2.resize(one, (32, 32), interpolation=cv2.INTER_AREA) for one in read]).astype(

@@ -55,25 +55,25 @@ def test_a_token_reported_after_its_end_is_queried(
     publishing = open_test_session(listen=endpoint)
     token = declare_publisher_token(publishing, key)
     counts: list[int] = []
-    told = threading.Condition()
+    changed_count = threading.Condition()
 
     def changed(count: int) -> None:
-        with told:
+        with changed_count:
             counts.append(count)
-            told.notify_all()
+            changed_count.notify_all()
 
     watching = open_test_session(connect=endpoint)
     watch = LivelinessWatch(watching, alive_key(key), changed)
-    with told:
-        assert told.wait_for(lambda: counts == [1], 10)
+    with changed_count:
+        assert changed_count.wait_for(lambda: counts == [1], 10)
         token.undeclare()
-        assert told.wait_for(lambda: counts == [1, 0], 10)
+        assert changed_count.wait_for(lambda: counts == [1, 0], 10)
     watch._take(cast("zenoh.Sample", Notification(alive_key(key), zenoh.SampleKind.PUT)))
     assert list(watching.liveliness().get(alive_key(key), timeout=10)) == []
     assert counts == [1, 0]
     again = declare_publisher_token(publishing, key)
-    with told:
-        assert told.wait_for(lambda: counts == [1, 0, 1], 10)
+    with changed_count:
+        assert changed_count.wait_for(lambda: counts == [1, 0, 1], 10)
     watch.close()
     again.undeclare()
 

@@ -58,11 +58,11 @@ def test_a_client_without_endpoints_finds_a_session_of_this_machine(
     open_test_session()
     publisher = open_test_session().declare_publisher(key)
     client = open_test_session(mode=Mode.CLIENT)
-    came = threading.Event()
-    client.declare_subscriber(key, zenoh.handlers.Callback(lambda _: came.set(), indirect=False))
+    received = threading.Event()
+    client.declare_subscriber(key, zenoh.handlers.Callback(lambda _: received.set(), indirect=False))
     assert _wait_for(lambda: publisher.matching_status.matching)
     publisher.put(b"x")
-    assert came.wait(5)
+    assert received.wait(5)
 
 
 def test_a_client_without_peer_fails_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -71,7 +71,9 @@ def test_a_client_without_peer_fails_with_a_remedy(monkeypatch: pytest.MonkeyPat
     ports = range(1, 3)
     monkeypatch.setattr("streamkit_zenoh.configuration.MEETING_PORTS", ports)
     monkeypatch.setattr("streamkit_zenoh.session.MEETING_PORTS", ports)
-    with pytest.raises(SessionFailure, match=r"nobody answers at tcp/127\.0\.0\.1:1 to 2; start a publisher"):
+    with pytest.raises(
+        SessionFailure, match=r"no session answers at tcp/127\.0\.0\.1:1 to 2; start a publisher"
+    ):
         open_session(SessionSettings(mode=Mode.CLIENT))
 
 
@@ -138,11 +140,11 @@ def test_a_client_connects_to_a_publisher_directly(
     """No router is needed between a client and the session it names."""
     publisher = open_test_session(listen=endpoint).declare_publisher(key)
     client = open_test_session(mode=Mode.CLIENT, connect=endpoint)
-    came = threading.Event()
-    client.declare_subscriber(key, zenoh.handlers.Callback(lambda _: came.set(), indirect=False))
+    received = threading.Event()
+    client.declare_subscriber(key, zenoh.handlers.Callback(lambda _: received.set(), indirect=False))
     assert _wait_for(lambda: publisher.matching_status.matching)
     publisher.put(b"x")
-    assert came.wait(5)
+    assert received.wait(5)
 
 
 def test_peers_meet_through_a_router(
@@ -161,11 +163,11 @@ def test_peers_meet_through_a_router(
     )
     router = open_test_session(config=str(configuration))
     one, other = open_test_session(connect=endpoint), open_test_session(connect=endpoint)
-    publisher, came = one.declare_publisher(key), threading.Event()
-    other.declare_subscriber(key, zenoh.handlers.Callback(lambda _: came.set(), indirect=False))
+    publisher, received = one.declare_publisher(key), threading.Event()
+    other.declare_subscriber(key, zenoh.handlers.Callback(lambda _: received.set(), indirect=False))
     assert _wait_for(lambda: publisher.matching_status.matching)
     publisher.put(b"x")
-    assert came.wait(5)
+    assert received.wait(5)
     assert not router.is_closed()
 
 

@@ -227,7 +227,7 @@ def test_invalid_properties_are_an_error_at_start(properties: dict[str, str], te
 def test_an_endpoint_without_answer_is_reported(endpoint: str, key: str) -> None:
     """A peer retries, and posts a warning."""
     with Harness("zenohsink", key=key, connect=endpoint) as harness:
-        assert any(f"nobody answers at {endpoint} yet" in message.text for message in harness.messages)
+        assert any(f"no session answers at {endpoint} yet" in message.text for message in harness.messages)
 
 
 def test_graphs_show_no_secret(key: str) -> None:
@@ -308,7 +308,7 @@ def test_status_comes_once_a_second_and_at_the_end(
 
 
 def test_streams_can_be_switched_off(open_test_session: Opener, key: str, endpoint: str) -> None:
-    """A disabled stream is neither published nor answered."""
+    """A disabled stream is neither published nor sent in replies."""
     with Harness("zenohsink", key=key, listen=endpoint, tracks=False, track=False, status=False) as harness:
         subscriber = _Subscriber(open_test_session(connect=endpoint), f"{key}/**", 1)
         harness.push(_frame(0).attach(_many_tracks(2)))
@@ -336,8 +336,8 @@ def test_frames_are_published_at_their_rate(open_test_session: Opener, key: str,
     assert [header["record"]["seq"] for header in headers] == [0, 3, 6, 9]
     assert {(header["record"]["width"], header["picture_width"]) for header in headers} == {(64, 32)}
     assert [str(sample.encoding) for sample in subscriber.samples] == ["image/jpeg;streamkit.frame/1"] * 4
-    pictures = [cv2.imdecode(np.frombuffer(s.payload.to_bytes(), np.uint8), 0) for s in subscriber.samples]
-    assert [picture.shape for picture in pictures] == [(24, 32)] * 4
+    images = [cv2.imdecode(np.frombuffer(s.payload.to_bytes(), np.uint8), 0) for s in subscriber.samples]
+    assert [image.shape for image in images] == [(24, 32)] * 4
 
 
 def test_frames_of_the_frame_pad_are_published(open_test_session: Opener, key: str, endpoint: str) -> None:
@@ -348,8 +348,8 @@ def test_frames_of_the_frame_pad_are_published(open_test_session: Opener, key: s
         harness.push(_frame(5).replace(data=np.full((2, 4), 77, np.uint8)), "frame")
         assert subscriber.enough.wait(10)
         harness.drain()
-    picture = cv2.imdecode(np.frombuffer(subscriber.samples[0].payload.to_bytes(), np.uint8), 0)
-    assert (picture == 77).all()
+    image = cv2.imdecode(np.frombuffer(subscriber.samples[0].payload.to_bytes(), np.uint8), 0)
+    assert (image == 77).all()
 
 
 def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, endpoint: str) -> None:
@@ -372,8 +372,8 @@ def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, e
         assert message is not None
         assert message.error is None
     assert subscriber.enough.wait(5)
-    pictures = [cv2.imdecode(np.frombuffer(s.payload.to_bytes(), np.uint8), 0) for s in subscriber.samples]
-    assert [int(picture[0, 0]) for picture in pictures] == [10, 20]
+    images = [cv2.imdecode(np.frombuffer(s.payload.to_bytes(), np.uint8), 0) for s in subscriber.samples]
+    assert [int(image[0, 0]) for image in images] == [10, 20]
 
 
 def test_a_track_with_nan_ends_the_stream(open_test_session: Opener, key: str, endpoint: str) -> None:

@@ -7,7 +7,7 @@ from streamkit_wavelet_eigen.experiments.protocol import PARTITIONS, first_targe
 
 
 def _numbered(targets: int, views: int) -> np.ndarray:
-    """Pictures that are their own number."""
+    """Images that are their own number."""
     numbers = np.arange(targets * views).reshape(targets, views, 1, 1)
     return np.broadcast_to(numbers, (targets, views, 2, 2)).astype(np.uint16)
 

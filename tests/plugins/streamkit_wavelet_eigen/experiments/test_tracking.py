@@ -17,13 +17,13 @@ from streamkit_wavelet_eigen.experiments.tracking import (
 )
 
 
-def _pictures(count: int = 3) -> np.ndarray:
+def _images(count: int = 3) -> np.ndarray:
     return np.stack([np.full((64, 64), 80 * number + 40, np.uint8) for number in range(count)])
 
 
 def test_targets_lie_where_the_truth_says() -> None:
     """Around each true centre is the image of that frame, within the noise."""
-    scene = make_scene(_pictures(), 7)
+    scene = make_scene(_images(), 7)
     for index, (frame, (x, y)) in enumerate(zip(scene.frames, scene.centres, strict=True)):
         left, top = round(x - (TARGET_SIDE - 1) / 2), round(y - (TARGET_SIDE - 1) / 2)
         window = frame[top : top + TARGET_SIDE, left : left + TARGET_SIDE].astype(float)
@@ -34,7 +34,7 @@ def test_targets_lie_where_the_truth_says() -> None:
 
 def test_target_and_ground_move() -> None:
     """No frame repeats the one before, neither at the target nor at the border."""
-    scene = make_scene(_pictures(1), 3)
+    scene = make_scene(_images(1), 3)
     steps = np.linalg.norm(np.diff(scene.centres, axis=0), axis=1)
     assert 0.5 < steps.mean() < 6.0
     border = scene.frames[:, :20].astype(float)
@@ -43,8 +43,8 @@ def test_target_and_ground_move() -> None:
 
 def test_the_same_seed_is_the_same_scene() -> None:
     """Every byte."""
-    np.testing.assert_array_equal(make_scene(_pictures(), 5).frames, make_scene(_pictures(), 5).frames)
-    assert (make_scene(_pictures(), 5).frames != make_scene(_pictures(), 6).frames).any()
+    np.testing.assert_array_equal(make_scene(_images(), 5).frames, make_scene(_images(), 5).frames)
+    assert (make_scene(_images(), 5).frames != make_scene(_images(), 6).frames).any()
 
 
 def test_the_tracker_follows_and_repeats(shared_folder: Path) -> None:

@@ -37,8 +37,8 @@ def test_a_receiver_has_a_first_number(open_test_session: Opener, key: str) -> N
         publisher.add_receiver(name)
         numbers.append(publisher.stamp().number)
     assert numbers == [0, 1, 2]
-    told = {name: publisher.status(name).first_number for name in ("early", "late", "unknown")}
-    assert told == {"early": 0, "late": 1, "unknown": None}
+    first_numbers = {name: publisher.status(name).first_number for name in ("early", "late", "unknown")}
+    assert first_numbers == {"early": 0, "late": 1, "unknown": None}
     assert publisher.status().first_number is None
     for index in range(KEY_LIMIT + 1):
         publisher.add_receiver(str(index))
@@ -49,9 +49,9 @@ def test_closing_while_receivers_leave_raises_nothing(
     open_test_session: Opener, key: str, endpoint: str
 ) -> None:
     """Whatever the order in which both sides end, no callback fails."""
-    complaints: list[threading.ExceptHookArgs] = []
+    failures: list[threading.ExceptHookArgs] = []
     session, other = open_test_session(listen=endpoint), open_test_session(connect=endpoint)
-    hook, threading.excepthook = threading.excepthook, complaints.append
+    hook, threading.excepthook = threading.excepthook, failures.append
     try:
         for number in range(20):
             publisher = _publisher(session, f"{key}/{number}")
@@ -62,4 +62,4 @@ def test_closing_while_receivers_leave_raises_nothing(
             leaving.join(10)
     finally:
         threading.excepthook = hook
-    assert not complaints
+    assert not failures

@@ -47,7 +47,7 @@ def test_a_takeover_ends_the_first(key: str) -> None:
 
 
 def test_shared_publishers_are_kept_apart(key: str) -> None:
-    """Subscribers get all, with their runs, and are told; the last that began goes first."""
+    """Subscribers get all, with their runs, and are warned; the run that began last is the current one."""
     with (
         TrackSubscriber(key, ring=100, ask_last=False) as subscriber,
         Harness("zenohsink", key=key, shared=True, wait_subscribers=1) as first,

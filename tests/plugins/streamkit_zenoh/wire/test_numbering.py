@@ -35,12 +35,12 @@ def test_a_reply_is_the_last_message_for_a_late_receiver() -> None:
 
 def test_a_reply_may_overtake_published_messages() -> None:
     """No message is lost: the reply is skipped if it will be published, else the others follow it."""
-    told, untold = LossTracker(), LossTracker()
-    told.numbers_of("a", 7).starts_at(0)
-    assert told.replied("a", Stamp(7, 3)) == Arrival(is_new=False)
-    assert [told.received("a", Stamp(7, number)) for number in range(5)] == [Arrival()] * 5
-    assert untold.replied("a", Stamp(7, 3)) == Arrival()
-    passed = [untold.received("a", Stamp(7, number)) for number in range(5)]
+    with_start, without_start = LossTracker(), LossTracker()
+    with_start.numbers_of("a", 7).starts_at(0)
+    assert with_start.replied("a", Stamp(7, 3)) == Arrival(is_new=False)
+    assert [with_start.received("a", Stamp(7, number)) for number in range(5)] == [Arrival()] * 5
+    assert without_start.replied("a", Stamp(7, 3)) == Arrival()
+    passed = [without_start.received("a", Stamp(7, number)) for number in range(5)]
     assert [one.is_new for one in passed] == [True, True, True, False, True]
     assert sum(one.lost for one in passed) == 0
 

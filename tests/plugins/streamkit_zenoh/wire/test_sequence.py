@@ -20,13 +20,13 @@ def _histories(draw: st.DrawFn) -> tuple[int, int, list[tuple[str, int]]]:
     sent = sorted(draw(st.sets(st.integers(joined, joined + count)))) if count else []
     sent = [number for number in sent if number < joined + count]
     arrived = [number for number in sent if draw(st.booleans())] if draw(st.booleans()) else sent
-    events = [("arrived", number) for number in arrived]
+    events = [("received", number) for number in arrived]
     known = [joined - 1] * (joined > 0) + sent
     if known and draw(st.booleans()):
-        events.insert(draw(st.integers(0, len(events))), ("answered", draw(st.sampled_from(known))))
-    events.insert(draw(st.integers(0, len(events))), ("begins", joined))
-    events.insert(draw(st.integers(0, len(events))), ("caught up", draw(st.integers(0, joined + count))))
-    return joined, joined + count, [*events, ("caught up", joined + count)]
+        events.insert(draw(st.integers(0, len(events))), ("replied", draw(st.sampled_from(known))))
+    events.insert(draw(st.integers(0, len(events))), ("starts", joined))
+    events.insert(draw(st.integers(0, len(events))), ("settled", draw(st.integers(0, joined + count))))
+    return joined, joined + count, [*events, ("settled", joined + count)]
 
 
 @settings(deadline=None)
@@ -38,14 +38,14 @@ def test_received_and_lost_add_up_in_every_order(
     joined, end, events = history
     sequence, lost, passed = ReceivedNumbers(), 0, list[int]()
     for event, number in events:
-        if event == "arrived":
-            heard = sequence.received(number)
-            lost += heard.lost
-            passed += [number] * heard.is_new
-            assert not heard.is_jump
-        elif event == "answered":
+        if event == "received":
+            arrival = sequence.received(number)
+            lost += arrival.lost
+            passed += [number] * arrival.is_new
+            assert not arrival.is_jump
+        elif event == "replied":
             passed += [number] * sequence.replied(number)
-        elif event == "begins":
+        elif event == "starts":
             lost += sequence.starts_at(number)
         else:
             lost += sequence.settled_up_to(number)
@@ -63,10 +63,10 @@ def test_forged_numbers_hide_no_message(first: int, between: list[int | None]) -
     """Whatever is forged in between, each of the publisher's messages is new once."""
     sequence, number, forged = ReceivedNumbers(), first, set[int]()
     assert sequence.received(number) == Arrival()
-    for stranger in [*between, *[None] * 20]:
-        if stranger is not None:
-            sequence.received(stranger)
-            forged.add(stranger)
+    for forged_number in [*between, *[None] * 20]:
+        if forged_number is not None:
+            sequence.received(forged_number)
+            forged.add(forged_number)
             continue
         number += 1
         assert sequence.received(number).is_new is (number not in forged)
