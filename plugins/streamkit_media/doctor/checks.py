@@ -52,16 +52,16 @@ def _format_check(seen: Seen, transport: str) -> Check:
 
 def _decoding_check(decoded: Decoded, live_rate: float | None) -> Check:
     facts = asdict(decoded)
-    if not decoded.pictures:
+    if not decoded.frames:
         why = f": {decoded.error}" if decoded.error else ""
         text = f"none of {decoded.packets} packets decodes{why}; the video is damaged, encrypted or cut short"
         return Check("decoding", Verdict.BAD, text, facts)
-    text = f"{decoded.pictures} frames of {decoded.packets} packets"
+    text = f"{decoded.frames} frames of {decoded.packets} packets"
     if decoded.error:
         return _check("decoding", False, f"{text}, the others do not decode: {decoded.error}", facts)
     if decoded.damaged:
         return _check("decoding", False, f"{text}, {decoded.damaged} of them damaged", facts)
-    if decoded.rate is None or decoded.pictures < ENOUGH_FRAMES:
+    if decoded.rate is None or decoded.frames < ENOUGH_FRAMES:
         return _check("decoding", True, text, facts)
     text += f", {decoded.rate:.0f}/s on this machine"
     is_slow = live_rate is not None and decoded.rate < live_rate * HEADROOM

@@ -105,7 +105,7 @@ class Decoded:
 
     Attributes:
         packets: given to the decoder.
-        pictures: frames that came out.
+        frames: frames that came out.
         damaged: of them, those that are not whole.
         rate: frames a second on this machine as busy as it is; None where that took no time.
         error: of the first packet that did not decode, or "".
@@ -113,7 +113,7 @@ class Decoded:
     """
 
     packets: int
-    pictures: int
+    frames: int
     damaged: int
     rate: float | None
     error: str

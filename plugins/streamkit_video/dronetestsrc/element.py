@@ -82,7 +82,7 @@ class DroneTestSrc(Source):
     def _make_world(self, caps: Caps, frame_rate: float) -> World:
         ground = self._ground
         if ground is None:
-            raise ResourceError(f"{self.name}: has no picture of the ground before it is started")
+            raise ResourceError(f"{self.name}: has no image of the ground before it is started")
         if caps["format"] == "GRAY8":
             ground = np.asarray(cv2.cvtColor(ground, cv2.COLOR_BGR2GRAY), np.uint8)
         settings = dataclasses.replace(self.settings, frame_rate=frame_rate)

@@ -72,7 +72,7 @@ class World:
         height, width = ground.shape[:2]
         if min(width, height) < MIN_GROUND_SIDE:
             raise ValueError(
-                f"the picture of the ground must be at least {MIN_GROUND_SIDE}x{MIN_GROUND_SIDE} px, "
+                f"the image of the ground must be at least {MIN_GROUND_SIDE}x{MIN_GROUND_SIDE} px, "
                 f"got {width}x{height}: take a larger one"
             )
         self._ground = ground

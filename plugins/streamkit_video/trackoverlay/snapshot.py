@@ -20,9 +20,9 @@ def check_target(path: Path) -> None:
     if not path.parent.is_dir():
         raise OSError(f"{path}: the folder {path.parent} does not exist; make it first")
     if path.is_dir():
-        raise OSError(f"{path}: is a folder; give the name of a picture file")
+        raise OSError(f"{path}: is a folder; give the name of a image file")
     if not path.suffix or not cv2.haveImageWriter(str(path)):
-        raise OSError(f"{path}: no picture format has the ending {path.suffix!r}; take .png or .jpg")
+        raise OSError(f"{path}: no image format has the ending {path.suffix!r}; take .png or .jpg")
 
 
 def write_image(path: Path, image: NDArray[np.uint8]) -> None:
@@ -33,7 +33,7 @@ def write_image(path: Path, image: NDArray[np.uint8]) -> None:
     """
     encoded, content = cv2.imencode(path.suffix, image)
     if not encoded:
-        raise OSError(f"{path}: the picture cannot be encoded as {path.suffix}; take .png or .jpg")
+        raise OSError(f"{path}: the image cannot be encoded as {path.suffix}; take .png or .jpg")
     file = OutputFile(path, is_whole=True)
     try:
         file.write(content.tobytes())

@@ -59,10 +59,10 @@ def make_video(tmp_path_factory: pytest.TempPathFactory) -> MakeVideo:
             stream.width, stream.height = size
             stream.pix_fmt = pixel_format
             for index in range(count):
-                picture = av.VideoFrame.from_ndarray(grey_ramp(*size, index), "yuv420p")
-                picture = picture.reformat(format=pixel_format)
-                picture.pts, picture.time_base = index, 1 / rate
-                container.mux(stream.encode(picture))
+                video_frame = av.VideoFrame.from_ndarray(grey_ramp(*size, index), "yuv420p")
+                video_frame = video_frame.reformat(format=pixel_format)
+                video_frame.pts, video_frame.time_base = index, 1 / rate
+                container.mux(stream.encode(video_frame))
             container.mux(stream.encode(None))
         return path
 
@@ -180,9 +180,9 @@ def two_klv_streams(tmp_path_factory: pytest.TempPathFactory) -> Path:
         video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
         data = [container.add_data_stream("klv"), container.add_data_stream("klv")]
         for index in range(12):
-            picture = av.VideoFrame.from_ndarray(grey_ramp(64, 48, index), "yuv420p")
-            picture.pts, picture.time_base = index, Fraction(1, 25)
-            container.mux(video.encode(picture))
+            video_frame = av.VideoFrame.from_ndarray(grey_ramp(64, 48, index), "yuv420p")
+            video_frame.pts, video_frame.time_base = index, Fraction(1, 25)
+            container.mux(video.encode(video_frame))
             for stream, latitude in zip(data, (None, 10.0 + index), strict=True):
                 packet = av.Packet(local_set(latitude, 10**15 + 40_000 * index))
                 packet.stream, packet.time_base = stream, Fraction(1, 90_000)

@@ -45,7 +45,7 @@ def test_every_codec_fits_the_template(codec: str) -> None:
 
 
 def test_unknown_size_and_rate_are_left_out() -> None:
-    """A missing value is no field, never a zero."""
+    """A missing value is left out, never written as 0."""
     assert str(coded_caps(CodecParameters("h264"))) == "video/x-h264"
     assert caps_rate(Caps("video/x-h264")) is None
 

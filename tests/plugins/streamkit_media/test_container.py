@@ -61,7 +61,7 @@ def test_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
         (bytes(range(256)) * 16, "no media that FFmpeg can read: .*; check that it is a whole video file"),
     ],
 )
-def test_files_that_are_no_media_are_reported(tmp_path: Path, content: bytes, rule: str) -> None:
+def test_files_without_media_are_reported(tmp_path: Path, content: bytes, rule: str) -> None:
     """A file without media gives one error that says what it holds instead."""
     path = tmp_path / "flight.mp4"
     path.write_bytes(content)

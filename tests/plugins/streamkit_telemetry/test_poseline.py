@@ -51,7 +51,7 @@ def test_a_measurement_at_the_time_is_taken_as_it_is() -> None:
 
 
 def test_far_samples_are_not_interpolated_and_stale() -> None:
-    """Across a hole the nearest sample stands, marked once it is too far; the sign tells which side."""
+    """In a gap the nearest sample is used, stale beyond the limit; the sign of the distance is its side."""
     line = line_of(Sample(0, 1.0, 1.0), Sample(10 * SECOND, 2.0, 2.0))
     sample, gap, stale = line.at(4 * SECOND) or pytest.fail("no sample")
     assert (sample.latitude, gap, stale) == (1.0, -4 * SECOND, True)
@@ -74,7 +74,7 @@ def test_memory_is_bounded() -> None:
     assert not line.reaches(CAPACITY + 500)
 
 
-def test_without_samples_there_is_none() -> None:
+def test_without_samples_there_is_no_pose() -> None:
     """An empty line has nothing, and a cleared one has nothing again."""
     line = line_of(Sample(0, 0.0, 0.0))
     line.clear()

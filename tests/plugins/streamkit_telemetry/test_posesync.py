@@ -33,7 +33,7 @@ def klv_packet(latitude: float, time_us: int = 0) -> bytes:
     return data + checksum(data).to_bytes(2, "big")
 
 
-def picture(pts: int, epoch: int = 0) -> Frame:
+def video_frame(pts: int, epoch: int = 0) -> Frame:
     """A frame of a time."""
     return Frame(bytes(8), VIDEO, pts=pts, epoch=epoch)
 
@@ -80,11 +80,11 @@ def test_a_real_stream_pairs_each_frame(streamkit_data: Path) -> None:
 
 
 def test_frames_wait_for_the_telemetry_after_them() -> None:
-    """A frame goes on when a sample of its time or later is there, and is interpolated."""
+    """A frame is sent when a sample of its time or later has arrived, with an interpolated pose."""
     with Harness("posesync") as harness:
         assert harness.push(telemetry(0, 10.0), "telemetry") == []
-        assert latitudes(harness.push(picture(0))) == [10.0]
-        assert harness.push(picture(50 * MS)) == []
+        assert latitudes(harness.push(video_frame(0))) == [10.0]
+        assert harness.push(video_frame(50 * MS)) == []
         assert latitudes(harness.push(telemetry(100 * MS, 12.0), "telemetry")) == [11.0]
 
 
@@ -92,8 +92,8 @@ def test_the_last_frames_come_at_the_end() -> None:
     """Frames after the last sample are given out at EOS with the gap to it; far ones are marked stale."""
     with Harness("posesync", max_gap_s=0.1) as harness:
         harness.push(telemetry(0, 10.0), "telemetry")
-        harness.push(picture(80 * MS))
-        harness.push(picture(120 * MS))
+        harness.push(video_frame(80 * MS))
+        harness.push(video_frame(120 * MS))
         frames = harness.drain()
         message = next(m for m in harness.messages if m.kind is MessageKind.ELEMENT)
     poses = [frame.get(Pose) for frame in frames]
@@ -102,9 +102,9 @@ def test_the_last_frames_come_at_the_end() -> None:
 
 
 def test_frames_without_any_telemetry_pass_bare() -> None:
-    """No telemetry: frames come without a pose, few are held, and the end tells it."""
+    """Without telemetry frames have no pose, few are held, and a warning comes at the end."""
     with Harness("posesync") as harness:
-        frames = [out for n in range(100) for out in harness.push(picture(n * MS))]
+        frames = [out for n in range(100) for out in harness.push(video_frame(n * MS))]
         assert len(frames) >= 100 - 33
         frames += harness.drain()
         assert any("no frame of 100 has got a pose" in m.text for m in harness.messages)
@@ -112,13 +112,13 @@ def test_frames_without_any_telemetry_pass_bare() -> None:
 
 
 def test_damage_is_counted_and_reported() -> None:
-    """A packet with a flipped byte is refused and the bus hears of it."""
+    """A packet with a flipped byte is refused with a warning."""
     broken = bytearray(klv_packet(10.0))
     broken[25] ^= 1
     with Harness("posesync") as harness:
         harness.push(Frame(bytes(broken), KLV, pts=0), "telemetry")
         harness.push(telemetry(10, 20.0), "telemetry")
-        assert latitudes(harness.push(picture(5))) == [20.0]
+        assert latitudes(harness.push(video_frame(5))) == [20.0]
         assert [m.text for m in harness.messages if m.kind is MessageKind.WARNING] == [
             "1 telemetry packets refused so far: checksum or form is wrong"
         ]
@@ -128,8 +128,8 @@ def test_a_new_epoch_forgets_the_old_telemetry() -> None:
     """Samples of the connection before do not serve frames of the one after."""
     with Harness("posesync") as harness:
         harness.push(telemetry(0, 10.0), "telemetry")
-        assert latitudes(harness.push(picture(0))) == [10.0]
-        frames = harness.push(picture(1 * MS, epoch=1)) + harness.drain()
+        assert latitudes(harness.push(video_frame(0))) == [10.0]
+        frames = harness.push(video_frame(1 * MS, epoch=1)) + harness.drain()
     assert latitudes(frames) == [None]
 
 
@@ -137,7 +137,7 @@ def test_a_dji_file_beside_the_video(streamkit_data: Path) -> None:
     """location= names the subtitles; positions between two are interpolated; offset-s= moves them."""
     location = streamkit_data / "telemetry" / "dji" / "p4_rtk.SRT"
     with Harness("posesync", location=str(location)) as harness:
-        (frame,) = harness.push(picture(500 * MS))
+        (frame,) = harness.push(video_frame(500 * MS))
         pose = frame.get(Pose)
         assert pose is not None
         assert pose.latitude == pytest.approx((-34.237922 - 34.237911) / 2)
@@ -145,7 +145,7 @@ def test_a_dji_file_beside_the_video(streamkit_data: Path) -> None:
         assert math.degrees(pose.heading or 0) == pytest.approx(110.2)
         assert frame.capture is None
     with Harness("posesync", location=str(location), offset_s=-1.0) as harness:
-        (frame,) = harness.push(picture(0))
+        (frame,) = harness.push(video_frame(0))
         assert frame.get(Pose).latitude == -34.237911  # type: ignore[union-attr]
 
 
@@ -154,7 +154,7 @@ def test_subtitles_inside_the_video() -> None:
     text = "0,0,Default,,0,0,0,,[latitude: 41.5] [longitude: 2.5] [altitude: 117.0]"
     with Harness("posesync") as harness:
         harness.push(Frame(text.encode(), Caps("text/x-raw, format=utf8"), pts=0), "telemetry")
-        assert latitudes(harness.push(picture(0))) == [41.5]
+        assert latitudes(harness.push(video_frame(0))) == [41.5]
 
 
 @pytest.mark.parametrize(
@@ -169,7 +169,7 @@ def test_bad_files_fail_before_playing(streamkit_data: Path, name: str, rule: st
 
 
 def subtitles(path: Path, count: int, period_ms: int = 33) -> Path:
-    """A file with a position every few milliseconds; the latitude tells which."""
+    """A file with a position every few milliseconds; the latitude identifies each."""
 
     def stamp(ms: int) -> str:
         return f"{ms // 3600000:02}:{ms // 60000 % 60:02}:{ms // 1000 % 60:02},{ms % 1000:03}"
@@ -186,7 +186,7 @@ def test_the_whole_file_counts_in_bounded_memory(tmp_path: Path) -> None:
     count = 10_000
     with Harness("posesync", location=str(subtitles(tmp_path / "long.SRT", count))) as harness:
         for n in range(count):
-            (frame,) = harness.push(picture(n * 33 * MS))
+            (frame,) = harness.push(video_frame(n * 33 * MS))
             assert latitudes([frame]) == [n / 1000]
         assert len(harness.element._line) <= CAPACITY
         harness.drain()
@@ -199,16 +199,16 @@ def test_a_file_is_read_again_for_earlier_frames(tmp_path: Path) -> None:
     count = 2 * CAPACITY
     with Harness("posesync", location=str(subtitles(tmp_path / "long.SRT", count))) as harness:
         for n in (count - 1, 3):
-            assert latitudes(harness.push(picture(n * 33 * MS))) == [n / 1000]
-        assert latitudes(harness.push(picture(7 * 33 * MS, epoch=1))) == [0.007]
+            assert latitudes(harness.push(video_frame(n * 33 * MS))) == [n / 1000]
+        assert latitudes(harness.push(video_frame(7 * 33 * MS, epoch=1))) == [0.007]
 
 
 def test_broken_subtitles_are_warned_about(tmp_path: Path) -> None:
-    """The bus hears of them without being asked for details, and the counts tell how many."""
+    """A warning reports them, and the counts hold their number."""
     path = subtitles(tmp_path / "flight.SRT", 20)
     path.write_text(path.read_text().replace("[latitude: 0.00", "[latitude: oo"))
     with Harness("posesync", location=str(path)) as harness:
-        harness.push(picture(0))
+        harness.push(video_frame(0))
         harness.drain()
         warnings = [m.text for m in harness.messages if m.kind is MessageKind.WARNING]
         message = next(m for m in harness.messages if m.kind is MessageKind.ELEMENT)
@@ -225,7 +225,7 @@ def test_times_beyond_reason_are_refused(text: str) -> None:
 
 
 def test_hostile_packets_leave_the_frames_alone() -> None:
-    """A packet with a good checksum and numbers of impossible lengths is paired without them, and told."""
+    """A packet with a good checksum and values of wrong lengths is paired without them, with a warning."""
     number = b"\x08\x81\x80" + b"\xff" * 128
     bare = klv_packet(10.0)[17:-4]
     value = bare + number + b"\x01\x02"
@@ -233,7 +233,7 @@ def test_hostile_packets_leave_the_frames_alone() -> None:
     data += checksum(data).to_bytes(2, "big")
     with Harness("posesync") as harness:
         harness.push(Frame(data, KLV, pts=0), "telemetry")
-        assert latitudes(harness.push(picture(0))) == [10.0]
+        assert latitudes(harness.push(video_frame(0))) == [10.0]
         assert [m.text for m in harness.messages if m.kind is MessageKind.WARNING] == [
             "1 telemetry values left out so far: not of the length or range of their tag"
         ]

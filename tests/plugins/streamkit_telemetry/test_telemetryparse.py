@@ -39,7 +39,7 @@ hostile = st.lists(st.builds(element, st.integers(2, 150), values), max_size=30)
 @settings(deadline=None, derandomize=True, max_examples=100, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(hostile, min_size=1, max_size=3))
 def test_hostile_packets_with_good_checksums(packets: list[list[bytes]]) -> None:
-    """Each packet is a line of JSON, or counted; the element goes on."""
+    """Each packet is a line of JSON, or counted, and the element continues."""
     with Harness("telemetryparse") as harness:
         frames = [
             out
@@ -54,7 +54,7 @@ def test_hostile_packets_with_good_checksums(packets: list[list[bytes]]) -> None
 
 
 def test_broken_subtitles_are_warned_about() -> None:
-    """Without asking for details one hears how many were left out, and that there is no position at all."""
+    """Warnings report how many were left out, and that there is no position."""
     with Harness("telemetryparse") as harness:
         for n in range(3):
             assert harness.push(Frame(b"GPS(1.5,x,16)", TEXT, pts=n)) == []

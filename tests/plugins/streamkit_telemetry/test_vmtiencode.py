@@ -167,7 +167,7 @@ def test_a_crowd_is_culled_to_one_packet() -> None:
 
 
 def test_a_frame_without_targets_says_so() -> None:
-    """Nobody moves: a packet tells it."""
+    """Without targets a packet reports zero."""
     head, targets = read_vmti(dict(packet_of(frame_of()))[74])
     assert (head[5], head[6], targets) == (0, 0, [])
 
@@ -213,7 +213,7 @@ def test_without_a_clock_the_time_counts_from_1970_and_is_warned_about() -> None
 
 
 def test_frames_that_no_tracker_has_seen_give_nothing() -> None:
-    """They are counted, and the remedy is told once."""
+    """They are counted, and one warning has the remedy."""
     frame = frame_of().replace(metadata={})
     with Harness("vmtiencode") as harness:
         assert harness.push(frame) + harness.push(frame) == []
@@ -255,11 +255,11 @@ def test_tracks_are_recorded_beside_the_video(tmp_path: Path) -> None:
         packets = [
             (p.stream.type, p.pts * p.time_base, bytes(p)) for p in container.demux(video, klv) if p.size
         ]
-    pictures = {round(time, 4) for kind, time, _ in packets if kind == "video"}
-    assert len(pictures) == 30
+    video_frames = {round(time, 4) for kind, time, _ in packets if kind == "video"}
+    assert len(video_frames) == 30
     written = [(time, data) for kind, time, data in packets if kind == "data"]
     assert len(written) >= 28
-    assert all(min(abs(time - other) for other in pictures) < 0.001 for time, _ in written)
+    assert all(min(abs(time - other) for other in video_frames) < 0.001 for time, _ in written)
     reader = KlvReader()
     assert len(reader.feed(b"".join(data for _, data in written))) == len(written)
     assert (reader.bad, reader.skipped) == (0, 0)

@@ -95,7 +95,7 @@ def test_newer_models() -> None:
 @pytest.mark.parametrize(
     "text", ["", "GPS (0.0, 0.0, 0)", "GPS (191.0, -95.0, 4)", "[latitude: 3.0]", "GPS(,,)"]
 )
-def test_no_fix_is_no_sample(text: str) -> None:
+def test_without_a_fix_there_is_no_sample(text: str) -> None:
     """No position, a zero position and one that is not on earth make no sample."""
     assert sample_of(text, 0) is None
 
@@ -112,7 +112,7 @@ def test_heights_of_the_oldest_format() -> None:
 
 @pytest.mark.parametrize("gap", ["\n\n", "\n", "\r\n\r\n"])
 def test_subtitles_without_times_go_by_the_clock(gap: str) -> None:
-    """A number and no line of times: the local time tells how long after the first one each is shown."""
+    """Without a line of times, the local time gives the time since the first one."""
     text = "".join(
         f"{n}\n2017.08.05 14:11:{50 + n}\nGPS(149.0251,-20.2533,16) ISO:100{gap}" for n in range(1, 5)
     )
@@ -122,7 +122,7 @@ def test_subtitles_without_times_go_by_the_clock(gap: str) -> None:
 
 
 def test_a_subtitle_that_has_lost_its_times_is_placed_between_the_others() -> None:
-    """The clock is set by the subtitles that have times; to the microsecond where it tells them."""
+    """The clock is set by the subtitles that have times; to the microsecond where it has them."""
     text = (
         "1\n00:00:00,000 --> 00:00:00,033\n2022-08-07 13:40:40,774,808\n[latitude: 1.5] [longitude: 2.5]\n\n"
         "2\n2022-08-07 13:40:40,808,164\n[latitude: 1.6] [longitude: 2.5]\n\n"
@@ -131,7 +131,7 @@ def test_a_subtitle_that_has_lost_its_times_is_placed_between_the_others() -> No
 
 
 def test_the_time_between_subtitles_serves_without_a_fine_clock() -> None:
-    """DiffTime tells how long each one is shown."""
+    """DiffTime is the duration of each one."""
     text = "".join(
         f"{n}\nFrameCnt : {n}, DiffTime : 33ms\n[latitude: 1.5] [longitude: 2.5]\n\n" for n in (1, 2, 3)
     )
@@ -163,13 +163,13 @@ def test_broken_subtitles_are_counted(cue: str) -> None:
     "text", ["GPS (0.0, 0.0, 0)", "GPS(n/a, n/a, 0)", "[latitude: 0.000000] [longitude: 0]", ""]
 )
 def test_no_fix_is_not_broken(text: str) -> None:
-    """What the aircraft writes before it has a position is no damage."""
+    """The text before the first fix does not count as damage."""
     telemetry = DjiTelemetry()
     assert telemetry.sample(text, 0) is None
     assert (telemetry.broken, telemetry.without_position) == (0, 1)
 
 
-def test_endless_rows_of_digits_are_no_number() -> None:
+def test_long_rows_of_digits_are_not_numbers() -> None:
     """Such angles and heights would be infinite; they are left out."""
     sample = sample_of(f"GPS(1.0,2.0,16) BAROMETER:{'9' * 400} F.PRY ({'9' * 400}, 0.0, 0.0)", 0)
     assert sample is not None
@@ -199,7 +199,7 @@ PIECES = st.sampled_from(
 
 @settings(deadline=None, derandomize=True, max_examples=300, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(PIECES, max_size=60))
-def test_any_mixture_is_survived(pieces: list[str]) -> None:
+def test_any_mixture_is_accepted(pieces: list[str]) -> None:
     """Pieces of subtitles in any order give finite samples within the time that subtitles reach, or none."""
     for sample in samples_of("".join(pieces)):
         assert 0 <= sample.pts < 4 * 10**15

@@ -68,7 +68,7 @@ def test_either_byte_order_is_read(order: str) -> None:
     assert found.utc_ns == round(moment.timestamp() * 1e6) * 1000
 
 
-def test_the_letters_tell_the_side() -> None:
+def test_letters_give_the_hemisphere() -> None:
     """North is positive, and so is above the sea."""
     found = read_exif(tiff("<", b"N", altitude_side=0))
     assert found.position == pytest.approx((33.51, 7.25))
@@ -78,7 +78,7 @@ def test_the_letters_tell_the_side() -> None:
 @pytest.mark.parametrize(
     "data", [b"", b"II", b"XX*\0\x08\0\0\0", b"II*\0\xff\xff\xff\xff", b"II+\0\x08\0\0\0"]
 )
-def test_data_that_is_no_exif_has_no_values(data: bytes) -> None:
+def test_data_without_exif_has_no_values(data: bytes) -> None:
     """Empty, short, of another kind, or pointing out of itself: everything is None."""
     assert read_exif(data) == ExifData()
 
@@ -96,5 +96,5 @@ def test_damage_never_raises(place: int, damage: bytes) -> None:
 @settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.integers(0, 400))
 def test_a_cut_never_raises(length: int) -> None:
-    """A file that ends early tells of the rest only."""
+    """A truncated file gives the values before its end."""
     assert read_exif(tiff(">")[:length]).position in (None, pytest.approx((-33.51, 7.25)))

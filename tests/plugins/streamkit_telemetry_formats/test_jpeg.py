@@ -27,7 +27,7 @@ def test_exif_and_xmp_are_distinguished() -> None:
     assert read_header(PLAIN[:2] + own + more + PLAIN[2:]) == JpegHeader(b"II*\0", b"<x/>", (64, 48))
 
 
-def test_what_is_no_jpeg_has_no_header() -> None:
+def test_other_data_has_no_jpeg_header() -> None:
     """PNG and nothing give an empty header."""
     png = cv2.imencode(".png", np.zeros((8, 8), np.uint8))[1].tobytes()
     assert read_header(png) == read_header(b"") == JpegHeader()
@@ -36,5 +36,5 @@ def test_what_is_no_jpeg_has_no_header() -> None:
 @settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.integers(0, len(PLAIN)), st.binary(max_size=20))
 def test_damage_never_raises(place: int, damage: bytes) -> None:
-    """A file cut anywhere, with rubbish after it, gives a header."""
+    """A file cut anywhere and followed by random bytes gives a header."""
     assert read_header(PLAIN[:place] + damage).exif == b""

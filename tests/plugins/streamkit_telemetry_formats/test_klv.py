@@ -41,7 +41,7 @@ def boundaries(data: bytes) -> list[int]:
 
 
 def test_a_recording_is_whole(streamkit_data: Path) -> None:
-    """All 407 packets of a real recording have a good checksum, and no byte lies outside."""
+    """All 407 packets of a real recording have a good checksum, and no byte is outside of them."""
     reader = KlvReader()
     data = (streamkit_data / "telemetry" / "Cheyenne.bin").read_bytes()
     assert len(reader.feed(data) + reader.finish()) == 407
@@ -93,7 +93,7 @@ def test_a_damaged_length_does_not_hold_up_the_stream() -> None:
 
 @settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.binary(max_size=300), st.integers(1, 40))
-def test_any_bytes_are_survived(noise: bytes, piece: int) -> None:
+def test_any_bytes_are_accepted(noise: bytes, piece: int) -> None:
     """Noise, also noise that begins like a packet, neither raises nor hides the packet behind it."""
     reader = KlvReader()
     data = noise + UAS_LOCAL_SET + noise + packet()
@@ -164,7 +164,7 @@ def test_checksums_of_parts(data: bytes, draw: st.DataObject) -> None:
     assert checksum_from_sums(second_byte_sums(data), begin, end) == checksum(data[begin:end])
 
 
-def test_other_packets_are_passed_over() -> None:
+def test_packets_of_other_sets_are_skipped() -> None:
     """Packets of other sets in the stream are neither good nor bad."""
     other = bytes.fromhex("060e2b34020b01010e01030306000000") + b"\x05\x04\x01\x04\x65\x00"
     reader = KlvReader()

@@ -63,7 +63,7 @@ hostile_sets = st.lists(st.builds(element, st.integers(1, 160), hostile_values),
 @settings(deadline=None, derandomize=True, max_examples=400, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.tuples(hostile_sets, st.one_of(st.none(), st.integers(0, 2**62))), max_size=5))
 def test_hostile_packets_with_good_checksums(packets: list[tuple[list[bytes], int | None]]) -> None:
-    """Whatever tags and lengths a well-formed packet has: samples of finite numbers, or a count."""
+    """Any tags and lengths of a well-formed packet give samples of finite numbers, or a count."""
     telemetry = MisbTelemetry()
     samples = []
     for elements, pts in packets:
@@ -73,7 +73,7 @@ def test_hostile_packets_with_good_checksums(packets: list[tuple[list[bytes], in
 
 
 def is_sound(sample: Sample) -> bool:
-    """Whether a sample lies on earth, and all its numbers are finite."""
+    """Whether the coordinates of a sample are valid, and all its numbers are finite."""
     numbers = (sample.altitude, sample.heading, sample.pitch, sample.roll, *(sample.sensor_angles or ()))
     utc_is_sound = sample.utc_ns is None or 0 <= sample.utc_ns < 2**63
     is_on_earth = abs(sample.latitude) <= 90 and abs(sample.longitude) <= 180

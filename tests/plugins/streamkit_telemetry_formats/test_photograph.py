@@ -23,9 +23,9 @@ def beach(streamkit_data: Path) -> Path:
     return streamkit_data / "mosaic" / "brighton_beach"
 
 
-def with_xmp(picture: bytes) -> bytes:
+def with_xmp(video_frame: bytes) -> bytes:
     """A frame with the XMP above."""
-    return picture[:2] + b"\xff\xe1" + (len(XMP) + 2).to_bytes(2, "big") + XMP + picture[2:]
+    return video_frame[:2] + b"\xff\xe1" + (len(XMP) + 2).to_bytes(2, "big") + XMP + video_frame[2:]
 
 
 def test_xmp_has_position_and_attitude() -> None:
@@ -40,7 +40,7 @@ def test_xmp_has_position_and_attitude() -> None:
 
 
 def test_a_frame_without_a_place_has_no_sample() -> None:
-    """Nor has a file that is no JPEG."""
+    """A file that is not a JPEG has none."""
     assert sample_of_photograph(PICTURE, 0) is None
     assert sample_of_photograph(b"\x89PNG\r\n", 0) is None
 
@@ -65,7 +65,7 @@ def test_a_survey_flies_three_strips(beach: Path) -> None:
 
 
 def test_pose_travels_with_the_decoded_frame(tmp_path: Path) -> None:
-    """`multifilesrc` attaches it, `decode` keeps it; a frame that tells no place has none."""
+    """`multifilesrc` attaches it, `decode` keeps it; a frame without a position has none."""
     (tmp_path / "p0.jpg").write_bytes(with_xmp(PICTURE))
     (tmp_path / "p1.jpg").write_bytes(PICTURE)
     with Pipeline.parse(f"multifilesrc location={tmp_path}/p%d.jpg ! decode ! appsink name=out") as pipeline:
@@ -85,7 +85,7 @@ def test_attributes_and_elements_are_both_read() -> None:
     assert read_fields(packet) == expected
 
 
-def test_what_is_no_number_is_passed_over() -> None:
+def test_values_that_are_not_numbers_are_skipped() -> None:
     """Words, other name spaces and an empty packet give nothing."""
     assert read_fields(b'drone-dji:Model="FC300S" exif:GpsLatitude="1.0"') == {}
     assert read_fields(b"") == {}

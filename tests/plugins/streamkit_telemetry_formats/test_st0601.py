@@ -70,7 +70,7 @@ def test_every_tag_of_the_standard_is_listed() -> None:
     assert len({tag.name for tag in TAGS.values()}) == 143
 
 
-def test_out_of_range_is_no_value() -> None:
+def test_out_of_range_has_no_value() -> None:
     """The lowest number of a signed mapping means "no value" and is left out."""
     assert signed(90, 4)(b"\x80\x00\x00\x00") is None
     assert signed(90, 4)(b"\x7f\xff\xff\xff") == 90
@@ -118,7 +118,7 @@ def test_texts_are_bounded_and_never_fail() -> None:
 
 @pytest.mark.parametrize("tag", sorted(TAGS))
 def test_every_tag_has_its_length_rule(tag: int) -> None:
-    """Numbers take eight bytes at most and texts 4096; longer values are refused, whatever the tag."""
+    """Numbers take eight bytes at most and texts 4096; longer values are refused for every tag."""
     decode = TAGS[tag].decode
     if decode is nested:
         assert decode(b"any length") == b"any length"

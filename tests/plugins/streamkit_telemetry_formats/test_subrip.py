@@ -18,13 +18,13 @@ def test_cues() -> None:
     ]
 
 
-def test_what_is_no_cue_is_passed_over() -> None:
+def test_other_text_is_skipped() -> None:
     """Text before the first times, times without text at the end, and nonsense give nothing."""
     assert list(cues_of("hello\n\n00:00:01,000 -->\n\n7\n00:00:09,000 --> 00:00:10,000")) == []
 
 
 @settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.text(max_size=300))
-def test_any_text_is_survived(text: str) -> None:
+def test_any_text_is_accepted(text: str) -> None:
     """No text raises."""
     assert all((cue.begin or 0) >= 0 for cue in cues_of(text))

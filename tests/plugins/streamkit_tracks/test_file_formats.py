@@ -72,7 +72,7 @@ def test_geojson_is_a_collection_of_points() -> None:
 
 
 def test_kml_is_a_document_of_placemarks() -> None:
-    """Well-formed whatever the source's name is, with time and coordinates."""
+    """Well-formed for any name of the source, with time and coordinates."""
     root = ElementTree.fromstring(_written(FileKind.KML))
     space = {"k": "http://www.opengis.net/kml/2.2"}
     (mark,) = root.findall("k:Document/k:Placemark", space)

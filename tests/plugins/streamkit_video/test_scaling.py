@@ -28,7 +28,7 @@ def spot_place(grey: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("method", list(ScaleMethod))
 @pytest.mark.parametrize("size", [(60, 40), (180, 140), (120, 160)])
 def test_the_homography_says_where_pixels_go(method: ScaleMethod, size: tuple[int, int]) -> None:
-    """A spot in the scaled image lies where `scaling_homography` maps the spot before."""
+    """A spot is scaled to where `scaling_homography` maps it."""
     scaled = scale_image(blob(120, 80, 71.0, 33.0), "BGR", size, method)
     expected = cv2.perspectiveTransform(np.array([[[71.0, 33.0]]]), scaling_homography((120, 80), size))[0, 0]
     # Nearest takes one of two equally near pixels when halving: a quarter pixel of the result.

@@ -42,14 +42,14 @@ def test_real_video_decodes_to_its_luma_planes(streamkit_data: Path) -> None:
         Pipeline.parse(f"filesrc location={path} ! decode ! appsink name=out max-buffers=4") as pipeline,
     ):
         pipeline.play()
-        for frame, picture in zip(pipeline["out"], container.decode(video=0), strict=True):
+        for frame, video_frame in zip(pipeline["out"], container.decode(video=0), strict=True):
             assert frame.caps["format"] == "GRAY8"
             assert not frame.data.flags.writeable
             assert not frame.data.flags.owndata
-            assert frame.data.strides == (picture.planes[0].line_size, 1)
+            assert frame.data.strides == (video_frame.planes[0].line_size, 1)
             assert (frame.seq, frame.pts, frame.duration) == (count, count * 40_000_000, 40_000_000)
             if count % 8 == 0:
-                luma = np.frombuffer(bytes(picture.planes[0]), np.uint8).reshape(1080, -1)[:, :1920]
+                luma = np.frombuffer(bytes(video_frame.planes[0]), np.uint8).reshape(1080, -1)[:, :1920]
                 np.testing.assert_array_equal(frame.data, luma)
             count += 1
     assert count == 177
@@ -127,13 +127,13 @@ def test_odd_sizes_decode(make_video: MakeVideo) -> None:
 
 
 def test_an_impossible_size_is_refused_before_decoding(small_video: Path) -> None:
-    """Where downstream demands another size than the packets' caps tell, the error names the field."""
+    """Where downstream demands another size than that of the packets' caps, the error names the field."""
     text = f'filesrc location="{small_video}" ! decode ! video/x-raw,width=320 ! fakesink'
     with pytest.raises((ElementFailure, NotNegotiated), match="width"):
         Pipeline.parse(text).run(timeout_s=10)
 
 
-def test_size_is_taken_from_the_first_frame_where_caps_tell_none(small_video: Path) -> None:
+def test_size_is_taken_from_the_first_frame_where_caps_have_none(small_video: Path) -> None:
     """Packets whose caps lack a size still decode; the frames' caps have it."""
     packets = packets_of(small_video)
     caps = packets[0].caps.without_fields("width", "height", "framerate")
@@ -152,7 +152,7 @@ def test_missing_times_are_made_from_the_rate(small_video: Path) -> None:
 
 
 def test_damaged_packets_are_counted_and_reported_once(small_video: Path) -> None:
-    """Rubbish among the packets is warned of once and counted each time; the others decode."""
+    """Undecodable packets give one warning and are all counted; the others decode."""
     packets = packets_of(small_video)
     rubbish = packets[0].replace(data=b"\xff" * 100, flags=FrameFlags.NONE, seq=1000)
     with Harness(Decode(threads_type="slice")) as harness:
@@ -226,7 +226,7 @@ def test_packets_only_for_decoding_are_not_shown(small_video: Path) -> None:
 
 
 def test_live_frames_that_have_waited_are_left_out(make_video: MakeVideo) -> None:
-    """One that comes out later than others by more than the slack makes way for the newest, and counts."""
+    """A frame later than others by more than the slack is dropped for the newest one, and counted."""
     packets = packets_of(make_video("live.mp4", bframes=0))
     clock, shown = ManualClock(), []
     with Harness(Decode(threads=1, threads_type="slice"), clock=clock) as harness:
@@ -284,7 +284,7 @@ def test_frames_after_one_that_is_missing_are_marked(make_video: MakeVideo) -> N
 
 
 def test_arrival_and_capture_follow_the_frame(small_video: Path) -> None:
-    """What a packet knows of its arrival is on its own frame, whatever the order of decoding."""
+    """Arrival and capture time of a packet are on its own frame, in any order of decoding."""
     packets = [packet.replace(arrival_ns=1000 + packet.pts) for packet in packets_of(small_video)]
     with Harness("decode") as harness:
         frames = decoded(harness, packets)
@@ -359,8 +359,8 @@ def test_frames_are_rotated(tmp_path: Path, degrees: int) -> None:
         pixels = np.full((72, 64), 128, np.uint8)
         pixels[:48] = 60
         pixels[:16, :16] = 220
-        picture = av.VideoFrame.from_ndarray(pixels, "yuv420p")
-        container.mux(stream.encode(picture))
+        video_frame = av.VideoFrame.from_ndarray(pixels, "yuv420p")
+        container.mux(stream.encode(video_frame))
         container.mux(stream.encode(None))
     text = f"filesrc location={path} ! decode ! appsink name=out"
     with Pipeline.parse(text) as pipeline:
@@ -395,7 +395,7 @@ def test_every_packet_of_a_conformance_stream_gives_a_frame(streamkit_data: Path
     assert drops == {}
 
 
-def test_h264_that_does_not_tell_its_reordering_loses_nothing(make_video: MakeVideo) -> None:
+def test_h264_that_does_not_declare_its_reordering_loses_nothing(make_video: MakeVideo) -> None:
     """A file of deeply reordered H.264 without VUI gives every frame, in order of presentation."""
     packets, caps = _unordered(make_video("deep.mkv", count=40, bframes=8, options=DEEP_REORDERING))
     with Harness("decode") as harness:
@@ -419,7 +419,7 @@ def test_a_live_decoder_does_not_hold_frames_for_their_order(make_video: MakeVid
 
 
 def _unordered(path: Path) -> tuple[list[Frame], Caps]:
-    """A file's packets, and their caps with parameter sets that do not tell how far frames are reordered."""
+    """A file's packets, and their caps with parameter sets that do not declare the depth of reordering."""
     packets = packets_of(path)
     codec_data = bytes.fromhex(str(packets[0].caps["codec_data"]))
     size = int.from_bytes(codec_data[6:8], "big")
@@ -441,7 +441,7 @@ def _without_vui(unit: bytes) -> bytes:
 
     unsigned()  # number
     unsigned()  # bits of frame numbers
-    assert unsigned() == 0  # kind of picture order count
+    assert unsigned() == 0  # type of frame order count
     unsigned()
     unsigned()  # reference frames
     at += 1
@@ -458,7 +458,7 @@ def _without_vui(unit: bytes) -> bytes:
 
 
 def test_packets_without_a_frame_are_counted(make_video: MakeVideo) -> None:
-    """Damaged packets cost frames, but each packet is a frame or counted, whatever the threads."""
+    """Each damaged packet is a frame or counted, for every type of threads."""
     packets = packets_of(make_video("counted.mkv", count=40))
     for threads_type in ("frame", "slice"):
         for seed in range(10):

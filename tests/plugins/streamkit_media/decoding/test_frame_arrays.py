@@ -12,16 +12,16 @@ from streamkit_media.decoding.frame_arrays import LUMA_FIRST, FrameReader, OddSi
 
 def noise(width: int, height: int, pixel_format: str = "yuv420p") -> av.VideoFrame:
     """A frame of random samples in a planar 8-bit format, its lines padded as FFmpeg pads them."""
-    picture = av.VideoFrame(width, height, pixel_format)
+    video_frame = av.VideoFrame(width, height, pixel_format)
     generator = np.random.default_rng(width * height)
-    for plane in picture.planes:
+    for plane in video_frame.planes:
         plane.update(generator.integers(0, 256, plane.buffer_size, np.uint8).tobytes())
-    return picture
+    return video_frame
 
 
-def plane(picture: av.VideoFrame, index: int) -> NDArray[np.uint8]:
+def plane(video_frame: av.VideoFrame, index: int) -> NDArray[np.uint8]:
     """A copy of a plane without its padding."""
-    source = picture.planes[index]
+    source = video_frame.planes[index]
     rows = np.frombuffer(bytes(source), np.uint8).reshape(-1, source.line_size)
     return rows[: source.height, : source.width].copy()
 
@@ -29,21 +29,21 @@ def plane(picture: av.VideoFrame, index: int) -> NDArray[np.uint8]:
 @pytest.mark.parametrize("pixel_format", sorted(LUMA_FIRST))
 def test_grey_is_the_luma_plane_without_copy(pixel_format: str) -> None:
     """GRAY8 of every format with a luma plane is that plane, at the decoder's own address."""
-    picture = noise(70, 36, pixel_format)
-    pixels = FrameReader("GRAY8").read(picture)
+    video_frame = noise(70, 36, pixel_format)
+    pixels = FrameReader("GRAY8").read(video_frame)
     assert pixels.shape == (36, 70)
-    assert pixels.ctypes.data == picture.planes[0].buffer_ptr
-    assert pixels.strides[0] == picture.planes[0].line_size
+    assert pixels.ctypes.data == video_frame.planes[0].buffer_ptr
+    assert pixels.strides[0] == video_frame.planes[0].line_size
     assert not pixels.flags.writeable
-    np.testing.assert_array_equal(pixels, plane(picture, 0))
+    np.testing.assert_array_equal(pixels, plane(video_frame, 0))
 
 
 def test_grey_outlives_its_frame() -> None:
     """The array keeps FFmpeg's memory alive after the frame is gone."""
-    picture = noise(64, 48)
-    wanted = plane(picture, 0)
-    pixels = FrameReader("GRAY8").read(picture)
-    del picture
+    video_frame = noise(64, 48)
+    wanted = plane(video_frame, 0)
+    pixels = FrameReader("GRAY8").read(video_frame)
+    del video_frame
     gc.collect()
     others = [noise(64, 48) for _ in range(8)]
     np.testing.assert_array_equal(pixels, wanted)
@@ -52,34 +52,34 @@ def test_grey_outlives_its_frame() -> None:
 
 def test_grey_of_odd_sizes() -> None:
     """GRAY8 works for odd sizes."""
-    picture = noise(33, 21)
-    np.testing.assert_array_equal(FrameReader("GRAY8").read(picture), plane(picture, 0))
+    video_frame = noise(33, 21)
+    np.testing.assert_array_equal(FrameReader("GRAY8").read(video_frame), plane(video_frame, 0))
 
 
 def test_grey_of_upside_down_lines() -> None:
     """Lines stored from the bottom up (negative line size) come out from the top down."""
-    picture = noise(64, 48)
+    video_frame = noise(64, 48)
     graph = Graph()
     source = graph.add_buffer(width=64, height=48, format="yuv420p", time_base=Fraction(1, 25))
     flip, sink = graph.add("vflip"), graph.add("buffersink")
     source.link_to(flip)
     flip.link_to(sink)
     graph.configure()
-    picture.pts = 0
-    source.push(picture)
+    video_frame.pts = 0
+    source.push(video_frame)
     flipped = sink.pull()
     assert isinstance(flipped, av.VideoFrame)
     assert flipped.planes[0].line_size < 0
-    np.testing.assert_array_equal(FrameReader("GRAY8").read(flipped), plane(picture, 0)[::-1])
+    np.testing.assert_array_equal(FrameReader("GRAY8").read(flipped), plane(video_frame, 0)[::-1])
 
 
 def test_grey_of_ten_bits_is_the_upper_eight() -> None:
     """Ten-bit luma is brought to eight bits in the same range, within rounding and dither."""
-    picture = noise(64, 48).reformat(format="yuv420p10le")
-    ten = np.frombuffer(bytes(picture.planes[0]), "<u2").reshape(-1, picture.planes[0].line_size // 2)[
-        :48, :64
-    ]
-    pixels = FrameReader("GRAY8").read(picture)
+    video_frame = noise(64, 48).reformat(format="yuv420p10le")
+    ten = np.frombuffer(bytes(video_frame.planes[0]), "<u2").reshape(
+        -1, video_frame.planes[0].line_size // 2
+    )[:48, :64]
+    pixels = FrameReader("GRAY8").read(video_frame)
     assert np.abs(pixels - ten / 4).max() <= 1
 
 
@@ -92,19 +92,21 @@ def test_grey_of_rgb_is_its_brightness() -> None:
 
 @pytest.mark.parametrize(("name", "ffmpeg_name"), [("I420", "yuv420p"), ("NV12", "nv12")])
 def test_subsampled_formats_equal_ffmpegs(name: str, ffmpeg_name: str) -> None:
-    """I420 and NV12 lie as OpenCV and FFmpeg lay them out."""
-    picture = noise(64, 48)
-    pixels = FrameReader(name).read(picture)
+    """I420 and NV12 have the layout of OpenCV and FFmpeg."""
+    video_frame = noise(64, 48)
+    pixels = FrameReader(name).read(video_frame)
     assert pixels.shape == (72, 64)
-    np.testing.assert_array_equal(pixels, picture.to_ndarray(format=ffmpeg_name))
+    np.testing.assert_array_equal(pixels, video_frame.to_ndarray(format=ffmpeg_name))
 
 
 @pytest.mark.parametrize(("name", "ffmpeg_name"), [("BGR", "bgr24"), ("RGB", "rgb24")])
 @pytest.mark.parametrize("size", [(64, 48), (33, 21)])
 def test_packed_formats_equal_ffmpegs(name: str, ffmpeg_name: str, size: tuple[int, int]) -> None:
     """BGR and RGB are what FFmpeg converts to, for even and odd sizes."""
-    picture = noise(*size)
-    np.testing.assert_array_equal(FrameReader(name).read(picture), picture.to_ndarray(format=ffmpeg_name))
+    video_frame = noise(*size)
+    np.testing.assert_array_equal(
+        FrameReader(name).read(video_frame), video_frame.to_ndarray(format=ffmpeg_name)
+    )
 
 
 @pytest.mark.parametrize("name", ["I420", "NV12"])

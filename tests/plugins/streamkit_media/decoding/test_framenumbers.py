@@ -23,9 +23,9 @@ def encoded(options: dict[str, str], pixel_format: str = "yuv420p") -> tuple[Pac
     for index in range(COUNT):
         pixels = np.full((72, 64), 128, np.uint8)
         pixels[:48] = 40 + (rows * columns + 7 * index) % 160
-        picture = av.VideoFrame.from_ndarray(pixels, "yuv420p").reformat(format=pixel_format)
-        picture.pts = index
-        packets += encoder.encode(picture)
+        video_frame = av.VideoFrame.from_ndarray(pixels, "yuv420p").reformat(format=pixel_format)
+        video_frame.pts = index
+        packets += encoder.encode(video_frame)
     packets += encoder.encode(None)
     return [(bytes(packet), packet.is_keyframe) for packet in packets], encoder.extradata or b""
 
@@ -81,8 +81,8 @@ def test_packets_of_a_file_are_understood(small_video: Path) -> None:
 @pytest.mark.parametrize(
     "data", [b"", b"\0", b"\0\0\1", b"\0\0\1\x41", b"\0\0\1\x67", b"\0\0\1\x67\x64\0\x1f\xff"]
 )
-def test_rubbish_is_no_gap(data: bytes) -> None:
-    """What cannot be read is for the decoder to judge."""
+def test_unreadable_units_are_not_a_gap(data: bytes) -> None:
+    """The decoder reports units that cannot be parsed."""
     packets, extradata = encoded({"bf": "0"})
     numbers = FrameNumbers(extradata)
     assert not numbers.lacks_reference(*packets[0])

@@ -32,8 +32,8 @@ def test_each_frame_knows_its_packet(small_video: Path, threading: Threading, as
     origins = [origin for _, origin in decoded]
     assert len(origins) == 12
     assert origins == sorted(set(origins), key=lambda pts: pts or 0)
-    for index, (picture, _) in enumerate(decoded):
-        corner = picture.to_ndarray()[:8, :8].astype(int)
+    for index, (video_frame, _) in enumerate(decoded):
+        corner = video_frame.to_ndarray()[:8, :8].astype(int)
         rows, columns = np.mgrid[:8, :8]
         assert np.abs(corner - (40 + (rows + columns + 4 * index) % 160)).mean() < 4
 
@@ -49,7 +49,7 @@ def test_a_packet_is_not_changed(small_video: Path) -> None:
 
 
 def test_damage_is_an_error_and_the_next_packet_decodes(small_video: Path) -> None:
-    """After a packet of rubbish the decoder goes on."""
+    """The decoder continues after a packet of random bytes."""
     with open_container(str(small_video)) as container:
         stream = video_stream(container, "small")
         decoder: VideoDecoder[int] = VideoDecoder(stream_parameters(stream), Threading.SLICE)

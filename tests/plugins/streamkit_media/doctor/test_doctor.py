@@ -98,7 +98,7 @@ def test_a_file_with_telemetry(streamkit_data: Path) -> None:
 
 
 def test_what_does_not_decode_is_reported(make_video: Callable[..., Path], tmp_path: Path) -> None:
-    """A file whose packets read well but hold rubbish cannot be used, and there is no pipeline."""
+    """A file with readable packets of random bytes cannot be used, and no pipeline is suggested."""
     good = make_video("good.mkv")
     with av.open(str(good)) as container, av.open(str(tmp_path / "bad.mkv"), "w") as bad:
         stream = bad.add_stream_from_template(container.streams.video[0])
@@ -114,7 +114,7 @@ def test_what_does_not_decode_is_reported(make_video: Callable[..., Path], tmp_p
     assert not report.is_usable
 
 
-def test_a_url_that_is_no_file(tmp_path: Path) -> None:
+def test_a_url_without_a_file(tmp_path: Path) -> None:
     """Other URLs than rtsp:// are opened as such, and what is wrong is what FFmpeg says."""
     report = examine("http://me:hunter2@127.0.0.1:1/flight.mp4", 1, 2, "tcp")
     assert verdicts(report) == {"stream": "bad"}

@@ -36,7 +36,7 @@ def test_missing_frames_are_counted() -> None:
 
 
 def test_a_variable_rate_has_no_missing_frames() -> None:
-    """Where distances vary, a longer one is no loss."""
+    """With varying distances a longer one does not count as a loss."""
     times = [0, 30, 100, 120, 200, 290, 300, 380]
     found = measure([PacketFacts(t * 1_000_000, t, 10, False) for t in times])
     assert found.is_variable
@@ -44,7 +44,7 @@ def test_a_variable_rate_has_no_missing_frames() -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_too_few_packets_tell_nothing(count: int) -> None:
+def test_too_few_packets_give_no_figures(count: int) -> None:
     """No packet or one: counts, and no figures."""
     found = measure(packets(count))
     assert found.packets == count

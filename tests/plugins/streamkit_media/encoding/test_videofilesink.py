@@ -83,7 +83,7 @@ def test_bad_locations_fail_before_playing(properties: str, rule: str) -> None:
 
 
 def test_a_name_without_container_is_refused_at_once(tmp_path: Path) -> None:
-    """A name that tells no container is known when the pipeline is built; the error lists those known."""
+    """A name of an unknown container is refused at once; the error lists the known ones."""
     with pytest.raises(DescriptionError, match=r"must end in \.mp4, \.mov, .*, it ends in '\.xyz'"):
         Pipeline.parse(f"videotestsrc ! videofilesink location={tmp_path}/out.xyz")
 
@@ -109,7 +109,7 @@ LAUNCH = "import sys; from streamkit.cli.main import main; sys.argv[1:] = ['laun
 
 @pytest.mark.parametrize("between", ["", "! queue max-size-buffers=100"])
 def test_a_full_disk_is_an_error_and_no_crash(tmp_path: Path, between: str) -> None:
-    """A video whose first bytes find no room ends the pipeline with one error, whatever comes after."""
+    """A full disk at the first bytes ends the pipeline with one error."""
     path = tmp_path / "out.mp4"
     path.symlink_to("/dev/full")
     text = (

@@ -15,10 +15,13 @@ FAST = EncoderSettings(quality=18, preset=Preset.ULTRAFAST)
 SHAPES = {"GRAY8": (48, 64), "I420": (72, 64), "NV12": (72, 64), "BGR": (48, 64, 3), "RGB": (48, 64, 3)}
 
 
-def pictures_of(path: Path) -> list[tuple[float, NDArray[np.uint8]]]:
+def frames_of(path: Path) -> list[tuple[float, NDArray[np.uint8]]]:
     """Time in s and BGR pixels of each frame in a file."""
     with av.open(str(path)) as container:
-        return [(picture.time, picture.to_ndarray(format="bgr24")) for picture in container.decode(video=0)]
+        return [
+            (video_frame.time, video_frame.to_ndarray(format="bgr24"))
+            for video_frame in container.decode(video=0)
+        ]
 
 
 def write(
@@ -42,7 +45,7 @@ def test_every_format_keeps_its_pixels(tmp_path: Path, pixel_format: str) -> Non
     with av.open(str(tmp_path / "a.mp4")) as container:
         stream = container.streams.video[0]
         assert (stream.codec_context.name, stream.pix_fmt, stream.average_rate) == ("h264", "yuv420p", RATE)
-    found = pictures_of(tmp_path / "a.mp4")
+    found = frames_of(tmp_path / "a.mp4")
     assert len(found) == 5
     for index, (_, pixels) in enumerate(found):
         grey = 60 + 5 * index
@@ -62,21 +65,21 @@ def test_every_format_keeps_its_pixels(tmp_path: Path, pixel_format: str) -> Non
     ],
 )
 def test_times_are_kept(tmp_path: Path, times: list[int | None], seconds: list[float]) -> None:
-    """Times are the frames' own; without one, or where time began again, the frame rate goes on."""
+    """Times are the frames' own; without one, or where times restart, the frame rate sets them."""
     write(tmp_path / "a.mp4", [None if time is None else time * 1_000_000 for time in times])
-    assert [time for time, _ in pictures_of(tmp_path / "a.mp4")] == pytest.approx(seconds, abs=1e-4)
+    assert [time for time, _ in frames_of(tmp_path / "a.mp4")] == pytest.approx(seconds, abs=1e-4)
 
 
 def test_a_file_closed_early_plays(tmp_path: Path) -> None:
-    """Whatever was written before close is in the file; closing again does nothing."""
+    """All frames written before close are in the file; closing again does nothing."""
     writer = write(tmp_path / "a.mp4", [0, 40_000_000], close=False)
     assert writer.close()
     assert writer.close()
-    assert len(pictures_of(tmp_path / "a.mp4")) == 2
+    assert len(frames_of(tmp_path / "a.mp4")) == 2
 
 
-def test_closing_in_a_hurry_leaves_out_the_last(tmp_path: Path) -> None:
-    """With no time for what the encoder holds, the file says so, and plays up to there."""
+def test_a_close_with_a_time_limit_leaves_out_the_last_frames(tmp_path: Path) -> None:
+    """Without time for the frames in the encoder, close returns False, and the file plays up to there."""
     writer = VideoWriter(
         OutputFile(tmp_path / "a.mp4"),
         "GRAY8",
@@ -88,7 +91,7 @@ def test_closing_in_a_hurry_leaves_out_the_last(tmp_path: Path) -> None:
     for index in range(30):
         writer.write(np.full((48, 64), 90 + index, np.uint8), index * 40_000_000)
     assert not writer.close(limit_s=0.0)
-    assert 1 <= len(pictures_of(tmp_path / "a.mp4")) < 30
+    assert 1 <= len(frames_of(tmp_path / "a.mp4")) < 30
 
 
 def test_closing_without_a_frame_is_no_error(tmp_path: Path) -> None:
@@ -108,7 +111,7 @@ def test_odd_sizes_grow_by_a_repeated_edge(tmp_path: Path) -> None:
     writer = VideoWriter(OutputFile(tmp_path / "a.mp4"), "GRAY8", 33, 21, RATE, FAST)
     writer.write(pixels, 0)
     writer.close()
-    assert pictures_of(tmp_path / "a.mp4")[0][1].shape == (22, 34, 3)
+    assert frames_of(tmp_path / "a.mp4")[0][1].shape == (22, 34, 3)
 
 
 def test_even_sizes_are_not_copied() -> None:

@@ -82,11 +82,11 @@ def test_a_start_beyond_the_end_gives_nothing(small_video: Path) -> None:
 )
 def test_a_still_frame_is_a_stream_of_one_frame(tmp_path: Path, name: str, codec: str) -> None:
     """A frame file gives one frame."""
-    picture = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 90, np.uint8), "rgb24")
+    video_frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 90, np.uint8), "rgb24")
     encoder = av.CodecContext.create(codec, "w")
     encoder.width, encoder.height, encoder.time_base = 64, 48, Fraction(1, 25)
     encoder.pix_fmt = {"png": "rgb24", "mjpeg": "yuvj420p", "bmp": "bgr24"}[codec]
-    packets = encoder.encode(picture.reformat(format=encoder.pix_fmt)) + encoder.encode(None)
+    packets = encoder.encode(video_frame.reformat(format=encoder.pix_fmt)) + encoder.encode(None)
     (tmp_path / name).write_bytes(b"".join(bytes(packet) for packet in packets))
     (frame,) = decoded(tmp_path / name)
     assert frame.data.shape == (48, 64)
@@ -110,7 +110,7 @@ def test_bad_locations_fail_before_playing(properties: str, rule: str) -> None:
     pipeline.stop()
 
 
-def test_a_file_cut_short_gives_what_is_whole(make_video: MakeVideo, tmp_path: Path) -> None:
+def test_a_truncated_file_gives_its_complete_frames(make_video: MakeVideo, tmp_path: Path) -> None:
     """A file whose end is missing gives its whole frames and then EOS, or an error; it never hangs."""
     data = make_video("long.mkv", count=60).read_bytes()
     path = tmp_path / "cut.mkv"
@@ -163,7 +163,7 @@ def test_a_pad_without_a_stream_in_the_file_is_reported(small_video: Path) -> No
     assert "klv" in warning.text
 
 
-def test_a_loop_goes_on_in_time(small_video: Path) -> None:
+def test_times_ascend_over_loops(small_video: Path) -> None:
     """With loop the video begins again at its end, and times ascend by the frame interval."""
     text = f"filesrc location={small_video} loop=true ! decode ! appsink name=out"
     with Pipeline.parse(text) as pipeline:
@@ -181,9 +181,9 @@ def test_a_variable_rate_keeps_its_times(tmp_path: Path) -> None:
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         stream.codec_context.time_base = Fraction(1, 1000)
         for time_ms in times:
-            picture = av.VideoFrame.from_ndarray(np.full((72, 64), 100, np.uint8), "yuv420p")
-            picture.pts, picture.time_base = time_ms, Fraction(1, 1000)
-            container.mux(stream.encode(picture))
+            video_frame = av.VideoFrame.from_ndarray(np.full((72, 64), 100, np.uint8), "yuv420p")
+            video_frame.pts, video_frame.time_base = time_ms, Fraction(1, 1000)
+            container.mux(stream.encode(video_frame))
         container.mux(stream.encode(None))
     assert [frame.pts for frame in decoded(path)] == [time_ms * 1_000_000 for time_ms in times]
 
@@ -222,7 +222,7 @@ def test_a_second_telemetry_stream_has_its_own_pad(two_klv_streams: Path) -> Non
 
 
 def test_a_second_telemetry_stream_that_nothing_reads_is_reported(two_klv_streams: Path) -> None:
-    """Who takes the first stream hears that there is another."""
+    """A warning names the second stream where only the first is linked."""
     with Pipeline.parse(f"filesrc name=s location={two_klv_streams}  s.klv ! fakesink") as pipeline:
         pipeline.play()
         warning = pipeline.bus.pop(5, (MessageKind.WARNING,))
@@ -242,7 +242,7 @@ def test_bare_klv_packets(tmp_path: Path, klv_packet: Callable[..., bytes], head
     assert [round(row["latitude"], 3) for row in rows] == [10.0 + n for n in range(5)]
 
 
-def test_bare_klv_packets_are_no_video(tmp_path: Path, klv_packet: Callable[..., bytes]) -> None:
+def test_bare_klv_packets_cannot_be_decoded(tmp_path: Path, klv_packet: Callable[..., bytes]) -> None:
     """Decoding such a file fails with the reason."""
     path = tmp_path / "s.klv"
     path.write_bytes(klv_packet(10.0))

@@ -47,7 +47,7 @@ def test_start_and_stop_index(numbered: Path) -> None:
 
 
 def test_loop_begins_again(numbered: Path) -> None:
-    """With loop the first frame follows the last, and time goes on."""
+    """With loop the first frame follows the last, and times ascend."""
     frames = decoded(f"location={numbered}/im%03d.png start-index=4 loop=true framerate=10/1", limit=5)
     assert greys(frames) == [4, 5, 4, 5, 4]
     assert [frame.pts for frame in frames] == [n * 100_000_000 for n in range(5)]

@@ -39,10 +39,10 @@ def packets(path: Path) -> list[tuple[int, bytes]]:
         ]
 
 
-def pictures(path: Path) -> list[bytes]:
+def video_frames(path: Path) -> list[bytes]:
     """The luma planes of a file."""
     with av.open(str(path)) as container:
-        return [bytes(picture.planes[0]) for picture in container.decode(video=0)]
+        return [bytes(video_frame.planes[0]) for video_frame in container.decode(video=0)]
 
 
 @pytest.mark.parametrize("name", ["copy.ts", "copy.mp4", "copy.mkv", "copy.mov"])
@@ -51,7 +51,7 @@ def test_a_copy_holds_the_same_frames(make_video: MakeVideo, tmp_path: Path, nam
     """Packets of an MP4 with B-frames, written to each container, decode to the same frames and times."""
     source, copy = make_video(f"source_{codec}.mp4", codec=codec, count=40), tmp_path / name
     Pipeline.parse(f"filesrc location={source} ! packetsink location={copy}").run(timeout_s=20)
-    assert pictures(copy) == pictures(source)
+    assert video_frames(copy) == video_frames(source)
     for (before, _), (after, _) in zip(packets(source), packets(copy), strict=True):
         assert abs(before - after) <= 1_000_000
 
@@ -111,7 +111,7 @@ def test_killing_the_process_loses_two_seconds_at_most(tmp_path: Path, name: str
     process.wait(10)
     times = packets(path)
     assert times[-1][0] > seen - 2e9
-    assert len(pictures(path)) >= (seen - 2e9) * 30 / 1e9
+    assert len(video_frames(path)) >= (seen - 2e9) * 30 / 1e9
 
 
 def test_segments_by_time(make_video: MakeVideo, tmp_path: Path) -> None:
@@ -123,8 +123,8 @@ def test_segments_by_time(make_video: MakeVideo, tmp_path: Path) -> None:
         assert pipeline.wait(20) is not None
     parts = sorted(tmp_path.glob("part-*.ts"))
     assert parts[0].name == "part-000.ts"
-    assert [picture for path in parts for picture in pictures(path)] == pictures(source)
-    lengths = [len(pictures(path)) / 25 for path in parts]
+    assert [video_frame for path in parts for video_frame in video_frames(path)] == video_frames(source)
+    lengths = [len(video_frames(path)) / 25 for path in parts]
     assert len(lengths) == 3
     assert all(0.7 <= length <= 0.7 + 0.24 for length in lengths[:-1])
 
@@ -137,7 +137,7 @@ def test_segments_by_size_get_a_number(make_video: MakeVideo, tmp_path: Path) ->
     parts = sorted(tmp_path.glob("part-*.mkv"))
     assert parts[0].name == "part-00000.mkv"
     assert len(parts) > 2
-    assert sum(len(pictures(path)) for path in parts) == 60
+    assert sum(len(video_frames(path)) for path in parts) == 60
 
 
 def test_what_comes_before_a_key_frame_is_counted(small_video: Path, tmp_path: Path) -> None:
@@ -150,7 +150,7 @@ def test_what_comes_before_a_key_frame_is_counted(small_video: Path, tmp_path: P
             harness.push(frame)
         harness.drain()
         assert harness.element.drops == {"before the first key frame": 3}
-    assert len(pictures(tmp_path / "late.ts")) == 6
+    assert len(video_frames(tmp_path / "late.ts")) == 6
 
 
 def test_a_new_format_needs_a_new_file(make_video: MakeVideo, tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_bad_names_fail_before_playing(properties: str, rule: str) -> None:
 
 
 def test_telemetry_needs_a_transport_stream(streamkit_data: Path, tmp_path: Path) -> None:
-    """Other containers cannot hold KLV: that is told before anything is recorded."""
+    """Other containers cannot hold KLV: an error before anything is recorded."""
     location = streamkit_data / "telemetry" / "sample-stream.ts"
     sink = f"packetsink name=p location={tmp_path}/x.mp4"
     text = f"filesrc name=s location={location}  s.video ! {sink}  s.klv ! p.klv"
@@ -255,7 +255,7 @@ def test_replay_needs_arrivals(small_video: Path) -> None:
 
 @pytest.mark.parametrize(("location", "rule"), [("/", "a file is needed"), ("nosuch.ts", "must be there")])
 def test_replay_needs_a_file(location: str, rule: str) -> None:
-    """What is no file is refused as such."""
+    """A location that is not a file is refused."""
     with pytest.raises(ElementFailure, match=rule) as failure:
         Pipeline.parse(f"replaysrc location={location} ! fakesink").run(timeout_s=5)
     assert isinstance(failure.value.cause, ResourceError)
@@ -339,7 +339,7 @@ def test_a_damaged_header_does_not_freeze_the_process(
         [sys.executable, "-c", REMUX, *arguments], capture_output=True, text=True, timeout=30, check=False
     )
     assert done.stdout == "{'damaged packet': 1}\n", done.stderr
-    assert len(pictures(tmp_path / f"out{ending}")) == 1
+    assert len(video_frames(tmp_path / f"out{ending}")) == 1
 
 
 def damage_sets(frame: Frame) -> Frame:
@@ -374,7 +374,7 @@ def test_a_recording_begins_behind_a_damaged_key_frame(
     assert sorted(found.name for found in tmp_path.iterdir()) == [
         f"late-0{ending}", f"late-0{ending}.arrivals.jsonl",
     ]  # fmt: skip
-    assert len(pictures(tmp_path / f"late-0{ending}")) == 12
+    assert len(video_frames(tmp_path / f"late-0{ending}")) == 12
 
 
 def test_a_recording_of_nothing_but_damage_is_an_error(make_video: MakeVideo, tmp_path: Path) -> None:
@@ -390,7 +390,7 @@ def test_a_recording_of_nothing_but_damage_is_an_error(make_video: MakeVideo, tm
 
 
 @pytest.mark.parametrize("ending", [".mkv", ".mp4", ".ts"])
-def test_a_damaged_packet_is_left_out_and_the_recording_goes_on(
+def test_a_damaged_packet_is_left_out_and_recording_continues(
     small_video: Path, tmp_path: Path, ending: str
 ) -> None:
     """A packet whose time no container holds is counted; those behind it are written at their times."""
@@ -406,7 +406,7 @@ def test_a_damaged_packet_is_left_out_and_the_recording_goes_on(
 
 
 def test_a_codec_that_the_container_does_not_take_is_an_error(tmp_path: Path) -> None:
-    """That is no damage: it is told at once, and no empty file is left."""
+    """The error comes at once, not as damage, and no empty file remains."""
     caps = Caps("image/bmp, width=16, height=16")
     with pytest.raises(ElementFailure, match="cannot be written"):
         recorded(tmp_path / "x.mp4", [Frame(b"BM", caps, pts=0, flags=FrameFlags.KEYFRAME)])
@@ -421,14 +421,14 @@ def test_a_recording_is_never_overwritten(make_video: MakeVideo, tmp_path: Path)
         Pipeline.parse(f"filesrc location={source} ! {sink} location={tmp_path}/flight-%05d.ts").run(20)
     segments = sorted(tmp_path.glob("flight-*.ts"))
     assert [path.name for path in segments] == [f"flight-{number:05d}.ts" for number in range(6)]
-    assert pictures(segments[0]) == pictures(segments[3])
+    assert video_frames(segments[0]) == video_frames(segments[3])
     assert len(list(tmp_path.glob("flight-*.arrivals.jsonl"))) == 6
     text = f"filesrc location={source} ! packetsink location={tmp_path}/one.ts"
     Pipeline.parse(text).run(20)
     with pytest.raises(ElementFailure, match=r"one\.ts exists already, .*; name another file, number them"):
         Pipeline.parse(text).run(20)
     Pipeline.parse(f"{text} if-exists=replace").run(20)
-    assert len(pictures(tmp_path / "one.ts")) == 60
+    assert len(video_frames(tmp_path / "one.ts")) == 60
 
 
 def test_the_oldest_segments_are_deleted(make_video: MakeVideo, tmp_path: Path) -> None:

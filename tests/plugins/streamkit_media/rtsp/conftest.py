@@ -12,7 +12,7 @@ import pytest
 
 
 def load(file: str) -> ModuleType:
-    """A module that stands beside the tests."""
+    """A module in the folder of the tests."""
     name = f"streamkit_media_{Path(file).stem}"
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(file))

@@ -1,4 +1,4 @@
-"""A small RTSP server of the tests' own: plays H.264 in real time, or misbehaves as it is told to."""
+"""A small RTSP server for tests: plays H.264 in real time, or misbehaves in a chosen way."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Behaviour(enum.StrEnum):
 def access_units(
     size: tuple[int, int] = (64, 48), count: int = 60, gop: int = 15, codec: str = "libx264"
 ) -> list[bytes]:
-    """H.264 access units; frame i is of brightness 40 + 2 * i, so that it can be told from the others."""
+    """H.264 access units; frame i is of brightness 40 + 2 * i, which identifies it."""
     encoder = av.CodecContext.create(codec, "w")
     encoder.width, encoder.height, encoder.pix_fmt = *size, "yuv420p"
     encoder.time_base, encoder.framerate = Fraction(1, 30), Fraction(30)
@@ -64,9 +64,9 @@ def access_units(
     for index in range(count):
         pixels = np.full((size[1] * 3 // 2, size[0]), 128, np.uint8)
         pixels[: size[1]] = 40 + 2 * index
-        picture = av.VideoFrame.from_ndarray(pixels, "yuv420p")
-        picture.pts = index
-        units += [bytes(packet) for packet in encoder.encode(picture)]
+        video_frame = av.VideoFrame.from_ndarray(pixels, "yuv420p")
+        video_frame.pts = index
+        units += [bytes(packet) for packet in encoder.encode(video_frame)]
     return units + [bytes(packet) for packet in encoder.encode(None)]
 
 
@@ -102,7 +102,7 @@ class FakeServer:
         rate: frames per second.
         user: "name:password" it asks for, or "".
         wall_clock_offset_s: added to the wall clock that the sender reports tell.
-        telemetry: KLV packets sent beside the pictures, one with each, again and again; none where empty.
+        telemetry: KLV packets sent beside the video_frames, one with each, again and again; none where empty.
         loses_every: of so many RTP packets of the video one is not sent; 0 loses none.
         codec: of the units, h264 or h265.
         connections: clients accepted so far.

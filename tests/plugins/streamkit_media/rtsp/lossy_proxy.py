@@ -20,7 +20,7 @@ from typing import TypeAlias
 POLL_S = 0.02
 SEND_LIMIT_S = 10.0
 Send: TypeAlias = "Callable[[bytes], object]"
-VIDEO = 0  # the channel, or the first of the two ports, that the pictures come over
+VIDEO = 0  # the channel, or the first of the two ports, that the video uses
 
 
 @dataclass
@@ -182,7 +182,7 @@ class Passage:
             self.end()
 
     def refuse(self, request: bytes) -> None:
-        """Answers that this transport is not to be had."""
+        """Answers that this transport is not available."""
         number = re.search(rb"(?i)CSeq: *(\d+)", request)
         assert number is not None
         head = b"RTSP/1.0 461 Unsupported Transport\r\nCSeq: "

@@ -6,7 +6,7 @@ from streamkit_media.rtsp.endpoint import Backoff
 
 
 def test_delays_double_up_to_the_cap() -> None:
-    """Each delay lies between half and all of its step; the steps double and are capped."""
+    """Each delay is between half of its step and the step; the steps double and are capped."""
     backoff = Backoff(0.5, 10.0, random.Random(1))
     for longest in (0.5, 1, 2, 4, 8, 10, 10, 10):
         assert longest / 2 <= backoff.next_delay_s() <= longest

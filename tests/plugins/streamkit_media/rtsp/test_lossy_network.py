@@ -22,7 +22,7 @@ RATE = 60
 GOP = 15
 MARGIN_S = 5.0  # for a machine under load; benchmarks/rtsp_faults.py measures how soon faults are noticed
 QUICK = "retry-delay-s=0.05 max-retry-delay-s=0.2"
-ALL = "latency=5000"  # a slow machine of the tests is not to leave pictures out
+ALL = "latency=5000"  # a slow test machine must not drop frames
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +39,9 @@ def film() -> list[bytes]:
     for index in range(60):
         pixels = np.full((SIZE[1] * 3 // 2, SIZE[0]), 128, np.uint8)
         pixels[: SIZE[1]] = texture[2 * index : 2 * index + SIZE[1], index : index + SIZE[0]]
-        picture = av.VideoFrame.from_ndarray(pixels, "yuv420p")
-        picture.pts = index
-        units += [bytes(packet) for packet in encoder.encode(picture)]
+        video_frame = av.VideoFrame.from_ndarray(pixels, "yuv420p")
+        video_frame.pts = index
+        units += [bytes(packet) for packet in encoder.encode(video_frame)]
     return units + [bytes(packet) for packet in encoder.encode(None)]
 
 
@@ -49,9 +49,9 @@ def film() -> list[bytes]:
 def truth(film: list[bytes]) -> list[NDArray[np.uint8]]:
     """The film's frames as they decode where nothing is lost: uint8[240, 320]."""
     context = av.CodecContext.create("h264", "r")
-    pictures = [picture for unit in film for picture in context.decode(av.Packet(unit))]
-    pictures += context.decode(None)
-    return [picture.to_ndarray()[: SIZE[1]] for picture in pictures]
+    video_frames = [video_frame for unit in film for video_frame in context.decode(av.Packet(unit))]
+    video_frames += context.decode(None)
+    return [video_frame.to_ndarray()[: SIZE[1]] for video_frame in video_frames]
 
 
 @pytest.fixture
@@ -127,7 +127,7 @@ def test_losses_are_marked_and_heal(
     assert all(a.pts < b.pts for a, b in pairwise(seen))
 
 
-def test_changed_bytes_are_survived(network: Any) -> None:
+def test_the_video_continues_after_changed_bytes(network: Any) -> None:
     """Packets with bytes changed, which no network lets through often, end nothing; then all is well."""
     network.damages_every = 7
     with playing(network) as pipeline:
@@ -162,7 +162,7 @@ def test_a_delay_drops_nothing(network: Any, truth: list[NDArray[np.uint8]]) -> 
 
 
 def test_a_short_stall_is_waited_out(network: Any, truth: list[NDArray[np.uint8]]) -> None:
-    """A network that stands still for less than timeout-s costs no connection and, over TCP, no frame."""
+    """A pause of the network shorter than timeout-s costs no connection and, over TCP, no frame."""
     with playing(network, f"{ALL} timeout-s=5") as pipeline:
         pipeline.play()
         frames = iter(pipeline["out"])
@@ -179,7 +179,7 @@ def test_a_short_stall_is_waited_out(network: Any, truth: list[NDArray[np.uint8]
 
 @pytest.mark.parametrize("transport", ["tcp", "udp"])
 def test_a_long_stall_is_reported_and_overcome(network: Any, transport: str) -> None:
-    """Silence of timeout-s is told as a stall; once the network is back, so is the video, as a new epoch."""
+    """Silence of timeout-s is posted as a stall; later the video continues as a new epoch."""
     with playing(network, f"{ALL} timeout-s=0.8 transport={transport} {QUICK}") as pipeline:
         pipeline.play()
         frames = iter(pipeline["out"])

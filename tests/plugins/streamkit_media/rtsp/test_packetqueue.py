@@ -11,7 +11,7 @@ SECOND = 1_000_000_000
 
 
 def packet(number: int, is_keyframe: bool, arrival_ns: int = 0) -> Frame:
-    """A packet that only its number tells apart."""
+    """A packet identified by its number."""
     return Frame(b"", ANY, seq=number, flags=FrameFlags.KEYFRAME * is_keyframe, arrival_ns=arrival_ns)
 
 
@@ -94,7 +94,7 @@ def test_a_packet_that_waits_too_long_makes_way_for_a_key_frame() -> None:
     assert empty(ring) == [40, 41]
 
 
-def test_a_stream_without_key_frames_goes_on() -> None:
+def test_a_stream_without_key_frames_continues() -> None:
     """Where key frames never come (gradual refresh), packets pass again after a while."""
     ring = packet_queue(4, SECOND)
     fill(ring, range(1, 308), 1000)

@@ -22,7 +22,7 @@ def ignore(*_: object) -> None:
 @pytest.mark.parametrize("answers", [0, 1])
 @pytest.mark.parametrize("after_s", [0.0, 0.2])
 def test_reading_ends_at_any_moment(serve: Callable[[int], int], answers: int, after_s: float) -> None:
-    """A reader that waits on a silent server for a minute ends at once when told to."""
+    """A reader that waits for a silent server ends at once when `end` is called."""
     reader, ring = reader_of(f"rtsp://127.0.0.1:{serve(answers)}/live", 60)
     reader.begin(ring, ignore)
     assert ring.get(after_s) is None

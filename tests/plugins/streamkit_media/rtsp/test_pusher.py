@@ -35,7 +35,7 @@ def test_it_ends_without_input(process: Process) -> None:
 
 
 def test_a_failure_is_its_last_answer(process: Process) -> None:
-    """A refused connection is told in FFmpeg's words."""
+    """A refused connection is reported in FFmpeg's words."""
     answers, _ = process.communicate(order(1, 5.0), timeout=20)
     (_, (kind, content)) = take_messages(bytearray(answers))
     assert kind is Kind.FAILED
@@ -43,6 +43,6 @@ def test_a_failure_is_its_last_answer(process: Process) -> None:
 
 
 def test_it_ends_also_without_its_parent(process: Process, serve: Callable[[int], int]) -> None:
-    """A silent server does not hold a process whose master is gone: an alarm ends it."""
+    """An alarm ends a process that waits for a silent server after its parent has exited."""
     process.communicate(order(serve(0), 0.1), timeout=20)
     assert process.returncode == -signal.SIGALRM

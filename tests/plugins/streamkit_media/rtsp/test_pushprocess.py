@@ -33,8 +33,8 @@ def test_silence_is_distinguished_from_refusal(serve: Callable[[int], int]) -> N
         assert reason in failure.reason
 
 
-def test_waiting_for_an_order_is_no_silence() -> None:
-    """A process that has nothing to do is not waited for, and takes leave when it is closed."""
+def test_an_idle_process_is_not_silent() -> None:
+    """An idle process has no time limit, and ends when it is closed."""
     process = PushProcess()
     for _ in range(12):
         process.exchange(0.05)

@@ -6,7 +6,7 @@ from streamkit_media.rtsp.reachability import connection_failure, port_of
 
 
 def test_ports() -> None:
-    """The port is the URL's own or its scheme's; one that is no number is refused."""
+    """The port is the URL's own or its scheme's; one that is not a number is refused."""
     assert port_of("rtsp://cam/live") == 554
     assert port_of("rtsps://cam/live") == 322
     assert port_of("rtsp://u:p@cam:8554/live") == 8554
@@ -15,7 +15,7 @@ def test_ports() -> None:
 
 
 def test_refusal_names_the_reason() -> None:
-    """An unknown host and a closed port are told in plain words; an open port gives no reason."""
+    """An unknown host and a closed port give a reason in plain words; an open port gives none."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         assert connection_failure("127.0.0.1", port, 1) == ""
@@ -26,7 +26,7 @@ def test_refusal_names_the_reason() -> None:
 
 
 def test_refusal_is_bounded() -> None:
-    """A host that does not answer the connection is told within the limit."""
+    """A host that does not answer is reported within the limit."""
     with socket.create_server(("127.0.0.1", 0), backlog=0) as server:
         address = server.getsockname()
         waiting = [socket.socket() for _ in range(3)]

@@ -23,7 +23,7 @@ MARGIN_S = 5.0  # for a machine under load; benchmarks/rtsp_faults.py measures h
 
 
 def states(pipeline: Pipeline) -> list[str]:
-    """The states of the connection told so far."""
+    """The states of the connection posted so far."""
     found = []
     while (message := pipeline.bus.pop(0, (MessageKind.ELEMENT,))) is not None:
         found += [str(message.fields["state"])] if "state" in message.fields else []
@@ -80,7 +80,7 @@ def test_a_server_that_restarts_is_a_new_epoch(start_server: StartServer) -> Non
 
 
 def test_the_gap_between_epochs_is_real_time(start_server: StartServer) -> None:
-    """Times over a reconnect tell how long it took by the sender's clock."""
+    """Times over a reconnect contain its duration by the sender's clock."""
     server = start_server()
     text = f"rtspsrc location={server.url} {QUICK} ! appsink name=out max-buffers=0"
     with Pipeline.parse(text) as pipeline:
@@ -156,7 +156,7 @@ def test_misbehaviour_is_noticed_in_time(start_server: StartServer, behaviour: s
 
 
 def test_a_stall_is_reported_and_overcome(start_server: StartServer, fake: ModuleType) -> None:
-    """A server that falls silent is told as stalled, and the next connection plays."""
+    """A server that stops sending is posted as stalled, and the next connection plays."""
     server = start_server("send ten frames and half of another, then nothing")
     text = f"rtspsrc location={server.url} timeout-s=0.5 {QUICK} ! appsink name=out max-buffers=0"
     with Pipeline.parse(text) as pipeline:
@@ -337,7 +337,9 @@ def test_telemetry_comes_beside_the_video(start_server: StartServer, streamkit_d
 
 
 @pytest.mark.parametrize("transport", ["tcp", "udp"])
-def test_lost_packets_are_survived(start_server: StartServer, fake: ModuleType, transport: str) -> None:
+def test_the_video_continues_after_lost_packets(
+    start_server: StartServer, fake: ModuleType, transport: str
+) -> None:
     """One RTP packet in 20 lost: frames come on, times ascend, damage is marked up to a key frame."""
     server = start_server(units=fake.access_units((320, 240), count=60), loses_every=20)
     text = f"rtspsrc location={server.url} transport={transport} ! decode ! appsink name=out max-buffers=0"

@@ -89,7 +89,7 @@ def _record(listener: socket.socket, count: int) -> None:
 
 
 def children() -> list[str]:
-    """Processes that this one has begun and that are still there, zombies too."""
+    """The child processes of this one that still exist, zombies included."""
     found = []
     for task in Path("/proc/self/task").iterdir():
         with suppress(OSError):  # a thread that has ended meanwhile
@@ -124,16 +124,16 @@ def coded(codec: str, count: int) -> list[Frame]:
         return list(pipeline["out"])
 
 
-def pictures(source: Path | list[Frame], codec: str) -> list[bytes]:
+def video_frames(source: Path | list[Frame], codec: str) -> list[bytes]:
     """The luma planes that a recording, or packets, decode to."""
     if isinstance(source, Path):
         with av.open(str(source), format=codec) as container:
-            return [bytes(picture.planes[0]) for picture in container.decode(video=0)]
+            return [bytes(video_frame.planes[0]) for video_frame in container.decode(video=0)]
     context = av.CodecContext.create(codec, "r")
     context.extradata = bytes.fromhex(str(source[0].caps.get("codec_data", "")))
     packets = [av.Packet(bytes(frame.data)) for frame in source]
-    decoded = [picture for packet in [*packets, None] for picture in context.decode(packet)]
-    return [bytes(picture.planes[0]) for picture in decoded]
+    decoded = [video_frame for packet in [*packets, None] for video_frame in context.decode(packet)]
+    return [bytes(video_frame.planes[0]) for video_frame in decoded]
 
 
 @pytest.mark.parametrize(("codec", "transport"), [("h264", "tcp"), ("h264", "udp"), ("h265", "tcp")])
@@ -151,7 +151,7 @@ def test_a_real_server_records_the_same_frames(
         element = harness.element
         assert (element.sent, element.drops) == (30, {})
     name = {"h264": "h264", "h265": "hevc"}[codec]
-    assert pictures(folder / codec, name) == pictures(frames, name)
+    assert video_frames(folder / codec, name) == video_frames(frames, name)
 
 
 def test_packets_of_a_file_arrive(recording: tuple[int, Path], make_video: Callable[..., Path]) -> None:
@@ -161,15 +161,15 @@ def test_packets_of_a_file_arrive(recording: tuple[int, Path], make_video: Calla
     sink = f"rtspclientsink location=rtsp://user:secret@127.0.0.1:{port}/h264 latency=1500"
     Pipeline.parse(f"filesrc location={source} ! {sink} sync=true").run(timeout_s=20)
     with av.open(str(source)) as container:
-        before = [bytes(picture.planes[0]) for picture in container.decode(video=0)]
-    assert pictures(folder / "h264", "h264") == before
+        before = [bytes(video_frame.planes[0]) for video_frame in container.decode(video=0)]
+    assert video_frames(folder / "h264", "h264") == before
 
 
 @pytest.mark.parametrize(
     ("user", "path", "reason"), [("user:wrong", "h264", "credentials"), ("user:secret", "nosuch", "404")]
 )
 def test_a_refusal_is_reported(recording: tuple[int, Path], user: str, path: str, reason: str) -> None:
-    """A wrong password and a wrong path are told apart, without the password."""
+    """A wrong password and a wrong path give different errors, without the password."""
     error, elapsed = fails(f"{NOT_PACED} location=rtsp://{user}@127.0.0.1:{recording[0]}/{path}")
     assert reason in error
     assert user.partition(":")[2] not in error
@@ -189,7 +189,7 @@ def test_a_silent_server_is_noticed(serve: Serve, answers: int, transport: str) 
     assert not children()
 
 
-def test_waiting_for_a_slow_server_is_no_hang(serve: Serve) -> None:
+def test_waiting_for_a_slow_server_can_be_stopped(serve: Serve) -> None:
     """While max-packets are queued the sink waits up to timeout-s; the watchdog does not end it."""
     text = f"{NOT_PACED} location=rtsp://127.0.0.1:{serve(0)}/live timeout-s=3 max-packets=1"
     with (
@@ -207,7 +207,7 @@ def test_a_closed_port_is_reported() -> None:
     assert not children()
 
 
-def test_an_unknown_host_is_told() -> None:
+def test_an_unknown_host_is_named() -> None:
     """FFmpeg calls it an input/output error."""
     error, _ = fails(f"{NOT_PACED} location=rtsp://no-such-host.invalid/live")
     assert "the host name 'no-such-host.invalid' is not known here; check address" in error
@@ -223,7 +223,7 @@ def test_a_server_that_closes_is_reported(closing_server: Close) -> None:
 
 
 def test_it_connects_again(closing_server: Close) -> None:
-    """A server that closes again and again is tried anew, each time with a key frame; all is counted."""
+    """A server that closes is connected again, from a key frame each time; every packet is counted."""
     location = f"rtsp://127.0.0.1:{closing_server(3)}/live"
     harness = Harness("rtspclientsink", location=location, retry_delay_s=0.0, max_retries=3, timeout_s=10.0)
     frames = coded("h264", 40)
@@ -283,7 +283,7 @@ def test_starts_and_stops_leave_nothing(closing_server: Close) -> None:
 
 @pytest.mark.parametrize("location", ["", "cam/live", "http://u:secret@cam/live", "rtsp://cam:port/x"])
 def test_other_locations_fail_before_playing(location: str) -> None:
-    """What is no RTSP URL is refused when the element starts, with an example."""
+    """A location that is not an RTSP URL is refused when the element starts, with an example."""
     pipeline = Pipeline.parse(f'{NOT_PACED} location="{location}"')
     with pytest.raises(ElementFailure, match=r"write (location=)?rtsp://host:port/path") as caught:
         pipeline.ready()

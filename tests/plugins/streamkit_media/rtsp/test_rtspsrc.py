@@ -50,7 +50,7 @@ def test_a_closed_port_is_reported() -> None:
     ["", "cam/live", "u:secret@cam/live", "http://u:secret@cam/live", "rtsp://", "rtsp://cam:port/x"],
 )
 def test_other_locations_fail_before_playing(location: str) -> None:
-    """What is no RTSP URL is refused when the element starts, with an example."""
+    """A location that is not an RTSP URL is refused when the element starts, with an example."""
     pipeline = Pipeline.parse(f'rtspsrc location="{location}" ! decode ! fakesink')
     with pytest.raises(ElementFailure, match=r"write (location=)?rtsp://host:port/path") as caught:
         pipeline.ready()
@@ -104,7 +104,7 @@ def test_a_real_server_plays(real_server: Any, transport: str) -> None:
     ("user", "path", "reason"), [("user:wrong", "live", "401"), ("user:secret", "nosuch", "404")]
 )
 def test_a_real_servers_refusal_is_reported(real_server: Any, user: str, path: str, reason: str) -> None:
-    """A wrong password and a wrong path are told apart, without the password."""
+    """A wrong password and a wrong path give different errors, without the password."""
     error, elapsed = fails(f"rtspsrc location=rtsp://{user}@127.0.0.1:{real_server.port}/{path}")
     assert reason in error
     assert user.partition(":")[2] not in error
@@ -149,7 +149,7 @@ def test_a_server_that_dies_ends_the_stream(real_server: Any) -> None:
 
 
 def test_a_slow_consumer_gets_the_newest(real_server: Any) -> None:
-    """Packets nobody takes are dropped and counted; what is delivered decodes whole after each gap."""
+    """Packets that are not taken are dropped and counted; after each gap the delivered ones decode."""
     location = f"rtsp://user:secret@127.0.0.1:{real_server.port}/live"
     text = f"rtspsrc name=r location={location} max-packets=16 ! appsink name=out max-buffers=1"
     with Pipeline.parse(text) as pipeline:

@@ -33,7 +33,7 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 class Front:
-    """Speaks TLS before a server that does not, one client at a time, in one thread: OpenSSL wants that."""
+    """A TLS proxy before a plain server, one client at a time, in one thread as OpenSSL requires."""
 
     def __init__(self, server_port: int, folder: Path) -> None:
         self._server_port = server_port
@@ -95,7 +95,7 @@ def error_of(text: str) -> str:
     return str(caught.value)
 
 
-def test_who_is_not_trusted_is_refused(camera: int) -> None:
+def test_an_untrusted_server_is_refused(camera: int) -> None:
     """A certificate of an authority that this machine does not know ends in an error with the remedies."""
     error = error_of(source(camera))
     assert "the server's certificate is refused" in error
@@ -104,7 +104,7 @@ def test_who_is_not_trusted_is_refused(camera: int) -> None:
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
-def test_who_is_trusted_plays(camera: int, certificates: tuple[Path, Path], host: str) -> None:
+def test_a_trusted_server_plays(camera: int, certificates: tuple[Path, Path], host: str) -> None:
     """With the authority named, names and addresses that the certificate is of play."""
     text = f"{source(camera, f'tls-ca-file={certificates[0]}/ca.pem', host)} ! appsink name=out max-buffers=0"
     with Pipeline.parse(text) as pipeline:
@@ -130,7 +130,7 @@ def test_another_hosts_certificate_is_refused(
 
 
 def test_a_server_without_encryption_is_reported(start_server: Callable[..., Any], fake: ModuleType) -> None:
-    """rtsps:// to a server that only speaks rtsp:// ends in time, with that as the remedy."""
+    """rtsps:// to a server without TLS ends in time, with rtsp:// as the remedy."""
     server = start_server("accept, then close")
     assert "write rtsp:// if it is not encrypted" in error_of(source(server.port, "tls-verify=false"))
 
@@ -146,8 +146,8 @@ def test_pushing_checks_certificates_too(
     camera: int, certificates: tuple[Path, Path], tmp_path: Path
 ) -> None:
     """`rtspclientsink` refuses who is not trusted."""
-    pictures = "videotestsrc num-buffers=30 ! video/x-raw, width=64, height=48 ! encode live=true"
-    text = f"{pictures} ! rtspclientsink location=rtsps://127.0.0.1:{camera}/live timeout-s=5"
+    video_frames = "videotestsrc num-buffers=30 ! video/x-raw, width=64, height=48 ! encode live=true"
+    text = f"{video_frames} ! rtspclientsink location=rtsps://127.0.0.1:{camera}/live timeout-s=5"
     with pytest.raises(ElementFailure, match="the server's certificate is refused"):
         Pipeline.parse(text).run(timeout_s=20)
 
@@ -161,7 +161,7 @@ def test_the_system_has_authorities() -> None:
     assert ssl.create_default_context(cafile=path).get_ca_certs()
 
 
-def test_who_speaks_tls_and_is_trusted_is_not_refused(camera: int, certificates: tuple[Path, Path]) -> None:
-    """The reason is empty where all is well, and where nobody is there it is told elsewhere."""
+def test_a_trusted_tls_server_gives_no_reason(camera: int, certificates: tuple[Path, Path]) -> None:
+    """The reason is empty for a trusted server, and for a closed port, which another function reports."""
     assert tls_failure("127.0.0.1", camera, str(certificates[0] / "ca.pem"), LIMIT_S) == ""
     assert tls_failure("127.0.0.1", 1, None, LIMIT_S) == ""

@@ -20,8 +20,8 @@ def test_reordered_times_stay_reordered() -> None:
     assert [line.place(pts, pts) for pts in (0, 120, 40, 80, 240)] == [0, 120, 40, 80, 240]
 
 
-def test_a_new_connection_goes_on_by_arrival() -> None:
-    """The distance of two connections is the time between their arrivals, whatever their clocks say."""
+def test_a_new_connection_continues_by_arrival_time() -> None:
+    """The distance of two connections is the time between their arrivals, independent of their clocks."""
     line = Timeline()
     line.begin_connection()
     line.place(5 * SECOND, SECOND)
@@ -30,16 +30,16 @@ def test_a_new_connection_goes_on_by_arrival() -> None:
     assert line.place(2, 11 * SECOND) == 10 * SECOND + 1
 
 
-def test_a_leap_of_the_senders_clock_is_bridged() -> None:
-    """Where the sender's clock leaps by an hour and arrivals do not, the line goes on."""
+def test_a_jump_of_the_senders_clock_is_removed() -> None:
+    """Timestamps stay continuous where the sender's clock jumps by an hour and arrivals do not."""
     line = Timeline()
     line.place(0, 0)
     assert line.place(3600 * SECOND, SECOND) == SECOND
     assert line.place(3601 * SECOND, 2 * SECOND) == 2 * SECOND
 
 
-def test_a_long_silence_is_no_leap() -> None:
-    """Where sender and arrivals both pause for a minute, the line does too."""
+def test_a_long_pause_is_kept() -> None:
+    """A pause of sender and arrivals by a minute appears in the timestamps."""
     line = Timeline()
     line.place(0, 0)
     assert line.place(60 * SECOND, 61 * SECOND) == 60 * SECOND

@@ -17,7 +17,7 @@ def outline(width: int, height: int) -> np.ndarray:
 
 @pytest.mark.parametrize("size", [(1280, 720), (320, 240), (1080, 1920), (8192, 64)])
 def test_the_view_never_leaves_the_image(size: tuple[int, int]) -> None:
-    """Whatever the frame's number, size and shake, all four corners are within the ground image."""
+    """For any frame number, size and jitter, all four corners are within the ground image."""
     path = plan_path(IMAGE, size, seed=3, speed=4.0, jitter=2.0)
     for index in range(0, 200_000, 613):
         corners = cv2.perspectiveTransform(outline(*size), path.ground_from_frame(index))[0]

@@ -26,8 +26,8 @@ def test_another_image(tmp_path: Path) -> None:
     assert load_ground(str(tmp_path / "grey.png")).shape == (70, 80, 3)
 
 
-@pytest.mark.parametrize("content", [b"", b"no picture", b"\x89PNG\r\n\x1a\n"])
-def test_a_file_that_is_no_image_is_refused(tmp_path: Path, content: bytes) -> None:
+@pytest.mark.parametrize("content", [b"", b"no image", b"\x89PNG\r\n\x1a\n"])
+def test_a_file_without_an_image_is_refused(tmp_path: Path, content: bytes) -> None:
     """The error names the file and the remedy."""
     (tmp_path / "odd.png").write_bytes(content)
     with pytest.raises(OSError, match=r"odd\.png: .*give a JPEG or PNG file"):

@@ -60,7 +60,7 @@ def test_to_previous_maps_the_ground_onto_the_frame_before(ground: np.ndarray) -
 
 
 def test_cars_are_the_only_thing_that_moves(ground: np.ndarray) -> None:
-    """With noise, what differs from the frame before lies at the cars, and every car differs."""
+    """Frame differences above the noise are at the cars, and at every car."""
     before, after = render(ground, 12, noise=2.0, seed=4)[-2:]
     warped = cv2.warpPerspective(before.image, after.registration.to_previous, SIZE, flags=INVERSE)
     difference = np.abs(warped.astype(float) - after.image)
@@ -103,7 +103,7 @@ def test_true_centres_are_where_the_bodies_are(ground: np.ndarray) -> None:
         body = painted & (np.abs(along) < length / 2.0 - 1.5) & (np.abs(across) < width / 2.0 - 1.5)
         rectangle = (np.abs(along) < length / 2.0 - 1.5) & (np.abs(across) < width / 2.0 - 1.5)
         assert body.sum() > 0.9 * rectangle.sum()
-        # On the side away from the sun there is no shadow: the body ends where the truth says.
+        # The side towards the light has no shadow: the body ends at the true box.
         sunny = (across * np.sign(-np.cos(angle)) > width / 2.0 + 1.5) & (np.abs(across) < width)
         assert not (painted & sunny & (np.abs(along) < length / 4.0)).any()
 
@@ -129,7 +129,7 @@ def test_velocities_are_motion_over_the_ground(ground: np.ndarray) -> None:
 
 
 def test_only_whole_bodies_are_targets(ground: np.ndarray) -> None:
-    """Every corner of every target's rectangle is in the frame; a car at the border is no target."""
+    """Every corner of every target's rectangle is in the frame; a car at the border is not a target."""
     fewer = 0
     for frame in render(ground, 120, size=(320, 240), noise=0.0, seed=3):
         targets = frame.targets
@@ -150,7 +150,7 @@ def test_only_whole_bodies_are_targets(ground: np.ndarray) -> None:
 
 
 def test_the_same_settings_give_the_same_frames(ground: np.ndarray) -> None:
-    """Bit for bit, with noise, and whatever the number of threads OpenCV uses; another seed gives others."""
+    """Bit for bit, with noise, for any number of OpenCV threads; another seed gives other frames."""
     threads = cv2.getNumThreads()
     one = render(ground, 4, seed=5)
     try:

@@ -67,7 +67,7 @@ def test_anything_can_be_drawn_anywhere(style: LineStyle, place: tuple[float, fl
 
 
 def test_a_trail_is_thick_at_its_new_end() -> None:
-    """The older half is one pixel wide, the newer two or more; one point is no trail."""
+    """The older half is one pixel wide, the newer two or more; one point draws nothing."""
     image = black()
     draw_trail(image, np.array([[10.0, 50.0], [50.0, 50.0], [90.0, 50.0]]), GREEN)
     widths = (image[:, :, 1] > 100).sum(axis=0)
@@ -78,7 +78,7 @@ def test_a_trail_is_thick_at_its_new_end() -> None:
 
 
 def test_a_label_stands_beside_its_box() -> None:
-    """Letters in the colour lie to the upper right of the box."""
+    """The label is to the upper right of the box, in its colour."""
     image = np.full((100, 140, 3), 128, np.uint8)
     draw_label(image, "8", box_corners(60.0, 50.0, 20.0, 10.0, 0.0), GREEN)
     rows, columns = np.nonzero((image[:, :, 1] > 200) & (image[:, :, 0] < 100))

@@ -86,7 +86,7 @@ def test_trails_stay_on_the_ground() -> None:
 
 @pytest.mark.parametrize("status", [RegistrationStatus.LOST, RegistrationStatus.CUT])
 def test_trails_end_where_the_ground_is_lost(status: RegistrationStatus) -> None:
-    """After a cut there is no line from places that are no longer there."""
+    """A cut clears the trails."""
     with Harness("trackoverlay", **PLAIN) as harness:
         harness.push(frame(Tracks((track(1, 120.0, 20.0),))))
         (out,) = harness.push(

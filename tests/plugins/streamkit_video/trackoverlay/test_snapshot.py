@@ -33,8 +33,8 @@ def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
     ("name", "rule"),
     [
         ("gone/shot.png", "does not exist; make it first"),
-        ("shot.odd", "no picture format has the ending '.odd'"),
-        ("shot", "no picture format has the ending ''"),
+        ("shot.odd", "no image format has the ending '.odd'"),
+        ("shot", "no image format has the ending ''"),
         ("", "is a folder"),
     ],
 )

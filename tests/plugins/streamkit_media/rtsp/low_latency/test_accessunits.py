@@ -1,4 +1,4 @@
-"""Frames joined from the pieces that RTP packets carry."""
+"""Frames joined from the payloads of RTP packets."""
 
 from collections.abc import Iterator
 from fractions import Fraction
@@ -92,7 +92,7 @@ def test_without_marks_the_next_frame_ends_one(fake: ModuleType, video: tuple[st
 
 
 def test_frames_of_one_timestamp_are_distinguished(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
-    """A server whose clock stands still sends frames all the same: their slices tell where one begins."""
+    """Frames with one timestamp are separated where a first slice begins."""
     codec, units = video
     joiner, found = AccessUnits(ffmpegs(codec)), []
     for piece, _ in pieces_of(fake, units, codec):
@@ -102,10 +102,8 @@ def test_frames_of_one_timestamp_are_distinguished(fake: ModuleType, video: tupl
     assert [plain(fake, bytes(packet)) for packet in found] == [plain(fake, unit) for unit in units]
 
 
-def test_a_server_that_marks_every_packet_is_not_believed(
-    fake: ModuleType, video: tuple[str, list[bytes]]
-) -> None:
-    """Marks are given up at the first frame that goes on behind one; no byte is lost."""
+def test_marks_on_every_packet_are_ignored(fake: ModuleType, video: tuple[str, list[bytes]]) -> None:
+    """Marks are ignored after the first frame that continues behind one; no byte is lost."""
     codec, units = video
     joiner, found = AccessUnits(ffmpegs(codec)), []
     for piece, _ in pieces_of(fake, units, codec):
@@ -120,7 +118,7 @@ def test_a_server_that_marks_every_packet_is_not_believed(
 
 
 def test_marked_parameter_sets_end_no_frame(fake: ModuleType, units: list[bytes]) -> None:
-    """A mark on what only stands before a frame is passed over, and marks are still believed."""
+    """A mark on units that only precede a frame is ignored, and later marks still count."""
     joiner, found = AccessUnits("h264"), []
     for nal in fake.nal_units(units[0]):
         found += joiner.add(piece_of(nal, "h264", 0), is_marked=True)
@@ -153,7 +151,7 @@ def test_decoding_times_ascend(reordered: int, count: int) -> None:
     ],
 )
 def test_a_recovery_point_is_found_among_messages(messages: bytes, *, has_one: bool) -> None:
-    """Decoding may begin at a recovery point; other messages, however long, are passed over."""
+    """A recovery point is found behind other messages of any length."""
     assert has_recovery_point(messages) is has_one
 
 

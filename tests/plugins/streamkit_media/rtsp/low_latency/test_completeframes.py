@@ -25,7 +25,9 @@ def test_the_last_frame_sent_is_received(start_server: StartServer) -> None:
 
 
 @pytest.mark.parametrize("loses_every", [0, 7])
-def test_frames_are_whole_whatever_is_lost(start_server: StartServer, fake: Any, loses_every: int) -> None:
+def test_frames_are_never_mixed_when_packets_are_lost(
+    start_server: StartServer, fake: Any, loses_every: int
+) -> None:
     """A packet has the bytes of one frame; where RTP packets are missing, no two frames are mixed."""
     units = fake.access_units((320, 240), count=60)
     server = start_server(units=units, loses_every=loses_every)

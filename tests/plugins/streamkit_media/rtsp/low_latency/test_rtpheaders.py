@@ -1,4 +1,4 @@
-"""What RTP packets say of themselves, seen before FFmpeg reads them."""
+"""RTP headers, read before FFmpeg reads the packets."""
 
 import socket
 import struct
@@ -46,27 +46,27 @@ def test_a_packet_has_marker_and_payload(*, marked: bool, extension: int) -> Non
     assert payload_bytes(head) == 100
 
 
-def test_reports_are_passed_over() -> None:
-    """A report before a packet does not hide it; a report alone is no packet."""
+def test_rtcp_reports_are_skipped() -> None:
+    """The header of a packet behind reports is found; a report alone has none."""
     assert first_header(report() + report() + packet(5, marked=True)) == first_header(packet(5, marked=True))
     assert first_header(report()) == b""
 
 
 @pytest.mark.parametrize("data", [b"", b"$", b"RTSP/1.0 200 OK\r\n\r\n", packet()[:15]])
-def test_what_is_no_packet_has_no_head(data: bytes) -> None:
-    """Answers of the server, and packets whose header has not come, tell nothing."""
+def test_other_data_has_no_header(data: bytes) -> None:
+    """RTSP answers and incomplete headers give an empty header."""
     assert first_header(data) == b""
 
 
 @given(st.binary(max_size=200))
-def test_any_bytes_are_borne(data: bytes) -> None:
-    """Whatever a server sends is looked at without an error."""
+def test_any_bytes_are_accepted(data: bytes) -> None:
+    """No bytes of a server raise an error."""
     head = first_header(b"$" + data)
     assert not is_marked(head) or isinstance(payload_bytes(head), int)
 
 
-def test_looking_takes_nothing(ends: tuple[socket.socket, RtpHeaders]) -> None:
-    """What was looked at is still there, and is the same until it is read."""
+def test_peeking_consumes_nothing(ends: tuple[socket.socket, RtpHeaders]) -> None:
+    """A peeked header stays the same until it is read."""
     server, reader = ends
     assert reader.peek() == b""
     server.sendall(packet(3))
@@ -77,7 +77,7 @@ def test_looking_takes_nothing(ends: tuple[socket.socket, RtpHeaders]) -> None:
 
 
 def test_waiting_is_bounded_and_ends_with_the_connection(ends: tuple[socket.socket, RtpHeaders]) -> None:
-    """Nothing comes: the wait is over at its limit; the server closes: at once."""
+    """A wait ends at its limit, or at once when the server closes."""
     server, reader = ends
     assert reader.wait(0.01) == b""
     server.close()
@@ -85,7 +85,7 @@ def test_waiting_is_bounded_and_ends_with_the_connection(ends: tuple[socket.sock
 
 
 def test_a_packet_behind_a_report_is_waited_for(ends: tuple[socket.socket, RtpHeaders]) -> None:
-    """A report and the packet behind it tell the packet."""
+    """A wait returns the header of the packet behind a report."""
     server, reader = ends
     server.sendall(report() + packet(9, marked=True))
     assert is_marked(reader.wait(5))
