@@ -66,7 +66,7 @@ class DjiTelemetry:
         return self.subtitles - self.without_position - self._unreadable
 
     def read(self, lines: Iterable[str]) -> Iterator[Sample]:
-        """The samples of a file's lines; subtitles without a position are passed over."""
+        """The samples of a file's lines; subtitles without a position are skipped."""
         for cue in self._reader.cues(lines):
             begin = self._clock.place(cue.text, cue.begin)
             if begin is None:

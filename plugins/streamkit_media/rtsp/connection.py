@@ -68,7 +68,7 @@ class DropToKeyframe:
 
 
 def is_keyframe(packet: Frame) -> bool:
-    """Whether decoding of the video can begin with a packet; streams beside the video carry their kind."""
+    """Whether decoding of the video can begin with a packet; packets of other streams carry their kind."""
     return bool(packet.flags & FrameFlags.KEYFRAME) and packet.get(StreamKind) is None
 
 

@@ -23,8 +23,6 @@ from av.stream import Stream
 
 TIME_BASE = Fraction(1, 90_000)
 SECOND_NS = 1_000_000_000
-# The process that began this one watches first; the alarm is for when that has been killed itself.
-ALARM_MARGIN_S = 2.0
 FAILURES = (FFmpegError, OSError, ValueError, RuntimeError, LookupError)
 HEAD = struct.Struct(">cI")
 
@@ -140,7 +138,8 @@ def run(commands: BinaryIO, answers: BinaryIO) -> None:
         kind = Kind(name)
         if kind is Kind.OPEN:
             order = msgspec.msgpack.decode(content)
-            limit_s = order["timeout_s"] + ALARM_MARGIN_S
+            limit_s = order["timeout_s"]
+        # A server that is silent for longer ends this process, whether FFmpeg returns or not.
         signal.setitimer(signal.ITIMER_REAL, limit_s)
         if kind is Kind.OPEN:
             push = Push(order)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -25,7 +26,7 @@ class PushFailure(Exception):
     Attributes:
         reason: in FFmpeg's words.
         is_refused: whether the server wants other credentials.
-        is_silent: whether the server, or the process, did not answer in time.
+        is_silent: whether the server did not answer in time: the process then ends by an alarm.
     """
 
     def __init__(self, reason: str, *, is_refused: bool = False, is_silent: bool = False) -> None:
@@ -66,37 +67,30 @@ class PushProcess:
             os.set_blocking(pipe.fileno(), False)
         self._outgoing = bytearray()
         self._received = bytearray()
-        self._is_running = self._is_ending = False
-        self._silence_limit_s = START_LIMIT_S
-        self._answered = time.monotonic()
+        self._is_running = False
+        self._began = time.monotonic()
         self.is_opened = self.is_ready = self.is_done = False
         self.pending = self.written = 0
 
     def open(self, order: dict[str, Any]) -> None:
         """Makes it connect by an order of `pusher.Push`, which has the longest silence `timeout_s`, too."""
         self.is_opened = True
-        self._silence_limit_s = order["timeout_s"]
-        self._answered = time.monotonic()
         self._send_message(message(Kind.OPEN, order))
 
     def offer(self, packet: PushPacket) -> None:
         """Queues a packet; the next `exchange` raises a failure."""
-        if not self._owes_answer():
-            self._answered = time.monotonic()
         self.pending += 1
         self._send_message(message(Kind.PACKET, packet))
 
     def end(self) -> None:
         """Ends the recording once everything is written."""
-        self._answered = time.monotonic()
-        self._is_ending = True
         self._send_message(message(Kind.END))
 
     def exchange(self, wait_s: float) -> None:
         """Sends and receives what can be, after at most `wait_s`.
 
         Raises:
-            PushFailure: the connection has failed, or there is no answer within the limit.
+            PushFailure: the connection has failed, or the process has not started in time.
         """
         poller = select.poll()
         poller.register(self._stdout, select.POLLIN)
@@ -107,9 +101,8 @@ class PushProcess:
                 self._send()
             else:
                 self._receive()
-        limit_s = self._silence_limit_s if self._is_running else START_LIMIT_S
-        if self._owes_answer() and time.monotonic() - self._answered >= limit_s:
-            raise PushFailure(f"the push process was silent for {limit_s:g} s", is_silent=self._is_running)
+        if not self._is_running and time.monotonic() - self._began > START_LIMIT_S:
+            raise PushFailure(f"the push process has not started within {START_LIMIT_S:g} s")
 
     def close(self, limit_s: float) -> None:
         """Ends the process; kills it where the recording has not ended in time. Safe to call twice."""
@@ -128,10 +121,6 @@ class PushProcess:
             pass  # it has ended: that is what was wanted
         finally:
             self._stdout.close()
-
-    def _owes_answer(self) -> bool:
-        is_connecting = self.is_opened and not self.is_ready
-        return bool(is_connecting or self.pending or (self._is_ending and not self.is_done))
 
     def _send_message(self, data: bytes) -> None:
         self._outgoing += data
@@ -153,13 +142,14 @@ class PushProcess:
             except BlockingIOError:
                 return
             if not data:
+                if self._process.wait(KILL_LIMIT_S) == -signal.SIGALRM:
+                    raise PushFailure("the server was silent", is_silent=True)
                 raise PushFailure("its process has ended without an answer")
             self._received += data
             for kind, content in take_messages(self._received):
                 self._handle(kind, content)
 
     def _handle(self, kind: Kind, content: bytes) -> None:
-        self._answered = time.monotonic()
         if kind is Kind.AWAKE:
             self._is_running = True
         elif kind is Kind.READY:

@@ -89,7 +89,7 @@ def tls_failure(host: str, port: int, ca_file: str | None, limit_s: float) -> st
     Args:
         host: name or address that the certificate has to be of.
         port: of the server.
-        ca_file: of the authorities that are trusted; None trusts everybody.
+        ca_file: of the authorities that are trusted; None trusts every server.
         limit_s: longest wait, for the connection and for each answer.
     """
     context = ssl.create_default_context(cafile=ca_file)
@@ -107,7 +107,7 @@ def tls_failure(host: str, port: int, ca_file: str | None, limit_s: float) -> st
         remedy = "write the name that it is of" if is_of_other else "name its authority in tls-ca-file="
         return (
             f"the server's certificate is refused: {error.verify_message.rstrip('.')}; "
-            f"{remedy}, or trust everybody with tls-verify=false"
+            f"{remedy}, or trust every server with tls-verify=false"
         )
     except TimeoutError:
         return f"no TLS on port {port}: the server does not answer; write rtsp:// if it is not encrypted"

@@ -219,7 +219,7 @@ class RtspSrc(RtspEndpoint, Source):
     # Between two connections.
 
     def _falls_back_to_tcp(self, failure: ResourceError) -> bool:
-        """Whether `auto`, having received nothing over UDP, goes on over TCP at once."""
+        """Whether `auto`, having received nothing over UDP, continues over TCP at once."""
         if self.transport is not SourceTransport.AUTO:
             return False
         if self._carrier is SourceTransport.TCP:

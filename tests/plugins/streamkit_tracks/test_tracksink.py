@@ -85,7 +85,7 @@ def test_an_unwritable_location_is_an_error(tmp_path: Path) -> None:
 
 
 def test_a_location_is_needed() -> None:
-    """location has no default."""
+    """Location has no default."""
     with pytest.raises(ResourceError, match="location must be set"):
         Harness("tracksink")
 
