@@ -69,22 +69,16 @@ def _carries(stream: Stream, wanted: str) -> bool:
 
 def stream_caps(stream: Stream, kind: StreamKind) -> Caps:
     """The fixed caps of a stream's packets."""
-    if kind is StreamKind.VIDEO:
-        assert isinstance(stream, VideoStream)
+    if isinstance(stream, VideoStream):
         return coded_caps(stream_parameters(stream), stream_rate(stream))
-    if kind is StreamKind.AUDIO:
-        assert isinstance(stream, AudioStream)
-        return audio_caps(stream)
-    return Caps(SUBTITLE_CAPS if kind is StreamKind.SUBTITLE else KLV_CAPS)
-
-
-def audio_caps(stream: AudioStream) -> Caps:
-    """The fixed caps of an audio stream's packets."""
+    if not isinstance(stream, AudioStream):
+        return Caps(SUBTITLE_CAPS if kind is StreamKind.SUBTITLE else KLV_CAPS)
+    context = stream.codec_context
     fields: dict[str, int | str] = {
-        "codec": stream.codec_context.codec.canonical_name,
+        "codec": context.codec.canonical_name,
         "rate": stream.sample_rate or 0,
         "channels": stream.channels or 0,
     }
-    if stream.codec_context.extradata:
-        fields["codec_data"] = stream.codec_context.extradata.hex()
+    if context.extradata:
+        fields["codec_data"] = context.extradata.hex()
     return Caps((Structure(AUDIO_CAPS, fields),))

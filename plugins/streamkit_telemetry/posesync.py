@@ -204,7 +204,10 @@ class PoseSync(Combine):
 
     def _paired(self, frame: Frame) -> Frame:
         self._counts["frames"] += 1
-        found = None if frame.pts is None else self._pose_at(frame.pts)
+        found = None
+        if frame.pts is not None:
+            self._read_up_to(frame.pts)
+            found = self._line.at(frame.pts)
         if found is None:
             self._counts["without"] += 1
             return frame
@@ -215,10 +218,6 @@ class PoseSync(Combine):
         if is_stale or sample.utc_ns is None or (frame.capture and frame.capture.origin == "rtcp"):
             return frame
         return frame.replace(capture=Capture(sample.utc_ns, "misb"))
-
-    def _pose_at(self, pts: int) -> tuple[Sample, int, bool] | None:
-        self._read_up_to(pts)
-        return self._line.at(pts)
 
     def _add(self, sample: Sample) -> int:
         """Takes a sample; its time with the offset, ns."""

@@ -167,34 +167,27 @@ class PacketSink(SegmentSink):
         """Whether this packet begins a file: the first, one of another format, or a full segment's next."""
         if not is_keyframe:
             return False
-        if self._writer is None or not self._same_format(frame.caps):
+        if self._writer is None or self._caps is None:
+            return True
+        if frame.caps is not self._caps and caps_parameters(frame.caps) != caps_parameters(self._caps):
             return True
         is_long = self.max_size_time and (frame.pts or 0) - self._begin >= self.max_size_time
         return bool(is_long or (self.max_size_bytes and self._bytes >= self.max_size_bytes))
 
-    def _same_format(self, caps: Caps) -> bool:
-        if caps is self._caps:
-            return True
-        assert self._caps is not None
-        return caps_parameters(caps) == caps_parameters(self._caps)
-
     def _change(self, frame: Frame) -> None:
         """Completes the file under way and begins the next."""
         had_one = self._writer is not None
-        self._finish()
+        self.end()
         if had_one and not self.names.is_several:
             raise StreamError(
                 f"{self.location}: one file holds one format, and {frame.caps.name} of another comes now; "
                 "give the name a number, flight-%05d.ts"
             )
         parameters, file = caps_parameters(frame.caps), self.open_file()
+        size = parameters.width, parameters.height
         try:
             self._writer = PacketWriter(
-                file,
-                parameters.codec,
-                (parameters.width, parameters.height),
-                parameters.extradata,
-                "klv" in self.pads,
+                file, parameters.codec, size, parameters.extradata, with_klv="klv" in self.pads
             )
         except BaseException:
             self.take_back()
@@ -208,13 +201,13 @@ class PacketSink(SegmentSink):
         """Counts a damaged packet; where it was a file's first, the next key frame restarts the file."""
         self.count_drop(DAMAGED)
         if self._writer is not None and not self._writer.has_begun:
-            self._finish()
+            self.end()
         if not self._is_damage_reported:
             self._is_damage_reported = True
             self.post_warning(f"{self.location}: a packet is left out: {error}; others like it are counted")
 
-    def _finish(self) -> None:
-        """Closes the file under way; one that nothing could be written to is removed."""
+    def end(self) -> None:
+        """Completes the file under way; one that nothing could be written to is removed."""
         writer, self._writer = self._writer, None
         arrivals, self._arrivals = self._arrivals, None
         if writer is None:
@@ -232,14 +225,10 @@ class PacketSink(SegmentSink):
         if writer.has_begun:
             self.file_is_complete(writer.path, arrivals_path(writer.path))
 
-    def end(self) -> None:
-        """Completes the last file."""
-        self._finish()
-
     def abandon(self) -> None:
         """Leaves what is written of the last file."""
         with suppress(*self.write_errors):
-            self._finish()
+            self.end()
 
 
 def times_of(frame: Frame) -> tuple[int, int]:

@@ -41,7 +41,7 @@ class PacketWriter:
     """
 
     def __init__(
-        self, file: OutputFile, codec: str, size: tuple[int, int], extradata: bytes, with_klv: bool
+        self, file: OutputFile, codec: str, size: tuple[int, int], extradata: bytes, *, with_klv: bool = False
     ) -> None:
         self._annexb = AnnexBWriter(codec, extradata)
         self._codec = codec

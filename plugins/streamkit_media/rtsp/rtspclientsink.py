@@ -6,12 +6,11 @@ import errno
 import os
 import threading
 import time
-from typing import Any
 
 from typing_extensions import override
 
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink
-from streamkit_media.codecs import CodecParameters, caps_parameters
+from streamkit_media.codecs import caps_parameters
 from streamkit_media.container import redact
 from streamkit_media.nalunits import AnnexBWriter, BadPacket
 from streamkit_media.recording.packetsink import BEFORE_KEYFRAME, times_of
@@ -110,7 +109,7 @@ class RtspClientSink(RtspEndpoint, Sink):
         if not self._working.acquire(timeout=STOP_LIMIT_S):
             raise ResourceError(f"{self._where}: a frame is still being sent after {STOP_LIMIT_S:g} s")
         try:
-            self._leave("the pipeline was stopped", LEAVE_LIMIT_S)
+            self._leave()
         finally:
             self._working.release()
 
@@ -175,17 +174,16 @@ class RtspClientSink(RtspEndpoint, Sink):
         self._caps, self._needs_keyframe, self._is_connected = frame.caps, False, False
         self._opened_s = time.monotonic()
         self._post_state("connecting", attempt=self._backoff.tries)
-        self._process.open(self._order(parameters))
-
-    def _order(self, parameters: CodecParameters) -> dict[str, Any]:
-        return {
-            "url": self._url,
-            "options": {"rtsp_transport": self.transport.value, **self._tls_options},
-            "codec": parameters.codec,
-            "width": parameters.width,
-            "height": parameters.height,
-            "timeout_s": self.timeout_s,
-        }
+        self._process.open(
+            {
+                "url": self._url,
+                "options": {"rtsp_transport": self.transport.value, **self._tls_options},
+                "codec": parameters.codec,
+                "width": parameters.width,
+                "height": parameters.height,
+                "timeout_s": self.timeout_s,
+            }
+        )
 
     def _begin_process(self) -> PushProcess:
         try:
@@ -221,9 +219,9 @@ class RtspClientSink(RtspEndpoint, Sink):
             process.end()
             while not process.is_done and not self.stopping.is_set():
                 self._exchange(LOOK_S)
-        self._leave("the pipeline was stopped", LEAVE_LIMIT_S)
+        self._leave()
 
-    def _leave(self, reason: str, limit_s: float) -> None:
+    def _leave(self, reason: str = "the pipeline was stopped", limit_s: float = LEAVE_LIMIT_S) -> None:
         """Ends the process; what it still held counts as dropped."""
         process, self._process = self._process, None
         if process is None:

@@ -15,7 +15,7 @@ source, target = sys.argv[1:]
 container = av.open(source)
 stream = container.streams.video[0]
 extradata = stream.codec_context.extradata
-writer = PacketWriter(OutputFile(Path(target)), "h264", (64, 48), extradata, False)
+writer = PacketWriter(OutputFile(Path(target)), "h264", (64, 48), extradata)
 for packet in container.demux(stream):
     if packet.size:
         try:
