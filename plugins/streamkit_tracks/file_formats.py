@@ -27,15 +27,7 @@ SHOWN = ("confirmed", "coasting")
 MOT_CORNER = 1.5  # a box starts half a pixel before the centre of its first pixel, and pixels count from 1
 
 
-class FileKind(enum.StrEnum):
-    """Format of a file of records; auto is by the file's suffix."""
-
-    AUTO = "auto"
-    JSONL = "jsonl"
-    MOT = "mot"
-    CSV = "csv"
-    GEOJSON = "geojson"
-    KML = "kml"
+FileKind = enum.StrEnum("FileKind", "AUTO JSONL MOT CSV GEOJSON KML")
 
 
 KINDS = {

@@ -62,7 +62,7 @@ def convert(data: ByteArray, source: str, target: str) -> ByteArray:
         return _from_planar(data, source, target, height)
     if target in PLANAR:
         return _to_planar(data, source, target)
-    return _cvt_color(data, f"{_opencv_name(source)}2{_opencv_name(target)}")
+    return _cvt_color(data, f"{source}2{target}".replace("GRAY8", "GRAY"))
 
 
 def image_height(data: ByteArray, pixel_format: str) -> int:
@@ -105,7 +105,3 @@ def _to_planar(data: ByteArray, source: str, target: str) -> ByteArray:
 
 def _cvt_color(data: ByteArray, code: str) -> ByteArray:
     return np.asarray(cv2.cvtColor(data, getattr(cv2, f"COLOR_{code}")), np.uint8)
-
-
-def _opencv_name(pixel_format: str) -> str:
-    return "GRAY" if pixel_format == "GRAY8" else pixel_format

@@ -33,12 +33,7 @@ NO_FRAME = "packet without a frame of its own"
 Decoded = list[tuple[VideoFrame, Frame]]
 
 
-class ThreadsType(enum.StrEnum):
-    """How the decoder spreads its work."""
-
-    AUTO = "auto"
-    FRAME = "frame"
-    SLICE = "slice"
+ThreadsType = enum.StrEnum("ThreadsType", "AUTO FRAME SLICE")
 
 
 class Skip(enum.StrEnum):

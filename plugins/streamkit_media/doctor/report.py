@@ -8,13 +8,7 @@ from typing import Any
 
 from streamkit import mask_secrets
 
-
-class Verdict(enum.StrEnum):
-    """How a check came out."""
-
-    GOOD = "good"
-    NOTE = "note"
-    BAD = "bad"
+Verdict = enum.StrEnum("Verdict", "GOOD NOTE BAD")
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,11 +15,7 @@ GROWTH = 2.0
 LEAST_SHARE = 0.5  # jitter: many clients of one server that restarts are not to come back at the same moment
 
 
-class Transport(enum.StrEnum):
-    """What carries the video."""
-
-    TCP = "tcp"
-    UDP = "udp"
+Transport = enum.StrEnum("Transport", "TCP UDP")
 
 
 class Reconnect(enum.StrEnum):

@@ -39,12 +39,7 @@ WAIT_SHARE = 0.5  # of the time limit: a wait for a packet out of order is not t
 LIVE_OPTIONS = {"analyzeduration": "1500000", "fpsprobesize": "0"}
 
 
-class SourceTransport(enum.StrEnum):
-    """What carries the video."""
-
-    TCP = "tcp"
-    UDP = "udp"
-    AUTO = "auto"
+SourceTransport = enum.StrEnum("SourceTransport", "TCP UDP AUTO")
 
 
 class RtspSrc(RtspEndpoint, Source):

@@ -32,12 +32,7 @@ BLACK: Colour = (0, 0, 0)
 WHITE: Colour = (255, 255, 255)
 
 
-class LineStyle(enum.StrEnum):
-    """Line style of an outline."""
-
-    SOLID = "solid"
-    DASHED = "dashed"
-    THIN = "thin"
+LineStyle = enum.StrEnum("LineStyle", "SOLID DASHED THIN")
 
 
 def identity_colour(identity: int) -> Colour:
