@@ -129,18 +129,15 @@ def limit_blas_threads() -> None:
 @contextlib.contextmanager
 def exit_on_interrupt(*, quiet: bool) -> Iterator[None]:
     """Context in which Ctrl-C, SIGTERM and SIGHUP end the command at once, while the pipeline is built."""
-    from streamkit.cli.run import ending_signals
+    from streamkit.cli.run import handling_signals
 
-    before = {number: signal.signal(number, signal.default_int_handler) for number in ending_signals()}
     try:
-        yield
+        with handling_signals(signal.default_int_handler):
+            yield
     except KeyboardInterrupt:
         if not quiet:
             typer.echo("interrupt: stopped before it played", err=True)
         raise typer.Exit(0) from None
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def build(source: Description, *, as_json: bool) -> Pipeline:

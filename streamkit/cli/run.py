@@ -8,8 +8,8 @@ import os
 import signal
 import time
 import traceback
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
 
 from streamkit.cli.crash_report import CrashReport
 from streamkit.errors import ElementFailure, StartCancelled, StateError, StreamkitError
@@ -137,12 +137,8 @@ class Run:
                 report.close()
                 os._exit(128 + number)
 
-        before = {number: signal.signal(number, interrupted) for number in ending_signals()}
-        try:
+        with handling_signals(interrupted):
             yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
 
     def _print_interrupt(self, text: str) -> None:
         if not self.quiet:
@@ -188,7 +184,13 @@ class Run:
         return 1
 
 
-def ending_signals() -> list[signal.Signals]:
-    """The signals that end a pipeline; `nohup` leaves out the one of a closed terminal."""
+@contextlib.contextmanager
+def handling_signals(handler: Callable[[int, Any], object]) -> Iterator[None]:
+    """Context in which a function handles the signals that end a pipeline; `nohup` leaves out SIGHUP."""
     kept = [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
-    return [signal.SIGINT, signal.SIGTERM, *kept]
+    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM, *kept)}
+    try:
+        yield
+    finally:
+        for number, earlier in before.items():
+            signal.signal(number, earlier)

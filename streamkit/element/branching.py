@@ -198,9 +198,7 @@ class Split(Element):
                 target = self.pads.get(name)
                 if target is None:
                     continue
-                if out.caps is not target.caps:
-                    target.send_event(CapsEvent(out.caps))
-                target.push(out)
+                target.push(target.announce_caps(out))
 
         return receive
 

@@ -150,6 +150,20 @@ class Pad:
         if (accepted & caps).is_empty:
             raise self.refusal(caps, accepted)
 
+    def announce_caps(self, frame: Frame) -> Frame:
+        """Sends the caps of a frame if they are new; returns the frame with the caps object of the pad.
+
+        Raises:
+            NotNegotiated: downstream does not accept them.
+        """
+        if frame.caps is self.caps:
+            return frame
+        if self.caps is not None and frame.caps == self.caps:
+            return frame.replace(caps=self.caps)
+        self.check_accepted(frame.caps)
+        self.send_event(CapsEvent(frame.caps))
+        return frame
+
     def refusal(self, offered: Caps, accepted: Caps) -> NotNegotiated:
         """The error for a src pad and its peer without common caps: names both and the field in conflict."""
         sink = self.peer.path if self.peer is not None else "nothing"

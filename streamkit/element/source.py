@@ -205,7 +205,7 @@ class Source(Element):
         except ValueError as error:
             raise self.failure(error, frame) from error
         if frame.caps is not pad.caps:
-            frame = self._announce_caps(pad, frame)
+            frame = pad.announce_caps(frame)
         if not frame.arrival_ns:
             number = self._numbers.get(pad.name, -1) + 1
             self._numbers[pad.name] = number
@@ -251,15 +251,6 @@ class Source(Element):
             if other.caps is not None and other.peer is not None:
                 other.check_accepted(other.caps)
                 other.send_event(CapsEvent(other.caps))
-
-    def _announce_caps(self, pad: Pad, frame: Frame) -> Frame:
-        """Sends the caps of a frame if they are new; returns the frame with the pad's caps."""
-        caps = frame.caps
-        if pad.caps is not None and caps == pad.caps:
-            return frame.replace(caps=pad.caps)
-        pad.check_accepted(caps)
-        pad.send_event(CapsEvent(caps))
-        return frame
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Never called: a source has no sink pads."""

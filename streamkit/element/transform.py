@@ -126,11 +126,7 @@ class Transform(Element):
         pad = self.pads.get(name)
         if pad is None or pad.peer is None:
             return
-        if frame.caps is not pad.caps:
-            if frame.caps != pad.caps:
-                pad.check_accepted(frame.caps)
-                pad.send_event(CapsEvent(frame.caps))
-            frame = frame.replace(caps=pad.caps)
+        frame = pad.announce_caps(frame)
         with contextlib.suppress(EndOfStream):
             pad.push(frame)
 

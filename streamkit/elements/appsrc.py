@@ -120,22 +120,21 @@ class AppSrc(Source):
             StateError: the queue stayed full for `timeout_s`, or `end` was called.
             ElementFailure: the pipeline has failed.
         """
-        if isinstance(item, Event):
-            with self.changed:
-                self._check_open()
-                self.pending.append(item)
-                self.changed.notify_all()
-            return
-        frame = item if isinstance(item, Frame) else Frame(item, self.caps or ANY, **fields)
+        if not isinstance(item, Event | Frame):
+            item = Frame(item, self.caps or ANY, **fields)
         with self.changed:
             self._check_open()
-            is_full = self.is_playing and self.pending.is_full()
-        if is_full:
-            if self.emit_signals:
-                self.on_enough_data.emit(self)
-            if not self._make_room(time.monotonic() + timeout_s, timeout_s):
+            is_full = isinstance(item, Frame) and self.is_playing and self.pending.is_full()
+        if is_full and self.emit_signals:
+            self.on_enough_data.emit(self)
+        with self.changed:
+            if is_full and not self._make_room(timeout_s):
                 return
-        self._append(frame)
+            if self._had_gap and isinstance(item, Frame):
+                self._had_gap = False
+                item = item.replace(flags=item.flags | FrameFlags.DISCONTINUITY)
+            self.pending.append(item)
+            self.changed.notify_all()
 
     def push_list(self, items: Iterable[Any], timeout_s: float = 5.0) -> None:
         """Pushes several items in order; see `push`."""
@@ -165,37 +164,28 @@ class AppSrc(Source):
         if self._closed:
             raise StateError(f"{self.name}: no frame can follow end(); stop the pipeline to start again")
 
-    def _append(self, frame: Frame) -> None:
-        with self.changed:
-            if self._had_gap:
-                self._had_gap = False
-                frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-            self.pending.append(frame)
-            self.changed.notify_all()
-
-    def _make_room(self, deadline_s: float, timeout_s: float) -> bool:
+    def _make_room(self, timeout_s: float) -> bool:
         """Drops, waits or neither, by the properties; False if the new frame is dropped."""
-        with self.changed:
-            if self.leaky_type is LeakyType.UPSTREAM:
-                self._had_gap = True
-                self.count_drop("appsrc full, newest dropped")
-                return False
-            if self.leaky_type is LeakyType.DOWNSTREAM:
-                while self.pending.is_full() and self.pending.drop_oldest():
-                    self._had_gap = True
-                    self.count_drop("appsrc full, oldest dropped")
-                return True
-            while self.block and self.pending.is_full():
-                failure = self.pipeline_error()
-                if failure is not None:
-                    raise failure
-                left_s = deadline_s - time.monotonic()
-                if self.stopping.is_set() or left_s <= 0:
-                    raise StateError(
-                        f"{self.name}: no room for a frame within {timeout_s} s: nothing downstream takes it"
-                    )
-                self.changed.wait(min(left_s, POLL_S))
-            return True
+        if self.leaky_type is LeakyType.UPSTREAM:
+            self._had_gap = True
+            self.count_drop("appsrc full, newest dropped")
+            return False
+        while (
+            self.leaky_type is LeakyType.DOWNSTREAM and self.pending.is_full() and self.pending.drop_oldest()
+        ):
+            self._had_gap = True
+            self.count_drop("appsrc full, oldest dropped")
+        deadline_s = time.monotonic() + timeout_s
+        while self.leaky_type is LeakyType.NONE and self.block and self.pending.is_full():
+            if (failure := self.pipeline_error()) is not None:
+                raise failure
+            left_s = deadline_s - time.monotonic()
+            if self.stopping.is_set() or left_s <= 0:
+                raise StateError(
+                    f"{self.name}: no room for a frame within {timeout_s} s: nothing downstream takes it"
+                )
+            self.changed.wait(min(left_s, POLL_S))
+        return True
 
     # Called in the streaming thread.
 

@@ -12,7 +12,7 @@ from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.events import CapsEvent, SegmentEvent
+from streamkit.flow.events import SegmentEvent
 from streamkit.flow.frame import Frame
 
 
@@ -84,8 +84,7 @@ class OutputSelector(Split):
         latest, active = self._latest, self._active()
         if latest is None or active is None:
             return
-        if active.caps is not latest.caps:
-            active.send_event(CapsEvent(latest.caps))
+        latest = active.announce_caps(latest)
         if active.segment != self.pads["sink"].segment:
             active.send_event(SegmentEvent(self.pads["sink"].segment))
         active.push(latest)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
@@ -81,8 +82,6 @@ class BinTree:
         self._by_name: defaultdict[str, list[Element]] = defaultdict(list)
         self._names: defaultdict[Bin | None, set[str]] = defaultdict(set)
         self._duplicates: dict[Element, DescriptionError] = {}
-        self._crossings: dict[Pad, list[tuple[Bin, str]]] = {}
-        self._ghost_number = 0
 
     def add(self, element: Element, container: Bin | None, place: Place) -> None:
         """Adds an element or bin to a bin, or to none; records duplicate names as errors instead."""
@@ -130,26 +129,17 @@ class BinTree:
         for error in self._duplicates.values():
             raise error
 
-    def cross(self, src: Pad, sink: Pad) -> None:
-        """Adds a ghost pad to every bin whose border a link crosses."""
-        source, target = self.container_of(src.element), self.container_of(sink.element)
-        if source is target:
-            return
-        self._crossings[src] = []
-        outer, inner = list(containers(source)), list(containers(target))
-        common = set(outer) & set(inner)
-        for pad, chain in ((src, outer), (sink, inner)):
-            reached = pad.path
-            for group in chain:
-                if group in common:
-                    break
-                name = f"ghost{self._ghost_number}"
-                self._ghost_number += 1
-                group.ghost_pads[name] = reached
-                self._crossings[src].append((group, name))
-                reached = f"{group.name}.{name}"
-
-    def uncross(self, src: Pad) -> None:
-        """Undoes `cross` for a link; the numbers of its ghost pads are not reused."""
-        for group, name in self._crossings.pop(src, ()):
-            del group.ghost_pads[name]
+    def add_ghost_pads(self, links: Iterable[tuple[Pad, Pad]]) -> None:
+        """Adds a ghost pad to every bin whose border a link crosses, numbered in the order of the links."""
+        numbers = itertools.count()
+        for src, sink in links:
+            outer = list(containers(self.container_of(src.element)))
+            inner = list(containers(self.container_of(sink.element)))
+            for pad, chain, others in ((src, outer, inner), (sink, inner, outer)):
+                reached = pad.path
+                for group in chain:
+                    if group in others:
+                        break
+                    name = f"ghost{next(numbers)}"
+                    group.ghost_pads[name] = reached
+                    reached = f"{group.name}.{name}"

@@ -81,6 +81,7 @@ class GraphBuilder:
             self._add_chain(chain, members)
         self._add_to_bin(members, None)
         self._make_links()
+        self._bins.add_ghost_pads(self._linker.links)
         self._bins.check_all_unique()
         self._set_pending_properties()
         self._check_files()

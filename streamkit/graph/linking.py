@@ -41,10 +41,12 @@ class Linker:
 
     Attributes:
         places: place in the text of the link of a src pad, by the pad's path.
+        links: src and sink pads, in the order in which they were linked.
     """
 
     def __init__(self, graph: Graph, bins: BinTree, auto_name: Callable[[str], str]) -> None:
         self.places: dict[str, Place] = {}
+        self.links: list[tuple[Pad, Pad]] = []
         self._graph = graph
         self._bins = bins
         self._auto_name = auto_name
@@ -114,13 +116,13 @@ class Linker:
     def _link(self, src: Pad, sink: Pad, place: Place) -> tuple[Pad, Pad]:
         src.link(sink)
         self.places[src.path] = place
-        self._bins.cross(src, sink)
+        self.links.append((src, sink))
         return src, sink
 
     def _undo(self, made: list[tuple[Pad, Pad]]) -> None:
-        for src, _ in made:
+        for src, sink in made:
             src.unlink()
-            self._bins.uncross(src)
+            self.links.remove((src, sink))
             if src.template.presence is Presence.REQUEST:
                 src.element.release_pad(src)
 
