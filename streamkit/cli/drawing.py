@@ -70,17 +70,13 @@ def read_notes(built: Graph, file: Path | None) -> Notes:
 
 
 def _note(notes: Notes, element: Element, row: Row, elapsed_s: float) -> None:
-    from streamkit.cli.table import age_text, dropped_text, queue_text
+    from streamkit.cli.table import facts
 
-    counters = row.counters
-    notes.busy[id(element)] = 0.0 if counters.queue is not None else row.busy
-    lines = (
-        [f"queue {queue_text(counters.queue)}"] if counters.queue is not None else [f"busy {row.busy:.0%}"]
-    )
-    lines += [f"errors {counters.errors}"] if counters.errors else []
-    lines += [f"age {age_text(counters.age_ns)}"] if counters.age_ns is not None else []
-    frames = {pad.pad: pad.frames for pad in counters.pads}
-    dropped = [f"dropped {dropped_text(counters.dropped)}"] if counters.dropped else []
+    found = facts(row)
+    notes.busy[id(element)] = 0.0 if "queue" in found else row.busy
+    lines = [f"{name} {found[name]}" for name in ("queue", "busy", "errors", "age") if name in found]
+    frames = {pad.pad: pad.frames for pad in row.counters.pads}
+    dropped = [f"dropped {found['dropped']}"] if "dropped" in found else []
     for pad in element.sink_pads():
         count = frames.get(pad.name, 0)
         rate = f", {count / elapsed_s:.1f}/s" if elapsed_s > 0 else ""

@@ -23,7 +23,6 @@ from streamkit.masking import mask_secrets, presentable_value
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
-    from streamkit.graph.bins import Bin
     from streamkit.graph.graph import Graph
 
 
@@ -75,7 +74,10 @@ def as_json(built: Graph) -> dict[str, Any]:
     found: dict[str, Any] = {
         "elements": [
             *(_described(element) for element in built.elements if id(element) not in inserted),
-            *({**_described(group), **_ghost_pads(group)} for group in built.bins),
+            *(
+                {**_described(group), **({"ghost_pads": group.ghost_pads} if group.ghost_pads else {})}
+                for group in built.bins
+            ),
         ],
         "inserted": [_described(element) for element in built.inserted],
         "links": [
@@ -95,7 +97,3 @@ def _described(element: Element) -> dict[str, Any]:
         "parent": element.parent or None,
         "properties": element.properties_set(),
     }
-
-
-def _ghost_pads(group: Bin) -> dict[str, dict[str, str]]:
-    return {"ghost_pads": group.ghost_pads} if group.ghost_pads else {}

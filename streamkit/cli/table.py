@@ -10,7 +10,10 @@ if TYPE_CHECKING:
 
     from streamkit.graph.statistics import ElementStatistics, QueueLevels, RunStatistics
 
-COLUMNS = ("element", "in", "out", "/s", "dropped", "errors", "busy", "queue (most)", "age")
+COLUMNS = {
+    "element": "element", "in": "in", "out": "out", "rate": "/s", "dropped": "dropped", "errors": "errors",
+    "busy": "busy", "queue": "queue (most)", "age": "age",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +71,22 @@ def age_text(age_ns: int | None) -> str:
     return f"{age_ns / 1e6:.0f} ms" if age_ns < 10_000_000_000 else f"{age_ns / 1e9:.0f} s"
 
 
+def facts(row: Row) -> dict[str, str]:
+    """What is printed of an element, by the keys of `COLUMNS`; without what is zero or unknown."""
+    counters = row.counters
+    found = {
+        "in": str(counters.frames_in or ""),
+        "out": str(counters.frames_out or ""),
+        "rate": f"{row.rate:.1f}",
+        "busy": "" if counters.queue is not None else f"{row.busy:.0%}",  # of a queue it is waiting upstream
+        "dropped": dropped_text(counters.dropped),
+        "errors": str(counters.errors or ""),
+        "queue": queue_text(counters.queue),
+        "age": age_text(counters.age_ns),
+    }
+    return {name: text for name, text in found.items() if text}
+
+
 def as_table(rows: list[Row], elapsed_s: float) -> Table:
     """A table with one row per element."""
     from rich.box import SIMPLE_HEAD
@@ -75,44 +94,20 @@ def as_table(rows: list[Row], elapsed_s: float) -> Table:
     from rich.text import Text
 
     table = Table(box=SIMPLE_HEAD, title=f"{elapsed_s:.1f} s", title_justify="left", padding=(0, 1, 0, 0))
-    lines = [_cells(row) for row in rows]
-    for name, *cells in zip(COLUMNS, *lines, strict=True):
+    lines = [{"in": "0", "out": "0", **facts(row), "element": row.counters.element} for row in rows]
+    for name, title in COLUMNS.items():
         is_text = name in ("element", "dropped")  # truncated on a narrow terminal, unlike numbers
-        width = 8 if is_text else max(map(len, [name, *cells]))
-        table.add_column(name, justify="left" if is_text else "right", no_wrap=True, min_width=width)
+        width = 8 if is_text else max(len(text) for text in (title, *(line.get(name, "") for line in lines)))
+        table.add_column(title, justify="left" if is_text else "right", no_wrap=True, min_width=width)
     for line in lines:
-        table.add_row(*map(Text, line))
+        table.add_row(*(Text(line.get(name, "")) for name in COLUMNS))
     return table
-
-
-def _cells(row: Row) -> tuple[str, ...]:
-    counters = row.counters
-    return (
-        counters.element,
-        str(counters.frames_in),
-        str(counters.frames_out),
-        f"{row.rate:.1f}",
-        dropped_text(counters.dropped),
-        str(counters.errors or ""),
-        "" if counters.queue is not None else f"{row.busy:.0%}",  # that of a queue is waiting of upstream
-        queue_text(counters.queue),
-        age_text(counters.age_ns),
-    )
 
 
 def as_line(now: RunStatistics, before: RunStatistics | None) -> str:
     """All elements in one line: "stats 2.0 s | fakesrc0 out 60 30.0/s busy 1 % | ..."."""
     words = [f"stats {now.elapsed_s:.1f} s"]
     for row in measure_rows(now, before):
-        counters = row.counters
-        facts = [counters.element]
-        facts += [f"in {counters.frames_in}"] if counters.frames_in else []
-        facts += [f"out {counters.frames_out}"] if counters.frames_out else []
-        facts += [f"{row.rate:.1f}/s"]
-        facts += [f"busy {row.busy:.0%}"] if counters.queue is None else []
-        facts += [f"dropped {dropped_text(counters.dropped)}"] if counters.dropped else []
-        facts += [f"errors {counters.errors}"] if counters.errors else []
-        facts += [f"queue {queue_text(counters.queue)}"] if counters.queue is not None else []
-        facts += [f"age {age_text(counters.age_ns)}"] if counters.age_ns is not None else []
-        words.append(" ".join(facts))
+        found = [f"{text}/s" if name == "rate" else f"{name} {text}" for name, text in facts(row).items()]
+        words.append(" ".join([row.counters.element, *found]))
     return " | ".join(words)

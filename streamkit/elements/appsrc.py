@@ -200,7 +200,8 @@ class AppSrc(Source):
 
     def _take(self) -> Frame | Event:
         """Waits for the oldest item; raises `_Ended` if none follows."""
-        if self.emit_signals and self.on_need_data and self._needs_data():
+        is_low = not self.pending.items or 100 * self.pending.bytes < self.min_percent * self.max_bytes
+        if self.emit_signals and is_low:
             self.on_need_data.emit(self, self.max_bytes)
         with self.changed:
             while not self.pending.items:
@@ -215,6 +216,3 @@ class AppSrc(Source):
         if item.pts is None and self.do_timestamp:
             return item.replace(pts=self.timing.running_time_ns())
         return item
-
-    def _needs_data(self) -> bool:
-        return not self.pending.items or 100 * self.pending.bytes < self.min_percent * self.max_bytes

@@ -26,7 +26,7 @@ def rates_after(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:
         top = highest
         if drop_only and rate is not None and rate_bounds(rate)[1] > 0:
             top = min(highest, rate_bounds(rate)[1])
-        yield _with_rate(structure, FractionRange(VARIABLE, top))
+        yield structure.with_field("framerate", FractionRange(VARIABLE, top))
 
     return _each(caps, options)
 
@@ -39,17 +39,17 @@ def rates_before(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:
         if not drop_only:
             yield structure
             if rate is not None:
-                yield _with_rate(structure, ANY_RATE)
+                yield structure.with_field("framerate", ANY_RATE)
             return
         yield from _limited(structure, rate if rate is not None else ANY_RATE, Fraction(max_rate))
         if rate is None:
-            yield _with_rate(structure, ANY_RATE)
+            yield structure.with_field("framerate", ANY_RATE)
             return
         yield structure
         low = rate_bounds(rate)[0]
-        yield _with_rate(structure, FractionRange(low, MOST))
+        yield structure.with_field("framerate", FractionRange(low, MOST))
         if low > 0:
-            yield _with_rate(structure, VARIABLE)
+            yield structure.with_field("framerate", VARIABLE)
 
     return _each(caps, options)
 
@@ -61,14 +61,10 @@ def _each(caps: Caps, options: Any) -> Caps:
 
 def _limited(structure: Structure, rate: Any, highest: Fraction) -> Iterable[Structure]:
     """The structure with the rates up to the highest, if any."""
-    allowed = Caps([_with_rate(structure, rate)]) & Caps(
-        [_with_rate(structure, FractionRange(VARIABLE, highest))]
+    allowed = Caps([structure.with_field("framerate", rate)]) & Caps(
+        [structure.with_field("framerate", FractionRange(VARIABLE, highest))]
     )
     return allowed.structures
-
-
-def _with_rate(structure: Structure, rate: Any) -> Structure:
-    return Structure(structure.name, {**structure.fields, "framerate": rate}, structure.features)
 
 
 def rate_bounds(rate: Any) -> tuple[Fraction, Fraction]:

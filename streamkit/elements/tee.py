@@ -47,14 +47,11 @@ class Tee(Split):
                     branch.push(frame)
                 except NotLinked:
                     not_linked += 1
-            if not_linked or not branches:
-                self._some_not_linked(not_linked, len(branches))
+            if not_linked:
+                self.count_drop("branch not linked", not_linked)
+            if not_linked == len(branches) and not self.allow_not_linked:
+                raise NotLinked(f"{self.name}.src_%u")
             if not self.silent:
                 self.last_message = f"chain ******* ({pad.path}) {frame.describe()}"
 
         return receive
-
-    def _some_not_linked(self, count: int, branches: int) -> None:
-        self.count_drop("branch not linked", count)
-        if count == branches and not self.allow_not_linked:
-            raise NotLinked(f"{self.name}.src_%u")

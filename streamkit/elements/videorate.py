@@ -139,7 +139,8 @@ class VideoRate(Transform):
         if frame.pts is None:
             raise StreamError("the frame has no timestamp, so its place among the others is unknown")
         time_ns = self._relative_ns(frame.pts)
-        if (self._held is not None and time_ns < self._held_ns) or self._is_behind(time_ns):
+        is_behind = self._last_ns is not None and time_ns < self._last_ns
+        if is_behind or (self._held is not None and time_ns < self._held_ns):
             self._drop("out of order")
             return None
         if self._may_estimate and self._held is not None:
@@ -149,9 +150,6 @@ class VideoRate(Transform):
         if self._only_drops or self._rate_out == 0:
             return self._decimated(frame, time_ns)
         return self._for_ticks(frame, time_ns)
-
-    def _is_behind(self, time_ns: int) -> bool:
-        return self._last_ns is not None and time_ns < self._last_ns
 
     def _relative_ns(self, pts_ns: int) -> int:
         """Time since the segment's start, divided by `rate`."""

@@ -67,7 +67,9 @@ class Chain:
                 break
             pad = pad.peer.element.src_pad
         self._end = pad  # not linked if the last stage is not terminal
-        self._called = tuple(stage for stage in self.stages if not _is_bypassed(stage))
+        self._called = tuple(
+            stage for stage in self.stages if stage.is_terminal or not stage.element.is_passthrough()
+        )
         self._is_behind_source = isinstance(src.element, Source)
         self._left_ns = 0
         self.frames = self.upstream_ns = 0
@@ -172,10 +174,6 @@ def _timed(results: Iterable[Any], stage: Stage) -> Iterable[Any]:
         finally:
             stage.busy_ns += time.perf_counter_ns() - before
         yield item
-
-
-def _is_bypassed(stage: Stage) -> bool:
-    return isinstance(stage.element, Transform) and stage.element.is_passthrough()
 
 
 def chain_on_first_frame(src: Pad, chains: list[Chain]) -> Callable[[Frame], None]:

@@ -231,6 +231,8 @@ class BackgroundExecutor:
     def _perform(self, work: Callable[[], Any], future: Future[Any] | None) -> None:
         try:
             result = work()
+            if future is not None:
+                future.set_result(result)
         except Abandoned:
             if future is not None:
                 future.cancel()
@@ -239,6 +241,3 @@ class BackgroundExecutor:
                 future.set_exception(error)
             else:
                 self._failed(error)
-        else:
-            if future is not None:
-                future.set_result(result)
