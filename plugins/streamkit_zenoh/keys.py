@@ -8,10 +8,11 @@ TRACKS = "tracks"
 TRACK = "track"
 FRAME = "frame"
 MOSAIC = "mosaic"
+VIDEO = "video"
 STATUS = "status"
 SCHEMA = "schema"
 ALIVE = "alive"
-STREAMS = (TRACKS, FRAME, MOSAIC, STATUS)
+STREAMS = (TRACKS, FRAME, MOSAIC, VIDEO, STATUS)
 # Receivers' tokens lie outside the users' keys: a receiver's key may have wildcards, a token may not.
 LISTENING = "streamkit/listening"
 # Query parameter that holds the name of the asking receiver.

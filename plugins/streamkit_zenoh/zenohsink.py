@@ -22,13 +22,14 @@ from streamkit import (
 )
 from streamkit_zenoh.configuration import error_line
 from streamkit_zenoh.connection import Connection
-from streamkit_zenoh.keys import FRAME, MOSAIC, InvalidKey, publication_root
+from streamkit_zenoh.keys import FRAME, MOSAIC, VIDEO, InvalidKey, publication_root
 from streamkit_zenoh.presence import wait_for_receivers
 from streamkit_zenoh.publish.publication import Publication
 from streamkit_zenoh.publish.rivals import KeyInUse
 from streamkit_zenoh.publish.settings import InvalidQos, PublicationSettings
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import MissingLibrary
+from streamkit_zenoh.wire.video_header import VIDEO_CAPS
 
 # At EOS zenoh is given time to deliver the last records; at a stop it is not.
 FINISH_LIMIT_S = 12.0
@@ -39,10 +40,11 @@ class ZenohSink(Connection, Sink):
     """Publishes a record per frame at KEY/tracks, each target at KEY/track/ID, and a status at KEY/status.
 
     With frame-rate, frames are published as images at KEY/frame; frames of the pads `frame` and `mosaic` at
-    KEY/frame and KEY/mosaic. A slow network does not delay the pipeline: the queue is bounded, the oldest
-    message is dropped and counted, and receivers see a gap in the numbers. Queries are answered with the last
-    message of each key, and at KEY/schema with the schemas. The liveliness token KEY/alive ends after the
-    last record. Without connect and listen, receivers on this machine find the publisher by themselves.
+    KEY/frame and KEY/mosaic; coded packets of the pad `video`, unchanged, at KEY/video. A slow network does
+    not delay the pipeline: the queue is bounded, the oldest message is dropped and counted, and receivers see
+    a gap in the numbers. Queries are answered with the last message of each key, and at KEY/schema with the
+    schemas. The liveliness token KEY/alive ends after the last record. Without connect and listen, receivers
+    on this machine find the publisher by themselves.
 
     A second publisher at a key is refused, unless takeover or shared says otherwise.
 
@@ -54,6 +56,7 @@ class ZenohSink(Connection, Sink):
     templates = (
         PadTemplate(MOSAIC, Direction.SINK, Caps("video/x-raw"), Presence.REQUEST),
         PadTemplate(FRAME, Direction.SINK, Caps("video/x-raw"), Presence.REQUEST),
+        PadTemplate(VIDEO, Direction.SINK, Caps(VIDEO_CAPS), Presence.REQUEST),
     )
     settings = SettingsOf(PublicationSettings)
     wait_subscribers: int = Property(
@@ -73,7 +76,7 @@ class ZenohSink(Connection, Sink):
         self._tally = RecordTally()
         settings = self.settings
         self._publishes_frames = bool(settings.frame_rate) and FRAME not in self.pads
-        streams = [name for name in (FRAME, MOSAIC) if name in self.pads]
+        streams = [name for name in (FRAME, MOSAIC, VIDEO) if name in self.pads]
         if self._publishes_frames:
             streams.insert(0, FRAME)
         try:
@@ -91,7 +94,7 @@ class ZenohSink(Connection, Sink):
 
     @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        if pad.name in (FRAME, MOSAIC):
+        if pad.name in (FRAME, MOSAIC, VIDEO):
             return lambda frame: self._publish_image(pad.name, frame)
         return super().receiver(pad)
 

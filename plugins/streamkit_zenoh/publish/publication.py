@@ -8,19 +8,21 @@ from typing import Literal
 import zenoh
 
 from streamkit import ResourceError, TrackRecord
-from streamkit_zenoh.keys import FRAME, LISTENING, MOSAIC, RECEIVER, SCHEMA, STATUS, TRACKS, listens_to
+from streamkit_zenoh.keys import LISTENING, MOSAIC, RECEIVER, SCHEMA, STATUS, TRACKS, VIDEO, listens_to
 from streamkit_zenoh.presence import declare_publisher_token, wait_until_delivered, watch_receivers
 from streamkit_zenoh.publish.frame_publisher import FramePublisher
 from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher, Reply
 from streamkit_zenoh.publish.record_publisher import RecordPublisher
 from streamkit_zenoh.publish.rivals import EXCLUSIVE, KeyInUse, Publisher, RivalWatch, refuse_rivals
 from streamkit_zenoh.publish.settings import PublicationSettings
+from streamkit_zenoh.publish.video_publisher import VideoPublisher
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import Codec
 from streamkit_zenoh.wire.frame_header import FRAME_SCHEMA
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 from streamkit_zenoh.wire.schemas import schema_files, schema_index
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
+from streamkit_zenoh.wire.video_header import VIDEO_SCHEMA
 
 JOIN_LIMIT_S = 1.0
 
@@ -32,7 +34,7 @@ class Publication:
         session: an open session; closed by `close`.
         root: the key below which everything is published.
         settings: what to publish.
-        image_streams: which of `frame` and `mosaic` to publish.
+        image_streams: which of `frame`, `mosaic` and `video` to publish.
         utc_ns: the clock.
         failed: called with what went wrong, from any thread.
         cancelled: ends a wait for another publisher at the key.
@@ -40,7 +42,7 @@ class Publication:
     Attributes:
         tracks: publisher of the records.
         records: takes frames for their records.
-        images: takes frames for their images, by stream.
+        images: takes frames for their images, and coded packets, by stream.
         receivers: watches the tokens of receivers.
 
     Raises:
@@ -77,13 +79,7 @@ class Publication:
         self.records = RecordPublisher(
             session, self.tracks, codec, settings, utc_ns, failed, self._publish_status
         )
-        formats = {FRAME: settings.frame_format, MOSAIC: settings.mosaic_format}
-        self.images = {
-            name: FramePublisher(
-                self._publisher(name, f"image/{formats[name]};{FRAME_SCHEMA}"), settings, utc_ns, failed
-            )
-            for name in image_streams
-        }
+        self.images = {name: self._picture_publisher(name) for name in image_streams}
         self._executors = [self.records.executor, *(images.executor for images in self.images.values())]
         self.receivers = watch_receivers(session, self._receiver_appeared)
         handler = zenoh.handlers.Callback(self._reply, indirect=False)
@@ -132,6 +128,15 @@ class Publication:
         return NumberedPublisher(
             self._session, self._root, name, self._run, content_type, self._qos[name], cut_off_s
         )
+
+    def _picture_publisher(self, name: str) -> FramePublisher | VideoPublisher:
+        settings = self._settings
+        if name == VIDEO:
+            publisher = self._publisher(name, f"application/octet-stream;{VIDEO_SCHEMA}")
+            return VideoPublisher(publisher, settings.key, self._utc_ns, self._failed)
+        image_format = settings.mosaic_format if name == MOSAIC else settings.frame_format
+        publisher = self._publisher(name, f"image/{image_format};{FRAME_SCHEMA}")
+        return FramePublisher(publisher, settings, self._utc_ns, self._failed)
 
     def _give_way(self, reason: KeyInUse) -> None:
         """Ends this publisher at its next frame."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import zenoh
 
 from streamkit.settings import setting
-from streamkit_zenoh.keys import FRAME, MOSAIC, STATUS, TRACK, TRACKS
+from streamkit_zenoh.keys import FRAME, MOSAIC, STATUS, TRACK, TRACKS, VIDEO
 from streamkit_zenoh.publish.rivals import EXCLUSIVE, SHARED, TAKEOVER
 from streamkit_zenoh.wire.encodings import Encoding
 from streamkit_zenoh.wire.images import ImageFormat
@@ -109,6 +109,7 @@ class PublicationSettings:
     track_qos: str = setting("drop,data", doc="Quality of service of KEY/track/ID, in the same words.")
     frame_qos: str = setting("drop,data-low", doc="Quality of service of KEY/frame, in the same words.")
     mosaic_qos: str = setting("block,background", doc="Quality of service of KEY/mosaic, in the same words.")
+    video_qos: str = setting("drop,data,express", doc="Quality of service of KEY/video, in the same words.")
     status_qos: str = setting("block,data-high", doc="Quality of service of KEY/status, in the same words.")
 
     @property
@@ -122,5 +123,5 @@ class PublicationSettings:
         Raises:
             InvalidQos: one is malformed.
         """
-        streams = (TRACKS, TRACK, FRAME, MOSAIC, STATUS)
+        streams = (TRACKS, TRACK, FRAME, MOSAIC, VIDEO, STATUS)
         return {stream: parse_qos(getattr(self, f"{stream}_qos")) for stream in streams}

@@ -11,12 +11,14 @@ from streamkit import TrackRecord
 from streamkit_zenoh.wire.frame_header import FRAME_SCHEMA, FrameHeader
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
+from streamkit_zenoh.wire.video_header import VIDEO_SCHEMA, VideoHeader
 
 PROTO_FILE = Path(__file__).with_name("streamkit.proto")
 RECORD_TYPES: dict[str, type[msgspec.Struct]] = {
     FRAME_SCHEMA: FrameHeader,
     STATUS_SCHEMA: StatusRecord,
     TRACKS_SCHEMA: TrackRecord,
+    VIDEO_SCHEMA: VideoHeader,
 }
 
 

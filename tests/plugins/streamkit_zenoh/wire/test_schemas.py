@@ -28,6 +28,8 @@ FIELDS = {
     "provenance?",
     "TrackRecord": "schema source seq epoch pts_ns? capture_ns? capture_origin? published_ns? age_ms? width? "
     "height? registration? tracks dropped",
+    "VideoHeader": "schema source seq epoch pts_ns? duration_ns? capture_ns? published_ns keyframe? codec? "
+    "codec_data? width? height?",
 }
 
 
