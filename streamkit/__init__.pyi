@@ -33,6 +33,7 @@ from streamkit.flow.caps import Structure as Structure
 from streamkit.flow.caps_values import FractionRange as FractionRange
 from streamkit.flow.caps_values import IntRange as IntRange
 from streamkit.flow.caps_values import ValueList as ValueList
+from streamkit.flow.clock import Clock as Clock
 from streamkit.flow.events import CapsEvent as CapsEvent
 from streamkit.flow.events import DiscontinuityEvent as DiscontinuityEvent
 from streamkit.flow.events import EndOfStream as EndOfStream

@@ -6,12 +6,11 @@ import struct
 import time
 from collections.abc import Callable, Iterator, Sequence
 from threading import Event
-from typing import Protocol
 
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit import Caps, Capture, Frame, FrameFlags
+from streamkit import Caps, Capture, Clock, Frame, FrameFlags
 from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_media.decoding.marks import Freshness
 from streamkit_media.packets import DecodeOnly, packet_frame
@@ -113,16 +112,6 @@ class Timeline:
     def _leaps(self, own: int, arrival_ns: int) -> bool:
         step = own - self._before[0]
         return abs(step) > LEAP_NS and abs(step - (arrival_ns - self._before[1])) > LEAP_NS
-
-
-class Clock(Protocol):
-    """The pipeline's clock."""
-
-    def monotonic_ns(self) -> int:
-        """Nanoseconds of a clock that never goes back."""
-
-    def utc_ns(self) -> int:
-        """Nanoseconds since 1970-01-01 UTC."""
 
 
 class Connection:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import TypeAlias
 from urllib.parse import urlsplit
 
@@ -107,72 +108,47 @@ class PacketReader:
     def _read(self) -> None:
         # RTP packets can be peeked at on a TCP connection without TLS only.
         is_plain = urlsplit(self.location).scheme == PLAIN and self._options.get("rtsp_transport") == "tcp"
-        if self._low_latency and is_plain and self._read_in_pieces():
-            return
+        if self._low_latency and is_plain:
+            # Only FFmpeg's parsers find parameter sets that the server does not send in advance.
+            with suppress(InvalidMedia), self._opened(UNPARSED) as container:
+                if self._ending.is_set():
+                    return
+                if can_be_joined(video_stream(container, self.location)):
+                    self._read_from(container, in_pieces=True)
+                    return
         with self._opened() as container:
-            self._read_from(container)
-
-    def _read_in_pieces(self) -> bool:
-        """Reads unparsed packets; False, with nothing read, where FFmpeg's parsers are needed."""
-        try:
-            container = self._opened(UNPARSED)
-        except InvalidMedia:
-            # Only the parsers find parameter sets that the server does not send in advance.
-            return False
-        with container:
             if not self._ending.is_set():
-                if not can_be_joined(video_stream(container, self.location)):
-                    return False
-                self._read_from(container, in_pieces=True)
-        return True
+                self._read_from(container)
 
     def _read_from(self, container: InputContainer, *, in_pieces: bool = False) -> None:
-        if self._ending.is_set():
-            return
         sockets = CLAIMS.claim(self, port_of(self.location), self._known)
         video = video_stream(container, self.location)
         streams = streams_of(container, self._kinds)
-        caps = {stream.index: stream_caps(stream, kind) for stream, kind in streams}
-        kinds = {stream.index: kind for stream, kind in streams}
-        self.found = frozenset(kinds.values())
+        carried = {stream.index: (stream_caps(stream, kind), kind) for stream, kind in streams}
+        self.found = frozenset(kind for _, kind in streams)
         self._asked = time.monotonic()
         packets = read_packets(container, *(stream for stream, _ in streams))
+        if in_pieces:
+            packets = complete_frames(packets, video, frame_duration(video), sockets, self._left_s)
+        where = redact(self.location)
         try:
-            if in_pieces:
-                frames = complete_frames(packets, video, frame_duration(video), sockets, self._left_s)
-            else:
-                frames = ((packet.stream_index, packet) for packet in packets)
-            self._pass_on(frames, caps, kinds)
+            for packet in packets:
+                if self._ending.is_set():
+                    return
+                # At its time limit FFmpeg gives out the piece of a frame it holds, then waits as long again.
+                if self._left_s() <= 0:
+                    raise silence(self.location, self.timeout_s)
+                self._arrived(packet, *carried[packet.stream_index])
+                self._asked = time.monotonic()
         except StreamError as error:
-            if self._is_silent():
+            if self._left_s() <= 0:
                 raise silence(self.location, self.timeout_s) from None
-            where = redact(self.location)
             raise StreamError(f"{where}: {error}; check that the server still runs") from None
         if is_closed_by_peer(sockets):
-            raise ClosedByServer(
-                f"{redact(self.location)}: the server has closed the connection; check that it still runs"
-            )
-
-    def _pass_on(
-        self,
-        packets: Iterator[tuple[int, Packet[Stream]]],
-        caps: Mapping[int, Caps],
-        kinds: Mapping[int, StreamKind],
-    ) -> None:
-        for index, packet in packets:
-            if self._ending.is_set():
-                return
-            # At its time limit FFmpeg gives out the piece of a frame it holds, then waits as long again.
-            if self._is_silent():
-                raise silence(self.location, self.timeout_s)
-            self._arrived(packet, caps[index], kinds[index])
-            self._asked = time.monotonic()
+            raise ClosedByServer(f"{where}: the server has closed the connection; check that it still runs")
 
     def _left_s(self) -> float:
         return self.timeout_s - (time.monotonic() - self._asked)
-
-    def _is_silent(self) -> bool:
-        return time.monotonic() - self._asked >= self.timeout_s
 
     def _opened(self, more: Mapping[str, str] = NO_OPTIONS) -> InputContainer:
         began = time.monotonic()

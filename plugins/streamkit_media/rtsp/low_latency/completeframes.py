@@ -31,8 +31,8 @@ def complete_frames(
     duration: int,
     sockets: frozenset[str],
     left_s: Callable[[], float],
-) -> Iterator[tuple[int, Packet[Stream]]]:
-    """The packets of a container opened with `UNPARSED`, each with the index of its stream.
+) -> Iterator[Packet[Stream]]:
+    """The packets of a container opened with `UNPARSED`.
 
     Args:
         pieces: its packets.
@@ -44,12 +44,14 @@ def complete_frames(
     units = AccessUnits(video.codec_context.name, duration)
     for piece, is_last in _marked(pieces, sockets, left_s):
         if piece.stream_index != video.index:
-            yield piece.stream_index, piece
+            yield piece
             continue
         for unit in units.add(piece, is_marked=is_last):
-            yield video.index, unit
+            unit.stream = video
+            yield unit
     for unit in units.flush():
-        yield video.index, unit
+        unit.stream = video
+        yield unit
 
 
 def _marked(
