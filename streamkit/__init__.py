@@ -1,6 +1,6 @@
 """streamkit: a frame-stream graph engine whose elements come from plugins.
 
-The public names stand in `__init__.pyi`. Each is imported when it is first used, so that starting is quick.
+The public names are listed in `__init__.pyi`; each is imported when it is first used, for a fast start.
 """
 
 from __future__ import annotations

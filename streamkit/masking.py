@@ -1,6 +1,6 @@
-"""What must never be shown, and how text is masked and bounded before it leaves the process.
+"""Masks secrets and bounds the length of texts that leave the process.
 
-The forms that carry secrets are declared here and nowhere else:
+Forms of secrets:
 
     scheme://USER:PASSWORD@host     up to the last `@`, also where the password holds / # ? @ or a blank
     scheme://USER:PASSWORD          without a host: a port is a number
@@ -9,7 +9,7 @@ The forms that carry secrets are declared here and nowhere else:
     PROTOCOL/USER@host:1#CONFIG     an endpoint: the user, and what configures the link, keys among it
     Authorization: SCHEME VALUE     a header
 
-Errors mask when they are made, messages when they are posted, graphs and the command line when they print.
+Errors are masked when they are made, messages when they are posted, graphs when they are printed.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ Span = tuple[int, int]
 
 
 def is_secret_name(name: str) -> bool:
-    """Whether the name of a property tells that its value must not be shown."""
+    """Whether the value of a property of this name must not be shown."""
     return SECRET_NAME.search(name) is not None
 
 
@@ -76,7 +76,7 @@ def mask_secrets(text: str) -> str:
 
 
 def star_secrets(text: str) -> str:
-    """The text with every character of a secret replaced by a star: columns and lines stay where they are."""
+    """The text with every character of a secret replaced by a star, so that columns are unchanged."""
     return _replaced(text, lambda secret: re.sub(".", "*", secret))
 
 
@@ -89,17 +89,12 @@ def bounded(text: str, limit: int = TEXT_LIMIT) -> str:
 
 
 def presentable(text: str) -> str:
-    """The text as it may leave the process: no secrets, and not too long to be read."""
+    """The text without secrets and with bounded length."""
     return bounded(mask_secrets(text))
 
 
 def presentable_value(value: Any, show: Callable[[str], str] = presentable) -> Any:
-    """A value with every text in it as it may leave the process; mappings, lists and tuples are gone through.
-
-    Args:
-        value: of any type; what is neither text nor one of these stays as it is.
-        show: makes a text fit to be seen.
-    """
+    """A copy of a value with `show` applied to every text in it, also in mappings, lists and tuples."""
     if isinstance(value, str):
         shown = show(value)
         return value if shown == value else shown  # an enum's member stays one
@@ -116,7 +111,7 @@ def presentable_value(value: Any, show: Callable[[str], str] = presentable) -> A
 
 
 def secret_spans(text: str) -> list[Span]:
-    """Where secrets stand in a text: (start, end) in order, none overlapping; linear in its length."""
+    """Spans of secrets in a text, (start, end), sorted and disjoint; in linear time."""
     if ":" not in text and "=" not in text and "%" not in text:
         return []
     spans = credential_spans(text)
@@ -131,7 +126,7 @@ def secret_spans(text: str) -> list[Span]:
 
 
 def credential_spans(text: str) -> list[Span]:
-    """Where user and password of addresses stand in a text."""
+    """Spans of user and password of URIs in a text."""
     if ":" not in text:
         return []
     marks = list(SCHEME.finditer(text))

@@ -1,9 +1,8 @@
-"""Settings: one declaration of a number that an algorithm works with and users set.
+"""Settings of algorithms, which are properties of elements.
 
 An algorithm declares a frozen dataclass whose fields are `setting(...)`. The element that runs it says
-`settings = SettingsOf(ThatClass)`: each field is then a property of the element, of the same name, and
-`self.settings` is a snapshot of their values. This module needs nothing of the engine, so that algorithms can
-be used without it.
+`settings = SettingsOf(ThatClass)`: each field is then a property of the element with the same name, and
+`self.settings` is a snapshot of their values. This module is independent of the engine.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ class Source(Element):
     is_live: bool = False
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self.over, self._held, self._flush_over = threading.Event(), threading.Event(), threading.Event()
+        self.over, self._resumed, self._flush_over = threading.Event(), threading.Event(), threading.Event()
         self._segment = Segment()
         self.prepare_run()
         super().__init__(name, **properties)
@@ -48,7 +48,7 @@ class Source(Element):
         self._finishing = self._renegotiates = False
         self._needs_check = False  # pause, end or renegotiation before the next frame
         self.over.clear()
-        self._held.set()
+        self._resumed.set()
         self._flush_over.set()
         self._epochs: dict[str, int] = {}
         self._numbers: dict[str, int] = {}
@@ -79,19 +79,19 @@ class Source(Element):
     def query_live(self) -> bool:
         return self.is_live
 
-    def hold(self, held: bool) -> None:
+    def set_paused(self, paused: bool) -> None:
         """Pauses or resumes the source between two frames."""
-        if held:
-            self._held.clear()
+        if paused:
+            self._resumed.clear()
         else:
-            self._held.set()
-        self._needs_check = held or self._finishing
+            self._resumed.set()
+        self._needs_check = paused or self._finishing
 
     def finish(self) -> None:
         """Ends the stream with EOS after the current frame; cancels a wait for the next one."""
         self._finishing = self._needs_check = True
         self.over.set()
-        self._held.set()
+        self._resumed.set()
         self.waking.set()
         self.interrupt()
 
@@ -108,7 +108,7 @@ class Source(Element):
         super().halt()
         self._needs_check = True
         self.over.set()
-        self._held.set()
+        self._resumed.set()
         self._flush_over.set()
 
     def flush(self, *, begins: bool) -> None:
@@ -180,7 +180,7 @@ class Source(Element):
         if self._needs_check and self._must_end():
             return None
         for item in frames:
-            if self._needs_check and self.is_live and not self._held.is_set():
+            if self._needs_check and self.is_live and not self._resumed.is_set():
                 self.count_drop("paused")  # stale by the time the pipeline resumes
                 if self._must_end():
                     break
@@ -227,7 +227,7 @@ class Source(Element):
         pad.send_event(SegmentEvent(self._segment))
 
     def _must_end(self) -> bool:
-        while not self._held.wait(POLL_S) and not self.stopping.is_set():
+        while not self._resumed.wait(POLL_S) and not self.stopping.is_set():
             continue
         if self.stopping.is_set():
             raise Flushing(self.name)

@@ -25,12 +25,12 @@ class Timing:
         self._clock = clock
         self._lock = threading.Lock()
         self._base_ns: int | None = None
-        self._held_ns: int | None = None
+        self._paused_ns: int | None = None
 
     def reset(self) -> None:
         """Lets running time start again with the next frame that is due."""
         with self._lock:
-            self._base_ns = self._held_ns = None
+            self._base_ns = self._paused_ns = None
             self.latency_ns = 0
 
     def begin(self) -> None:
@@ -39,26 +39,26 @@ class Timing:
             if self._base_ns is None:
                 self._base_ns = self._clock().monotonic_ns()
 
-    def hold(self) -> None:
+    def pause(self) -> None:
         """Stops running time."""
         self.running.clear()
         with self._lock:
-            if self._base_ns is not None and self._held_ns is None:
-                self._held_ns = self._clock().monotonic_ns() - self._base_ns
+            if self._base_ns is not None and self._paused_ns is None:
+                self._paused_ns = self._clock().monotonic_ns() - self._base_ns
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Resumes running time."""
         with self._lock:
-            if self._held_ns is not None:
-                self._base_ns = self._clock().monotonic_ns() - self._held_ns
-                self._held_ns = None
+            if self._paused_ns is not None:
+                self._base_ns = self._clock().monotonic_ns() - self._paused_ns
+                self._paused_ns = None
         self.running.set()
 
     def running_time_ns(self) -> int:
         """Current running time, ns; 0 before it starts."""
         with self._lock:
-            if self._held_ns is not None:
-                return self._held_ns
+            if self._paused_ns is not None:
+                return self._paused_ns
             return 0 if self._base_ns is None else self._clock().monotonic_ns() - self._base_ns
 
     def due_ns(self, running_time_ns: int) -> int:

@@ -1,4 +1,4 @@
-"""Angles: wrapped to the interval that their meaning asks for. All in radians."""
+"""Wrapping of angles, rad."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import math
 
 
 def wrap_turn(angle: float) -> float:
-    """The turn of an angle, in [-pi, pi]."""
+    """An angle wrapped to [-pi, pi]."""
     return math.remainder(angle, 2 * math.pi)
 
 
 def wrap_bearing(angle: float) -> float:
-    """A compass bearing, in [0, 2 pi)."""
+    """A compass bearing wrapped to [0, 2 pi)."""
     return angle % (2 * math.pi)

@@ -1,4 +1,4 @@
-"""WGS84: lengths on the ellipsoid near a place."""
+"""Lengths on the WGS84 ellipsoid."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ ECCENTRICITY_SQUARED: Final = 6.694379990141e-3
 
 
 def metres_per_degree(latitude: float) -> tuple[float, float]:
-    """Lengths of a degree of latitude and of a degree of longitude at a place.
+    """Lengths of a degree of latitude and of longitude.
 
     Args:
         latitude: degrees, WGS84.

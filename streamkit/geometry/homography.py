@@ -1,4 +1,4 @@
-"""Plane-to-plane homographies: mapping points, judging plausibility, overlap of footprints."""
+"""Homographies between planes: projection, plausibility, overlap of footprints."""
 
 import math
 from typing import Final
@@ -27,7 +27,7 @@ def normalised(matrix: FloatArray) -> FloatArray:
         matrix: float64[3, 3].
 
     Returns:
-        float64[3, 3]; the identity where the last element is zero or anything is not finite.
+        float64[3, 3]; the identity if the last element is zero or an element is not finite.
     """
     # As a list: nine numbers are summed before numpy has begun.
     values = matrix.ravel().tolist()
@@ -59,7 +59,7 @@ def project(matrix: FloatArray, points: FloatArray) -> FloatArray:
         points: float64[n, 2], x y.
 
     Returns:
-        float64[n, 2]; points that go to infinity come out as zeros.
+        float64[n, 2]; points at infinity become zeros.
     """
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
     if len(points) <= _FEW_POINTS:
@@ -95,9 +95,9 @@ def centre(shape: tuple[int, int]) -> FloatArray:
 
 
 def from_reduced(matrix: FloatArray, factor: float) -> FloatArray:
-    """Lifts a homography between images reduced by an integer factor to the full-size pixels.
+    """Converts a homography between reduced images to one between the full-size images.
 
-    Averaging `factor` by `factor` blocks puts reduced pixel x at full-size x * factor + (factor - 1) / 2.
+    With `factor` by `factor` averaging, reduced pixel x is at full-size x * factor + (factor - 1) / 2.
 
     Args:
         matrix: float64[3, 3] between two reduced images.
@@ -113,7 +113,7 @@ def from_reduced(matrix: FloatArray, factor: float) -> FloatArray:
 
 
 def to_reduced(matrix: FloatArray, factor: int) -> FloatArray:
-    """Lowers a homography between full-size images to images reduced by `factor`; undoes `from_reduced`."""
+    """Converts a homography between full-size images to reduced images; the inverse of `from_reduced`."""
     return from_reduced(matrix, 1 / factor)
 
 
@@ -124,7 +124,7 @@ def corner_shift(matrix: FloatArray, shape: tuple[int, int]) -> float:
 
 
 def is_convex(quadrilateral: FloatArray) -> bool:
-    """Whether float64[4, 2] keeps the clockwise order and convexity of an image's corners."""
+    """Whether a quadrilateral, float64[4, 2], is convex and clockwise, as the corners of an image."""
     x, y = quadrilateral.T.tolist()
     for here, after, last in ((0, 1, 2), (1, 2, 3), (2, 3, 0), (3, 0, 1)):
         turn = (x[after] - x[here]) * (y[last] - y[after]) - (y[after] - y[here]) * (x[last] - x[after])
@@ -134,10 +134,9 @@ def is_convex(quadrilateral: FloatArray) -> bool:
 
 
 def tilt(matrix: FloatArray, shape: tuple[int, int]) -> float:
-    """How much the scale changes from side to side of an image, as a part; infinite beyond the horizon."""
+    """Relative change of scale across an image; infinite if the horizon is inside."""
     height, width = shape
     g, h, i = matrix[2].tolist()
-    # From the least to the largest denominator; both are at a corner.
     least = min(i + g * x + h * y for x in (0, width) for y in (0, height))
     return max(abs(g) * width, abs(h) * height) / least if least > 0 else math.inf
 
@@ -145,18 +144,15 @@ def tilt(matrix: FloatArray, shape: tuple[int, int]) -> float:
 def is_plausible(
     matrix: FloatArray, shape: tuple[int, int], max_step: float, max_tilt: float = _MAX_TILT
 ) -> bool:
-    """Whether a homography can come from a camera that flies and turns.
+    """Whether a homography is a possible motion of a flying camera.
 
-    The area of the middle of the image must change by less than a factor of 2, the perspective terms must
-    change the scale across the image by less than `max_tilt`, the corners must stay convex and none may move
-    further than `max_step` of the width.
+    The area scale at the centre must be between 0.5 and 2, and the corners must stay convex.
 
     Args:
         matrix: float64[3, 3], last element 1.
         shape: (height, width) of the image, px.
-        max_step: largest step of a corner, as a part of the width.
-        max_tilt: largest change of the scale from side to side, as a part of it. From frame to frame it is
-            small; a camera that looks aslant and turns, seen from a while ago, may change it much more.
+        max_step: maximum displacement of a corner, relative to the width.
+        max_tilt: maximum `tilt`; small between successive frames, larger for an oblique camera that turns.
     """
     if not np.isfinite(matrix).all():
         return False
@@ -174,7 +170,7 @@ def is_plausible(
 
 
 def overlap(matrix: FloatArray, shape: tuple[int, int]) -> float:
-    """Part of an image's footprint that falls inside the other image, 0 to 1.
+    """Fraction of an image's footprint that is inside the other image, 0 to 1.
 
     Args:
         matrix: float64[3, 3], maps pixels of the image to pixels of the other one, which has the same shape.
@@ -204,7 +200,7 @@ def overlap(matrix: FloatArray, shape: tuple[int, int]) -> float:
 
 
 def scale_change(matrix: FloatArray, shape: tuple[int, int]) -> float:
-    """Linear magnification of the image's footprint under `matrix` (1 keeps the size, 0 is degenerate)."""
+    """Linear scale of the image's footprint under `matrix`; 0 if degenerate."""
     footprint = project(matrix, corners(shape))
     if not is_convex(footprint):
         return 0.0
@@ -212,7 +208,7 @@ def scale_change(matrix: FloatArray, shape: tuple[int, int]) -> float:
 
 
 def polygon_area(polygon: FloatArray) -> float:
-    """Area of a polygon without crossings, float64[n, 2], by the shoelace formula."""
+    """Area of a simple polygon, float64[n, 2], by the shoelace formula."""
     points = polygon.tolist()
     following = points[1:] + points[:1]
     twice = sum(x * v - y * u for (x, y), (u, v) in zip(points, following, strict=True))

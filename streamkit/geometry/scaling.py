@@ -1,4 +1,4 @@
-"""Scaling of images: where pixels and turned boxes go."""
+"""Scaling of images: points, rotated boxes and homographies."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from streamkit.geometry.homography import FloatArray, normalised
 
 
 def scaling_homography(before: tuple[int, int], after: tuple[int, int]) -> FloatArray:
-    """Maps pixels of an image to those of the scaled one, so that the borders of both coincide.
+    """Maps pixels of an image to pixels of the scaled image; the borders coincide.
 
     Args:
         before: width and height, px.
@@ -29,7 +29,7 @@ def scale_points(scaling: FloatArray, points: FloatArray) -> FloatArray:
 def scale_boxes(
     scaling: FloatArray, lengths: FloatArray, widths: FloatArray, angles: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Lengths, widths and angles of turned boxes, float64[n] each, in the scaled image."""
+    """Lengths, widths and angles of rotated boxes, float64[n] each, in the scaled image."""
     across, down = float(scaling[0, 0]), float(scaling[1, 1])
     cos, sin = np.cos(angles), np.sin(angles)
     return (
@@ -42,7 +42,7 @@ def scale_boxes(
 def scale_homographies(
     scaling: FloatArray, previous_scaling: FloatArray, to_previous: FloatArray, to_reference: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Homographies of a frame in pixels of the scaled frames; those that are not finite stay.
+    """Homographies of a frame in pixels of the scaled frames; non-finite ones are unchanged.
 
     Args:
         scaling: float64[3, 3], maps pixels of the frame to the scaled frame.

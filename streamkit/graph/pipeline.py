@@ -152,7 +152,7 @@ class Pipeline:
             if begins:
                 self._playback.begin(self.watchdog_s)
             else:
-                self._playback.go_on()
+                self._playback.resume()
         return StateChange.SUCCESS
 
     def pause(self) -> StateChange:
@@ -167,12 +167,12 @@ class Pipeline:
             if self.state is State.NULL:
                 self.ready()
             if self.state is State.READY:
-                self.timing.hold()
+                self.timing.pause()
                 self._set_playing(True)
                 self._change_state(State.PAUSED)
                 self._playback.begin(self.watchdog_s)
             elif self.state is State.PLAYING:
-                self._playback.hold()
+                self._playback.pause()
                 self._change_state(State.PAUSED)
             if self.is_live:
                 return StateChange.NO_PREROLL

@@ -84,7 +84,7 @@ class Playback:
                 self._failures.guard(pad)
         for source in self._sources():
             if self.is_live and not self._timing.running.is_set():
-                source.hold(source.is_live)
+                source.set_paused(source.is_live)
         self.is_streaming = True
         self._watchdog = Watchdog(lambda: graph.elements, watchdog_s, self._bus.post, self.fail)
         self._watchdog.start()
@@ -127,25 +127,25 @@ class Playback:
 
     # Pausing and flushing.
 
-    def hold(self) -> None:
+    def pause(self) -> None:
         """Pauses running time; sinks hold their next frame."""
-        self._timing.hold()
+        self._timing.pause()
         self._expect_preroll()
         for element in self._graph.elements:
             element.waking.set()
             if isinstance(element, Source) and element.is_live:
-                element.hold(True)
+                element.set_paused(True)
         self._refresh()
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Resumes rendering."""
         for element in self._graph.elements:
             if not element.is_flushing:
                 element.rearm()
-        self._timing.go_on()
+        self._timing.resume()
         self._refresh()
         for source in self._sources():
-            source.hold(False)
+            source.set_paused(False)
 
     def _refresh(self) -> None:
         """Gets the receiver functions of all sinks again."""

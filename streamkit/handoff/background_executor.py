@@ -1,4 +1,4 @@
-"""BackgroundExecutor: one thread that does pieces of work in order, so that the caller can go on."""
+"""BackgroundExecutor: one thread that runs tasks in order."""
 
 from __future__ import annotations
 
@@ -9,27 +9,26 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
-LOOK_S = 0.5  # longest sleep between looks, should a wake-up be missed
+POLL_S = 0.5  # interval at which waits check their conditions, in case a notification is missed
 
 Result = TypeVar("Result")
 
 
 class Abandoned(Exception):
-    """The work is not wanted any more."""
+    """The executor was closed; the result of the task is not needed."""
 
 
 class BackgroundExecutor:
-    """Does the work it is given, in order, in a thread that begins with the first piece.
+    """Runs tasks in order in one thread, which starts with the first task.
 
-    `concurrent.futures.ThreadPoolExecutor` has no bound on the work that waits, and waits for all of it when
-    it is closed; this one bounds the bytes that waiting work holds, and abandons what is not done.
+    Unlike `concurrent.futures.ThreadPoolExecutor` it bounds the queued tasks, and abandons them when closed.
 
     Args:
         name: of the thread.
-        max_bytes: most bytes that work not done may hold; `do` then waits for room. One piece always fits.
-        failed: called in the thread with what work raised whose result nobody has asked for.
-        capacity: most pieces of work that wait; `offer` drops the oldest for a new one. 0 is no limit.
-        periodic: called in the thread every `period_s`, between two pieces; the thread then begins at once.
+        max_bytes: maximum size of unfinished tasks; at the limit `do` waits. One task always fits.
+        failed: called in the thread with the exception of a task without a future.
+        capacity: maximum number of queued tasks; at the limit `offer` drops the oldest. 0 is no limit.
+        periodic: called in the thread every `period_s`, between tasks; the thread then starts at once.
         period_s: time between two calls, s.
     """
 
@@ -60,39 +59,38 @@ class BackgroundExecutor:
 
     @property
     def waiting(self) -> int:
-        """Pieces of work that have not begun."""
+        """Number of queued tasks."""
         return len(self._waiting)
 
     def do(self, work: Callable[[], object], size: int = 0, cancelled: threading.Event | None = None) -> None:
-        """Adds work that gives nothing back; waits for room.
+        """Adds a task without a result; waits for room.
 
         Args:
             work: called once, in the thread.
-            size: bytes that it holds until it is done.
-            cancelled: ends the wait for room; the work is added all the same.
+            size: bytes that it holds until it has finished.
+            cancelled: ends the wait for room when set; the task is then added nevertheless.
         """
         with self._changed:
             while self._waiting and self._bytes + size > self._max_bytes and not self._is_closed:
                 if cancelled is not None and cancelled.is_set():
                     break
-                self._changed.wait(LOOK_S)
+                self._changed.wait(POLL_S)
         self._append(work, None, size)
 
     def offer(
         self, work: Callable[[], object], wait_s: float = 0.0, cancelled: threading.Event | None = None
     ) -> int:
-        """Adds work that gives nothing back; at full capacity waits for room, then drops the oldest.
+        """Adds a task without a result; at full capacity waits for room, then drops the oldest.
 
-        After one wait in vain there is no further wait until a piece is done: an executor that is stuck costs
-        its caller `wait_s` once.
+        After a timeout there is no further wait until a task finishes: a stuck executor costs `wait_s` once.
 
         Args:
             work: called once, in the thread, unless it is dropped.
-            wait_s: longest wait for room, s.
-            cancelled: ends the wait when set, within half a second.
+            wait_s: maximum wait for room, s.
+            cancelled: ends the wait within half a second when set.
 
         Returns:
-            How many pieces were dropped, 0 or 1.
+            Number of dropped tasks, 0 or 1.
         """
         with self._changed:
             deadline = time.monotonic() + (0.0 if self._is_stalled else wait_s)
@@ -100,7 +98,7 @@ class BackgroundExecutor:
                 left_s = deadline - time.monotonic()
                 if left_s <= 0:
                     break
-                self._changed.wait(min(LOOK_S, left_s))
+                self._changed.wait(min(POLL_S, left_s))
             self._is_stalled = self._is_full()
             if self._is_stalled:
                 _, future, size = self._waiting.popleft()
@@ -111,42 +109,42 @@ class BackgroundExecutor:
             return int(self._is_stalled)
 
     def ask(self, work: Callable[[], Result]) -> Future[Result]:
-        """Adds work whose result, or exception, the future gets; it is cancelled where it is abandoned."""
+        """Adds a task; the future gets its result or exception, and is cancelled if it is abandoned."""
         future: Future[Result] = Future()
         self._append(work, future, 0)
         return future
 
     def wait(self, future: Future[Any], patience_s: float, cancelled: threading.Event | None = None) -> bool:
-        """Waits until a future is done, for as long as there is progress every `patience_s`.
+        """Waits until a future is done; gives up after `patience_s` without progress, or if cancelled.
 
         Returns:
-            Whether it is done; False also where `cancelled` was set meanwhile.
+            Whether it is done.
         """
         self._wait_until(future.done, patience_s, cancelled)
         return future.done()
 
     def wait_idle(self, patience_s: float, cancelled: threading.Event | None = None) -> int:
-        """Waits until all work is done, for as long as there is progress every `patience_s`.
+        """Waits until all tasks have finished; gives up after `patience_s` without progress, or if cancelled.
 
         Returns:
-            How many pieces are not done.
+            Number of unfinished tasks.
         """
         with self._changed:
             self._wait_until(lambda: not (self._waiting or self._is_busy), patience_s, cancelled)
             return len(self._waiting) + self._is_busy
 
     def report_progress(self) -> None:
-        """Called by work now and then, so that `wait` goes on waiting.
+        """Called by a long task from time to time, so that `wait` does not give up.
 
         Raises:
-            Abandoned: the executor was closed, and the result is not wanted any more.
+            Abandoned: the executor was closed.
         """
         self._progress += 1
         if self._is_closed:
             raise Abandoned(self._name)
 
     def abandon(self) -> int:
-        """Drops work that has not begun and takes no more; how many pieces were dropped."""
+        """Drops queued tasks and refuses new ones; returns the number dropped."""
         with self._changed:
             self._is_closed = True
             dropped = list(self._waiting)
@@ -158,7 +156,7 @@ class BackgroundExecutor:
         return len(dropped)
 
     def close(self, limit_s: float) -> bool:
-        """Abandons what is not done; whether the thread has ended within the limit."""
+        """Abandons queued tasks; whether the thread has ended within the limit."""
         self.abandon()
         if self._thread is None:
             return True
@@ -179,7 +177,7 @@ class BackgroundExecutor:
                 left_s = deadline - time.monotonic()
                 if left_s <= 0:
                     break
-                self._changed.wait(min(LOOK_S, left_s))
+                self._changed.wait(min(POLL_S, left_s))
 
     def _start(self) -> None:
         self._thread = threading.Thread(target=self._run, name=self._name)
@@ -202,10 +200,10 @@ class BackgroundExecutor:
         while True:
             with self._changed:
                 while not self._waiting and not self._is_closed:
-                    left_s = LOOK_S if self._periodic is None else due - time.monotonic()
+                    left_s = POLL_S if self._periodic is None else due - time.monotonic()
                     if left_s <= 0:
                         break
-                    self._changed.wait(min(LOOK_S, left_s))
+                    self._changed.wait(min(POLL_S, left_s))
                 if self._is_closed:
                     return
             if self._periodic is not None and time.monotonic() >= due:

@@ -1,4 +1,4 @@
-"""BoundedQueue: items between threads, bounded by number and by bytes, every loss counted."""
+"""BoundedQueue: a queue between threads, bounded by items and bytes; losses are counted."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from typing import Generic, TypeAlias, TypeVar
 
 Item = TypeVar("Item")
 ChooseDropped: TypeAlias = Callable[[Sequence[Item], Item, bool], range]
-LOOK_S = 0.5  # longest sleep between looks, should a wake-up be missed
+POLL_S = 0.5  # interval at which waits check their conditions, in case a notification is missed
 
 
 @dataclass(frozen=True, slots=True)
 class QueueStatistics:
-    """What a queue holds and has seen.
+    """Counters of a queue.
 
     Attributes:
-        items: items held now.
-        bytes: their sizes added up.
-        received: items put in so far.
-        taken: items taken out so far.
-        dropped: items that were put in and will not be taken.
+        items: queued items.
+        bytes: sum of their sizes.
+        received: items put so far.
+        taken: items taken so far.
+        dropped: items dropped so far.
     """
 
     items: int
@@ -36,14 +36,14 @@ class QueueStatistics:
 class BoundedQueue(Generic[Item]):
     """A first-in first-out queue between threads.
 
-    A full queue makes room as `put` asks: it waits for a while, then drops the oldest. One item always fits.
+    In a full queue `put` waits for room, then drops the oldest. An empty queue takes an item of any size.
 
     Args:
-        capacity: most items held; 0 is no limit.
-        max_bytes: most bytes held; 0 is no limit.
-        choose_dropped: called by `put` with the items held, the oldest first, the new item, and whether
-            there is no room for it; returns the indices to drop, the last + 1 for the new item.
-            If there is still no room, the oldest are dropped.
+        capacity: maximum number of items; 0 is no limit.
+        max_bytes: maximum sum of sizes; 0 is no limit.
+        choose_dropped: called by `put` with the queued items, the oldest first, the new item, and whether the
+            queue is full; returns the indices to drop, where the last + 1 is the new item. If the queue is
+            still full, the oldest are dropped.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class BoundedQueue(Generic[Item]):
 
     @property
     def statistics(self) -> QueueStatistics:
-        """What it holds and has seen, all of one moment."""
+        """A consistent snapshot of the counters."""
         with self._changed:
             return QueueStatistics(len(self._items), self._bytes, self._received, self._taken, self._dropped)
 
@@ -80,12 +80,12 @@ class BoundedQueue(Generic[Item]):
 
         Args:
             item: the item; ignored once the queue is closed.
-            size: its bytes.
-            wait_s: longest wait for room, s; None waits until there is room or the queue is closed.
-            cancelled: ends the wait when set, within half a second.
+            size: of the item, bytes.
+            wait_s: maximum wait for room, s; None waits until there is room or the queue is closed.
+            cancelled: ends the wait within half a second when set.
 
         Returns:
-            How many items were dropped to make room, or the new one.
+            Number of dropped items, including the new one.
         """
         with self._changed:
             self._wait(lambda: not self._is_full(size), wait_s, cancelled)
@@ -104,14 +104,14 @@ class BoundedQueue(Generic[Item]):
         """Takes the oldest item.
 
         Args:
-            wait_s: longest wait for one, s; None waits until one comes or none will.
-            cancelled: ends the wait when set, within half a second.
+            wait_s: maximum wait, s; None waits until an item arrives or the queue ends.
+            cancelled: ends the wait within half a second when set.
 
         Returns:
-            The item; None where none has come in time, or none will.
+            The item; None at the timeout or the end.
 
         Raises:
-            Exception: the one given to `end`, once every item has been taken.
+            Exception: the one given to `end`, once all items are taken.
         """
         with self._changed:
             self._wait(lambda: bool(self._items) or self._has_ended, wait_s, cancelled)
@@ -125,35 +125,35 @@ class BoundedQueue(Generic[Item]):
             return self._items.popleft()
 
     def end(self, error: Exception | None = None) -> None:
-        """No item follows those put in, because the stream is over or because of an error."""
+        """Ends the queue after the items it holds, optionally with an error for the reader."""
         with self._changed:
             self._has_ended, self._error = True, error
             self._changed.notify_all()
 
     def reopen(self) -> None:
-        """Takes `end` back: items follow after all; a closed queue stays closed."""
+        """Undoes `end`; a closed queue stays closed."""
         with self._changed:
             self._has_ended, self._error = self._is_closed, None
 
     def close(self) -> int:
-        """Drops what is held and ignores what comes; wakes who waits. How many items were dropped."""
+        """Drops all items, ignores later ones and wakes waiting threads; returns the number dropped."""
         with self._changed:
             self._is_closed = self._has_ended = True
             return self._clear()
 
     def clear(self) -> int:
-        """Drops what is held; how many items that were."""
+        """Drops all items; returns their number."""
         with self._changed:
             return self._clear()
 
     def wake(self) -> None:
-        """Has every waiting thread look at its `cancelled` event."""
+        """Makes waiting threads check their `cancelled` event."""
         with self._changed:
             self._changed.notify_all()
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing is held and nothing follows."""
+        """Whether the queue is empty and has ended."""
         with self._changed:
             return self._has_ended and not self._items
 
@@ -164,7 +164,7 @@ class BoundedQueue(Generic[Item]):
     ) -> None:
         deadline = None if wait_s is None else time.monotonic() + wait_s
         while not condition() and not self._is_closed and not (cancelled is not None and cancelled.is_set()):
-            left_s = LOOK_S if deadline is None else min(LOOK_S, deadline - time.monotonic())
+            left_s = POLL_S if deadline is None else min(POLL_S, deadline - time.monotonic())
             if left_s <= 0:
                 return
             self._changed.wait(left_s)
@@ -176,7 +176,7 @@ class BoundedQueue(Generic[Item]):
         return too_many or (self._max_bytes > 0 and self._bytes + size > self._max_bytes)
 
     def _make_room(self, item: Item, size: int) -> bool:
-        """Drops what `choose_dropped` says, then the oldest; whether the new item is to be added."""
+        """Drops the items of `choose_dropped`, then the oldest; whether the new item is to be added."""
         held, chosen = len(self._items), range(0)
         if self._choose_dropped is not None:
             chosen = self._choose_dropped(self._items, item, self._is_full(size))

@@ -22,15 +22,14 @@ def data_size(data: Any) -> int:
 class FrameQueue:
     """A first-in first-out queue of frames and events; events have no weight.
 
-    It has no lock of its own: the element that owns it holds one around every call, together with the
-    conditions that its threads wait on.
+    It has no lock: its element guards every call with `changed`.
 
     Attributes:
         limits: frames, bytes and time (ns) that make it full; 0 is no limit.
-        items: frames and events, the oldest first; changed by the methods only.
-        buffers: frames held.
+        items: frames and events, the oldest first.
+        buffers: number of frames.
         bytes: their size.
-        highest_buffers, highest_bytes, highest_time_ns: the most held since `reset`.
+        highest_buffers, highest_bytes, highest_time_ns: maximum levels since `reset`.
     """
 
     def __init__(self) -> None:
@@ -40,7 +39,7 @@ class FrameQueue:
         self.reset()
 
     def reset(self) -> None:
-        """Empties the queue and begins to count anew."""
+        """Empties the queue and resets the levels."""
         self.items.clear()
         self._sizes.clear()
         self.buffers = self.bytes = 0
@@ -51,7 +50,7 @@ class FrameQueue:
 
     @property
     def time_ns(self) -> int:
-        """Running time from the end of the newest frame taken to the end of the newest held, ns."""
+        """Running time from the end of the last frame taken to the end of the newest one, ns."""
         return max(0, self._in_ns - self._out_ns) if self.buffers else 0
 
     def is_full(self) -> bool:
@@ -64,7 +63,7 @@ class FrameQueue:
         )
 
     def append(self, item: Frame | Event) -> None:
-        """Adds a frame or an event behind all others."""
+        """Appends a frame or an event."""
         self.items.append(item)
         if not isinstance(item, Frame):
             if isinstance(item, SegmentEvent):
@@ -99,7 +98,7 @@ class FrameQueue:
         return item
 
     def drop_oldest(self) -> bool:
-        """Drops the oldest frame, never an event; False where no frame is held."""
+        """Drops the oldest frame, never an event; False if there is no frame."""
         oldest = next((item for item in self.items if isinstance(item, Frame)), None)
         if oldest is None:
             return False
@@ -108,15 +107,11 @@ class FrameQueue:
         return True
 
     def drop_frames(self) -> int:
-        """Drops every frame and keeps the events; how many were dropped."""
+        """Drops all frames and keeps the events; returns the number of frames."""
         return self.keep([item for item in self.items if not isinstance(item, Frame)])
 
     def keep(self, events: list[Event]) -> int:
-        """Empties the queue but for these events; timestamps that follow begin anew.
-
-        Returns:
-            How many frames were dropped.
-        """
+        """Replaces the contents with these events; returns the number of frames dropped."""
         dropped = self.buffers
         self._sizes.clear()
         self.items.clear()

@@ -1,4 +1,4 @@
-"""OutputFile: a file that grows beside an older one of its name, and replaces it once it holds something."""
+"""OutputFile: an output file that replaces an older one once it has content."""
 
 from __future__ import annotations
 
@@ -20,24 +20,23 @@ LONGEST_NAME = 200  # of 255 bytes, for what is added to it
 
 
 class OutputFile(io.FileIO):
-    """A file without buffer whose writes are whole.
+    """An unbuffered file; each write is complete or fails.
 
-    Where there is an older file, it is written as `.NAME.PID.partial` in the same folder, and takes the path
-    with `publish`. Missing folders are made. A device, pipe or socket is opened itself. Through a link the
-    file it names is replaced.
+    If the path exists, the file is written as `.NAME.PID.partial` in the same folder and renamed by `publish`.
+    Missing folders are made. Devices, pipes and sockets are opened directly; symbolic links are followed.
 
     Args:
         path: of the file.
-        append: continue a file that is there.
-        is_whole: show it only when it is finished, also where there is no older file.
+        append: whether to continue an existing file.
+        is_whole: whether to publish only the finished file, also if there is no older one.
 
     Attributes:
         path: of the file.
-        failure: the first error of a write; libraries do not pass on all of them.
-        is_new: whether it does not continue a file.
+        failure: the first error of a write; some libraries hide it.
+        is_new: whether it does not continue an existing file.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be opened.
     """
 
     failure: OSError | None = None
@@ -75,18 +74,17 @@ class OutputFile(io.FileIO):
         return size
 
     def append(self, data: bytes | memoryview, tail: Callable[[], bytes] | None = None) -> None:
-        """Adds a piece to a file that others read while it grows.
+        """Appends data to a file that others may read at any time.
 
-        Without a tail it is with the operating system when this returns. A format that ends in a tail, as
-        JSON in brackets, is written with it once a second, and whole after each write: the next one begins
-        where the tail did. A piece that does not fit leaves the file as it was.
+        Without a tail the data is written at once. A format with a tail, such as a closing bracket, is written
+        once a second, each time with its tail, which the next write replaces. A failed write is undone.
 
         Args:
             data: the bytes.
-            tail: returns the bytes that close the file.
+            tail: returns the bytes that complete the file.
 
         Raises:
-            OSError: the piece cannot be written.
+            OSError: the data cannot be written.
         """
         if tail is None:
             self._write_piece(data, b"")
@@ -102,7 +100,7 @@ class OutputFile(io.FileIO):
         self._due_s = time.monotonic() + FLUSH_S
 
     def _write_piece(self, piece: ReadableBuffer, tail: bytes) -> None:
-        """Writes a piece in place of the tail, and the next tail behind it."""
+        """Replaces the tail by data and the new tail."""
         try:
             if self._written_tail:
                 self.seek(self._end)
@@ -124,13 +122,13 @@ class OutputFile(io.FileIO):
             self.truncate()
 
     def publish(self) -> None:
-        """Takes the path, in place of an older file; has no effect the second time."""
+        """Renames the file to its path, replacing an older one; has no effect the second time."""
         if self._unpublished is not None and self._unpublished != self._target:
             self._unpublished.replace(self._target)
         self._unpublished = None
 
     def finish(self) -> None:
-        """Writes what is pending, closes the file and publishes it. Safe to call twice.
+        """Writes pending data, closes the file and publishes it; has no effect the second time.
 
         Raises:
             OSError: writing failed.
@@ -145,13 +143,13 @@ class OutputFile(io.FileIO):
         self.publish()
 
     def abandon(self) -> None:
-        """Closes the file after an error; what is written stays, unless an older file is there."""
+        """Closes the file after an error; keeps what is written unless there is an older file."""
         if self._unpublished == self._target and not self.closed and self.tell():
             self._unpublished = None
         self.discard()
 
     def discard(self) -> None:
-        """Closes the file; what was not published is removed. Never fails."""
+        """Closes the file and removes it unless it was published; never fails."""
         with suppress(OSError):
             self.close()
         written, self._unpublished = self._unpublished, None
@@ -161,7 +159,7 @@ class OutputFile(io.FileIO):
 
 
 def is_special(path: Path) -> bool:
-    """Whether a path names a device, pipe or socket, or one of this process's own open files."""
+    """Whether a path is a device, pipe, socket, or an open file of this process."""
     if str(path).startswith(("/dev/", "/proc/")):
         return True
     try:
@@ -171,10 +169,10 @@ def is_special(path: Path) -> bool:
 
 
 def check_writable(path: Path) -> None:
-    """Checks that a file can be made at a path, without making anything.
+    """Checks that a file can be created at a path, without creating it.
 
     Raises:
-        OSError: it is a directory, or its folder (or the nearest one that exists) takes no files.
+        OSError: it is a directory, or its folder (or the nearest existing one) is not writable.
     """
     if is_special(path):
         return

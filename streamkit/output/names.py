@@ -1,4 +1,4 @@
-"""Names of files to write: numbers and times in them."""
+"""Names of output files with numbers or times."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ def local_path(location: str) -> Path:
 
 
 class FileNames:
-    """The files that a `location` names: one, or several by number (`%05d`) or time (`%Y%m%dT%H%M%SZ`).
+    """The files of a `location`: one, or several with a number (`%05d`) or time (`%Y%m%dT%H%M%SZ`).
 
     Args:
         location: path or `file://` URL.
-        adds_number: a number is added where the name has neither number nor time.
+        adds_number: whether to add a number if the name has neither number nor time.
 
     Attributes:
-        has_number: whether a number tells the files apart.
-        is_several: whether there can be more than one file.
+        has_number: whether the name has a number.
+        is_several: whether the name has a number or a time.
     """
 
     def __init__(self, location: str, *, adds_number: bool = False) -> None:
@@ -46,7 +46,7 @@ class FileNames:
         self.is_several = self.has_number or self._has_time
 
     def path(self, number: int, utc_ns: int) -> Path:
-        """The file of a number and a time, UTC ns."""
+        """The path for a number and a time, UTC ns."""
         text = self._pattern
         if self.has_number:
             text = self._number.sub(lambda field: field[0] % number, text)
@@ -62,7 +62,7 @@ class FileNames:
         return own.parent.resolve() == path.parent.resolve() and self._match(path.name) is not None
 
     def existing(self) -> Iterator[tuple[Path, int]]:
-        """The files of the folder that match, with their numbers; 0 without one."""
+        """The existing files, with their numbers; 0 without one."""
         folder = Path(self._pattern).parent
         names = os.listdir(folder) if folder.is_dir() else []
         for name in names:

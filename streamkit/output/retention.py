@@ -1,4 +1,4 @@
-"""Retention: how many of the files that a recorder has written are kept."""
+"""Retention: deletes the oldest files of a recorder."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class RetentionLimits:
-    """What is kept; 0 is no limit.
+    """Limits of the files kept; 0 is no limit.
 
     Attributes:
         files: number of files.
-        total_bytes: their size, bytes.
-        age_s: their age since they were complete, s.
+        total_bytes: sum of their sizes, bytes.
+        age_s: age since completion, s.
     """
 
     files: int = 0
@@ -25,13 +25,13 @@ class RetentionLimits:
 
     @property
     def is_limited(self) -> bool:
-        """Whether anything is ever deleted."""
+        """Whether there is a limit."""
         return bool(self.files or self.total_bytes or self.age_s)
 
 
 @dataclass(frozen=True, slots=True)
 class WrittenFile:
-    """A complete file, as its ledger knows it."""
+    """A complete file in the ledger."""
 
     name: str
     inode: int
@@ -41,15 +41,14 @@ class WrittenFile:
 
 
 class Retention:
-    """Deletes the oldest complete files beyond the limits, never one that it was not told of.
+    """Deletes the oldest complete files beyond the limits; never a file that it did not record.
 
-    Files of earlier runs are known from the ledger. A file that was replaced by another one of its name is
-    not touched.
+    The ledger lists files of earlier runs. A file that another program has replaced is kept.
 
     Args:
-        limits: what is kept.
+        limits: of the files kept.
         folder: of the files.
-        ledger: a file that keeps what is written beyond this run, or None.
+        ledger: path of the list of recorded files, or None to forget them after the run.
     """
 
     def __init__(self, limits: RetentionLimits, folder: Path, ledger: Path | None = None) -> None:
@@ -64,7 +63,7 @@ class Retention:
         self._total = sum(file.size for file in self._files)
 
     def add(self, path: Path, now_s: float, companion: Path | None = None) -> None:
-        """Notes a complete file, and one deleted with it; deletes what is too old or too much.
+        """Records a complete file, and one to delete with it; deletes files beyond the limits.
 
         Raises:
             OSError: the ledger cannot be written.

@@ -1,4 +1,4 @@
-"""TextFormat: base of text formats that are written piece by piece."""
+"""TextFormat: base of text formats that are written incrementally."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import ClassVar
 
 
 class TextFormat:
-    """The bytes before the first piece and after the last one.
+    """Beginning and end of a text file.
 
     Attributes:
-        has_end: whether the file is not whole without `end`, as JSON in brackets.
+        has_end: whether the file is incomplete without `end`, for example JSON without its closing bracket.
     """
 
     has_end: ClassVar[bool] = False
@@ -19,5 +19,5 @@ class TextFormat:
         return b""
 
     def end(self) -> bytes:
-        """The end of the file, after what was written so far; called each time others may read it."""
+        """The end of the file after what is written so far; called at each write."""
         return b""
