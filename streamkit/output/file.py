@@ -22,7 +22,7 @@ LONGEST_NAME = 200  # of 255 bytes, for what is added to it
 class OutputFile(io.FileIO):
     """An unbuffered file; each write is complete or fails.
 
-    If the path exists, the file is written as `.NAME.PID.partial` in the same folder and renamed by `publish`.
+    If the path exists, the file is written as `.NAME.PID.partial` beside it and renamed by `publish`.
     Missing folders are made. Devices, pipes and sockets are opened directly; symbolic links are followed.
 
     Args:
@@ -76,7 +76,7 @@ class OutputFile(io.FileIO):
     def append(self, data: bytes | memoryview, tail: Callable[[], bytes] | None = None) -> None:
         """Appends data to a file that others may read at any time.
 
-        Without a tail the data is written at once. A format with a tail, such as a closing bracket, is written
+        Without a tail the data is written at once. A format with a tail, such as a bracket, is written
         once a second, each time with its tail, which the next write replaces. A failed write is undone.
 
         Args:
