@@ -5,8 +5,9 @@
 
 Real sequences (data/sot and data/sot_video) run once for each seed of ours; rendered ones once for each of
 `--sequences`. The real ones are dealt into five folds by name: choose a setting by four of them, and judge it
-by the fifth. `elsewhere` is the share of the frames reported as confirmed that do not overlap the truth; a
-peer confirms all of its boxes. `--peers` names a folder that `tracking_peers.py` has filled. One thread.
+by the fifth. `elsewhere` is the share of the frames reported as confirmed that do not overlap the truth,
+`confirmed` the share of the frames that overlap it which are reported as confirmed; a peer confirms all of
+its boxes. `--peers` names a folder that `tracking_peers.py` has filled. One thread.
 """
 
 import argparse
@@ -28,6 +29,7 @@ from tracking_sequences import (
     planes,
     real_names,
     rendered,
+    returns,
     score,
     sequences,
     upright,
@@ -44,7 +46,7 @@ STEP_S = 0.04
 LOST_WITHIN = 5
 FOLDS = 5
 PEERS = ("CSRT", "KCF", "MIL")
-MEASURES = ("success", "precision", "elsewhere", "milliseconds", "angle")
+MEASURES = ("success", "precision", "elsewhere", "confirmed", "milliseconds", "angle")
 
 
 class Run:
@@ -52,7 +54,7 @@ class Run:
 
     def __init__(self, steps: Iterator[Step], settings: TrackerSettings, *, grey: bool = False) -> None:
         tracker = MultiTargetTracker(settings)
-        found, truth, turns, spent = [], [], [], []
+        found, truth, hidden, turns, spent = [], [], [], [], []
         self.states: list[TargetState] = []
         for index, step in enumerate(steps):
             levels, chroma = planes(step.picture)
@@ -64,6 +66,7 @@ class Run:
                 reports = tracker.step(levels, observation)
                 spent.append(time.thread_time() - began)
             truth.append(step.box)
+            hidden.append(step.hidden)
             self.states.append(reports[0].state if reports else TargetState.LOST)
             window = reports[0].window if reports else np.full(5, np.nan)
             found.append(upright(window))
@@ -73,12 +76,13 @@ class Run:
         self.milliseconds = 1e3 * float(np.mean(spent))
         self.angle = float(np.degrees(np.nanmedian(turns))) if turns else float("nan")
         self.scores: Scores = score(np.array(found), np.array(truth), claimed)
+        self.returns = returns(np.array(found), np.array(truth), claimed, np.array(hidden))
 
     @property
     def row(self) -> list[float]:
         """The numbers of `MEASURES`."""
         scores = self.scores
-        return [scores.success, scores.precision, scores.elsewhere, self.milliseconds, self.angle]
+        return [*_shown(scores), self.milliseconds, self.angle]
 
 
 def _first(step: Step) -> FloatArray:
@@ -88,12 +92,16 @@ def _first(step: Step) -> FloatArray:
     return np.array([x + (width - 1) / 2, y + (height - 1) / 2, width, height, 0.0])
 
 
+def _shown(scores: Scores) -> list[float]:
+    return [scores.success, scores.precision, scores.elsewhere, scores.confirmed]
+
+
 def peer(path: Path, frames: int) -> list[float]:
     """The same of a peer's boxes."""
     with np.load(path) as file:
         scores = score(file["found"][:frames], file["truth"][:frames])
         spent = float(file["milliseconds"])
-    return [scores.success, scores.precision, scores.elsewhere, spent, float("nan")]
+    return [*_shown(scores), spent, float("nan")]
 
 
 def removed(seeds: range, settings: TrackerSettings) -> None:
@@ -120,6 +128,7 @@ def table(
 ) -> dict[str, dict[str, FloatArray]]:
     """Runs all sequences and prints a row for each: numbers of `MEASURES` by tracker, then by sequence."""
     rows: dict[str, dict[str, FloatArray]] = {"particletrack": {}}
+    waits: list[float] = []
     print("| sequence | tracker | " + " | ".join(MEASURES) + " |\n|---" + "|---" * (len(MEASURES) + 1) + "|")
     for label, make in chosen:
         seeds = range(options.seeds if label in real_names() else 1)
@@ -128,10 +137,11 @@ def table(
                 itertools.islice(make(), options.frames),
                 dataclasses.replace(settings, seed=seed),
                 grey=options.grey,
-            ).row
+            )
             for seed in seeds
         ]
-        rows["particletrack"][label] = np.mean(runs, axis=0)
+        waits += [frames for run in runs for frames in run.returns]
+        rows["particletrack"][label] = np.mean([run.row for run in runs], axis=0)
         for name in PEERS:
             path = Path(options.peers) / name / f"{label}.npz"
             if options.peers and path.exists():
@@ -140,7 +150,15 @@ def table(
             if label in found:
                 print(f"| {label} | {name} | " + _numbers(found[label]), flush=True)
         if len(runs) > 1:
-            print(f"| {label} | spread of the seeds | " + _numbers(np.std(runs, axis=0)), flush=True)
+            print(
+                f"| {label} | spread of the seeds | " + _numbers(np.std([run.row for run in runs], axis=0)),
+                flush=True,
+            )
+    if waits:
+        print(
+            f"return: confirmed again after a median of {np.median(waits):g} frames in {len(waits)} returns; "
+            f"never in {np.isinf(waits).sum()}"
+        )
     return rows
 
 

@@ -32,12 +32,14 @@ class Step:
         box: float64[4] x0 y0 width height in pixels from 0, NaN where there is no truth.
         window: float64[5] x y length width angle, or None where only the box is known.
         to_previous: float64[3, 3], how the camera moved; only our tracker gets it.
+        hidden: whether the target is covered or out of view.
     """
 
     picture: ByteArray
     box: FloatArray
     window: FloatArray | None
     to_previous: FloatArray
+    hidden: bool = False
 
 
 def shared_data() -> Path:
@@ -53,7 +55,8 @@ def real(name: str) -> Iterator[Step]:
     boxes = np.genfromtxt(_folder(name) / "groundtruth.txt", delimiter=",")[:, :4] - [1, 1, 0, 0]
     for picture, box in zip(_pictures(_folder(name)), boxes, strict=False):
         rows, columns = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
-        yield Step(np.ascontiguousarray(picture[:rows, :columns]), box, None, np.eye(3))
+        hidden = not np.isfinite(box).all()
+        yield Step(np.ascontiguousarray(picture[:rows, :columns]), box, None, np.eye(3), hidden)
 
 
 def real_names() -> list[str]:
@@ -117,7 +120,8 @@ def rendered(kind: str, seed: int) -> Iterator[Step]:
         scene += 3.0 * generator.standard_normal(scene.shape, np.float32)
         shift = np.eye(3)
         shift[:2, 2], before = camera - before, camera
-        yield Step(np.clip(np.rint(scene), 0, 255).astype(np.uint8), upright(window), window, shift)
+        hidden = kind == "occluder" and index in OCCLUDED
+        yield Step(np.clip(np.rint(scene), 0, 255).astype(np.uint8), upright(window), window, shift, hidden)
 
 
 def upright(window: FloatArray) -> FloatArray:
@@ -144,12 +148,14 @@ class Scores:
         precision: share of frames with a centre error of at most 20 px.
         centre_error: median, px.
         elsewhere: share of the frames claimed to be confirmed that do not overlap the truth.
+        confirmed: share of the frames that overlap the truth which are claimed to be confirmed.
     """
 
     success: float
     precision: float
     centre_error: float
     elsewhere: float
+    confirmed: float
 
 
 def score(found: FloatArray, truth: FloatArray, claimed: NDArray[np.bool_] | None = None) -> Scores:
@@ -170,7 +176,29 @@ def score(found: FloatArray, truth: FloatArray, claimed: NDArray[np.bool_] | Non
     errors = np.nan_to_num(np.hypot(apart[:, 0], apart[:, 1]), nan=np.inf)
     success = float(np.mean(overlap[None] > np.linspace(0, 1, 21)[:, None]))
     elsewhere = float(np.sum(claimed & (overlap <= 0)) / max(np.sum(claimed), 1))
-    return Scores(success, float(np.mean(errors <= 20)), float(np.median(errors)), elsewhere)
+    confirmed = float(np.sum(claimed & (overlap > 0)) / max(np.sum(overlap > 0), 1))
+    return Scores(success, float(np.mean(errors <= 20)), float(np.median(errors)), elsewhere, confirmed)
+
+
+def returns(
+    found: FloatArray, truth: FloatArray, claimed: NDArray[np.bool_], hidden: NDArray[np.bool_]
+) -> list[float]:
+    """For each time the target was hidden, the frames from its return until it is confirmed where it is.
+
+    Args:
+        found: float64[n, 4], boxes of the tracker.
+        truth: float64[n, 4].
+        claimed: bool[n], frames in which the tracker claims to see the target.
+        hidden: bool[n], frames in which it cannot be seen.
+
+    Returns:
+        Frames, infinite where it is not found before it is hidden again or the sequence ends.
+    """
+    right = claimed & (overlaps(found, truth) > 0)
+    edges = np.flatnonzero(np.diff(hidden.astype(int)) != 0) + 1
+    visible = [part for part in np.split(np.arange(len(hidden)), edges) if not hidden[part[0]]]
+    waits = [np.flatnonzero(right[part]) for part in visible if part[0] > 0]
+    return [float(wait[0]) if len(wait) else np.inf for wait in waits]
 
 
 def sequences(seeds: range) -> list[tuple[str, Callable[[], Iterator[Step]]]]:

@@ -16,6 +16,7 @@ from streamkit_tracker.initiate.trail import Trail
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import Particles
+from streamkit_tracker.update.memory import Memory
 from streamkit_tracker.window_geometry import FloatArray
 
 BoolArray = NDArray[np.bool_]
@@ -59,6 +60,7 @@ TARGET = np.dtype(
         ("shared", np.bool_),  # another target's detection covers this one
         ("similarity", np.float64),  # of the best window to the template, 0 to 1; NaN where not compared
         ("recognised", np.bool_),
+        ("sure", np.bool_),  # its last responses were sharp; always for targets without a filter
         ("learnt", np.bool_),  # the template has learnt this frame
         ("filter_share", np.float64),  # how far the correlation filter learns this frame, 0 to 1
         ("measured", np.bool_),
@@ -92,6 +94,7 @@ class Appearance:
         context: side of the sampled window relative to the target's.
         discriminator: correlation filter against the background, for targets drawn by hand.
         response: of the discriminator in this frame, or None.
+        memory: of the discriminator.
     """
 
     template: EigenTemplate | FeatureTemplate
@@ -100,6 +103,7 @@ class Appearance:
     context: float
     discriminator: CorrelationFilter | None = None
     response: Response | None = None
+    memory: Memory | None = None
 
 
 @dataclass(eq=False)

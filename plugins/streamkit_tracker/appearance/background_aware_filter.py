@@ -58,7 +58,8 @@ class BackgroundAwareFilter:
 
     def learn(self, spectra: ComplexArray, share: float) -> None:
         """Learns a region with the target in its middle, as far as `share` says, above 0 to 1."""
-        self._sample += np.float32(share * LEARNING_RATE) * (spectra * self._scaling - self._sample)
+        change = spectra * self._scaling - self._sample
+        self._sample = self._sample + np.float32(share * LEARNING_RATE) * change
         self._solve(INERTIA, ITERATIONS)
 
     def _solve(self, inertia: float, iterations: int) -> None:

@@ -39,7 +39,8 @@ class ColourHistogram:
 
     def learn(self, region: Region, share: float) -> None:
         """Learns a region with the target in its middle, as far as `share` says, above 0 to 1."""
-        self._shares += np.float32(share * LEARNING_RATE) * (self._count(region) - self._shares)
+        change = self._count(region) - self._shares
+        self._shares = self._shares + np.float32(share * LEARNING_RATE) * change
 
     def respond(self, region: Region) -> Float32Array:
         """Mean likelihood in a window at each cell, float32[grid, grid], 0 to 1."""

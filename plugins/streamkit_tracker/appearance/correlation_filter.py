@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from streamkit_tracker.appearance.background_aware_filter import BackgroundAwareFilter
 from streamkit_tracker.appearance.colour_histogram import ColourHistogram
 from streamkit_tracker.appearance.frame_crops import Float32Array
-from streamkit_tracker.appearance.region_features import GRID, RegionFeatures
+from streamkit_tracker.appearance.region_features import GRID, Region, RegionFeatures
 from streamkit_tracker.appearance.scale_filter import ScaleFilter, parabola_peak
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
@@ -84,16 +85,30 @@ class CorrelationFilter:
             *_clearness(response, row, column),
         )
 
+    def copy(self) -> CorrelationFilter:
+        """A filter that has learnt the same and learns by itself from now on."""
+        other = copy.copy(self)
+        other._filter, other._colours = copy.copy(self._filter), copy.copy(self._colours)
+        other._sizes = copy.copy(self._sizes)
+        return other
+
     def growth(self, sampler: WindowSampler, window: FloatArray) -> float:
         """By what factor the target differs in size from a window, float64[5], at its place."""
         return self._sizes.growth(sampler, window)
 
-    def learn(self, sampler: WindowSampler, window: FloatArray, share: float = 1.0) -> None:
-        """Learns the patch at a window, float64[5]; `share`, above 0 to 1, is how far it is believed."""
-        region = self._features.read(sampler, window)
+    def read(self, sampler: WindowSampler, window: FloatArray) -> Region:
+        """The region around a window, float64[5]."""
+        return self._features.read(sampler, window)
+
+    def sharpness(self, region: Region) -> float:
+        """Peak to sidelobe ratio in the middle of a region."""
+        return _clearness(self._filter.respond(region.spectra), GRID // 2, GRID // 2)[1]
+
+    def learn(self, sampler: WindowSampler, region: Region, share: float = 1.0) -> None:
+        """Learns a region with the target in its middle; `share`, above 0 to 1, is how far it is believed."""
         self._filter.learn(region.spectra, share)
         self._colours.learn(region, share)
-        self._sizes.learn(sampler, window, share)
+        self._sizes.learn(sampler, region.window, share)
 
 
 def _clearness(response: Float32Array, row: int, column: int) -> tuple[float, float]:

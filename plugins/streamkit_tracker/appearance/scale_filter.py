@@ -55,8 +55,9 @@ class ScaleFilter:
     def learn(self, sampler: WindowSampler, window: FloatArray, share: float) -> None:
         """Learns a window, as far as `share` says, above 0 to 1."""
         spectra, rate = self._read(sampler, window), share * LEARNING_RATE
-        self._numerator += rate * (self._wanted * spectra - self._numerator)
-        self._denominator += rate * (np.sum(np.abs(spectra) ** 2, axis=1) - self._denominator)
+        self._numerator = self._numerator + rate * (self._wanted * spectra - self._numerator)
+        power = np.sum(np.abs(spectra) ** 2, axis=1)
+        self._denominator = self._denominator + rate * (power - self._denominator)
 
     def _read(self, sampler: WindowSampler, window: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[Any]]:
         """Spectra complex[sizes // 2 + 1, features] over the sizes of a window."""

@@ -158,7 +158,7 @@ def decide_states(targets: TargetRows, coast: float, lost_frames: int, height: i
             targets[index]["frames_unseen"] = target["frames_unseen"] + 1
         if target["manual"] and recognised:
             targets[index]["credit_s"] = coast
-        believed = target["manual"] or target["frames_undetected"] < lost_frames
+        believed = target["sure"] if target["manual"] else target["frames_undetected"] < lost_frames
         seen = (detected and not target["crowded"]) or (recognised and believed)
         targets[index]["state"] = CONFIRMED if seen else COASTING
         if target["visible"] < LEAST_VISIBLE or targets[index]["credit_s"] <= 0:

@@ -15,6 +15,7 @@ from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import CONFIRMED, LOST, TENTATIVE, Appearance, TargetTable
 from streamkit_tracker.update.detected_box import KEEP, motion_heading, window_turn
 from streamkit_tracker.update.layered_filter import Particles
+from streamkit_tracker.update.memory import Memory
 from streamkit_tracker.window_geometry import IntArray
 
 STRAIGHT = 0.5
@@ -92,8 +93,11 @@ def start_appearance(
         patch = (side, side) if space is None else space.patch_size
     pixels = sampler.read(window, patch, context)
     template = EigenTemplate(pixels, settings.eigen) if space is None else FeatureTemplate(pixels, space)
-    discriminator = CorrelationFilter(sampler, window) if manual else None
-    table.models[index].appearance = Appearance(template, Particles.at(window), patch, context, discriminator)
+    appearance = Appearance(template, Particles.at(window), patch, context)
+    if manual:
+        appearance.discriminator = CorrelationFilter(sampler, window)
+        appearance.memory = Memory(appearance.discriminator)
+    table.models[index].appearance = appearance
     target["score"], target["recognised"] = 1.0, True
 
 

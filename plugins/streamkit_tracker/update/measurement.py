@@ -6,12 +6,14 @@ import math
 
 import numpy as np
 
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import Appearance, IndexArray, TargetTable, followed
 from streamkit_tracker.update.detected_box import expect
+from streamkit_tracker.update.evidence import LEAST_SHARPNESS
 from streamkit_tracker.update.expectations import SEARCH, Prior, SearchRows
 from streamkit_tracker.update.layered_filter import LayerSettings, Particles
 from streamkit_tracker.update.response import find_response, response_prior
@@ -145,6 +147,10 @@ def _expect_manual(
         predicted = target["window"].copy()
         if target["frames_unseen"] > 0:
             predicted[:2] += target["mean"][2:] * observation.step_s
+        memory = appearance.memory
+        if memory is not None and not memory.is_sure and (found := memory.search(sampler, predicted)):
+            _move(table, index, appearance, *found)
+            predicted[:2] = found[0].position
         appearance.response = find_response(
             appearance.discriminator,
             evidence,
@@ -165,6 +171,17 @@ def _expect_manual(
     prior.write(search)
 
 
+def _move(
+    table: TargetTable, index: int, appearance: Appearance, found: Response, by: CorrelationFilter
+) -> None:
+    """Moves a target to where a copy of its filter has found it, and goes on with that copy."""
+    target = table.rows[index]
+    target["window"][:2] = target["mean"][:2] = found.position
+    target["mean"][2:] = 0.0
+    appearance.particles, appearance.discriminator = Particles.at(target["window"]), by
+    table.models[index].evidence.start_again(found.peak, found.sharpness)
+
+
 def settle_appearances(table: TargetTable, sampler: WindowSampler) -> None:
     """Gathers the particles of targets that were not recognised; filters learn targets that were."""
     rows = table.rows
@@ -175,9 +192,17 @@ def settle_appearances(table: TargetTable, sampler: WindowSampler) -> None:
         model.appearance.particles = Particles.at(rows["mean"][index])
         if rows["manual"][index]:
             rows["mean"][index, 2:] *= UNSEEN_SPEED ** (1 - model.trail.steadiness)
-    for index in np.flatnonzero(known & rows["manual"] & rows["recognised"]).tolist():
-        model = table.models[index]
-        model.trail.add((float(rows["mean"][index, 0]), float(rows["mean"][index, 1])))
-        share, appearance = float(rows["filter_share"][index]), model.appearance
-        if share > LEAST_SHARE and appearance is not None and appearance.discriminator is not None:
-            appearance.discriminator.learn(sampler, rows["window"][index], share)
+    for index in np.flatnonzero(known & rows["manual"]).tolist():
+        model, recognised = table.models[index], bool(rows["recognised"][index])
+        if recognised:
+            model.trail.add((float(rows["mean"][index, 0]), float(rows["mean"][index, 1])))
+        appearance, share = model.appearance, float(rows["filter_share"][index])
+        if appearance is None or appearance.discriminator is None or appearance.memory is None:
+            continue
+        discriminator, region = appearance.discriminator, None
+        if recognised:
+            region = discriminator.read(sampler, rows["window"][index])
+            if share > LEAST_SHARE:
+                discriminator.learn(sampler, region, share)
+        appearance.memory.compare(discriminator, region, LEAST_SHARPNESS)
+        rows["sure"][index] = appearance.memory.is_sure

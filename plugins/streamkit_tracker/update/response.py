@@ -63,11 +63,15 @@ def find_response(
 
 def search_place(window: FloatArray, frames_unseen: int) -> FloatArray:
     """Window float64[5] to ask the filter at besides the prediction: over some frames they cover a disc."""
+    return disc_place(window, frames_unseen, min(NEAREST_RING + RING_PER_FRAME * frames_unseen, LARGEST_RING))
+
+
+def disc_place(window: FloatArray, number: int, radius: float) -> FloatArray:
+    """One of the places, numbered, that fill a disc around a window evenly; the radius is in its sides."""
     side = math.sqrt(float(window[LENGTH] * window[WIDTH]))
-    reach = min(NEAREST_RING + RING_PER_FRAME * frames_unseen, LARGEST_RING) * side
-    radius, turn = reach * math.sqrt(frames_unseen * GOLDEN % 1), 2 * math.pi * GOLDEN * frames_unseen
+    reach, turn = radius * side * math.sqrt(number * GOLDEN % 1), 2 * math.pi * GOLDEN * number
     place = window.copy()
-    place[:2] += radius * np.array([math.cos(turn), math.sin(turn)])
+    place[:2] += reach * np.array([math.cos(turn), math.sin(turn)])
     return place
 
 

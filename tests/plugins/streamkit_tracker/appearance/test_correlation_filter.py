@@ -71,7 +71,7 @@ def test_learning_follows_a_new_look(scenes: ModuleType):
     sampler.look_at(scenes.grey(other, generator, 2.0))
     before = discriminator.respond(sampler, window)
     for _ in range(30):
-        discriminator.learn(sampler, window)
+        discriminator.learn(sampler, discriminator.read(sampler, window))
     after = discriminator.respond(sampler, window)
     assert after.peak > before.peak + 0.2
 

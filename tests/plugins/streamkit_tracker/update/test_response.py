@@ -76,7 +76,7 @@ def test_a_target_that_stops_is_found_where_it_was(scenes: ModuleType):
 
 
 @pytest.mark.parametrize("grown", [0.97, 1.02, 1.045])
-def test_sizes_between_those_asked_at_are_told(scenes: ModuleType, grown: float):
+def test_sizes_between_those_asked_at_are_found(scenes: ModuleType, grown: float):
     """Within 1.5 per cent, with one aspect."""
     drawn = np.array([150.0, 120, 60, 50, 0.0])
     response = found(scenes, drawn, drawn * [1, 1, grown, grown, 1], drawn)

@@ -1,0 +1,88 @@
+"""Whether a target is still the same one, and where it is if not."""
+
+import math
+from types import ModuleType
+
+import numpy as np
+
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter
+from streamkit_tracker.appearance.window_sampling import WindowSampler
+from streamkit_tracker.update.memory import AGREEING_FRAMES, Memory
+
+DRAWN = np.array([150.0, 120, 40, 34, 0.0])
+LEAST = 5.0
+
+
+class Film:
+    """A textured target on a textured ground, and its filter from the first frame."""
+
+    def __init__(self, scenes: ModuleType) -> None:
+        self._scenes, self._generator = scenes, np.random.default_rng(4)
+        self._ground = scenes.ground(self._generator, 240, 320)
+        self._texture = scenes.blob_texture(self._generator)
+        self.sampler = WindowSampler()
+        self.show(DRAWN)
+        self.discriminator = CorrelationFilter(self.sampler, DRAWN)
+        self.memory = Memory(self.discriminator)
+
+    def show(self, window: np.ndarray | None) -> None:
+        """The next frame: the target at a window, or the ground alone."""
+        picture = self._ground if window is None else self._scenes.paint(self._ground, self._texture, window)
+        self.sampler.look_at(self._scenes.grey(picture, self._generator, 2.0))
+
+    def follow(self, window: np.ndarray, *, seen: bool = True) -> None:
+        """What the tracker does with a window in a frame: the filter learns whatever is there."""
+        region = self.discriminator.read(self.sampler, window) if seen else None
+        if region is not None:
+            self.discriminator.learn(self.sampler, region)
+        self.memory.compare(self.discriminator, region, LEAST)
+
+
+def test_a_target_that_stays_is_sure(scenes: ModuleType):
+    """From the first frame on."""
+    film = Film(scenes)
+    for _ in range(40):
+        film.show(DRAWN)
+        film.follow(DRAWN)
+        assert film.memory.is_sure
+
+
+def test_ground_in_its_place_is_not_sure_though_the_filter_has_learnt_it(scenes: ModuleType):
+    """Within 40 frames, and for good: the copy has not learnt the ground."""
+    film = Film(scenes)
+    sure = []
+    for _ in range(120):
+        film.show(None)
+        film.follow(DRAWN)
+        sure.append(film.memory.is_sure)
+    assert not any(sure[40:])
+    assert film.discriminator.respond(film.sampler, DRAWN).sharpness > 10
+
+
+def test_a_target_that_is_not_seen_is_soon_not_sure(scenes: ModuleType):
+    """Whatever the ground looks like."""
+    film = Film(scenes)
+    film.show(DRAWN)
+    film.follow(DRAWN)
+    for _ in range(40):
+        film.follow(DRAWN, seen=False)
+    assert not film.memory.is_sure
+
+
+def test_a_target_that_is_elsewhere_is_found_after_some_frames_there(scenes: ModuleType):
+    """Two sides away; found where it is, by a filter that knows it."""
+    film = Film(scenes)
+    for _ in range(40):
+        film.show(None)
+        film.follow(DRAWN)
+    there, found, frames = DRAWN + np.array([80.0, 20, 0, 0, 0]), None, 0
+    while found is None and frames < 80:
+        film.show(there)
+        film.follow(DRAWN)
+        found = film.memory.search(film.sampler, DRAWN)
+        frames += 1
+    assert found is not None
+    assert frames >= AGREEING_FRAMES
+    response, discriminator = found
+    assert math.dist(response.position, there[:2]) < 2.0
+    assert discriminator.respond(film.sampler, there).sharpness > 15
