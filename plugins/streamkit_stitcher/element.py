@@ -37,7 +37,8 @@ from streamkit import (
     luma,
 )
 from streamkit_kernels import COMPILING, on_compilation
-from streamkit_stitcher.flight_plan.plan import CameraView, FlightPlan, GeodeticPoint, parse_strip, plan_strip
+from streamkit_stitcher.flight_plan.plan import CameraView, FlightPlan, parse_strip, plan_strip
+from streamkit_stitcher.ground_view import ground_view
 from streamkit_stitcher.live_mosaic import PREVIEW_CAPS, LiveMosaic, linked_pad
 from streamkit_stitcher.mosaic.image_file import check_location
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
@@ -79,7 +80,14 @@ class Stitch(Transform):
     )
     altitude: float = Property(0.0, min=0.0, unit="m", doc="Height above the ground, for `strip`.")
     field_of_view: float = Property(
-        0.0, min=0.0, max=170.0, unit="deg", doc="Horizontal field of view of the camera, for `strip`."
+        0.0,
+        min=0.0,
+        max=170.0,
+        unit="deg",
+        doc="Horizontal field of view of the camera, for `strip`, and where telemetry has none.",
+    )
+    ground_altitude: float | None = Property(
+        None, unit="m", doc="Altitude of the ground with the datum of the poses; by default as they tell."
     )
     speed: float = Property(0.0, min=0.0, unit="m/s", doc="Speed over the ground, for `strip`.")
     preview_interval: float = Property(
@@ -171,7 +179,9 @@ class Stitch(Transform):
                 self._mosaic.end_plane(self._tracker.take_plane())
                 self._tracker.keep_planes(self._mosaic.has_room)
             shape = int(grey.shape[0]), int(grey.shape[1])
-            self._mosaic.record(frame, registered, shape, partial(mosaic_image, frame), position_fix(frame))
+            fov = math.radians(self.field_of_view)
+            view = ground_view(frame.get(Pose), shape, self.ground_altitude, fov, frame.pts)
+            self._mosaic.record(frame, registered, shape, partial(mosaic_image, frame), view)
         return frame.attach(registration(registered))
 
     def event(self, event: Event) -> None:
@@ -270,9 +280,3 @@ def mosaic_image(frame: Frame) -> ImageArray:
     if code is None:
         return np.asarray(frame.data, dtype=np.uint8) if pixel_format == "BGR" else luma(frame)
     return np.asarray(cv2.cvtColor(frame.data, code), dtype=np.uint8)
-
-
-def position_fix(frame: Frame) -> GeodeticPoint | None:
-    """The camera's position, or None where telemetry is missing or stale."""
-    pose = frame.get(Pose)
-    return None if pose is None or pose.is_stale else GeodeticPoint(pose.latitude, pose.longitude)

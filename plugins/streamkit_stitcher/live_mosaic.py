@@ -17,7 +17,8 @@ import numpy as np
 from streamkit import Caps, Frame, Pad, Registration, Transform
 from streamkit.geometry.homography import inverse
 from streamkit.handoff.background_executor import BackgroundExecutor
-from streamkit_stitcher.flight_plan.plan import GeodeticPoint
+from streamkit_stitcher.mosaic.frame_views import Position
+from streamkit_stitcher.mosaic.image_file import is_tiff
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings, WrittenMosaic
 from streamkit_stitcher.mosaic.recorder import AdjustedPlanes, MosaicRecorder
 from streamkit_stitcher.mosaic.tiles import ImageArray
@@ -89,7 +90,7 @@ class LiveMosaic:
         registered: FrameRegistration,
         shape: tuple[int, int],
         load: Callable[[], ImageArray],
-        position: GeodeticPoint | None,
+        position: Position,
     ) -> None:
         """Adds a keyframe or a frame that shows new ground; the background thread calls `load`.
 
@@ -197,6 +198,8 @@ class LiveMosaic:
             self._failure = error
 
     def _announce(self, written: WrittenMosaic) -> None:
+        if written.geo_refused and is_tiff(written.path.name):
+            self._element.post_warning(f"{written.path} is not georeferenced: {written.geo_refused}")
         self._element.post_message("mosaic", **{**asdict(written), "path": str(written.path)})
 
 

@@ -186,6 +186,8 @@ class Pose:
         source: "misb", "dji", "exif", ...
         gap_ns: from the frame to the nearest measurement; negative if that is older.
         is_stale: whether that gap is too long for the pose to be reliable.
+        frame_centre: latitude, longitude (deg), elevation (m) of what the frame's centre shows, as sent.
+        corners: latitude, longitude (deg) of what its corners show, as sent: upper left, then clockwise.
     """
 
     latitude: float
@@ -199,3 +201,5 @@ class Pose:
     source: str = ""
     gap_ns: int = field(default=0)
     is_stale: bool = False
+    frame_centre: tuple[float, float, float | None] | None = None
+    corners: tuple[tuple[float, float], ...] = ()

@@ -1,18 +1,49 @@
-"""Georeferencing of a mosaic by the GNSS positions of its frames."""
+"""Georeferencing of a mosaic by what its frames show of the ground."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from streamkit.geometry.earth import metres_per_degree
-from streamkit.geometry.homography import FloatArray, centre, project
+from streamkit.geometry.homography import FloatArray, centre, inverse, normalised, project
 from streamkit_stitcher.flight_plan.plan import GeodeticPoint
+from streamkit_stitcher.registration.gauss_newton import Scaling, gauss_newton_step
+from streamkit_stitcher.registration.motion_models import MotionModel, least_squares
 
 _FEWEST: Final = 3
 _ITERATIONS: Final = 20
 _LEAST_SPREAD_M: Final = 1.0
+# A model with more freedom must explain the positions better by this factor, and by a metre.
+_BETTER: Final = 0.8
+# Root mean square of distances in a plane by their median, of a normal distribution.
+_RMS_OF_MEDIAN: Final = 1.2011
+_STEPS: Final = 5
+# Largest perspective element of a mosaic that is turned only: 100 000 px of it are off by a hundredth.
+_NO_PERSPECTIVE: Final = 1e-9
+_LONGEST_STEP_S: Final = 1.0
+_LONGEST_LEAD_S: Final = 0.5
+_Fit = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class GroundView:
+    """Points of the ground in a frame.
+
+    Attributes:
+        pixels: float64[n, 2], px of the frame; the first is the one that the fit is judged by.
+        places: their positions.
+        std_m: standard deviation of a position, errors common to all frames included.
+        time_s: of the frame; None where successive frames have nothing to do with each other.
+    """
+
+    pixels: FloatArray
+    places: Sequence[GeodeticPoint]
+    std_m: float = 0.0
+    time_s: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,14 +53,32 @@ class Georeference:
     Attributes:
         to_local: float64[3, 3], mosaic pixels to metres east and north of the origin.
         origin: of the metres.
-        median_error_m: median distance between the positions and the centres of the frames' footprints.
-        fixes: number of positions used.
+        median_error_m: median distance between the positions and where the mosaic has them.
+        error_m: expected error of a place in the mosaic, one standard deviation.
+        fixes: number of frames used.
+        lead_s: time by which the positions are ahead of the frames, as telemetry often is.
     """
 
     to_local: FloatArray
     origin: GeodeticPoint
     median_error_m: float
+    error_m: float
     fixes: int
+    lead_s: float = 0.0
+
+    def seen_through(self, matrix: FloatArray) -> "Georeference":
+        """That of pixels to which `matrix`, float64[3, 3], maps those of this one."""
+        return replace(self, to_local=normalised(self.to_local @ inverse(matrix)))
+
+    def pixel_size_m(self, shape: tuple[int, int]) -> float:
+        """Side of the middle pixel of a mosaic of (height, width) on the ground, m."""
+        depth = float(self.to_local[2, :2] @ centre(shape) + self.to_local[2, 2])
+        return math.sqrt(abs(float(np.linalg.det(self.to_local)) / depth**3))
+
+    @property
+    def is_affine(self) -> bool:
+        """Whether a GeoTIFF can express it."""
+        return float(np.abs(self.to_local[2, :2]).max()) < _NO_PERSPECTIVE
 
 
 def local_metres(fixes: Sequence[GeodeticPoint], origin: GeodeticPoint) -> FloatArray:
@@ -44,38 +93,99 @@ def local_metres(fixes: Sequence[GeodeticPoint], origin: GeodeticPoint) -> Float
 
 
 def georeference(
-    to_mosaic: Sequence[FloatArray], shapes: Sequence[tuple[int, int]], fixes: Sequence[GeodeticPoint]
+    to_mosaic: Sequence[FloatArray],
+    shapes: Sequence[tuple[int, int]],
+    fixes: Sequence[GeodeticPoint | GroundView],
 ) -> Georeference | None:
-    """Fits a similarity from the mosaic to the earth, robust against wrong positions.
+    """Fits a mosaic to the earth, robust against wrong positions.
 
-    Cameras are assumed to look straight down. None for fewer than 3 positions, or positions within a metre of
-    each other.
+    A similarity, or a homography where frames have several positions and these ask for it, as those of an
+    oblique camera do. None for fewer than 3 frames, or positions within a metre of each other.
 
-    Source: iteratively reweighted least squares with Cauchy weights, on Umeyama's similarity, PAMI 1991.
+    Args:
+        to_mosaic: float64[3, 3] of each frame.
+        shapes: height and width of each.
+        fixes: what each frame shows; a single position is that of its middle.
+
+    Source: iteratively reweighted least squares with Cauchy weights; Umeyama's similarity, PAMI 1991.
     """
     if len(fixes) < _FEWEST:
         return None
-    middles = np.array(
-        [
-            project(matrix, centre(shape)[np.newaxis])[0]
-            for matrix, shape in zip(to_mosaic, shapes, strict=True)
-        ]
-    )
+    views = [
+        fix if isinstance(fix, GroundView) else GroundView(centre(shape)[np.newaxis], [fix])
+        for fix, shape in zip(fixes, shapes, strict=True)
+    ]
+    places = [place for view in views for place in view.places]
     origin = GeodeticPoint(
-        float(np.median([fix.latitude for fix in fixes])), float(np.median([fix.longitude for fix in fixes]))
+        float(np.median([place.latitude for place in places])),
+        float(np.median([place.longitude for place in places])),
     )
-    metres = local_metres(fixes, origin)
-    if float(np.ptp(metres, axis=0).max()) < _LEAST_SPREAD_M or float(np.ptp(middles, axis=0).max()) < 1:
+    pixels = np.concatenate(
+        [project(matrix, view.pixels) for matrix, view in zip(to_mosaic, views, strict=True)]
+    )
+    metres = local_metres(places, origin)
+    if float(np.ptp(metres, axis=0).max()) < _LEAST_SPREAD_M or float(np.ptp(pixels, axis=0).max()) < 1:
         return None
-    weights = np.ones(len(fixes))
-    matrix = np.eye(3)
-    distances = np.zeros(len(fixes))
+    first = np.cumsum([0, *(len(view.places) for view in views[:-1])])
+    speeds = _speeds(views, metres, first)
+    matrix, distances, lead_s = _robust(_mirrored_similarity, pixels, metres, speeds)
+    if len(places) > len(views):
+        bent, others, other_s = _robust(_homography, pixels, metres, speeds)
+        if np.median(others) < min(_BETTER * np.median(distances), np.median(distances) - 1):
+            matrix, distances, lead_s = bent, others, other_s
+    median = float(np.median(distances[first]))
+    std = float(np.median([view.std_m for view in views]))
+    return Georeference(matrix, origin, median, math.hypot(_RMS_OF_MEDIAN * median, std), len(views), lead_s)
+
+
+def _speeds(views: Sequence[GroundView], metres: FloatArray, first: npt.NDArray[np.int64]) -> FloatArray:
+    """Speed of each position over the ground, float64[n, 2], m/s; 0 where it is unknown."""
+    speeds = np.zeros_like(metres)
+    for before, after, start, end in zip(views, views[1:], first, first[1:], strict=False):
+        count = len(after.places)
+        if before.time_s is None or after.time_s is None or count != len(before.places):
+            continue
+        if 0 < (step := after.time_s - before.time_s) < _LONGEST_STEP_S:
+            speeds[end : end + count] = (metres[end : end + count] - metres[start : start + count]) / step
+    return speeds
+
+
+def _robust(
+    fit: _Fit, pixels: FloatArray, metres: FloatArray, speeds: FloatArray
+) -> tuple[FloatArray, FloatArray, float]:
+    """The fit with less weight on what is far off.
+
+    Returns:
+        The matrix, the distance of each position, m, and the time by which positions are ahead, s.
+    """
+    weights, lead_s, shifted = np.ones(len(pixels)), 0.0, metres
     for _ in range(_ITERATIONS):
-        matrix = _mirrored_similarity(middles, metres, weights)
-        distances = np.hypot(*(project(matrix, middles) - metres).T)
+        matrix = fit(pixels, shifted, weights)
+        residuals = shifted - project(matrix, pixels)
+        distances = np.hypot(*residuals.T)
         spread = max(1e-6, 1.4826 * float(np.median(distances)))
         weights = 1 / (1 + (distances / (2 * spread)) ** 2)
-    return Georeference(matrix, origin, float(np.median(distances)), len(fixes))
+        power = float((weights * (speeds**2).sum(axis=1)).sum())
+        if power > 0:
+            lead_s += float((weights * (residuals * speeds).sum(axis=1)).sum()) / power
+            lead_s = min(max(lead_s, -_LONGEST_LEAD_S), _LONGEST_LEAD_S)
+            shifted = metres - lead_s * speeds
+    return matrix, distances, lead_s
+
+
+def _homography(pixels: FloatArray, metres: FloatArray, weights: FloatArray) -> FloatArray:
+    """The weighted least-squares homography, float64[3, 3]; the affine motion where it is degenerate."""
+    matrix = least_squares(MotionModel.AFFINE, pixels, metres)
+    if matrix is None:
+        return _mirrored_similarity(pixels, metres, weights)
+    scaling = Scaling.of(metres)
+    for _ in range(_STEPS):
+        mapped = project(matrix, pixels)
+        step = gauss_newton_step(matrix, scaling, mapped, metres - mapped, weights)
+        if step is None:
+            break
+        matrix = step
+    return normalised(matrix)
 
 
 def _mirrored_similarity(pixels: FloatArray, metres: FloatArray, weights: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from streamkit.geometry.homography import FloatArray
+from streamkit.geometry.homography import FloatArray, inverse, normalised, project
 from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.georeference import Georeference, local_metres
 from streamkit_stitcher.mosaic.tiles import ImageArray
@@ -63,13 +63,17 @@ def to_utm(geo: Georeference) -> tuple[FloatArray, int]:
 
 
 def north_up(geo: Georeference) -> FloatArray:
-    """The rotation of a mosaic that puts grid north up, float64[3, 3].
+    """The change of a mosaic, float64[3, 3], that puts grid north up and takes out perspective.
 
-    Most programs resample a rotated GeoTIFF, and some cannot show it.
+    Most programs resample a rotated GeoTIFF, and some cannot show it. A pixel's area stays at the origin.
     """
     matrix, _ = to_utm(geo)
-    cos, sin = np.array([matrix[0, 0], matrix[1, 0]]) / np.hypot(matrix[0, 0], matrix[1, 0])
-    return np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]])
+    east, north = project(matrix @ inverse(geo.to_local), np.zeros((1, 2)))[0]
+    moved = normalised(np.array([[1, 0, -east], [0, -1, north], [0, 0, 1.0]]) @ matrix)
+    middle = project(inverse(geo.to_local), np.zeros((1, 2)))[0]
+    depth = float(moved[2, :2] @ middle + moved[2, 2])
+    metres = math.sqrt(abs(float(np.linalg.det(moved)) / depth**3))
+    return normalised(np.diag([1 / metres, 1 / metres, 1.0]) @ moved)
 
 
 def write_geotiff(image: ImageArray, path: Path, geo: Georeference | None) -> None:

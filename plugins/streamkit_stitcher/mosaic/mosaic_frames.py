@@ -9,11 +9,11 @@ import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised, translation
 from streamkit.settings import setting
-from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.composition import Composition, PlacedFrame, compose
 from streamkit_stitcher.mosaic.coverage import Coverage
 from streamkit_stitcher.mosaic.frame_store import FrameStore
-from streamkit_stitcher.mosaic.georeference import Georeference, georeference
+from streamkit_stitcher.mosaic.frame_views import FrameView, georeferenced
+from streamkit_stitcher.mosaic.georeference import Georeference
 from streamkit_stitcher.mosaic.geotiff import north_up
 from streamkit_stitcher.mosaic.image_file import is_numbered, is_tiff, location_of, write_image
 from streamkit_stitcher.mosaic.mosaic import Mosaic
@@ -23,7 +23,6 @@ from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
 # As many as homographies of keyframes are kept.
 _MAX_STORED: Final = 20_000
-_PositionedFrame = tuple[PlacedFrame, GeodeticPoint]
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,10 @@ class WrittenMosaic:
         pictures: number of frames in it.
         final: whether its frames were adjusted together and blended.
         rmse_px: root mean square residual of the tie points of that adjustment, or None.
-        position_misfit_m: median distance between the frames' GNSS positions and the mosaic's, or None.
+        position_misfit_m: median distance between the frames' positions and the mosaic's, or None.
+        geo_error_m: expected error of a place in it, or None where it has no position.
+        ground_resolution_m: size of its middle pixel on the ground, or None.
+        geo_refused: why it has no position on the earth; empty where it has.
     """
 
     path: Path
@@ -51,6 +53,9 @@ class WrittenMosaic:
     final: bool = False
     rmse_px: float | None = None
     position_misfit_m: float | None = None
+    geo_error_m: float | None = None
+    ground_resolution_m: float | None = None
+    geo_refused: str = ""
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,9 @@ class RecorderSettings:
         64.0, min=1.0, max=1024.0, unit="Mpx", doc="Mosaic kept in memory; the rest goes to a temporary file."
     )
 
+    max_geo_error_m: float = setting(
+        30.0, min=0.0, unit="m", doc="Expected error above which a mosaic is not georeferenced."
+    )
     save_interval: float = setting(
         30.0,
         min=0.0,
@@ -119,7 +127,7 @@ class MosaicFrames:
         """Forgets all frames, and starts the plane of that number."""
         self._store = FrameStore()
         # Where each frame lay at the beginning of its plane, and what places it at the end.
-        self._frames: list[tuple[PlacedFrame, FrameRegistration, GeodeticPoint | None]] = []
+        self._frames: list[tuple[PlacedFrame, FrameRegistration]] = []
         self.begin_plane(reference)
 
     def begin_plane(self, reference: int) -> None:
@@ -143,7 +151,6 @@ class MosaicFrames:
         registered: FrameRegistration,
         shape: tuple[int, int],
         load: Callable[[], ImageArray],
-        position: GeodeticPoint | None,
     ) -> None:
         """Adds a frame, whose pixels `load` returns; all but keyframes only fill gaps.
 
@@ -159,12 +166,16 @@ class MosaicFrames:
                 _ = self.mosaic
             matrix = normalised(self._to_first @ registered.to_reference)
             placed = PlacedFrame(-1 if number is None else number, shape, matrix, fills_gaps)
-            self._frames.append((placed, registered, position))
+            self._frames.append((placed, registered))
         if self._mosaic is not None:
             self._mosaic.add(pixels, registered.to_reference, fills_gaps)
 
     def write(
-        self, covered_px: float, planes: Mapping[int, Mapping[int, FloatArray]] | None, rmse: float
+        self,
+        covered_px: float,
+        planes: Mapping[int, Mapping[int, FloatArray]] | None,
+        rmse: float,
+        views: Sequence[FrameView] = (),
     ) -> Iterator[WrittenMosaic]:
         """Writes the mosaics of all planes with frames; of planes that share one file the largest only.
 
@@ -172,6 +183,7 @@ class MosaicFrames:
             covered_px: area of the current plane that its frames cover.
             planes: homographies of the keyframes after adjustment by plane; None for the incremental mosaic.
             rmse: of the tie points of the adjustment.
+            views: what frames show of the earth.
 
         Raises:
             OSError: one could not be written.
@@ -180,15 +192,16 @@ class MosaicFrames:
         if location is None:
             return
         adjusted = {number: self._adjusted(own) for number, own in (planes or {}).items()}
-        areas = {number: self._covered_px(placed) for number, (placed, _) in adjusted.items() if placed}
+        areas = {number: self._covered_px(placed) for number, placed in adjusted.items() if placed}
         if not areas:
-            adjusted, areas = {self.reference: ([], [])}, {self.reference: covered_px}
+            adjusted, areas = {self.reference: []}, {self.reference: covered_px}
         if not is_numbered(location):
             areas = {number: area for number, area in areas.items() if area > self._largest_px}
             areas = dict(sorted(areas.items(), key=lambda item: -item[1])[:1])
         for number, area in areas.items():
             self._largest_px = max(self._largest_px, area)
-            written = self._written(location, number, *adjusted[number], rmse)
+            found = georeferenced((planes or {}).get(number, {}), views, self._settings.max_geo_error_m)
+            written = self._written(location, number, adjusted[number], rmse, *found)
             if written is not None:
                 yield written
 
@@ -197,15 +210,19 @@ class MosaicFrames:
         location: str,
         number: int,
         placed: Sequence[PlacedFrame],
-        positioned: Sequence[_PositionedFrame],
         rmse: float,
+        geo: Georeference | None,
+        refused: str,
     ) -> WrittenMosaic | None:
-        whole = self._composed(location, placed, positioned)
+        whole = self._composed(location, placed, None if refused else geo)
         final = whole is not None
         whole = whole or _incremental(self.mosaic)
         if whole is None:
             return None
-        geo = _georeferenced(whole.from_plane, positioned)
+        misfit = None if geo is None else geo.median_error_m
+        geo = None if geo is None or refused else geo.seen_through(whole.from_plane)
+        if geo is not None and is_tiff(location) and not geo.is_affine:
+            geo, refused = None, "the camera looks aside, and only the final mosaic can follow that"
         path = location_of(location, number)
         self._report_progress()
         write_image(whole.image, path, geo)
@@ -219,7 +236,10 @@ class MosaicFrames:
             whole.frames,
             final,
             rmse if final else None,
-            None if geo is None else geo.median_error_m,
+            misfit,
+            None if geo is None else geo.error_m,
+            None if geo is None else geo.pixel_size_m((height, width)),
+            refused,
         )
 
     def save(self, covered_px: float) -> None:
@@ -247,24 +267,19 @@ class MosaicFrames:
     def _painted(self) -> Mosaic:
         """The frames stored so far, painted as they came."""
         mosaic = Mosaic(self._settings.memory_px)
-        for placed, _, _ in self._frames[self._first_of_plane :]:
+        for placed, _ in self._frames[self._first_of_plane :]:
             if placed.number >= 0:
                 mosaic.add(self._load(placed.number), placed.to_plane, placed.fills_gaps)
         mosaic.canvas.move_plane(inverse(self._to_first))
         return mosaic
 
-    def _adjusted(
-        self, homographies: Mapping[int, FloatArray]
-    ) -> tuple[list[PlacedFrame], list[_PositionedFrame]]:
-        """The frames by the adjusted homographies of their keyframes, and those with a known position."""
-        frames, positioned = [], []
-        for placed, registered, position in self._frames:
-            if registered.key_index in homographies:
-                matrix = normalised(homographies[registered.key_index] @ registered.to_key)
-                frames.append(replace(placed, to_plane=matrix))
-                if position is not None:
-                    positioned.append((frames[-1], position))
-        return frames, positioned
+    def _adjusted(self, homographies: Mapping[int, FloatArray]) -> list[PlacedFrame]:
+        """The frames by the adjusted homographies of their keyframes."""
+        return [
+            replace(placed, to_plane=normalised(homographies[registered.key_index] @ registered.to_key))
+            for placed, registered in self._frames
+            if registered.key_index in homographies
+        ]
 
     def _covered_px(self, placed: Sequence[PlacedFrame]) -> float:
         coverage = Coverage(self._settings.memory_px)
@@ -275,13 +290,12 @@ class MosaicFrames:
         return area
 
     def _composed(
-        self, location: str, placed: Sequence[PlacedFrame], positioned: Sequence[_PositionedFrame]
+        self, location: str, placed: Sequence[PlacedFrame], geo: Georeference | None
     ) -> Composition | None:
         """The final mosaic, a GeoTIFF with north up; None where a frame was not stored."""
         if not placed or any(frame.number < 0 for frame in placed):
             return None
-        geo = _georeferenced(IDENTITY, positioned) if is_tiff(location) else None
-        turn = IDENTITY if geo is None else north_up(geo)
+        turn = north_up(geo) if geo is not None and is_tiff(location) else IDENTITY
         turned = [replace(frame, to_plane=normalised(turn @ frame.to_plane)) for frame in placed]
         whole = compose(turned, self._load, self._settings.seam, self._settings.memory_px)
         return None if whole is None else replace(whole, from_plane=normalised(whole.from_plane @ turn))
@@ -294,13 +308,3 @@ def _incremental(mosaic: Mosaic) -> Composition | None:
     left, top, _, _ = mosaic.canvas.box
     from_plane = normalised(translation(-np.array([left, top])) @ mosaic.canvas.from_plane)
     return Composition(image, from_plane, mosaic.scale, mosaic.frames)
-
-
-def _georeferenced(from_plane: FloatArray, positioned: Sequence[_PositionedFrame]) -> Georeference | None:
-    if not positioned:
-        return None
-    return georeference(
-        [normalised(from_plane @ frame.to_plane) for frame, _ in positioned],
-        [frame.shape for frame, _ in positioned],
-        [position for _, position in positioned],
-    )

@@ -1,6 +1,6 @@
 """Which frames go into a mosaic, and when it is written."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from functools import partial
 from threading import Event
@@ -8,8 +8,8 @@ from typing import Final
 
 from streamkit.geometry.homography import FloatArray
 from streamkit.handoff.background_executor import BackgroundExecutor
-from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.coverage import Coverage
+from streamkit_stitcher.mosaic.frame_views import FrameView, Position
 from streamkit_stitcher.mosaic.mosaic import Mosaic
 from streamkit_stitcher.mosaic.mosaic_frames import MosaicFrames, RecorderSettings, WrittenMosaic
 from streamkit_stitcher.mosaic.tiles import ImageArray
@@ -21,6 +21,7 @@ _BYTES_PER_PIXEL: Final = 3
 # Homographies of the keyframes of each plane, None for the incremental mosaic, and the rmse of the ties, px.
 AdjustedPlanes = tuple[Mapping[int, Mapping[int, FloatArray]] | None, float]
 _MANY_FRAMES: Final = 10_000
+_MOST_VIEWS: Final = 4000
 
 
 class MosaicRecorder:
@@ -55,6 +56,7 @@ class MosaicRecorder:
         self.refused = 0
         self._coverage = Coverage(settings.memory_px)
         self._reference = self._added = 0
+        self._views, self._stride, self._skipped = list[FrameView](), 1, 0
 
     @property
     def keeps_planes(self) -> bool:
@@ -87,7 +89,7 @@ class MosaicRecorder:
         registered: FrameRegistration,
         shape: tuple[int, int],
         load: Callable[[], ImageArray],
-        position: GeodeticPoint | None = None,
+        position: Position = None,
     ) -> bool:
         """Adds a registered frame where the mosaic needs it; whether the mosaic changes.
 
@@ -106,6 +108,7 @@ class MosaicRecorder:
         self._reference = registered.reference
         if not registered.anchored:
             return False
+        self._add_view(registered, shape, position)
         new_ground = self._coverage.uncovered(shape, registered.to_reference) > _MIN_NEW_GROUND
         if not (registered.keyframe or new_ground):
             return False
@@ -113,9 +116,19 @@ class MosaicRecorder:
             self.refused += 1
             return False
         self._added += 1
-        work = partial(self.frames.add, registered, shape, load, position)
+        work = partial(self.frames.add, registered, shape, load)
         self._do(work, shape[0] * shape[1] * _BYTES_PER_PIXEL)
         return True
+
+    def _add_view(self, registered: FrameRegistration, shape: tuple[int, int], position: Position) -> None:
+        """Keeps what a frame shows of the earth, of a long flight that of every few frames."""
+        self._skipped = (self._skipped + 1) % self._stride
+        if position is None or self._skipped:
+            return
+        self._views.append(FrameView(registered.key_index, registered.to_key, shape, position))
+        if len(self._views) > _MOST_VIEWS:
+            del self._views[::2]
+            self._stride *= 2
 
     def save(self) -> None:
         """Writes the current mosaic as painted so far, and goes on with it; see `MosaicFrames.save`."""
@@ -131,7 +144,8 @@ class MosaicRecorder:
         `adjust` returns the adjusted homographies of the keyframes; `written` is called with each result. The
         future is done when the files are; it has an OSError where one could not be written.
         """
-        work = partial(self._write, self._coverage.covered_px, self._reference, adjust, written)
+        work = partial(self._write, self._coverage.covered_px, self._reference, adjust, written, self._views)
+        self._views, self._stride, self._skipped = [], 1, 0
         self._new_coverage()
         self._added = 0
         if self._executor is not None:
@@ -182,9 +196,10 @@ class MosaicRecorder:
         reference: int,
         adjust: Callable[[], AdjustedPlanes],
         written: Callable[[WrittenMosaic], None],
+        views: Sequence[FrameView],
     ) -> None:
         try:
-            for result in self.frames.write(covered_px, *adjust()):
+            for result in self.frames.write(covered_px, *adjust(), views):
                 written(result)
         finally:
             self.frames.close()

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from streamkit.geometry.homography import translation
+from streamkit.geometry.homography import inverse, normalised, project, translation
 from streamkit_stitcher.flight_plan.plan import GeodeticPoint
-from streamkit_stitcher.mosaic.georeference import georeference, local_metres
+from streamkit_stitcher.mosaic.georeference import GroundView, georeference, local_metres
 from streamkit_stitcher.mosaic.geotiff import north_up, to_utm, utm_code, write_geotiff
 
 ORIGIN = GeodeticPoint(46.8, -92.1)
@@ -103,3 +103,48 @@ def test_turned_north_up_a_mosaic_needs_only_scale_and_corner(tmp_path):
         x, y, _ = turn @ [*pixel, 1] + [0.5, 0.5, 0]
         place = corner[0] + across * x, corner[1] - down * y
         assert place == pytest.approx(projection.transform(fix.longitude, fix.latitude), abs=0.05)
+
+
+def oblique_views(lead_s=0.0):
+    """A camera that looks aside and moves ever faster: its homographies, and what telemetry sends."""
+    to_metres = np.array([[1.4, 0.3, 0.0], [0.2, -1.9, 0.0], [2e-4, 9e-4, 1.0]])
+    corners = np.array([[149.5, 99.5], [-0.5, -0.5], [299.5, -0.5], [299.5, 199.5], [-0.5, 199.5]])
+    scale = local_metres([GeodeticPoint(ORIGIN.latitude + 1e-3, ORIGIN.longitude + 1e-3)], ORIGIN)[0] / 1e-3
+    east, north = scale.tolist()
+    places, views = [], []
+    for number in range(40):
+        places.append(translation(np.array([0.2 * number**1.8, 3.0 * number])))
+        later = number + 10 * lead_s
+        ahead = translation(np.array([0.2 * later**1.8, 3.0 * later]))
+        metres = project(normalised(to_metres @ ahead), corners)
+        sent = [GeodeticPoint(ORIGIN.latitude + n / north, ORIGIN.longitude + e / east) for e, n in metres]
+        views.append(GroundView(corners, sent, 5.0, number / 10))
+    return to_metres, places, views
+
+
+@pytest.mark.parametrize("lead_s", [0.0, 0.2])
+def test_an_oblique_mosaic_lies_where_its_camera_looks(lead_s):
+    """Telemetry's corners give the homography, even where they are ahead of the frames."""
+    to_metres, places, views = oblique_views(lead_s)
+    found = georeference(places, [SHAPE] * len(views), views)
+    grid = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, 300.0], [0.0, 300.0], [150.0, 100.0]])
+    offset = local_metres([found.origin], ORIGIN)[0]
+    assert np.abs(project(found.to_local, grid) + offset - project(to_metres, grid)).max() < 5.0
+    assert found.lead_s == pytest.approx(lead_s, abs=0.06)
+    assert 5.0 <= found.error_m < 8.0
+    assert not found.is_affine
+
+
+def test_an_oblique_mosaic_is_turned_onto_the_ground():
+    """After the change only scale and corner are left, with the scale of its middle."""
+    pytest.importorskip("pyproj")
+    _, places, views = oblique_views()
+    found = georeference(places, [SHAPE] * len(views), views)
+    upright = found.seen_through(north_up(found))
+    assert upright.is_affine
+    matrix, _ = to_utm(upright)
+    assert abs(matrix[0, 1]) < 1e-6 * matrix[0, 0]
+    middle = project(inverse(found.to_local), np.zeros((1, 2)))[0]
+    beside = project(found.to_local, middle + np.array([[0, 0], [1, 0], [0, 1]]))
+    area = abs(np.linalg.det(beside[1:] - beside[0]))
+    assert upright.pixel_size_m((10, 10)) ** 2 == pytest.approx(area, rel=0.02)
