@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit.geometry.angles import wrap_bearing
-from streamkit_telemetry_formats.aircraftclock import AircraftClock
 from streamkit_telemetry_formats.sample import Sample
-from streamkit_telemetry_formats.subrip import SubtitleReader
+from streamkit_telemetry_formats.subrip import AircraftClock, SubtitleReader
 
 # No more digits than a quantity has: a longer row of them is damage, and would be infinite as a number.
 NUMBER = r"([-+]?\d{1,9}(?:\.\d{1,20})?)(?!\d)"

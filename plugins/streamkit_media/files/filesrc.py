@@ -35,10 +35,9 @@ from streamkit_media.container import (
     rotation_of,
     video_stream,
 )
-from streamkit_media.files.datagrams import await_datagram
 from streamkit_media.files.playrange import Place, PlayRange
 from streamkit_media.packets import DECODE_ONLY, SECOND_NS, DecodeOnly, packet_frame, read_packets
-from streamkit_media.rtsp.sockets import cut_connections, open_sockets
+from streamkit_media.rtsp.sockets import await_datagram, cut_connections, open_sockets
 from streamkit_media.streams import (
     AUDIO_CAPS,
     BARE_PACKETS,

@@ -63,25 +63,19 @@ class ReplaySrc(Source):
             try:
                 for packet, arrival in zip(read_packets(container, stream), arrivals, strict=False):
                     first = arrival.arrival_ns if first is None else first
-                    due = self._due(began, arrival.arrival_ns - first)
+                    elapsed_ns = arrival.arrival_ns - first
+                    due = began + (round(elapsed_ns / self.speed) if self.speed else 0)
                     if not self.clock.wait_until(due, self.over):
                         return
                     yield self._frame(packet_frame(packet, self._caps), arrival, due)
             except BadArrivals as error:
                 raise ResourceError(f"{redact(self.location)}: {error}") from None
 
-    def _due(self, began: int, elapsed: int) -> int:
-        return began + round(elapsed / self.speed) if self.speed else began
-
     def _frame(self, frame: Frame, arrival: Arrival, due: int) -> Frame:
         capture = None
         if arrival.capture_ns is not None and arrival.capture_origin in ORIGINS:
             capture = Capture(arrival.capture_ns, cast("Any", arrival.capture_origin))
         return frame.replace(
-            seq=arrival.seq,
-            epoch=arrival.epoch,
-            pts=arrival.pts,
-            arrival_ns=due,
-            capture=capture,
+            seq=arrival.seq, epoch=arrival.epoch, pts=arrival.pts, arrival_ns=due, capture=capture,
             flags=arrival.flags,
-        )
+        )  # fmt: skip
