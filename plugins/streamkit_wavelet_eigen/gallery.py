@@ -66,12 +66,17 @@ def read_gallery(folder: Path, patch: int) -> Gallery:
             f"{folder}: a gallery has 1 to {MAX_IMAGES} images in folders named after their labels, "
             f"got {len(paths)}"
         )
-    return Gallery(
-        np.stack([_read_window(path, patch) for path in paths]), tuple(path.parent.name for path in paths)
-    )
+    windows = np.stack([read_window(path, patch) for path in paths])
+    return Gallery(windows, tuple(path.parent.name for path in paths))
 
 
-def _read_window(path: Path, patch: int) -> NDArray[np.uint8]:
+def read_window(path: Path, patch: int) -> NDArray[np.uint8]:
+    """An image file in grey levels, scaled to uint8[patch, patch].
+
+    Raises:
+        ValueError: it is not an image that can be read.
+        OSError: it cannot be opened.
+    """
     encoded = np.fromfile(path, np.uint8)
     image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if len(encoded) else None
     if image is None:

@@ -13,7 +13,7 @@ from streamkit_wavelet_eigen.preprocessing_kernels import (
     noise_deviations,
     shrink_details,
 )
-from streamkit_wavelet_eigen.wavelet import FloatBatch, decompose, quarters, reconstruct, transform_matrix
+from streamkit_wavelet_eigen.wavelet import FloatBatch, decompose, reconstruct, sub_bands, transform_matrix
 
 # Pixels per chunk: intermediate arrays fit the cache, and memory does not grow with the batch.
 CHUNK_PIXELS = 64 * 32 * 32
@@ -141,7 +141,7 @@ def threshold_details(coefficients: FloatBatch, rule: Threshold) -> FloatBatch:
         limits = sigma * np.float32(np.sqrt(2.0 * np.log(coefficients[0].size)))
         shrink_details(coefficients, limits, shrunk)
         return shrunk
-    bands = quarters(coefficients)
+    bands = sub_bands(coefficients)
     limits = _bayes_limits(bands, sigma[:, None, None, None, None])
     # x - clip(x, -t, t) is the soft threshold, in two passes over the data instead of five.
     shrunk = bands - np.clip(bands, -limits, limits)

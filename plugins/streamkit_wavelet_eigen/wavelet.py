@@ -18,7 +18,7 @@ FloatBatch: TypeAlias = NDArray[np.float32]
 ORTHOGONALITY_LIMIT = 1e-6
 
 
-def quarters(coefficients: FloatBatch) -> FloatBatch:
+def sub_bands(coefficients: FloatBatch) -> FloatBatch:
     """The sub-bands of coefficients float32[n, h, w], as a view float32[n, 2, h / 2, 2, w / 2].
 
     The second axis is low or high along y, the fourth along x. LL is `[:, 0, :, 0]`, top left in the
@@ -82,7 +82,7 @@ def _read_only(matrix: NDArray[np.floating]) -> FloatBatch:
 
 
 def decompose(patches: FloatBatch, wavelet: str = "db8") -> FloatBatch:
-    """The coefficients float32[n, h, w] of patches float32[n, h, w]; `quarters` gives the sub-bands.
+    """The coefficients float32[n, h, w] of patches float32[n, h, w]; `sub_bands` gives the sub-bands.
 
     Raises:
         ValueError: as `transform_matrix`.

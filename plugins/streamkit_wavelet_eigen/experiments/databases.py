@@ -4,9 +4,10 @@ import os
 import re
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from streamkit_wavelet_eigen.gallery import read_window
 
 VARIABLE = "STREAMKIT_DATA"
 SIDE = 64
@@ -55,9 +56,10 @@ def read_coil20(folder: Path) -> NDArray[np.uint8]:
 def _read(folder: Path, names: list[list[str]]) -> NDArray[np.uint8]:
     images = []
     for name in (name for views in names for name in views):
-        path = folder / name
-        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
-        if image is None:
-            raise MissingData(f"{path}: the database is not whole; this image cannot be read")
-        images.append(cv2.resize(image, (SIDE, SIDE), interpolation=cv2.INTER_AREA))
-    return np.asarray(np.stack(images), np.uint8).reshape(len(names), -1, SIDE, SIDE)
+        try:
+            images.append(read_window(folder / name, SIDE))
+        except (OSError, ValueError):
+            raise MissingData(
+                f"{folder / name}: the database is not whole; this image cannot be read"
+            ) from None
+    return np.stack(images).reshape(len(names), -1, SIDE, SIDE)

@@ -23,14 +23,7 @@ READING_A_METHODS = (PROPOSED, TRADITIONAL, MODULAR, BEST)
 def run_partition(
     partition: Partition, folder: Path, repetitions: int, tracking_runs: int, follow: Follow
 ) -> PartitionResult:
-    """Measures one partition.
-
-    Args:
-        partition: database and number of training images.
-        folder: holds the databases.
-        repetitions: random splits.
-        tracking_runs: sequences for tables 2 and 4.
-        follow: the tracker.
+    """Measures one partition; see `run_all`.
 
     Raises:
         MissingData: the databases are incomplete.
@@ -70,8 +63,8 @@ def run_all(
         workers: processes.
         report: called with the key of each finished partition.
     """
-    found: dict[str, PartitionResult] = {}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    found: dict[str, PartitionResult] = {}
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         tasks = {
             pool.submit(run_partition, partition, folder, repetitions, tracking_runs, follow): partition.key
@@ -81,9 +74,8 @@ def run_all(
             for task in as_completed(tasks):
                 found[tasks[task]] = task.result()
                 report(tasks[task])
-        except BaseException:
+        finally:
             pool.shutdown(cancel_futures=True)
-            raise
     return {
         "schema": SCHEMA,
         "repetitions": repetitions,

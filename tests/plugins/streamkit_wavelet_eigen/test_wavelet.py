@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 import pywt
 
-from streamkit_wavelet_eigen.wavelet import decompose, inverse_matrix, quarters, reconstruct, transform_matrix
+from streamkit_wavelet_eigen.wavelet import (
+    decompose,
+    inverse_matrix,
+    reconstruct,
+    sub_bands,
+    transform_matrix,
+)
 
-# Sub-bands within `quarters`.
+# What `sub_bands` returns, by band.
 LL, LH, HL, HH = np.s_[:, 0, :, 0], np.s_[:, 1, :, 0], np.s_[:, 0, :, 1], np.s_[:, 1, :, 1]
 WAVELETS = pywt.wavelist(kind="discrete")
 
@@ -25,10 +31,10 @@ def test_sub_bands_equal_pywavelets(wavelet: str, height: int, width: int) -> No
     )
     bands = decompose(given, wavelet)
     for ours, theirs in (
-        (quarters(bands)[LL], low),
-        (quarters(bands)[LH], horizontal),
-        (quarters(bands)[HL], vertical),
-        (quarters(bands)[HH], diagonal),
+        (sub_bands(bands)[LL], low),
+        (sub_bands(bands)[LH], horizontal),
+        (sub_bands(bands)[HL], vertical),
+        (sub_bands(bands)[HH], diagonal),
     ):
         assert ours.dtype == np.float32
         np.testing.assert_allclose(ours, theirs, atol=1e-3)
@@ -47,11 +53,11 @@ def test_the_inverse_is_that_of_pywavelets(wavelet: str) -> None:
     bands = _patches(2, 32, 32, seed=5) - 128.0
     theirs = pywt.idwt2(
         (
-            quarters(bands)[LL].astype(float),
+            sub_bands(bands)[LL].astype(float),
             (
-                quarters(bands)[LH].astype(float),
-                quarters(bands)[HL].astype(float),
-                quarters(bands)[HH].astype(float),
+                sub_bands(bands)[LH].astype(float),
+                sub_bands(bands)[HL].astype(float),
+                sub_bands(bands)[HH].astype(float),
             ),
         ),
         wavelet,
@@ -67,10 +73,10 @@ def test_the_inverse_of_an_orthogonal_wavelet_is_its_transpose(wavelet: str) -> 
     np.testing.assert_array_equal(inverse_matrix(wavelet, 32), transform_matrix(wavelet, 32).T)
 
 
-def test_quarters_are_views() -> None:
+def test_sub_bands_are_views() -> None:
     """Writing a sub-band changes the coefficients that are reconstructed."""
     bands = decompose(_patches(2, 16, 16), "haar")
-    for band in (quarters(bands)[LH], quarters(bands)[HL], quarters(bands)[HH]):
+    for band in (sub_bands(bands)[LH], sub_bands(bands)[HL], sub_bands(bands)[HH]):
         band[...] = 0.0
     smooth = reconstruct(bands, "haar")
     np.testing.assert_allclose(smooth[:, ::2, ::2], smooth[:, 1::2, 1::2], atol=1e-3)
