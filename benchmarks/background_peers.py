@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit import Registration
-from streamkit_differencer.differencer import downsampled, size_of
+from streamkit_differencer.differencer import downsampled
 from streamkit_differencer.objects import find_objects
 from streamkit_differencer.settings import ObjectSettings
 
@@ -134,4 +134,4 @@ class Peer:
         self._views = cv2.add(self._views, seen & np.uint8(1))
         found = np.where((self._views > self.settings.new_frames) & (seen > 0), found, np.uint8(0))
         flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-        return np.asarray(cv2.warpPerspective(found, place, size_of(working), flags=flags))
+        return np.asarray(cv2.warpPerspective(found, place, working.shape[::-1], flags=flags))

@@ -21,7 +21,6 @@ from streamkit import Frame, Registration, raw_video_caps
 from streamkit.testing import Harness
 from streamkit_differencer.differencer import Differencer
 from streamkit_differencer.element import motion as motion_of
-from streamkit_differencer.element import quality
 from streamkit_differencer.settings import DifferencerSettings, ObjectSettings
 
 ByteImage = npt.NDArray[np.uint8]
@@ -55,7 +54,7 @@ class Own:
 
     def update(self, picture: ByteImage, place: Registration | None) -> tuple[ByteImage, np.ndarray]:
         """Mask at the working scale or the frame's size, and centroids."""
-        result = self._differencer.update(picture, motion_of(place, True), quality(place))
+        result = self._differencer.update(picture, motion_of(place, True))
         if result is None:
             return np.zeros(SHAPE, np.uint8), np.zeros((0, 2))
         return result.foreground, result.objects.centroids

@@ -48,12 +48,14 @@ class Motion:
         to_previous: float64[3, 3], this frame to the one before it; None if that one did not arrive.
         reference: number of the plane.
         reference_change: float64[3, 3], old plane to new, where the plane changes at this frame, else None.
+        quality: 0 to 1.
     """
 
     to_reference: FloatArray
     to_previous: FloatArray | None = None
     reference: int = 0
     reference_change: FloatArray | None = None
+    quality: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,10 +140,10 @@ class Canvas:
         if not all(matrix is None or is_homography(matrix) for matrix in matrices):
             return None
         on_plane = motion.to_reference @ self._grid
-        if self._is_new_plane(motion):
-            return self._begin(motion, on_plane)
-        assert self._plane_to_canvas is not None
         plane_to_canvas = self._plane_to_canvas
+        is_same_plane = motion.reference == self._reference or motion.reference_change is not None
+        if plane_to_canvas is None or not is_same_plane:
+            return self._begin(motion, on_plane)
         if motion.reference_change is not None:
             plane_to_canvas = plane_to_canvas @ np.linalg.inv(motion.reference_change)
         placed = normalised(self._without_adjustment(plane_to_canvas @ on_plane, motion.to_previous))
@@ -153,11 +155,6 @@ class Canvas:
         self._plane_to_canvas = normalised(placed @ np.linalg.inv(on_plane))
         self._previous, self._reference = placed, motion.reference
         return FramePosition(change, canvas_change, placed)
-
-    def _is_new_plane(self, motion: Motion) -> bool:
-        if self._plane_to_canvas is None:
-            return True
-        return motion.reference != self._reference and motion.reference_change is None
 
     def _begin(self, motion: Motion, on_plane: FloatArray) -> FramePosition | None:
         if self._corners(normalised(on_plane)) is None:

@@ -1,17 +1,13 @@
-"""Images of the canvas: allocating, scrolling and warping them, and the history of frames on it."""
+"""Images of the canvas: allocating, scrolling and warping them."""
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar, cast
 
 import cv2
 import numpy as np
 
-from streamkit.geometry.homography import inverse
-from streamkit_differencer.arrays import ByteImage, FloatArray, FloatImage, Region, Slices
-from streamkit_differencer.sampling import warp_frame
+from streamkit_differencer.arrays import ByteImage, FloatArray, FloatImage
 
 Image = TypeVar("Image", ByteImage, FloatImage)
 
@@ -81,12 +77,6 @@ def _fill_strips(image: Image, dx: int, dy: int, fill: float) -> None:
     image[:, max(width + min(dx, 0), 0) :] = fill
 
 
-def region_of(part: Slices, size: tuple[int, int]) -> Region:
-    """Rows and columns of an image of a width and height as kernels take them."""
-    (top, bottom, _), (left, right, _) = part[0].indices(size[1]), part[1].indices(size[0])
-    return top, bottom, left, right
-
-
 def warped(image: Image, change: FloatArray, fill: float, interpolation: int = cv2.INTER_NEAREST) -> Image:
     """The image under a homography, of the same size, with `fill` where it has no value."""
     size = image.shape[1], image.shape[0]
@@ -113,70 +103,3 @@ class CanvasFrame(NamedTuple):
 
     image: ByteImage
     seen: ByteImage
-
-
-@dataclass(slots=True)
-class FrameHistory:
-    """The last frames on the canvas, the newest last.
-
-    Attributes:
-        shape: rows and columns of the canvas.
-        length: number of frames kept.
-    """
-
-    shape: tuple[int, int]
-    length: int
-    _frames: deque[CanvasFrame] = field(default_factory=deque)
-    _next: CanvasFrame | None = None
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def __getitem__(self, index: int) -> CanvasFrame:
-        return self._frames[index]
-
-    def next_frame(self) -> CanvasFrame:
-        """Buffer for the next frame, with an empty mask; `place` does not copy what is drawn in it."""
-        if self._next is None:
-            self._next = CanvasFrame(allocated(self.shape, 0, np.uint8), allocated(self.shape, 0, np.uint8))
-        self._next.seen.fill(0)
-        return self._next
-
-    def place(self, image: ByteImage, seen: ByteImage, region: Slices) -> CanvasFrame:
-        """The next frame on the canvas; `append` follows.
-
-        Args:
-            image: uint8[h, w], the frame within the region; a view of `next_frame` is not copied.
-            seen: uint8[h, w], mask of what it covers.
-            region: of the canvas.
-        """
-        frame = self._next
-        if frame is None or not np.may_share_memory(image, frame.image):
-            frame = self.next_frame()
-            frame.image[region], frame.seen[region] = image, seen
-        return frame
-
-    def append(self, frame: CanvasFrame) -> None:
-        """Adds a frame that was placed."""
-        self._frames.append(frame)
-        self._next = self._frames.popleft() if len(self._frames) > self.length else None
-
-    def scroll(self, dx: int, dy: int) -> None:
-        """Moves the frames by whole pixels."""
-        for index, frame in enumerate(self._frames):
-            self._frames[index] = CanvasFrame(*(scrolled(image, dx, dy, 0) for image in frame))
-
-    def warp(self, change: FloatArray) -> None:
-        """Resamples the frames onto another canvas."""
-        to_before = inverse(change)
-        pairs = np.empty(self.shape, np.uint16)
-        for frame in self._frames:
-            image = np.zeros(self.shape, np.uint8)
-            # Less than half of OpenCV's time.
-            warp_frame(frame.image, pairs, to_before, image, (0, self.shape[0], 0, self.shape[1]))
-            frame.image[:], frame.seen[:] = image, warped(frame.seen, change, 0)
-
-    def adapt(self, gain: float, offset: float) -> None:
-        """Changes the brightness of the frames to `gain` times the value plus `offset`."""
-        for frame in self._frames:
-            frame.image[:] = cv2.addWeighted(frame.image, gain, frame.image, 0.0, offset)

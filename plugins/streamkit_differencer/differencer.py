@@ -14,11 +14,10 @@ from streamkit.geometry.homography import corners, project, translation
 from streamkit_differencer.arrays import ByteImage, FloatArray, Slices
 from streamkit_differencer.camera_motion import CameraMotion
 from streamkit_differencer.canvas import STILL, Canvas, Change, FramePosition, Motion, working_to_frame
-from streamkit_differencer.canvas_images import region_of
 from streamkit_differencer.cleaning import cleaned
 from streamkit_differencer.confidence import Persistence, confidence
 from streamkit_differencer.cuts import Cut, CutDetector
-from streamkit_differencer.filters.parallax import SMALLEST_STEP_PX, parallax_shift
+from streamkit_differencer.filters.parallax import SMALLEST_STEP_PX
 from streamkit_differencer.model import BackgroundModel, Event
 from streamkit_differencer.objects import Objects, find_objects, mark_moving, most_confident
 from streamkit_differencer.refinement import refine_objects
@@ -100,13 +99,12 @@ class Differencer:
         if self._canvas is not None:
             self._canvas.skip()
 
-    def update(self, image: ByteImage, motion: Motion | None, registration: float = 1.0) -> Result | None:
+    def update(self, image: ByteImage, motion: Motion | None) -> Result | None:
         """Processes one frame.
 
         Args:
             image: uint8[h, w], luma at full resolution.
             motion: registration of the frame, or None.
-            registration: its quality, 0 to 1.
 
         Returns:
             None if the frame could not be placed; the model then stays as it is.
@@ -117,7 +115,7 @@ class Differencer:
             wanted = self.settings.working_scale or automatic_scale(image.shape[1])
             self._scale = wanted if min(image.shape) >= SMALLEST_WORKING * wanted else 1
         working = downsampled(image, self._scale)
-        # Whoever registers frames tells cuts, too.
+        # An element that registers frames reports cuts, too.
         cut = Cut.NONE if motion else self._cuts.update(working, self.settings.background.frame_threshold)
         if cut is Cut.SUSPECTED:
             self.miss()
@@ -133,9 +131,9 @@ class Differencer:
                 self.miss()
                 return None
         result = (
-            self._update_fixed(image, working, registration)
+            self._update_fixed(image, working)
             if motion is None
-            else self._update_moving(image, working, motion, registration)
+            else self._update_moving(image, working, motion)
         )
         return result if cut is Cut.NONE or result is None else replace(result, event=Event.RESET)
 
@@ -147,18 +145,17 @@ class Differencer:
         # Negative numbers keep these planes apart from those of a registration.
         return Motion(grid @ placed @ np.linalg.inv(grid), reference=-1 - self._camera.plane)
 
-    def _update_fixed(self, image: ByteImage, working: ByteImage, registration: float) -> Result:
+    def _update_fixed(self, image: ByteImage, working: ByteImage) -> Result:
         if self._canvas is not None or self._model is None:
-            self._canvas, self._model = None, self._new_model(size_of(working))
-        everything = np.s_[0 : working.shape[0], 0 : working.shape[1]]
-        mask, event = self._model.update(working, np.full_like(working, 255), everything)
-        return self._scored(image, working, mask, STILL, event, registration)
+            self._canvas, self._model = None, self._new_model((working.shape[1], working.shape[0]))
+        frame = self._model.next_frame()
+        frame.image[:], frame.seen[:] = working, 255
+        mask, event = self._model.update(np.s_[0 : working.shape[0], 0 : working.shape[1]])
+        return self._objects(image, working, mask, STILL, event, 1.0)
 
-    def _update_moving(
-        self, image: ByteImage, working: ByteImage, motion: Motion, registration: float
-    ) -> Result | None:
+    def _update_moving(self, image: ByteImage, working: ByteImage, motion: Motion) -> Result | None:
         if self._canvas is None or self._model is None:
-            self._canvas = Canvas(size_of(working), self._scale)
+            self._canvas = Canvas((working.shape[1], working.shape[0]), self._scale)
             self._model = self._new_model(self._canvas.size)
         position = self._canvas.place(motion)
         if position is None:
@@ -169,17 +166,31 @@ class Differencer:
             self._pairs, self._mask = np.empty(working.shape, np.uint16), np.empty(working.shape, np.uint8)
         to_canvas = position.working_to_canvas
         to_working = np.asarray(np.linalg.inv(to_canvas), np.float64)
-        warped, seen, region = on_canvas(working, to_canvas, to_working, self._model, self._pairs)
-        _, event = self._model.update(warped, seen, region, self._parallax(to_canvas, size_of(working)))
-        bounds = region_of(region, self._model.size)
+        region = draw_on_canvas(working, to_canvas, to_working, self._model, self._pairs)
+        _, event = self._model.update(region, self._parallax(self._model, to_canvas, working.shape))
+        bounds = region[0].start, region[0].stop, region[1].start, region[1].stop
         warp_mask_back(self._model.mask, bounds, to_canvas, to_working, self._mask)
-        return self._scored(image, working, self._mask, position, event, registration)
+        return self._objects(image, working, self._mask, position, event, motion.quality)
 
     def _new_model(self, size: tuple[int, int]) -> BackgroundModel:
         self._persistence, self._centres = Persistence(), []
         return BackgroundModel(size, self.settings.background, self._scale)
 
-    def _scored(
+    def _parallax(
+        self, model: BackgroundModel, working_to_canvas: FloatArray, shape: tuple[int, ...]
+    ) -> FloatArray | None:
+        """Vector on the canvas, px, to where tall objects may have shifted from; None for no shift."""
+        self._centres.append(project(working_to_canvas, np.array([[shape[1], shape[0]]]) / 2)[0])
+        del self._centres[: -self.settings.background.frame_interval - 1]
+        step = self._centres[-1] - self._centres[0]
+        if np.hypot(*step) < SMALLEST_STEP_PX:
+            return None
+        if self._is_registered:
+            # A flight comes to new ground all the time: its first second is not worth the ghosts.
+            model.begins_at_once = False
+        return step * self.settings.objects.parallax if self.settings.objects.parallax > 0.0 else None
+
+    def _objects(
         self,
         image: ByteImage,
         working: ByteImage,
@@ -193,8 +204,8 @@ class Differencer:
         assert self._model is not None
         mask = cleaned(mask, settings.median // scale, settings.fill_holes)
         if self.region is not None:
-            inside = cv2.resize(self.region, size_of(mask), interpolation=cv2.INTER_NEAREST)
-            mask = mask & cast("ByteImage", inside)
+            size = mask.shape[1], mask.shape[0]
+            mask = mask & cast("ByteImage", cv2.resize(self.region, size, interpolation=cv2.INTER_NEAREST))
         background, (rows, columns) = self._model.compared_background
         offset = translation(np.array([-columns.start, -rows.start]))
         from_working = offset @ position.working_to_canvas
@@ -211,17 +222,6 @@ class Differencer:
             trim(mask, working, background, from_working, HALO_SHARE, 0.0)
         mark_moving(mask, objects, scale)
         return Result(refined, mask, position.change, event)
-
-    def _parallax(self, working_to_canvas: FloatArray, size: tuple[int, int]) -> FloatArray | None:
-        """Shift on the canvas, px, that the camera's recent motion gives tall objects."""
-        assert self._model is not None
-        self._centres.append(project(working_to_canvas, np.array([size]) / 2)[0])
-        del self._centres[: -self.settings.background.frame_interval - 1]
-        step = self._centres[-1] - self._centres[0]
-        if self._is_registered and np.abs(step).max() >= SMALLEST_STEP_PX:
-            # A flight comes to new ground all the time: its first second is not worth the ghosts.
-            self._model.begins_at_once = False
-        return parallax_shift(step, self.settings.objects.parallax)
 
     def _follow(self, model: BackgroundModel, position: FramePosition) -> None:
         """Moves what is kept on the canvas along with it."""
@@ -262,11 +262,6 @@ def mapped_boxes(matrix: FloatArray, boxes: FloatArray) -> FloatArray:
     return np.hstack([placed.min(axis=1), placed.max(axis=1)])
 
 
-def size_of(image: ByteImage) -> tuple[int, int]:
-    """Width and height."""
-    return image.shape[1], image.shape[0]
-
-
 def downsampled(image: ByteImage, scale: int) -> ByteImage:
     """Means of blocks of `scale` by `scale` pixels; the remainder at the right and bottom is cut off."""
     while scale > 1:
@@ -277,13 +272,13 @@ def downsampled(image: ByteImage, scale: int) -> ByteImage:
     return image
 
 
-def on_canvas(
+def draw_on_canvas(
     working: ByteImage,
     to_canvas: FloatArray,
     to_working: FloatArray,
     model: BackgroundModel,
     pairs: NDArray[np.uint16],
-) -> tuple[ByteImage, ByteImage, Slices]:
+) -> Slices:
     """Resamples a frame onto the part of the canvas that it covers.
 
     Args:
@@ -294,24 +289,24 @@ def on_canvas(
         pairs: uint16[h, w], scratch memory.
 
     Returns:
-        The frame on the canvas, the mask of what it covers, both uint8 of the region's shape, and the region.
+        Rows and columns of the canvas.
     """
     shape = working.shape[0], working.shape[1]
     outline = corners(shape)
     placed = project(to_canvas, outline)
-    size = np.array(model.size)
-    left, top = np.clip(np.floor(placed.min(axis=0)), 0, size).astype(int).tolist()
-    right, bottom = np.clip(np.ceil(placed.max(axis=0)) + 1, 0, size).astype(int).tolist()
+    left, top = np.clip(np.floor(placed.min(axis=0)), 0, model.size).astype(int).tolist()
+    right, bottom = np.clip(np.ceil(placed.max(axis=0)) + 1, 0, model.size).astype(int).tolist()
     region = np.s_[top:bottom, left:right]
+    frame = model.next_frame()
     is_whole = np.abs(placed - [left, top] - outline).max() <= WHOLE_PIXEL_PX
     if is_whole and (bottom - top, right - left) == shape:
-        return working, np.full_like(working, 255), region
-    frame = model.next_frame()
+        frame.image[region], frame.seen[region] = working, 255
+        return region
     warp_frame(np.ascontiguousarray(working), pairs, to_working, frame.image, (top, bottom, left, right))
     # A wider border than the one that interpolation mixes with.
     inner = outline + INWARDS * BORDER_PX
     cv2.fillConvexPoly(frame.seen, np.round(project(to_canvas, inner)).astype(np.int32), 255)
-    return frame.image[region], frame.seen[region], region
+    return region
 
 
 def warm_up() -> None:

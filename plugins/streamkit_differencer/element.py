@@ -143,7 +143,7 @@ class FrameDiff(Transform):
         # After a gap `to_previous` leads to a frame that this element did not get.
         is_next = self._last_seq is not None and frame.seq == self._last_seq + 1
         self._differencer.settings = self.settings
-        return self._differencer.update(luma(frame), motion(registration, is_next), quality(registration))
+        return self._differencer.update(luma(frame), motion(registration, is_next))
 
     def _report(self, result: Result | None) -> None:
         """Posts what changed with this frame."""
@@ -179,21 +179,14 @@ def motion(registration: Registration | None, is_next: bool) -> Motion | None:
     """
     if registration is None:
         return None
+    is_weak = registration.status == RegistrationStatus.WEAK
     return Motion(
         registration.to_reference,
         registration.to_previous if is_next else None,
         registration.reference,
         registration.reference_change,
+        WEAK_REGISTRATION if is_weak else 1.0 / (1.0 + registration.rmse / POOR_RMSE_PX),
     )
-
-
-def quality(registration: Registration | None) -> float:
-    """Quality of a registration, 0 to 1; 1 without registration, for a fixed camera."""
-    if registration is None:
-        return 1.0
-    if registration.status == RegistrationStatus.WEAK:
-        return WEAK_REGISTRATION
-    return 1.0 / (1.0 + registration.rmse / POOR_RMSE_PX)
 
 
 def detections(objects: Objects, min_score: float) -> Detections:

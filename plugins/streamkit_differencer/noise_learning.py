@@ -90,13 +90,17 @@ def _average_deviation(
 
 
 @compiled
+def _threshold_of(deviation: np.float32, gain: np.float32, least: np.float32, most: np.float32) -> np.uint8:
+    return np.uint8(np.int32(max(min(np.rint(deviation * gain), most), least)))
+
+
+@compiled
 def _set_thresholds(
     deviation: FloatLine, thresholds: ByteLine, gain: float, lowest: int, highest: int
 ) -> None:
     factor, least, most = np.float32(gain), np.float32(lowest), np.float32(highest)
     for index in range(deviation.size):
-        value = max(min(np.rint(deviation[index] * factor), most), least)
-        thresholds[index] = np.uint8(np.int32(value))
+        thresholds[index] = _threshold_of(deviation[index], factor, least, most)
 
 
 @kernel(FLOATS, BYTES, REGION, types.float64, types.int64, types.int64)
@@ -169,8 +173,8 @@ def _initial_noise(
     first, edge, gain, lowest, highest = limits
     rough = np.float32(edge) * np.float32(local_range(image, row, column, region)) + np.float32(first)
     deviation[row, column] = rough
-    limit = min(np.rint(rough * np.float32(gain)), np.float32(highest))
-    thresholds[row, column] = np.uint8(np.int32(max(limit, np.float32(lowest))))
+    least, most = np.float32(lowest), np.float32(highest)
+    thresholds[row, column] = _threshold_of(rough, np.float32(gain), least, most)
 
 
 @compiled

@@ -9,14 +9,13 @@ Source: Zhang, Liu, Qu, section 2.2, last two paragraphs; for the criterion J_mn
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import ByteImage, Flags, FloatArray, LabelImage
+from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage
 from streamkit_differencer.clusters import label_by_gap, merge_by_scatter
 from streamkit_differencer.mask_values import HIGHEST_BACKGROUND, MOVING
 from streamkit_differencer.measurement import (
@@ -24,10 +23,8 @@ from streamkit_differencer.measurement import (
     CHANGED,
     LEFT,
     PIXELS,
-    RIGHT,
     SUM_X,
     SUM_Y,
-    TOP,
     downsampled_by_vote,
     measure_objects,
 )
@@ -99,8 +96,16 @@ def find_objects(
     table = measure_objects(
         foreground, inside, labels, count, *place, settings.min_area, HIGHEST_BACKGROUND + 1
     )
-    objects = objects_of(table[table[:, PIXELS] > 0.0], scale)
-    return selected(objects, settings.min_change, settings.max_objects if most is None else most)
+    table = table[table[:, PIXELS] > 0.0]
+    changes = table[:, CHANGED] / table[:, PIXELS]
+    moving = np.flatnonzero(changes >= settings.min_change)
+    order = moving[np.argsort(-table[moving, PIXELS], kind="stable")]
+    kept = order[: settings.max_objects if most is None else most]
+    rows = table[kept]
+    pixels = rows[:, PIXELS]
+    centroids = rows[:, SUM_X : SUM_Y + 1] / pixels[:, None] * scale + (scale - 1) / 2
+    boxes = (rows[:, LEFT : BOTTOM + 1] + (0.0, 0.0, 1.0, 1.0)) * scale - 0.5
+    return Objects(centroids, boxes, pixels * scale**2, changes[kept], order.size - kept.size)
 
 
 def clustered(cells: ByteImage, criterion: Criterion, gap: int) -> tuple[LabelImage, int]:
@@ -135,14 +140,6 @@ def closed(cells: ByteImage, labels: LabelImage) -> tuple[ByteImage, LabelImage]
     return whole, filled
 
 
-def selected(objects: Objects, min_change: float, most: int) -> Objects:
-    """The objects that changed enough, largest first, at most `most` of them."""
-    moving = np.flatnonzero(objects.changes >= min_change)
-    order = moving[np.argsort(-objects.areas[moving], kind="stable")]
-    kept = order[:most]
-    return replace(chosen(objects, kept), dropped=order.size - kept.size)
-
-
 def most_confident(objects: Objects, most: int) -> Objects:
     """The `most` objects of the highest confidence, in their order.
 
@@ -152,17 +149,14 @@ def most_confident(objects: Objects, most: int) -> Objects:
     if len(objects) <= most:
         return objects
     kept = np.sort(np.argsort(-objects.confidences, kind="stable")[:most])
-    return replace(
-        chosen(objects, kept),
-        confidences=objects.confidences[kept],
-        dropped=objects.dropped + len(objects) - most,
+    return Objects(
+        objects.centroids[kept],
+        objects.boxes[kept],
+        objects.areas[kept],
+        objects.changes[kept],
+        objects.dropped + len(objects) - most,
+        objects.confidences[kept],
     )
-
-
-def chosen(objects: Objects, rows: NDArray[np.intp] | Flags) -> Objects:
-    """Some of the objects, without confidences."""
-    centroids, boxes = objects.centroids[rows], objects.boxes[rows]
-    return Objects(centroids, boxes, objects.areas[rows], objects.changes[rows], objects.dropped)
 
 
 def cells_of(foreground: ByteImage, scale: int) -> ByteImage:
@@ -187,14 +181,6 @@ def fragments(cells: ByteImage) -> tuple[LabelImage, FloatArray, FloatArray]:
         renumber[kept + 1] = np.arange(1, kept.size + 1)
         labels, centres, areas = renumber[labels], centres[[0, *(kept + 1)]], areas[kept]
     return labels.astype(np.int32, copy=False), areas, centres[1:].astype(np.float64)
-
-
-def objects_of(table: FloatArray, scale: int) -> Objects:
-    """Objects in pixels of the frame, from the table of `measurement.measure_objects`."""
-    pixels = table[:, PIXELS]
-    centroids = table[:, [SUM_X, SUM_Y]] / pixels[:, None]
-    boxes = (table[:, [LEFT, TOP, RIGHT, BOTTOM]] + (0.0, 0.0, 1.0, 1.0)) * scale - 0.5
-    return Objects(centroids * scale + (scale - 1) / 2, boxes, pixels * scale**2, table[:, CHANGED] / pixels)
 
 
 def mark_moving(mask: ByteImage, objects: Objects, scale: int) -> None:

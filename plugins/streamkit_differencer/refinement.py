@@ -50,9 +50,9 @@ def refine_objects(
     if not len(objects):
         return objects
     corners = np.rint(objects.boxes + 0.5).astype(np.int64)
-    found = measured_at_full_resolution(
-        image, background, to_background, mask, scale, corners, is_alone(objects.boxes)
-    )
+    meets = (objects.boxes[:, None, :2] < objects.boxes[None, :, 2:]).all(axis=2)
+    is_alone = (meets & meets.T).sum(axis=1) == 1
+    found = measured_at_full_resolution(image, background, to_background, mask, scale, corners, is_alone)
     better = found[:, AREA] > 0.0
     return replace(
         objects,
@@ -60,12 +60,6 @@ def refine_objects(
         centroids=np.where(better[:, None], found[:, CENTROID], objects.centroids),
         areas=np.where(better, found[:, AREA], objects.areas),
     )
-
-
-def is_alone(boxes: FloatArray) -> NDArray[np.bool_]:
-    """Mask of the boxes that overlap no other, bool[n]."""
-    meets = (boxes[:, None, :2] < boxes[None, :, 2:]).all(axis=2)
-    return np.asarray((meets & meets.T).sum(axis=1) == 1)
 
 
 @kernel(VIEW, VIEW, TABLE, BYTES, types.int64, CORNERS, FLAGS)

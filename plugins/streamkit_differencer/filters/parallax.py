@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from streamkit_differencer.arrays import REGION, ByteImage, Flags, FloatArray, LabelImage, Region
+from streamkit_differencer.arrays import REGION, ByteImage, Flags, LabelImage, Region
 from streamkit_differencer.filters.components import MOST_POINTS
 from streamkit_differencer.lines import is_known
 from streamkit_kernels import BLOCKS, BYTES, compiled, kernel
@@ -24,19 +24,6 @@ SMALLEST_STEP_PX = 2.0
 LAG, EARLY_PX = 5.0, 0.5
 # Share of a component that the shift must explain.
 EXPLAINED = 0.8
-
-
-def parallax_shift(camera_step: FloatArray, height_share: float) -> FloatArray | None:
-    """Vector to where tall objects may have shifted from: float64[2], px; None for no shift.
-
-    Args:
-        camera_step: float64[2], motion of the view over the canvas in the last tau frames, px.
-        height_share: largest h / (H - h) to detect.
-    """
-    distance = float(np.linalg.norm(camera_step))
-    if distance < SMALLEST_STEP_PX or height_share <= 0.0:
-        return None
-    return np.asarray(camera_step * height_share)
 
 
 @kernel(*[BYTES] * 7, BLOCKS, types.int64, REGION, types.int64, types.float64, types.float64)
@@ -71,7 +58,8 @@ def find_parallax(
         count: number of components.
         region: of the images.
         radius: registration error to tolerate, px.
-        shift_x: see `parallax_shift`, px.
+        shift_x: vector to where tall objects may have shifted from: the motion of the view over the canvas in
+            the last tau frames, times the largest h / (H - h); px.
         shift_y: the same, downwards.
 
     Returns:
