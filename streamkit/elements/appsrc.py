@@ -32,10 +32,6 @@ class LeakyType(Choice):
     DOWNSTREAM = "downstream", 2, "GST_APP_LEAKY_TYPE_DOWNSTREAM"
 
 
-class _Ended(Exception):
-    """No more frames follow."""
-
-
 class AppSrc(Source):
     """Streams what the application passes to `push`; `end` closes the stream.
 
@@ -80,7 +76,6 @@ class AppSrc(Source):
         self.pending = FrameQueue()
         self._closed = False
         self._had_gap = False
-        self._taken = 0
         super().__init__(name, **properties)
         self.property_changed("")
 
@@ -191,28 +186,23 @@ class AppSrc(Source):
 
     @override
     def frames(self) -> Iterator[Frame | Event]:
-        self._taken = 0
-        try:
-            while self._taken != self.num_buffers:
-                yield self._take()
-        except _Ended:
-            return
+        taken = 0
+        while taken != self.num_buffers and (item := self._take()) is not None:
+            taken += isinstance(item, Frame)
+            yield item
 
-    def _take(self) -> Frame | Event:
-        """Waits for the oldest item; raises `_Ended` if none follows."""
+    def _take(self) -> Frame | Event | None:
+        """Waits for the oldest item; None if none follows."""
         is_low = not self.pending.items or 100 * self.pending.bytes < self.min_percent * self.max_bytes
         if self.emit_signals and is_low:
             self.on_need_data.emit(self, self.max_bytes)
         with self.changed:
             while not self.pending.items:
                 if self._closed or self._finishing or self.stopping.is_set():
-                    raise _Ended
+                    return None
                 self.changed.wait(POLL_S)
             item = self.pending.popleft()
             self.changed.notify_all()
-            if not isinstance(item, Frame):
-                return item
-            self._taken += 1
-        if item.pts is None and self.do_timestamp:
+        if isinstance(item, Frame) and item.pts is None and self.do_timestamp:
             return item.replace(pts=self.timing.running_time_ns())
         return item

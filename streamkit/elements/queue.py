@@ -129,8 +129,7 @@ class Queue(Element):
 
     def _put(self, frame: Frame) -> None:
         with self.changed:
-            if self._refusal is not None:
-                raise self._refusal(self.name)
+            self._check_open()
             if not self.pending.is_full():
                 self._append(frame)
                 return
