@@ -1,7 +1,7 @@
 """OpenCV's MOG2 and KNN as they do best: settings of their own for each scene, on a registered canvas.
 
 On a moving camera they are given what framediff does without: a canvas made beforehand for the whole flight,
-so that nothing ever leaves it. What the frame does not cover is told to them as known foreground, which they
+so that nothing ever leaves it. What the frame does not cover is given to them as known foreground, which they
 do not learn; ground that has just come into view counts as ground for some frames.
 """
 
@@ -19,7 +19,7 @@ from streamkit_differencer.settings import ObjectSettings
 ByteImage = npt.NDArray[np.uint8]
 FloatArray = npt.NDArray[np.float64]
 
-# The outermost pixels of a warped frame mix with what lies beside it.
+# The outermost pixels of a warped frame mix with what lies outside it.
 BORDER_PX = 2
 
 

@@ -1,4 +1,4 @@
-"""The bundle adjustment beside scipy's least squares, and the middle reference plane beside the first.
+"""The bundle adjustment against scipy's least squares, and the middle reference plane against the first.
 
     python benchmarks/bundle_adjustment.py
 

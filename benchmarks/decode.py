@@ -1,4 +1,4 @@
-"""Decoding 1080p H.264: to grey beside ffmpeg and GStreamer, to BGR beside cv2.VideoCapture.
+"""Decoding 1080p H.264: to grey against ffmpeg and GStreamer, to BGR against cv2.VideoCapture.
 
 Run it:  STREAMKIT_DATA=... python benchmarks/decode.py [FILE [ROUNDS [THREADS]]]
 """

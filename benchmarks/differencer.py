@@ -1,4 +1,4 @@
-"""Movers on rendered traffic: framediff beside OpenCV's MOG2 and KNN, plain and on a registered canvas.
+"""Movers on rendered traffic: framediff against OpenCV's MOG2 and KNN, plain and on a registered canvas.
 
 All get the same frames and, where the camera flies, the registration of `stitch`; see `background_peers` for
 what the peers are given beyond that. The seeds are not those that settings were chosen on (1 to 9). Prints
@@ -68,7 +68,7 @@ def enlarged(mask: ByteImage) -> ByteImage:
 def peers(kind: str) -> dict[str, PeerSettings]:
     """The peers' settings for a scene: the best found on seeds 1 and 2, which are not in the table.
 
-    Tried one after the other, each beside the best so far: thresholds from 10 to 64 (MOG2) and 50 to 800
+    Tried one after the other, each against the best so far: thresholds from 10 to 64 (MOG2) and 50 to 800
     (KNN), learning rates from 0.01 to 0.1, medians of 3 and 5, 5 and 15 new frames, full and half size. What
     had the largest sum of pixel F and object F stands here.
     """

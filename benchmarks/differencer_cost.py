@@ -1,4 +1,4 @@
-"""What finding movers costs: `stitch` and `framediff` per frame, beside MOG2 on the same grey frames.
+"""What finding movers costs: `stitch` and `framediff` per frame, against MOG2 on the same grey frames.
 
 Flights over an aerial picture with 6 cars in view. Wall and processor time in ms per frame, the median over
 the frames of a run and then over five runs; as many threads as OpenCV takes by itself. "One after the other"

@@ -1,4 +1,4 @@
-"""The engine's own cost beside GStreamer's: hops, queues, tee, an element written in Python, start-up.
+"""The engine's own cost against GStreamer's: hops, queues, tee, an element written in Python, start-up.
 
 Both engines stream empty frames from fakesrc to fakesink, in turn, five times; the table has the medians of
 each and of the ratios. streamkit counts and times every frame, as it always does. Where GStreamer with its

@@ -83,7 +83,7 @@ def description(factory: str, assignment: str) -> str:
 
 
 def play(factory: str, name: str, value: Any, *, by_text: bool) -> str:
-    """Sets the property, and runs the pipeline where that harms nobody."""
+    """Sets the property, and runs the pipeline where that has no effect outside."""
     from streamkit import DescriptionError, Pipeline, PropertyError
 
     assignment = ""

@@ -89,7 +89,7 @@ def telemetry_file(chance: random.Random) -> Path:
 
 
 def from_file_to_posesync(chance: random.Random) -> None:
-    """The file beside the video."""
+    """The file next to the video."""
     with Harness("posesync", location=str(telemetry_file(chance))) as harness:
         times = [chance.randrange(40 * 10**9) for _ in range(50)]
         came = [out for pts in times for out in harness.push(Frame(bytes(8), VIDEO, pts=pts))]

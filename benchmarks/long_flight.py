@@ -2,12 +2,12 @@
 
     STREAMKIT_DATA=... python benchmarks/long_flight.py [FRAMES [WIDTH [STEP]]]
 
-Frames of 640x360 (or of another WIDTH), strips there and back beside each other over an aerial picture that
+Frames of 640x360 (or of another WIDTH), parallel strips there and back over an aerial picture that
 is mirrored without end, with the mosaic as it grows: it fills its memory, then its file, then is halved. From
-one frame to the next the ground goes by STEP px, 48 unless told: at a frame a second that is a drone at
+one frame to the next the ground goes by STEP px, 48 by default: at a frame a second that is a drone at
 10 m/s with 180 m of ground in view, and 7200 frames are two hours. At 25 frames a second the same flight is
 180 000 frames with a STEP of 1.92. `step` is how far the worst corner of a frame lies from its true place
-beside the frame before. Peer: the first 500 frames of the same flight.
+relative to the frame before. Peer: the first 500 frames of the same flight.
 """
 
 import os

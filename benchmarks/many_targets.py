@@ -1,4 +1,4 @@
-"""Many targets with identities: MOTA and IDF1 of whole pipelines, beside norfair on the same detections.
+"""Many targets with identities: MOTA and IDF1 of whole pipelines, against norfair on the same detections.
 
     STREAMKIT_DATA=... python benchmarks/many_targets.py [--seeds 3] [--first 900] [--frames 300]
         [--norfair PYTHON] [--only cars|pets|traffic]
@@ -209,8 +209,8 @@ def pets(options: argparse.Namespace) -> None:
 def traffic(_options: argparse.Namespace) -> None:
     """Cars seen by a real drone."""
     path: Path = shared_data() / "video" / "drone_nadir_traffic.mp4"
-    nobody = Labelled(np.zeros(0, np.int64), np.zeros((0, 4)))
-    sequence = run(f"filesrc location={path} ! decode ! {CHAIN}", lambda *_: nobody, 10**6)
+    nothing = Labelled(np.zeros(0, np.int64), np.zeros((0, 4)))
+    sequence = run(f"filesrc location={path} ! decode ! {CHAIN}", lambda *_: nothing, 10**6)
     lives = Counter(int(number) for tracked in sequence.tracks for number in tracked.ids)
     long_lived = sum(count >= LONG_LIVED for count in lives.values())
     each = sequence.seconds / max(len(sequence.tracks), 1) * 1e3

@@ -1,9 +1,9 @@
-"""The finished mosaic against the true ground, beside cv2.Stitcher (SCANS) on the same frames.
+"""The finished mosaic against the true ground, compared with cv2.Stitcher (SCANS) on the same frames.
 
     STREAMKIT_DATA=... python benchmarks/mosaic.py [--folder FOLDER] [--repeats 5] [--seeds 201 202 ...]
 
 1. `features`: features of the mosaic are matched to the picture that the flight was rendered from, one
-   homography is fitted, and the median and 90th percentile of what is left over are told. Features are not
+   homography is fitted, and the median and 90th percentile of the residuals are reported. Features are not
    exact: the row `exact places` shows what is left of the same frames joined at their true places, the least
    that this measure can tell.
 2. `refined`: ground and mosaic are aligned in a window of 31 px about each corner of the ground, beginning at

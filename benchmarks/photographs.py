@@ -7,10 +7,10 @@
    positions in the pictures' EXIF data.
 2. The pairs of homography/: median error of the validation points of our fit and of OpenCV's robust
    estimators on the same matches. The scenes are not quite flat and there are eight points a pair, so that
-   the best of seven estimators on one draw is luck in part: beside it stands the median over eleven draws of
+   the best of seven estimators on one draw is luck in part: next to it stands the median over eleven draws of
    85 % of the matches, the same for all.
-3. Drawn matches, of which few are right: mean error of the corners beside least squares on the right ones,
-   which nobody knows, as the least that can be reached where all scatter alike; median of 20 draws.
+3. Drawn matches, of which few are right: mean error of the corners against least squares on the right ones,
+   which no method knows, as the least that can be reached where all scatter alike; median of 20 draws.
 """
 
 import os

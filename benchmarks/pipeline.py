@@ -124,7 +124,7 @@ def process(*words: str, python: str = sys.executable) -> Iterator[subprocess.Po
 
 
 def launch(words: list[str], seconds: float | None) -> tuple[Statistics, list[list[Any]], float]:
-    """Runs `streamkit launch` beside a subscriber; ends it after `seconds`, or at the end of the stream.
+    """Runs `streamkit launch` with a subscriber; ends it after `seconds`, or at the end of the stream.
 
     Returns:
         Its statistics, the records received, and the CPU time of its process, s.

@@ -36,7 +36,7 @@ def boxes_of(mask):
 
 
 def follow(picture, found, targets, create):
-    """One frame: every target is looked for, and what is nobody's starts one."""
+    """One frame: every target is searched; a detection of none of them starts one."""
     kept = []
     for tracker, misses in targets:
         is_there, box = tracker.update(picture)

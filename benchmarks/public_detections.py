@@ -1,4 +1,4 @@
-"""Tracks of public detections on real truth (MOT Challenge), beside SORT, ByteTrack and norfair.
+"""Tracks of public detections on real truth (MOT Challenge), against SORT, ByteTrack and norfair.
 
     STREAMKIT_DATA=... python benchmarks/public_detections.py [--peers PYTHON]
 

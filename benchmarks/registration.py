@@ -1,4 +1,4 @@
-"""Frame-to-frame registration: corner error against exact truth and time, beside cv2's corners and features.
+"""Frame-to-frame registration: corner error against exact truth and time, against cv2's corners and features.
 
     STREAMKIT_DATA=... python benchmarks/registration.py
 

@@ -24,7 +24,7 @@ class Kind:
 
     Attributes:
         moving: whether the camera flies.
-        blocks: tall blocks beside the path.
+        blocks: tall blocks along the path.
         lengths: shortest and longest mover, px.
         speeds: slowest and fastest, px per frame.
     """

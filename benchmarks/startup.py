@@ -1,4 +1,4 @@
-"""Start-up: the smallest pipeline on the command line beside the import of numpy and typer alone.
+"""Start-up: the smallest pipeline on the command line against the import of numpy and typer alone.
 
 Run it:  python benchmarks/startup.py
 """

@@ -1,4 +1,4 @@
-"""One target from a first window: success, precision, false confirmations and time, beside OpenCV's trackers.
+"""One target from a window: success, precision, false confirmations and time, against OpenCV's trackers.
 
     STREAMKIT_DATA=... python benchmarks/tracking.py [--seeds 1] [--sequences 6] [--first 500]
         [--peers FOLDER] [--only TEXT] [--frames 9999] [--grey] [--set SETTING=NUMBER]

@@ -2,8 +2,8 @@
 
     python benchmarks/tracking_peers.py FOLDER CSRT|KCF|MIL FIRST_SEED SEEDS
 
-CSRT and KCF need opencv-contrib-python, which cannot live beside opencv-python: give it an environment of its
-own. `tracking.py --peers FOLDER` reads the files.
+CSRT and KCF need opencv-contrib-python, which cannot be installed with opencv-python: give it an
+environment of its own. `tracking.py --peers FOLDER` reads the files.
 """
 
 import sys
