@@ -13,6 +13,8 @@ from urllib.parse import quote, urlsplit
 import av
 from av.container import InputContainer
 from av.error import FFmpegError, HTTPForbiddenError, HTTPUnauthorizedError, InvalidDataError
+from av.packet import Packet
+from av.stream import Stream
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
@@ -28,7 +30,7 @@ UNWANTED_FORMATS = frozenset({"tty", "bin", "idf", "xbin", "adf", "concat", "lav
 
 # Only these containers have a rotation.
 ROTATING_FORMATS = frozenset({"mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm"})
-LOOK_PACKETS = 8
+LOOK_PACKETS, LOOK_PACKETS_OF_ALL = 8, 64
 redact = mask_secrets
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
 
@@ -197,22 +199,31 @@ def video_stream(container: InputContainer, location: str) -> VideoStream:
     return stream
 
 
-def rotation_of(location: str, container: InputContainer) -> int:
-    """Counter-clockwise rotation for display of a file's video: 0, 90, 180 or 270 degrees.
+def first_packets(container: InputContainer, stream: VideoStream) -> tuple[list[Packet[Stream]], int]:
+    """The first packets of a file that may be rotated, and its rotation.
 
-    FFmpeg returns it with a decoded frame only, so one is decoded from a container of its own.
+    FFmpeg returns the rotation with a decoded frame only, so that packets are read up to the first frame.
+
+    Returns:
+        Packets of all streams, to be played first; and the counter-clockwise rotation for display of the
+        video: 0, 90, 180 or 270 degrees.
     """
+    packets: list[Packet[Stream]] = []
     if not ROTATING_FORMATS & set(container.format.name.split(",")):
-        return 0
+        return packets, 0
+    tries = LOOK_PACKETS
     try:
-        with open_container(location) as own:
-            stream = own.streams.best("video")
-            if stream is None:
-                return 0
-            for packet in islice(own.demux(stream), LOOK_PACKETS):
-                for frame in packet.decode():
-                    if isinstance(frame, VideoFrame):
-                        return round(frame.rotation / 90) * 90 % 360
+        for packet in islice(container.demux(), LOOK_PACKETS_OF_ALL):
+            if packet.size:
+                packets.append(packet)
+            if packet.stream_index != stream.index:
+                continue
+            tries -= 1
+            for frame in packet.decode():
+                if isinstance(frame, VideoFrame):
+                    return packets, round(frame.rotation / 90) * 90 % 360
+            if not tries:
+                break
     except (*MEDIA_ERRORS, OSError):
-        return 0
-    return 0
+        pass  # playing reports what is wrong
+    return packets, 0

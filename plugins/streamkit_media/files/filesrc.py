@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from itertools import chain
 from urllib.parse import urlsplit
 
 from av.container import InputContainer
+from av.packet import Packet
 from av.stream import Stream
 
 from streamkit import (
@@ -28,11 +30,11 @@ from streamkit_media.container import (
     MEDIA_ERRORS,
     TimedOut,
     check_file,
+    first_packets,
     is_network,
     open_container,
     reason_of,
     redact,
-    rotation_of,
     video_stream,
 )
 from streamkit_media.files.playrange import Place, PlayRange
@@ -103,6 +105,7 @@ class FileSrc(Source):
         self._caps: dict[StreamKind, Caps] = {}
         self._offset = self._end = 0
         self._rotation = 0
+        self._first_packets: list[Packet[Stream]] = []
         self._is_opening = True
         try:
             container = self._open()
@@ -111,8 +114,8 @@ class FileSrc(Source):
         try:
             self._kinds = kinds_of(container)
             if self._video_is_wanted():
-                video_stream(container, self.location)
-                self._rotation = rotation_of(self.location, container)
+                video = video_stream(container, self.location)
+                self._first_packets, self._rotation = first_packets(container, video)
             self._duration = container.duration
         except BaseException:
             container.close()
@@ -272,7 +275,9 @@ class FileSrc(Source):
         carried = {stream.index: (kind, self._packet_caps(stream, kind)) for stream, kind in streams}
         playing = set(carried)
         latest: int | None = None
-        for packet in read_packets(container, *(stream for stream, _ in streams)):
+        first, self._first_packets = [] if self.start_s else self._first_packets, []
+        own = (packet for packet in first if packet.stream_index in carried)
+        for packet in chain(own, read_packets(container, *(stream for stream, _ in streams))):
             place = self._range.place(packet)
             if place is Place.OVER:
                 playing.discard(packet.stream_index)
