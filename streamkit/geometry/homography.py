@@ -16,7 +16,6 @@ IDENTITY.setflags(write=False)
 _SMALLEST: Final = 1e-12
 _FEW_POINTS: Final = 8  # plain numbers are quicker than numpy up to here, with the same bits
 _EPSILON: Final = float(np.finfo(np.float64).eps)
-_AREA_RANGE: Final = (0.5, 2.0)
 _MAX_TILT: Final = 0.1
 
 
@@ -142,17 +141,22 @@ def tilt(matrix: FloatArray, shape: tuple[int, int]) -> float:
 
 
 def is_plausible(
-    matrix: FloatArray, shape: tuple[int, int], max_step: float, max_tilt: float = _MAX_TILT
+    matrix: FloatArray,
+    shape: tuple[int, int],
+    max_step: float,
+    max_tilt: float = _MAX_TILT,
+    max_area_scale: float = 2.0,
 ) -> bool:
     """Whether a homography is a possible motion of a flying camera.
 
-    The area scale at the centre must be between 0.5 and 2, and the corners must stay convex.
+    The corners must stay convex.
 
     Args:
         matrix: float64[3, 3], last element 1.
         shape: (height, width) of the image, px.
         max_step: maximum displacement of a corner, relative to the width.
         max_tilt: maximum `tilt`; small between successive frames, larger for an oblique camera that turns.
+        max_area_scale: largest area scale at the centre, and the inverse of the smallest.
     """
     if not np.isfinite(matrix).all():
         return False
@@ -162,7 +166,7 @@ def is_plausible(
         return False
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     scale = determinant / (i + (g * width + h * height) / 2) ** 3
-    if not _AREA_RANGE[0] < scale < _AREA_RANGE[1]:
+    if not 1 / max_area_scale < scale < max_area_scale:
         return False
     frame = corners(shape)
     moved = project(matrix, frame)

@@ -36,6 +36,8 @@ _SUMMARY: Final = 600
 _FEW_MATCHES: Final = 8
 _RETRIEVED: Final = 3
 _MIN_OVERLAP: Final = 0.08
+# Photographs from half or twice the height.
+_MAX_AREA_SCALE: Final = 5.0
 _AGREEING: Final = 0.5
 _FINE: Final = 1.5
 _COARSE: Final = 8.0
@@ -90,7 +92,7 @@ class Relocaliser:
         matrix = from_reduced(found.fit.matrix, factor)
         if not (
             overlap(matrix, keyframe.shape) > _MIN_OVERLAP
-            and is_plausible(matrix, keyframe.shape, ANY_STEP, ANY_TILT)
+            and is_plausible(matrix, keyframe.shape, ANY_STEP, ANY_TILT, _MAX_AREA_SCALE)
         ):
             return None
         offset = (factor - 1) / 2
@@ -107,7 +109,7 @@ class Relocaliser:
 
 
 def _strongest(description: Description) -> Description:
-    """The features that OpenCV ranks first, which other views show most likely."""
+    """The features of the highest contrast, which other views show most likely."""
     return Description(description.points[:_SUMMARY], description.descriptors[:_SUMMARY])
 
 

@@ -11,6 +11,7 @@ from streamkit_stitcher.plane.levelling import is_stretched
 from streamkit_stitcher.registration.motion_models import MotionModel, least_squares
 
 _FEWEST_POINTS: Final = 24
+_MANY_POINTS: Final = 50
 _MIN_CORRELATION: Final = 0.15
 # Planes of more keyframes than this are about level, and differ by a similarity; the few ties of one overlap
 # would bend the rest of them.
@@ -49,7 +50,9 @@ def joins(
 
 
 def _is_reliable(tie: Tie) -> bool:
-    return len(tie.patches) >= _FEWEST_POINTS and tie.correlation >= _MIN_CORRELATION
+    """Trees lean differently in each frame and hardly correlate; then many points must agree."""
+    count = len(tie.patches)
+    return count >= _MANY_POINTS or (count >= _FEWEST_POINTS and tie.correlation >= _MIN_CORRELATION)
 
 
 def _change(tie: Tie, graph: KeyframeGraph, moved: int, shape: tuple[int, int]) -> FloatArray | None:

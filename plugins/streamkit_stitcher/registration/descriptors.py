@@ -35,7 +35,7 @@ class Description:
 
 
 def describe(grey: GreyArray) -> Description:
-    """Detects the SIFT features of uint8[h, w]; none on a flat image.
+    """Detects the SIFT features of uint8[h, w], those of the highest contrast first; none on a flat image.
 
     Source: Lowe, Distinctive image features from scale-invariant keypoints, IJCV 2004; Arandjelovic and
     Zisserman, Three things everyone should know, CVPR 2012 (RootSIFT).
@@ -46,8 +46,9 @@ def describe(grey: GreyArray) -> Description:
     keypoints, found = detector.detectAndCompute(grey, None)
     if not keypoints or found is None:
         return Description(np.empty((0, 2)), np.empty((0, 128), dtype=np.float16))
-    points = np.asarray(cv2.KeyPoint.convert(keypoints), dtype=np.float64).reshape(-1, 2)
-    descriptors = np.sqrt(found / np.maximum(found.sum(axis=1, keepdims=True), 1e-7))
+    order = np.argsort([-keypoint.response for keypoint in keypoints], kind="stable")
+    points = np.asarray(cv2.KeyPoint.convert(keypoints), dtype=np.float64).reshape(-1, 2)[order]
+    descriptors = np.sqrt(found / np.maximum(found.sum(axis=1, keepdims=True), 1e-7))[order]
     return Description(points, descriptors.astype(np.float16))
 
 
