@@ -48,7 +48,7 @@ class Chain:
     def __init__(self, shape: tuple[int, int]) -> None:
         self._caps = raw_video_caps("GRAY8", shape[1], shape[0])
         self.stitch, self.framediff = Harness("stitch"), Harness("framediff", working_scale=2)
-        # Nobody looks at the mosaic: nothing is painted.
+        # Without its pad the mosaic is not painted.
         self.stitch.element.stop()
         self.stitch.element.release_pad(self.stitch.element.pads["mosaic"])
         self.stitch.element.start()

@@ -31,7 +31,7 @@ from streamkit_differencer.canvas import Change, Motion
 from streamkit_differencer.differencer import Differencer, Result, warm_up
 from streamkit_differencer.mask_values import full_size
 from streamkit_differencer.model import Event
-from streamkit_differencer.objects import NO_OBJECTS, Objects
+from streamkit_differencer.objects import NO_OBJECTS
 from streamkit_differencer.region import RegionOfInterest
 from streamkit_differencer.settings import DifferencerSettings
 from streamkit_kernels import COMPILING, on_compilation
@@ -126,7 +126,11 @@ class FrameDiff(Transform):
         result = self._update(frame, registration)
         self._last_seq = frame.seq
         self._report(result)
-        passed = frame.attach(detections(result.objects if result else NO_OBJECTS, self.min_score))
+        found = result.objects if result else NO_OBJECTS
+        kept = found.confidences >= self.min_score
+        passed = frame.attach(
+            Detections(found.centroids[kept], found.boxes[kept], found.areas[kept], found.confidences[kept])
+        )
         if "mask" not in self.pads:
             return passed
         height, width = luma(frame).shape
@@ -186,12 +190,4 @@ def motion(registration: Registration | None, is_next: bool) -> Motion | None:
         registration.reference,
         registration.reference_change,
         WEAK_REGISTRATION if is_weak else 1.0 / (1.0 + registration.rmse / POOR_RMSE_PX),
-    )
-
-
-def detections(objects: Objects, min_score: float) -> Detections:
-    """Objects of at least `min_score` as metadata."""
-    kept = objects.confidences >= min_score
-    return Detections(
-        objects.centroids[kept], objects.boxes[kept], objects.areas[kept], objects.confidences[kept]
     )

@@ -33,7 +33,9 @@ def strong_mask(levels: ByteImage, mask: ByteImage, region: Region) -> None:
     """
     top, bottom, left, right = region
     for row in range(top, bottom):
-        _strong(levels[row, left:right], mask[row, left:right])
+        level, line = levels[row, left:right], mask[row, left:right]
+        for index in range(line.size):
+            line[index] = np.uint8(255) if level[index] == np.uint8(STRONG) else np.uint8(0)
 
 
 @kernel(BYTES, BYTES, BYTES, REGION)
@@ -63,12 +65,6 @@ def hysteresis_mask(levels: ByteImage, scratch: ByteImage, mask: ByteImage, regi
     _step(mask, levels, scratch, region, united)
     _clear_region(mask, region)
     _step(scratch, levels, mask, region, united)
-
-
-@compiled
-def _strong(level: ByteLine, line: ByteLine) -> None:
-    for index in range(line.size):
-        line[index] = np.uint8(255) if level[index] == np.uint8(STRONG) else np.uint8(0)
 
 
 @compiled

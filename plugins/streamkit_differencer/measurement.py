@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import cast
+
+import cv2
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
@@ -11,15 +14,12 @@ from streamkit_differencer.lines import is_any_set
 from streamkit_differencer.mask_values import MOVING
 from streamkit_kernels import BLOCKS, BYTES, compiled, kernel
 
-# Set pixels of a square of two by two that make a cell.
-VOTES = 2
 # Parts of a line without foreground are skipped.
 BLOCK_PX = 64
 # Columns of the table of objects.
 PIXELS, SUM_X, SUM_Y, LEFT, TOP, RIGHT, BOTTOM, CHANGED, COLUMNS = range(9)
 
 
-@kernel(BYTES, types.int64)
 def downsampled_by_vote(mask: ByteImage, least: int) -> ByteImage:
     """Sub-samples a mask by the vote of two by two pixels; 0 beyond its border.
 
@@ -31,25 +31,11 @@ def downsampled_by_vote(mask: ByteImage, least: int) -> ByteImage:
         uint8[(h + 1) // 2, (w + 1) // 2], 255 where at least two pixels are set.
     """
     height, width = mask.shape
-    cells = np.zeros(((height + 1) // 2, (width + 1) // 2), np.uint8)
-    nothing = np.zeros(width, np.uint8)
-    for row in range(len(cells)):
-        first = mask[2 * row]
-        second = mask[2 * row + 1] if 2 * row + 1 < height else nothing
-        if is_any_set(first) or is_any_set(second):
-            _vote(first, second, np.uint8(least), cells[row])
-    return cells
-
-
-@compiled
-def _vote(first: ByteLine, second: ByteLine, least: np.uint8, cells: ByteLine) -> None:
-    for index in range(first.size // 2):
-        votes = np.uint8(first[2 * index] >= least) + np.uint8(first[2 * index + 1] >= least)
-        votes += np.uint8(second[2 * index] >= least) + np.uint8(second[2 * index + 1] >= least)
-        cells[index] = np.uint8(255) if votes >= VOTES else np.uint8(0)
-    if first.size % 2:
-        votes = np.uint8(first[-1] >= least) + np.uint8(second[-1] >= least)
-        cells[-1] = np.uint8(255) if votes >= VOTES else np.uint8(0)
+    whole = cv2.threshold(mask, least - 1, 255, cv2.THRESH_BINARY)[1]
+    even = cv2.copyMakeBorder(whole, 0, height % 2, 0, width % 2, cv2.BORDER_CONSTANT, value=0)
+    means = cv2.resize(even, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA)
+    # The mean of two set pixels of four is 128.
+    return cast("ByteImage", cv2.threshold(means, 127, 255, cv2.THRESH_BINARY)[1])
 
 
 @kernel(BYTES, BYTES, BLOCKS, types.int64, types.int64, types.int64, types.int64, types.int64, types.int64)

@@ -126,19 +126,10 @@ def begin_noise(
     lowest: int,
     highest: int,
 ) -> None:
-    """Initialises the noise of new pixels, from the local range of an earlier frame.
+    """Initialises the noise and the thresholds of new pixels, from the local range of an earlier frame.
 
-    Args:
-        earlier: uint8[h, w], f(t - tau) on the canvas, as all images.
-        updates: uint8[h, w], see `learning.learn`.
-        deviation: float32[h, w], mean absolute deviation, grey levels; set at new pixels.
-        thresholds: uint8[h, w], T_F; set there, too.
-        region: bounds of the frame.
-        first: deviation of a pixel whose background is a single frame.
-        edge: share of the local range that is added to it.
-        gain: threshold over mean deviation.
-        lowest: smallest threshold, grey levels.
-        highest: largest threshold.
+    `earlier` is f(t - tau), `first` the deviation of a pixel whose background is a single frame, and `edge`
+    the share of the local range that is added to it; the other arguments are those of `learn_noise`.
     """
     top, bottom, left, right = region
     largest = np.empty(right - left, np.uint8)
@@ -210,21 +201,8 @@ def set_provisional(
 ) -> None:
     """Gives pixels without background that of the earlier frame, where both frames are alike.
 
-    Args:
-        seen: uint8[h, w], mask of what the frame covers, on the canvas, as all images.
-        earlier: uint8[h, w], f(t - tau).
-        earlier_seen: uint8[h, w], mask of what it covers.
-        waiting: uint8[h, w], see `changes.update_waiting`.
-        background: float32[h, w], B; set there.
-        valid: uint8[h, w], mask of where it is known; set to `PROVISIONAL` there.
-        deviation: float32[h, w], mean absolute deviation, grey levels; set there.
-        thresholds: uint8[h, w], T_F; set there.
-        region: bounds of the frame; nothing else is read or written.
-        first: deviation of a pixel whose background is a single frame.
-        edge: share of the local range that is added to it.
-        gain: threshold over mean deviation.
-        lowest: smallest threshold, grey levels.
-        highest: largest threshold.
+    Their noise is initialised, too. `seen` and `earlier_seen` are masks of what the two frames cover,
+    `waiting` is that of `changes.update_waiting`; the other arguments are those of `begin_noise`.
     """
     top, bottom, left, right = region
     limits = first, edge, gain, lowest, highest

@@ -68,11 +68,8 @@ def classify(
                 _copied(here, lowest[reach : reach + count])
                 _copied(here, highest[reach : reach + count])
                 for other in range(max(row - reach, top), min(row + reach + 1, bottom)):
-                    _widened(
-                        rounded[other, left:right],
-                        lowest[reach : reach + count],
-                        highest[reach : reach + count],
-                    )
+                    near = rounded[other, left:right]
+                    _widen(near, near, lowest[reach : reach + count], highest[reach : reach + count])
                 _bounds(lowest, highest, reach, low, high)
             if gradient_gain > 0.0:
                 _tolerated(low, high, np.float32(gradient_gain), tolerated)
@@ -116,13 +113,6 @@ def _rounded(line: FloatLine, rounded: ByteLine) -> None:
 
 
 @compiled
-def _widened(line: ByteLine, lowest: ByteLine, highest: ByteLine) -> None:
-    for index in range(line.size):
-        lowest[index] = min(lowest[index], line[index])
-        highest[index] = max(highest[index], line[index])
-
-
-@compiled
 def _bounds(lowest: ByteLine, highest: ByteLine, reach: int, low: ByteLine, high: ByteLine) -> None:
     """Extremes of a line within `reach`."""
     count = low.size
@@ -133,11 +123,11 @@ def _bounds(lowest: ByteLine, highest: ByteLine, reach: int, low: ByteLine, high
     _copied(lowest[:count], low)
     _copied(highest[:count], high)
     for step in range(1, 2 * reach + 1):
-        _widened_both(lowest[step : step + count], highest[step : step + count], low, high)
+        _widen(lowest[step : step + count], highest[step : step + count], low, high)
 
 
 @compiled
-def _widened_both(lowest: ByteLine, highest: ByteLine, low: ByteLine, high: ByteLine) -> None:
+def _widen(lowest: ByteLine, highest: ByteLine, low: ByteLine, high: ByteLine) -> None:
     for index in range(low.size):
         low[index] = min(low[index], lowest[index])
         high[index] = max(high[index], highest[index])

@@ -142,7 +142,7 @@ class ObjectSettings:
     median: int = setting(
         5, min=0, max=13, live=True, unit="px", doc="Width of the median filter on the foreground; 0 is off."
     )
-    fill_holes: bool = setting(False, live=True, doc="Fills holes in the foreground.")
+    fill_holes: bool = setting(True, live=True, doc="Fills what foreground encloses.")
     min_area: int = setting(
         3, min=1, max=100000, live=True, unit="cells", doc="Smallest object; a cell is 4 by 4 px."
     )

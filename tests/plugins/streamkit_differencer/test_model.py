@@ -126,7 +126,7 @@ def test_ground_that_comes_into_view_has_no_background_yet():
 
 
 def test_a_thing_that_drives_onto_new_ground_is_found_before_that_is_known():
-    """It is told from the first look, and is not learnt as ground while it drives."""
+    """It is detected from the first look, and is not learnt as ground while it drives."""
     model = BackgroundModel((160, 120), SETTINGS)
     left = np.zeros(SHAPE, np.uint8)
     left[:, :80] = 255

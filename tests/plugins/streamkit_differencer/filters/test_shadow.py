@@ -1,4 +1,4 @@
-"""Shadows told from objects."""
+"""Shadows distinguished from objects."""
 
 import numpy as np
 
