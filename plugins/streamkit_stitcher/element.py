@@ -7,6 +7,7 @@ from collections import Counter
 from dataclasses import asdict, replace
 from fractions import Fraction
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar
 
 import cv2
@@ -24,11 +25,13 @@ from streamkit import (
     FlushStop,
     Frame,
     FrameFlags,
+    IfExists,
     Pad,
     PadTemplate,
     Pose,
     Presence,
     Property,
+    PropertyError,
     Registration,
     RegistrationStatus,
     ResourceError,
@@ -36,11 +39,12 @@ from streamkit import (
     Transform,
     luma,
 )
+from streamkit.output.names import FileNames
 from streamkit_kernels import COMPILING, on_compilation
 from streamkit_stitcher.flight_plan.plan import CameraView, FlightPlan, parse_strip, plan_strip
 from streamkit_stitcher.ground_view import ground_view
 from streamkit_stitcher.live_mosaic import PREVIEW_CAPS, LiveMosaic, linked_pad
-from streamkit_stitcher.mosaic.image_file import check_location
+from streamkit_stitcher.mosaic.image_file import SUFFIXES, check_location
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.mosaic_pad import MosaicPad
@@ -62,9 +66,9 @@ class Stitch(Transform):
     `reference_change`, so that downstream elements can move their state along.
 
     The mosaic is painted in a background thread, and written at EOS or when the pipeline stops earlier; the
-    message `mosaic` reports its size. At EOS the message `summary` counts the frames by status. The pad
-    `mosaic` shows it while it grows, from a thread of its own: a slow consumer gets fewer updates, and always
-    the last.
+    message `mosaic` reports its size and position. After it the message `summary` counts the frames by status
+    and the planes, and repeats what the largest mosaic is. The pad `mosaic` shows it while it grows, from a
+    thread of its own: a slow consumer gets fewer updates, and always the last.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! fakesink
@@ -90,6 +94,9 @@ class Stitch(Transform):
         None, unit="m", doc="Altitude of the ground with the datum of the poses; by default as they tell."
     )
     speed: float = Property(0.0, min=0.0, unit="m/s", doc="Speed over the ground, for `strip`.")
+    if_exists: IfExists = Property(
+        IfExists.REPLACE, doc="An older mosaic: refuse it, continue its numbers, or replace it when whole."
+    )
     preview_interval: float = Property(
         1.0, min=0.0, unit="s", doc="Least time between two frames of the pad `mosaic`."
     )
@@ -123,8 +130,9 @@ class Stitch(Transform):
                 check_location(location)
         except (OSError, ValueError) as error:
             raise ResourceError(f"{self.name}: {error}") from error
+        recording = self.recording if location is None else self._protect_files(location)
         if location is not None or "mosaic" in self.pads:
-            self._mosaic = LiveMosaic(self, self.recording, self.preview_interval, lambda: self._mosaic_pad)
+            self._mosaic = LiveMosaic(self, recording, self.preview_interval, lambda: self._mosaic_pad)
 
     def stream(self) -> None:
         """The body of the thread of the pad `mosaic`."""
@@ -173,7 +181,6 @@ class Stitch(Transform):
         grey = grey_of(frame)
         registered = self._tracker.track(grey)
         self._counts[registered.status] += 1
-        self._counts["planes"] += registered.opens_plane or registered.status is Status.CUT
         if self._mosaic is not None:
             if self._mosaic.is_new_plane(registered):
                 self._mosaic.end_plane(self._tracker.take_plane())
@@ -198,11 +205,6 @@ class Stitch(Transform):
             ResourceError: it cannot be written.
         """
         plane = self._tracker.take_plane(current=True)
-        states = {status.value: self._counts[status] for status in Status}
-        if any(states.values()):
-            self.post_message(
-                "summary", frames=sum(states.values()), **states, planes=1 + self._counts["planes"]
-            )
         try:
             if self._mosaic is not None:
                 self._mosaic.show_last()
@@ -210,6 +212,7 @@ class Stitch(Transform):
                     raise Flushing(self.name)
             elif plane is not None:
                 plane.close()
+            self._summarise()
         except OSError as error:
             raise ResourceError(f"{self.name}: the mosaic is lost: {error}") from error
         finally:
@@ -228,6 +231,40 @@ class Stitch(Transform):
             finally:
                 mosaic.close()
         self._tracker.close()
+
+    def check_properties(self) -> None:
+        """Checks the ending of the name.
+
+        Raises:
+            PropertyError: no mosaic can be written so.
+        """
+        location = self.recording.location
+        if location is not None and Path(location).suffix.lower() not in SUFFIXES:
+            raise PropertyError(
+                f"{self.name}: location={location}: the name must end in {', '.join(SUFFIXES)}, "
+                f"it ends in {Path(location).suffix!r}; write for example location=mosaic.png"
+            )
+
+    def _protect_files(self, location: str) -> RecorderSettings:
+        """Checks `if-exists`; the settings with the number of the first file."""
+        names = FileNames(location)
+        there = list(names.existing()) if names.is_several else []
+        is_there = bool(there) or (not names.is_several and Path(location).is_file())
+        if not is_there or self.if_exists is IfExists.REPLACE:
+            return self.recording
+        if self.if_exists is IfExists.CONTINUE and names.has_number:
+            return replace(self.recording, first_number=1 + max(number for _, number in there))
+        raise ResourceError(
+            f"{self.name}: {location} exists already; name another file, or set if-exists=replace"
+        )
+
+    def _summarise(self) -> None:
+        """Posts the message `summary`, once the mosaics are written."""
+        states = {status.value: self._counts[status] for status in Status}
+        if any(states.values()):
+            mosaic = {} if self._mosaic is None else self._mosaic.summary
+            planes = max(1, self._tracker.ended_planes)
+            self.post_message("summary", frames=sum(states.values()), **states, planes=planes, **mosaic)
 
     def _prefer_colour(self) -> None:
         for name in ("sink", "src"):

@@ -63,6 +63,7 @@ class LiveMosaic:
         self._adjusts = settings.final
         self._failure: Exception | None = None
         self._writing: Future[None] | None = None
+        self._largest: WrittenMosaic | None = None
         self._save_interval_s = settings.save_interval
         self._save_due_s = time.monotonic() + self._save_interval_s
         self._epoch: int | None = None
@@ -156,6 +157,15 @@ class LiveMosaic:
         if self._executor.close(_CLOSE_LIMIT_S):
             self._recorder.close()
 
+    @property
+    def summary(self) -> dict[str, object]:
+        """What the message `summary` says of the mosaic of the most frames."""
+        largest = self._largest
+        if largest is None:
+            return {}
+        names = "width", "height", "pictures", "ground_resolution_m", "geo_error_m", "geo_refused"
+        return {"file": str(largest.path), **{name: getattr(largest, name) for name in names}}
+
     # In the background thread.
 
     def _show(self, pts: int | None, flushes: int) -> None:
@@ -200,6 +210,8 @@ class LiveMosaic:
     def _announce(self, written: WrittenMosaic) -> None:
         if written.geo_refused and is_tiff(written.path.name):
             self._element.post_warning(f"{written.path} is not georeferenced: {written.geo_refused}")
+        if self._largest is None or written.pictures >= self._largest.pictures:
+            self._largest = written
         self._element.post_message("mosaic", **{**asdict(written), "path": str(written.path)})
 
 

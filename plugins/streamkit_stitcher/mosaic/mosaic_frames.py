@@ -60,7 +60,11 @@ class WrittenMosaic:
 
 @dataclass(frozen=True)
 class RecorderSettings:
-    """How mosaics are made; without a location there is only a preview."""
+    """How mosaics are made; without a location there is only a preview.
+
+    Attributes:
+        first_number: added to the numbers of planes in the names of files.
+    """
 
     location: str | None = setting(
         None, file="write", doc="Path of the mosaic, .png, .jpg or .tif; %d in it gives each plane a file."
@@ -76,6 +80,7 @@ class RecorderSettings:
         64.0, min=1.0, max=1024.0, unit="Mpx", doc="Mosaic kept in memory; the rest goes to a temporary file."
     )
 
+    first_number: int = 0
     max_geo_error_m: float = setting(
         30.0, min=0.0, unit="m", doc="Expected error above which a mosaic is not georeferenced."
     )
@@ -223,7 +228,7 @@ class MosaicFrames:
         geo = None if geo is None or refused else geo.seen_through(whole.from_plane)
         if geo is not None and is_tiff(location) and not geo.is_affine:
             geo, refused = None, "the camera looks aside, and only the final mosaic can follow that"
-        path = location_of(location, number)
+        path = location_of(location, number + self._settings.first_number)
         self._report_progress()
         write_image(whole.image, path, geo)
         height, width = whole.image.shape[:2]
@@ -252,7 +257,8 @@ class MosaicFrames:
         if location is None or (not is_numbered(location) and covered_px <= self._largest_px):
             return
         if (whole := _incremental(self.mosaic)) is not None:
-            write_image(whole.image, location_of(location, self.reference))
+            number = self.reference + self._settings.first_number
+            write_image(whole.image, location_of(location, number))
 
     def close(self) -> None:
         """Releases everything that was not written."""

@@ -251,6 +251,7 @@ class KeyframeMap:
 
     def retire(self) -> None:
         """Releases the patches and features that only new frames need; `finish` still works."""
+        self.adopt()
         self._plane = self.plane
         self._store, self.active = KeyframeStore(0), None
         self.relocaliser.forget()

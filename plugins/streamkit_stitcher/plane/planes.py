@@ -25,6 +25,7 @@ class Planes:
     Attributes:
         number: of the current plane.
         anchor: registers frames to its keyframes; None before the first frame.
+        ended: number of planes that ended for good, joined ones counted once.
         keeps_earlier: whether earlier planes stay, to be met again; else each ends for good.
         before: float64[3, 3], the previous frame to the current plane.
         base: float64[3, 3], the last registered frame to the current plane.
@@ -38,7 +39,7 @@ class Planes:
         self._settings = settings
         self._schedule = ReferenceSchedule(settings.strip_length)
         self._closed: KeyframeMap | None = None
-        self.number = self._last_number = 0
+        self.number = self._last_number = self.ended = 0
         self.anchor: KeyframeAnchor | None = None
         self.keeps_earlier = True
         self.before = self.base = IDENTITY
@@ -69,6 +70,7 @@ class Planes:
             self._closed.close()
         self._closed = self.anchor.keyframes
         self._closed.retire()
+        self.ended += len(self._closed.planes)
         self.anchor = None
 
     def leave(self, number: int | None = None) -> None:

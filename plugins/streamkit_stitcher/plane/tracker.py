@@ -73,6 +73,11 @@ class PlaneTracker:
         """Sets whether a plane that ends stays, to be met again; else it ends for good."""
         self._planes.keeps_earlier = keeps
 
+    @property
+    def ended_planes(self) -> int:
+        """Number of planes that ended for good, joined ones counted once."""
+        return self._planes.ended
+
     def close(self) -> None:
         """Ends the threads."""
         self._planes.close()

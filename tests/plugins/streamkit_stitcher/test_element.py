@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from streamkit import (
+    DescriptionError,
     Frame,
     FrameFlags,
     MessageKind,
@@ -285,6 +286,41 @@ def test_the_summary_counts_frames_by_status(flight):
     summary = next(m.fields for m in harness.messages if m.fields.get("name") == "summary")
     assert (summary["frames"], summary["lost"], summary["planes"]) == (4, 1, 1)
     assert summary["ok"] + summary["still"] == 3
+
+
+def test_the_summary_names_the_mosaic(flight, tmp_path):
+    """It comes after the file, whose size it has, and says why there is no position."""
+    with Harness("stitch", location=str(tmp_path / "m.png")) as harness:
+        for index in range(3):
+            push(harness, grey(flight.frame(index), index))
+        harness.drain()
+    names = [message.fields.get("name") for message in harness.messages]
+    assert names.index("summary") > names.index("mosaic")
+    summary = harness.messages[names.index("summary")].fields
+    height, width = cv2.imread(str(tmp_path / "m.png")).shape[:2]
+    assert (summary["file"], summary["width"], summary["height"]) == (str(tmp_path / "m.png"), width, height)
+    assert summary["geo_error_m"] is None
+    assert "no current position" in summary["geo_refused"]
+
+
+def test_a_mosaic_of_unknown_ending_is_refused_at_once():
+    """Before any frame, with the endings that are known."""
+    with pytest.raises(
+        DescriptionError, match=r"must end in \.png, .*write for example location=mosaic\.png"
+    ):
+        Pipeline.parse("dronetestsrc ! stitch location=mosaic.xyz ! fakesink")
+
+
+def test_an_older_mosaic_is_protected(flight, tmp_path):
+    """if-exists=fail refuses it before the first frame; continue goes on with the numbers."""
+    (tmp_path / "m-3.png").write_bytes(b"old")
+    with pytest.raises(ResourceError, match="exists already"):
+        Harness("stitch", location=str(tmp_path / "m-3.png"), if_exists="fail").start()
+    with Harness("stitch", location=str(tmp_path / "m-%d.png"), if_exists="continue") as harness:
+        push(harness, grey(flight.frame(0)))
+        harness.drain()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["m-3.png", "m-4.png"]
+    assert (tmp_path / "m-3.png").read_bytes() == b"old"
 
 
 def test_a_strip_sets_its_length(flight):
