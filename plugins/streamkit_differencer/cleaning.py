@@ -29,7 +29,7 @@ def cleaned(mask: ByteImage, median: int, fill_holes: bool) -> ByteImage:
     else:
         result = mask.copy()
     if fill_holes:
-        outlines, _ = cv2.findContours(result, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        outlines, _ = cv2.findContours(result, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         whole = np.zeros_like(result)
         cv2.drawContours(whole, outlines, -1, MOVING, cv2.FILLED)
         cv2.copyTo(result, result, whole)

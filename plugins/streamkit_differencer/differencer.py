@@ -23,7 +23,7 @@ from streamkit_differencer.objects import Objects, find_objects, mark_moving, mo
 from streamkit_differencer.refinement import refine_objects
 from streamkit_differencer.sampling import warp_frame, warp_mask_back
 from streamkit_differencer.settings import DifferencerSettings
-from streamkit_differencer.trimming import HALO_SHARE, SHADOW_SHARE, trim
+from streamkit_differencer.trimming import HALO_SHARE, SHADOW_SHARE, object_contrasts, trim
 from streamkit_kernels import prepare
 
 # The outermost pixels of a warped frame mix with the border.
@@ -208,8 +208,8 @@ class Differencer:
             mask = mask & cast("ByteImage", cv2.resize(self.region, size, interpolation=cv2.INTER_NEAREST))
         background, (rows, columns) = self._model.compared_background
         offset = translation(np.array([-columns.start, -rows.start]))
-        from_working = offset @ position.working_to_canvas
-        trim(mask, working, background, from_working, 0.0, SHADOW_SHARE)
+        contrasts = object_contrasts(mask, working, background, offset @ position.working_to_canvas)
+        trim(mask, working, *contrasts, 0.0, SHADOW_SHARE)
         objects = find_objects(mask, scale, settings, max(settings.max_objects, MOST_SCORED))
         to_canvas = position.working_to_canvas @ frame_to_working(scale)
         ages = self._persistence.update(mapped_boxes(to_canvas, objects.boxes))
@@ -219,7 +219,7 @@ class Differencer:
         refined = refine_objects(objects, image, background, offset @ to_canvas, mask, scale)
         if self._model.tolerance > 0:
             # Small objects are found with their halo.
-            trim(mask, working, background, from_working, HALO_SHARE, 0.0)
+            trim(mask, working, *contrasts, HALO_SHARE, 0.0)
         mark_moving(mask, objects, scale)
         return Result(refined, mask, position.change, event)
 

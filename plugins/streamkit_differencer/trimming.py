@@ -13,7 +13,7 @@ from streamkit_differencer.arrays import ByteImage, FloatArray, FloatImage, Labe
 from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.mask_values import HIGHEST_BACKGROUND
 from streamkit_differencer.refinement import background_at
-from streamkit_kernels import BYTES, TABLE, VIEW, compiled, kernel
+from streamkit_kernels import BLOCKS, BYTES, FLOATS, TABLE, VIEW, compiled, kernel
 
 # Pixels with less than this share of an object's mean contrast are its halo. Half-covered pixels have more;
 # parts of an object that are almost as grey as the background may have less.
@@ -26,12 +26,46 @@ LARGEST_DEVIATION, NOISE_LEVELS = 0.04, 3.0
 TRIMMED = 1
 
 
-@kernel(BYTES, VIEW, VIEW, TABLE, types.float64, types.float64)
+@kernel(BYTES, VIEW, VIEW, TABLE)
+def object_contrasts(
+    mask: ByteImage, image: ByteImage, background: ByteImage, to_background: FloatArray
+) -> tuple[LabelImage, ByteImage, FloatImage]:
+    """The background under the foreground, and the contrast to it.
+
+    Args:
+        mask: uint8[h, w], foreground.
+        image: uint8[h, w], the frame at the same scale.
+        background: uint8, its border is replicated.
+        to_background: float64[3, 3], frame pixels to those of `background`.
+
+    Returns:
+        int32[n, 3], see `components_of`; uint8[h, w], the background under each foreground pixel, at least 1;
+        and float32[h, w], the mean contrast of its component.
+    """
+    blocks, count = components_of(mask, (0, mask.shape[0], 0, mask.shape[1]))
+    ground, contrast = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
+    sums, pixels = np.zeros(count), np.zeros(count)
+    for index in range(len(blocks)):
+        for offset in range(4):
+            row, column = blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2
+            if mask[row, column] > HIGHEST_BACKGROUND:
+                ground[row, column] = max(background_at(background, to_background, row, column), 1)
+                sums[blocks[index, 2]] += abs(np.int64(image[row, column]) - np.int64(ground[row, column]))
+                pixels[blocks[index, 2]] += 1.0
+    for index in range(len(blocks)):
+        mean = sums[blocks[index, 2]] / max(pixels[blocks[index, 2]], 1.0)
+        for offset in range(4):
+            contrast[blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2] = mean
+    return blocks, ground, contrast
+
+
+@kernel(BYTES, VIEW, BLOCKS, BYTES, FLOATS, types.float64, types.float64)
 def trim(
     mask: ByteImage,
     image: ByteImage,
-    background: ByteImage,
-    to_background: FloatArray,
+    blocks: LabelImage,
+    ground: ByteImage,
+    contrast: FloatImage,
     halo_share: float,
     shadow_share: float,
 ) -> None:
@@ -40,17 +74,15 @@ def trim(
     Args:
         mask: uint8[h, w], foreground; updated in place.
         image: uint8[h, w], the frame at the same scale.
-        background: uint8, its border is replicated.
-        to_background: float64[3, 3], frame pixels to those of `background`.
+        blocks: see `object_contrasts`, as `ground` and `contrast`.
+        ground: uint8[h, w].
+        contrast: float32[h, w].
         halo_share: of an object's mean contrast; pixels with less are its halo.
         shadow_share: of an object's mean contrast; darker pixels with less may be soft shadow.
 
     Source: the ratio test of Rosin and Ellis, "Image difference threshold strategies and shadow detection",
         BMVC 1995, with the variance in a window.
     """
-    blocks, count = components_of(mask, (0, mask.shape[0], 0, mask.shape[1]))
-    ground, contrast = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
-    _set_contrast(mask, image, background, to_background, blocks, count, ground, contrast)
     # A halo is one pixel wide.
     at_edge, inwards = (halo_share, shadow_share), (0.0, shadow_share)
     removed, total = np.empty((4 * len(blocks), 2), np.int64), 0
@@ -64,7 +96,7 @@ def trim(
                 mask[row, column] = TRIMMED
                 total += 1
     first = 0
-    while first < total:
+    while first < total and shadow_share > 0.0:
         for row, column in _neighbours(removed[first, 0], removed[first, 1], mask.shape):
             if _is_surrounding(mask, image, ground, contrast, row, column, inwards):
                 removed[total, 0], removed[total, 1] = row, column
@@ -73,32 +105,6 @@ def trim(
         first += 1
     for index in range(total):
         mask[removed[index, 0], removed[index, 1]] = 0
-
-
-@compiled
-def _set_contrast(
-    mask: ByteImage,
-    image: ByteImage,
-    background: ByteImage,
-    to_background: FloatArray,
-    blocks: LabelImage,
-    count: int,
-    ground: ByteImage,
-    contrast: FloatImage,
-) -> None:
-    """Sets the background of each foreground pixel, at least 1, and the mean contrast of its component."""
-    sums, pixels = np.zeros(count), np.zeros(count)
-    for index in range(len(blocks)):
-        for offset in range(4):
-            row, column = blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2
-            if mask[row, column] > HIGHEST_BACKGROUND:
-                ground[row, column] = max(background_at(background, to_background, row, column), 1)
-                sums[blocks[index, 2]] += abs(np.int64(image[row, column]) - np.int64(ground[row, column]))
-                pixels[blocks[index, 2]] += 1.0
-    for index in range(len(blocks)):
-        mean = sums[blocks[index, 2]] / max(pixels[blocks[index, 2]], 1.0)
-        for offset in range(4):
-            contrast[blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2] = mean
 
 
 @compiled
@@ -137,7 +143,9 @@ def _is_even(mask: ByteImage, image: ByteImage, ground: ByteImage, row: int, col
 
 @compiled
 def _is_edge(mask: ByteImage, row: int, column: int) -> bool:
-    """Whether one of four neighbours is background."""
+    """Whether a pixel is foreground and one of its four neighbours is background."""
+    if mask[row, column] <= HIGHEST_BACKGROUND:
+        return False
     for y, x in _neighbours(row, column, mask.shape):
         if mask[y, x] <= HIGHEST_BACKGROUND and mask[y, x] != TRIMMED:
             return True
