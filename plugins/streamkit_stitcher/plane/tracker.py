@@ -37,6 +37,8 @@ _DOMINANT: Final = 0.75
 _AGREEING: Final = 0.2
 _RELATED: Final = 0.12
 _ADOPT_AFTER: Final = 10
+# Part of the width that successive photographs are apart, and frames of a video are not.
+_JUMP: Final = 0.15
 
 
 class PlaneTracker:
@@ -169,6 +171,7 @@ class PlaneTracker:
         aligned = self._aligned(images, anchor, expected) if consecutive else None
         if aligned is not None and aligned.share >= _AGREEING:
             self._followed += 1
+            due = due or self._is_jump(anchor, aligned)
             anchored = anchor.register(images, expected, trusted=True, followed=aligned, due=due)
             return self._accept(images, anchored, None)
         if is_flat(images[self._level]):
@@ -187,6 +190,8 @@ class PlaneTracker:
         if aligned is not None and aligned.share >= _RELATED:
             anchored = anchor.register(images, expected, trusted=True, followed=aligned, due=due)
             return self._accept(images, anchored, None)
+        # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
+        due = due or not self._followed
         recognised = None
         if motion.is_cut:
             recognised = self._recognise(images, anchor)
@@ -198,7 +203,11 @@ class PlaneTracker:
         trusted = motion.model is MotionModel.HOMOGRAPHY
         is_jump = consecutive or self._planes.has_jumped
         place = partial(anchor.register, images, predicted, consecutive=is_jump, predicted_std=std)
-        anchored = place(trusted or recognised is not None, recognised=recognised, due=due and trusted)
+        anchored = place(
+            trusted or recognised is not None,
+            recognised=recognised,
+            due=due and (trusted or recognised is not None),
+        )
         is_open = not (anchored.measured or anchored.keyframe or recognised is not None)
         if is_open and is_recognition_due(self._unmeasured, known and consecutive):
             recognised = self._recognise(images, anchor)
@@ -223,6 +232,14 @@ class PlaneTracker:
         aligned = anchor.align(images[self._level], self._planes.before, self._std_before, expected, followed)
         self._checks.add(aligned is followed)
         return aligned
+
+    def _is_jump(self, anchor: KeyframeAnchor, match: KeyframeMatch) -> bool:
+        """Whether a frame moved as far from the previous one as a photograph of a survey."""
+        active = anchor.keyframes.active
+        if active is None:
+            return False
+        step = normalised(inverse(self._planes.before) @ active.to_reference @ match.fit.matrix)
+        return corner_shift(step, self._shape) > _JUMP * self._shape[1]
 
     @property
     def _key_index(self) -> int:
