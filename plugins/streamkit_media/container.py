@@ -219,7 +219,7 @@ def first_packets(container: InputContainer, stream: VideoStream) -> tuple[list[
             if packet.stream_index != stream.index:
                 continue
             tries -= 1
-            for frame in packet.decode():
+            for frame in stream.decode(packet):
                 if isinstance(frame, VideoFrame):
                     return packets, round(frame.rotation / 90) * 90 % 360
             if not tries:
