@@ -5,6 +5,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Final
 
+import numpy as np
+
 from streamkit.geometry.homography import IDENTITY, FloatArray, GreyArray, corner_shift, inverse, normalised
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.correlation_shift import motion_since
@@ -39,6 +41,8 @@ _RELATED: Final = 0.12
 _ADOPT_AFTER: Final = 10
 # Part of the width that successive photographs are apart, and frames of a video are not.
 _JUMP: Final = 0.15
+# Correlation with the previous frame above which a frame that nothing matches is not a photograph.
+_LIKE: Final = 0.7
 
 
 class PlaneTracker:
@@ -191,7 +195,9 @@ class PlaneTracker:
             anchored = anchor.register(images, expected, trusted=True, followed=aligned, due=due)
             return self._accept(images, anchored, None)
         # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
-        due = due or not self._followed
+        likeness = float(np.corrcoef(earlier.thumbnail.ravel(), image.thumbnail.ravel())[0, 1])
+        is_photograph = not self._followed and likeness < _LIKE
+        due = due or is_photograph
         recognised = None
         if motion.is_cut:
             recognised = self._recognise(images, anchor)
@@ -217,7 +223,7 @@ class PlaneTracker:
             self._lost += 1
             self._unmeasured += 1
             # Without a frame that was followed these are photographs: each may begin a plane of its own.
-            if motion.is_cut or self._lost > _MAX_LOST or not self._followed:
+            if motion.is_cut or self._lost > _MAX_LOST or is_photograph:
                 return self._restart_plane(images)
             return self._predict()
         return self._accept(images, anchored, motion)
