@@ -30,6 +30,7 @@ class ReceivedMessage(NamedTuple):
         header: the attachment after the stamp.
         run: run of its publisher; 0 without a stamp.
         is_deleted: whether it deletes the key.
+        number: of the message in its stream; 0 without a stamp.
     """
 
     key: str
@@ -38,6 +39,7 @@ class ReceivedMessage(NamedTuple):
     header: bytes
     run: int
     is_deleted: bool
+    number: int = 0
 
 
 class Counts(msgspec.Struct, frozen=True):
@@ -169,10 +171,10 @@ class MessageReceiver:
             self._counts["bad"] += arrival.is_new and size > self._limit_bytes
         if not arrival.is_new or size > self._limit_bytes:
             return
-        run = 0 if stamp is None else stamp.run
+        run, number = (0, 0) if stamp is None else stamp
         is_deleted = sample.kind == zenoh.SampleKind.DELETE
         message = ReceivedMessage(
-            key, sample.payload.to_bytes(), str(sample.encoding), header, run, is_deleted
+            key, sample.payload.to_bytes(), str(sample.encoding), header, run, is_deleted, number
         )
         dropped = self.queue.put(message, size + len(header), wait_s=self._wait_s)
         if dropped:

@@ -109,7 +109,7 @@ class PublicationSettings:
     track_qos: str = setting("drop,data", doc="Quality of service of KEY/track/ID, in the same words.")
     frame_qos: str = setting("drop,data-low", doc="Quality of service of KEY/frame, in the same words.")
     mosaic_qos: str = setting("block,background", doc="Quality of service of KEY/mosaic, in the same words.")
-    video_qos: str = setting("drop,data,express", doc="Quality of service of KEY/video, in the same words.")
+    video_qos: str = setting("block,data", doc="Quality of service of KEY/video, in the same words.")
     status_qos: str = setting("block,data-high", doc="Quality of service of KEY/status, in the same words.")
 
     @property
