@@ -6,6 +6,7 @@ Prints what the subscriber receives, then where the pictures are.
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import threading
@@ -61,6 +62,8 @@ def main() -> int:
         print(f"{len(records)} records received; one per frame, none lost. Written:")
         for name in ("tracks.jpg", "mosaic.jpg", "tracks.jsonl"):
             print(f"  {options.output / name}")
+        view = f"{os.path.relpath(STREAMKIT[0])} view --open {options.output / 'flight.mp4'}"
+        print(f"Watch the same flight in the browser:\n  {view}")
     return code
 
 

@@ -1,0 +1,132 @@
+"""Access to the page: Host, Origin and token of each request are checked, response headers are set."""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import logging
+import socket
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qs, urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+LOG = logging.getLogger("streamkit.view")
+COOKIE = "streamkit_view"
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+RESPONSE_HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+LOGGED_LIMIT = 100
+_LOGGED: set[str] = set()
+
+
+def log_once(reason: str) -> None:
+    """Logs why something was refused; the same reason only once, and at most a hundred of them."""
+    if reason not in _LOGGED and len(_LOGGED) < LOGGED_LIMIT:
+        _LOGGED.add(reason)
+        LOG.warning("refused: %s; further ones are not reported", reason)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only processes of this machine reach an address or name."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+class AccessControl:
+    """ASGI middleware that refuses requests of strangers.
+
+    A page of another site must not read this one: it can send neither this `Host`, after DNS rebinding, nor
+    this `Origin`. The token is in the address that is printed; the first response moves it into a cookie.
+
+    Args:
+        app: the application.
+        token: what a browser must show; "" where only this machine can connect.
+    """
+
+    def __init__(self, app: ASGIApp, token: str) -> None:
+        self._app = app
+        self._token = token
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Passes a request on, or refuses it."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] in ("http.response.start", "websocket.http.response.start"):
+                MutableHeaders(scope=message).update(RESPONSE_HEADERS)
+            await send(message)
+
+        refusal = self._refusal(scope)
+        if refusal is None:
+            await self._app(scope, receive, send_with_headers)
+        else:
+            await refusal(scope, receive, send_with_headers)
+
+    def _refusal(self, scope: Scope) -> Response | None:
+        headers = Headers(scope=scope)
+        host, origin = headers.get("host", ""), headers.get("origin")
+        if not self._is_own_host(host):
+            return _refuse(400, "a Host that is not this server's")
+        if origin is None and scope["type"] == "websocket":
+            return _refuse(403, "a websocket without Origin")
+        if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
+            return _refuse(403, "another site's Origin")
+        if not self._token or self._is_token(_cookie(headers)):
+            return None
+        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
+        if scope["type"] == "http" and given:
+            if not self._is_token(given[0]):
+                return _refuse(403, "a wrong token")
+            response = RedirectResponse("/", status_code=303)
+            response.set_cookie(COOKIE, self._token, httponly=True, samesite="strict")
+            return response
+        return _refuse(401, "a request without token: open the address that `streamkit view` printed")
+
+    def _is_token(self, given: str) -> bool:
+        return hmac.compare_digest(given.encode(), self._token.encode())
+
+    def _is_own_host(self, host: str) -> bool:
+        """A loopback name; beyond loopback also any address, and the name of this machine."""
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+            _ = urlsplit(f"//{host}").port
+        except ValueError:
+            return False
+        if is_loopback(name):
+            return True
+        if not self._token:
+            return False
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return name == socket.gethostname().lower()
+        return True
+
+
+def _cookie(headers: Headers) -> str:
+    try:
+        morsel = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+    except CookieError:
+        return ""
+    return "" if morsel is None else morsel.value
+
+
+def _refuse(code: int, reason: str) -> Response:
+    log_once(reason)
+    return PlainTextResponse(f"refused: {reason}\n", status_code=code)

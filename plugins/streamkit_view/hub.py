@@ -1,0 +1,103 @@
+"""Hub: brings the messages of feeds to the pages that show them; runs in the server's event loop."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, Message
+from streamkit_view.viewer import Viewer
+
+# Video since the newest keyframe, which a new page begins with.
+GROUP_MESSAGES, GROUP_BYTES = 400, 8 << 20
+
+
+class Latest:
+    """What a new page of a feed is sent first: last pictures and record, and video since its keyframe."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, Message] = {}
+        self._group: list[Message] = []
+        self._bytes = 0
+
+    def note(self, message: Message) -> None:
+        """Keeps a message for pages that come later."""
+        if message.kind != VIDEO:
+            self._last[message.kind] = message
+            return
+        if message.is_keyframe:
+            self._group, self._bytes = [], 0
+        elif not self._group:
+            return
+        self._group.append(message)
+        self._bytes += len(message.data)
+        if len(self._group) > GROUP_MESSAGES or self._bytes > GROUP_BYTES:
+            self._group = []
+
+    def messages(self) -> list[Message]:
+        """What to send to a new page, in order."""
+        pictures = [self._last[kind] for kind in (MOSAIC, FRAME) if kind in self._last]
+        records = [self._last[TRACKS]] if TRACKS in self._last else []
+        return [*pictures, *self._group, *records]
+
+
+class Hub:
+    """The pages and what they are sent. All methods but `deliver` belong to the event loop's thread.
+
+    Args:
+        feeds: how many feeds there are.
+        first_appeared: called when a page comes and there is no other.
+    """
+
+    def __init__(self, feeds: int, first_appeared: Callable[[], None] = lambda: None) -> None:
+        self._latest = [Latest() for _ in range(feeds)]
+        self._pages: dict[Viewer, asyncio.Event] = {}
+        self._first_appeared = first_appeared
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    def attach_loop(self) -> None:
+        """Notes the running event loop, to which `deliver` hands messages."""
+        self._loop = asyncio.get_running_loop()
+
+    def deliver(self, message: Message) -> None:
+        """Sends a message to the pages; may be called from any thread."""
+        loop = self._loop
+        if loop is not None and not loop.is_closed():
+            loop.call_soon_threadsafe(self.publish, message)
+
+    def publish(self, message: Message) -> None:
+        """Queues a message for the pages of its feed; the states of all feeds go to all pages."""
+        if message.kind in (VIDEO, TRACKS, FRAME, MOSAIC):
+            self._latest[message.feed].note(message)
+        for viewer, changed in self._pages.items():
+            if viewer.feed == message.feed or message.kind not in (VIDEO, TRACKS, FRAME, MOSAIC):
+                viewer.offer(message)
+                changed.set()
+
+    def add(self, viewer: Viewer) -> asyncio.Event:
+        """Adds a page; the event is set when there may be something to send."""
+        if not self._pages:
+            self._first_appeared()
+        changed = self._pages[viewer] = asyncio.Event()
+        self._greet(viewer)
+        return changed
+
+    def remove(self, viewer: Viewer) -> None:
+        """The page is gone."""
+        del self._pages[viewer]
+
+    def select(self, viewer: Viewer, feed: int) -> None:
+        """A page shows another feed."""
+        if viewer.feed != feed:
+            viewer.select(feed)
+            self._greet(viewer)
+
+    @property
+    def pages(self) -> int:
+        """How many pages there are."""
+        return len(self._pages)
+
+    def _greet(self, viewer: Viewer) -> None:
+        for message in self._latest[viewer.feed].messages():
+            viewer.offer(message)
+        self._pages[viewer].set()

@@ -1,0 +1,235 @@
+// The page: takes messages, keeps what is shown of one feed, and draws it once per screen refresh.
+
+import { Connection } from "./connection.js";
+import { Mosaic } from "./mosaic.js";
+import { drawTracks, fitCanvas, placement } from "./overlay.js";
+import { drawSeries, showFeeds, showFigures, showNote, showState, showTracks } from "./panel.js";
+import { Player } from "./player.js";
+import { Trails } from "./trails.js";
+
+const RECORDS_LIMIT = 400;
+const STALE_NS = 250e6;
+const PLAUSIBLE_AGE_MS = 600_000;
+
+const picture = document.getElementById("video");
+const overlay = document.getElementById("overlay");
+const mosaic = new Mosaic(document.getElementById("mosaic"), document.getElementById("ground"));
+const player = new Player({ show: showVideo, cannot: (reason) => { page.reason = reason; } });
+const page = { feed: 0, states: [], isOnline: false, clockMs: null, series: [] };
+resetFeed();
+
+function resetFeed() {
+  page.next?.image.close();
+  player.reset();
+  mosaic.clear();
+  Object.assign(page, {
+    records: new Map(), trails: new Trails(), newest: null, run: null, shown: null, next: null, followed: null,
+    frames: 0, rate: 0, skipped: 0, counted: performance.now(), delays: [], reason: "", video: false, lastDrawn: null,
+  });
+  page.needsDrawing = true;
+  document.getElementById("empty").hidden = false;
+  picture.getContext("2d").clearRect(0, 0, picture.width, picture.height);
+}
+
+const nameOf = (header) => `${header.epoch}:${header.pts_ns ?? header.seq}`;
+const utcMs = () => Date.now() + (page.clockMs ?? 0);
+
+const connection = new Connection({
+  opened: () => {
+    resetFeed();
+    page.isOnline = true;
+    page.clockMs = null;
+    if (page.feed) connection.select(page.feed);
+  },
+  lost: () => {
+    page.isOnline = false;
+    refresh();
+  },
+  receive: async (message, payload) => {
+    if (message.type === "state") return takeState(message.feed, message.body);
+    if (message.feed !== page.feed) return undefined;
+    if (message.type === "tracks") return takeRecord(message.body);
+    if (message.type === "skipped") return void (page.skipped += message.body.frames);
+    if (message.type === "video") return takePacket(message, payload);
+    if (message.type === "frame" || message.type === "mosaic") return takeImage(message, payload);
+    return undefined;
+  },
+});
+
+function takeState(feed, state) {
+  page.states[feed] = state;
+  // The message with the shortest way tells best how far the clocks are apart.
+  const apart = state.server_ms - Date.now();
+  page.clockMs = page.clockMs === null ? apart : Math.max(page.clockMs, apart);
+  if (feed !== page.feed) return;
+  const run = state.status?.run;
+  if (page.run !== null && run !== undefined && run !== page.run) page.trails.clear();
+  page.run = run ?? page.run;
+}
+
+function takeRecord(record) {
+  page.records.set(nameOf(record), record);
+  if (page.records.size > RECORDS_LIMIT) page.records.delete(page.records.keys().next().value);
+  page.newest = record;
+  page.trails.note(record);
+  page.needsDrawing = true;
+  if (record.pts_ns !== undefined) player.recordCame(record.epoch, record.pts_ns);
+}
+
+async function takePacket({ body, extra }, payload) {
+  await player.push(body, extra, payload);
+  page.skipped += player.skipped;
+  player.skipped = 0;
+}
+
+async function takeImage({ type, body, extra }, payload) {
+  if (type === "frame" && page.video && !player.isRefused) return;
+  const feed = page.feed;
+  const image = await createImageBitmap(new Blob([payload], { type: extra.png ? "image/png" : "image/jpeg" }));
+  if (feed !== page.feed) image.close();
+  else if (type === "mosaic") mosaic.show(image, body);
+  else if (!page.video || player.isRefused) present(image, body.record, image.width, image.height);
+  else image.close();
+  page.needsDrawing = true;
+}
+
+function showVideo(frame, header) {
+  page.video = true;
+  present(frame, header, frame.displayWidth, frame.displayHeight);
+}
+
+function present(image, header, width, height) {
+  page.next?.image.close();
+  page.next = { image, header, width, height };
+  page.frames += 1;
+  page.needsDrawing = true;
+}
+
+// The record of exactly this frame, or the one before it that is not older than a quarter second.
+function recordFor(header) {
+  const exact = page.records.get(nameOf(header));
+  if (exact) return { record: exact, isExact: true };
+  let record = null;
+  for (const other of page.records.values()) {
+    const age = header.pts_ns - other.pts_ns;
+    if (other.epoch === header.epoch && age >= 0 && age < STALE_NS) record = other;
+  }
+  return { record, isExact: false };
+}
+
+function draw() {
+  requestAnimationFrame(draw);
+  if (!page.needsDrawing) return;
+  page.needsDrawing = false;
+  if (page.next) {
+    const { image, header, width, height } = page.next;
+    if (picture.width !== width || picture.height !== height) [picture.width, picture.height] = [width, height];
+    picture.getContext("2d").drawImage(image, 0, 0, width, height);
+    image.close();
+    page.next = null;
+    page.shown = { header, width, height, ...recordFor(header) };
+    noteDelay(header);
+    document.getElementById("empty").hidden = true;
+  }
+  if (page.shown) {
+    const { record, isExact } = page.shown;
+    drawTracks(overlay, page.shown, record, page.trails, page.followed, isExact);
+    page.lastDrawn = record;
+  } else fitCanvas(overlay);
+  mosaic.draw(page.shown?.record ?? page.newest, page.trails, page.followed);
+}
+
+function noteDelay(header) {
+  const record = page.shown.isExact ? page.shown.record : null;
+  const now = utcMs();
+  if (record?.published_ns) page.delays.push(now - record.published_ns / 1e6);
+  if (page.delays.length > 100) page.delays.shift();
+  page.ageMs = header.capture_ns ? now - header.capture_ns / 1e6 : null;
+}
+
+function refresh() {
+  const state = page.states[page.feed];
+  const now = performance.now();
+  const seconds = (now - page.counted) / 1000;
+  if (seconds >= 1) {
+    page.rate = page.frames / seconds;
+    page.series.push(page.frames && isPlausible(page.ageMs) ? page.ageMs : page.frames ? medianDelay() : null);
+    if (page.series.length > 60) page.series.shift();
+    page.frames = 0;
+    page.counted = now;
+    drawSeries(page.series);
+  }
+  if (!page.isOnline) showState("offline", "This page has lost its connection to streamkit view; it tries again.");
+  else if (state) showState(state.state, state.reason);
+  const skipped = page.skipped ? `${page.skipped} frames skipped by this page.` : "";
+  const reason = state && state.state !== "playing" && !page.shown ? state.reason : "";
+  showNote([page.reason, reason, skipped].filter((text) => text).join(" "));
+  showFeeds(page.states, page.feed, selectFeed);
+  showFigures(figures(state));
+  showTracks(page.newest?.tracks ?? [], page.followed, follow);
+}
+
+const isPlausible = (age) => age !== null && age !== undefined && age > -1000 && age < PLAUSIBLE_AGE_MS;
+const milliseconds = (value) => (isPlausible(value) ? `${value.toFixed(0)} ms` : "unknown");
+
+function medianDelay() {
+  const sorted = [...page.delays].sort((a, b) => a - b);
+  return sorted.length ? sorted[sorted.length >> 1] : null;
+}
+
+function figures(state) {
+  const status = state?.status;
+  const drops = (status?.drops ?? []).filter((drop) => drop.count);
+  const lost = Object.entries(state?.lost ?? {}).filter(([, count]) => count);
+  const size = page.shown ? `${page.shown.width} × ${page.shown.height}` : "none";
+  const registration = page.newest?.registration;
+  const rows = [
+    ["picture", page.shown ? `${size}, ${page.video ? "video" : "stills"}` : "none"],
+    ["frame rate", `${page.rate.toFixed(1)} /s`],
+    ["age on screen", milliseconds(page.ageMs)],
+    ["age when published", milliseconds(page.newest?.age_ms)],
+    ["published to screen", milliseconds(medianDelay())],
+    ["registration", registration ? registration.status : "none"],
+    ["frames", String(status?.frames ?? 0)],
+    ["epoch", String(page.newest?.epoch ?? 0)],
+    ["skipped here", String(page.skipped)],
+    ["lost on the way", lost.map(([name, count]) => `${name} ${count}`).join(", ") || "0"],
+  ];
+  for (const drop of drops.slice(0, 4)) rows.push([`dropped: ${drop.stream}, ${drop.reason}`, String(drop.count)]);
+  return rows;
+}
+
+function selectFeed(feed) {
+  if (feed === page.feed) return;
+  page.feed = feed;
+  resetFeed();
+  connection.select(feed);
+  refresh();
+}
+
+function follow(id) {
+  page.followed = page.followed === id ? null : id;
+  page.needsDrawing = true;
+  refresh();
+}
+
+overlay.addEventListener("click", (event) => {
+  const record = page.lastDrawn;
+  if (!record) return;
+  const box = overlay.getBoundingClientRect();
+  const ratio = overlay.width / box.width;
+  const place = placement(overlay, record.width, record.height);
+  const x = ((event.clientX - box.left) * ratio - place.left) / place.scale;
+  const y = ((event.clientY - box.top) * ratio - place.top) / place.scale;
+  const near = record.tracks
+    .filter((track) => track.state !== "lost" && track.state !== "tentative")
+    .map((track) => ({ id: track.id, apart: Math.hypot(track.x - x, track.y - y) - track.length / 2 }))
+    .sort((a, b) => a.apart - b.apart)[0];
+  if (near && near.apart * place.scale < 24 * ratio) follow(near.id);
+});
+new ResizeObserver(() => { page.needsDrawing = true; }).observe(overlay);
+setInterval(refresh, 250);
+requestAnimationFrame(draw);
+
+// For tests and for the console: what is on the screen.
+window.streamkit = { page, player, medianDelay };

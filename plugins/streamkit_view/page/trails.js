@@ -1,0 +1,47 @@
+// Where each track was, on the reference plane, so that trails stay on the ground while the camera moves.
+
+import { inverse, project } from "./geometry.js";
+
+const POINTS = 75;
+const SILENT_RECORDS = 250;
+
+export class Trails {
+  constructor() {
+    this.clear();
+  }
+
+  clear() {
+    this.points = new Map();
+    this.reference = undefined;
+    this.epoch = undefined;
+    this.count = 0;
+  }
+
+  note(record) {
+    const registration = record.registration;
+    if (registration?.reference !== this.reference || record.epoch !== this.epoch) this.clear();
+    this.reference = registration?.reference;
+    this.epoch = record.epoch;
+    this.count += 1;
+    const toPlane = registration?.to_reference;
+    if (registration && !toPlane) return;
+    for (const track of record.tracks) {
+      const point = toPlane ? project(toPlane, [track.x, track.y]) : [track.x, track.y];
+      if (point === null) continue;
+      const trail = this.points.get(track.id) ?? { points: [], at: 0 };
+      trail.points.push(point);
+      if (trail.points.length > POINTS) trail.points.shift();
+      trail.at = this.count;
+      this.points.set(track.id, trail);
+    }
+    for (const [id, trail] of this.points) if (this.count - trail.at > SILENT_RECORDS) this.points.delete(id);
+  }
+
+  // The trail of a track in pixels of the frame of a record.
+  inFrame(record, id) {
+    const points = this.points.get(id)?.points ?? [];
+    if (!record.registration) return points;
+    const fromPlane = record.registration.to_reference ? inverse(record.registration.to_reference) : null;
+    return fromPlane ? points.map((point) => project(fromPlane, point)).filter((point) => point !== null) : [];
+  }
+}

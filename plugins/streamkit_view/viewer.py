@@ -1,0 +1,135 @@
+"""Viewer: the messages that wait for one page, bounded, and how far the page is behind."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter, deque
+
+from streamkit_view.messages import SKIPPED, TRACKS, VIDEO, Message
+
+# What may be under way to a page that has not confirmed it, and what may wait for that.
+WINDOW_MESSAGES, WINDOW_BYTES = 100, 3 << 20
+WAITING_MESSAGES, WAITING_BYTES = 600, 12 << 20
+ANSWER_LIMIT_S = 10.0
+
+
+class InvalidAnswer(ValueError):
+    """A page sent something that pages do not send."""
+
+
+class Viewer:
+    """One page: what waits to be sent to it. Belongs to one thread.
+
+    A page confirms what it has taken. While too much is unconfirmed, messages wait; when too many wait, video
+    is skipped up to the newest keyframe, and of everything else only the newest is kept.
+
+    Attributes:
+        feed: index of the feed that it shows.
+    """
+
+    def __init__(self) -> None:
+        self.feed = 0
+        self._waiting: deque[Message] = deque()
+        self._under_way: deque[int] = deque()
+        self._bytes = self._bytes_under_way = self._confirmed = 0
+        self._skipped: Counter[int] = Counter()
+        self._needs_keyframe: set[int] = set()
+        self._last_answer_s = time.monotonic()
+
+    def offer(self, message: Message) -> None:
+        """Queues a message; may skip others, or this one."""
+        if message.kind == VIDEO:
+            if message.is_keyframe:
+                self._needs_keyframe.discard(message.feed)
+                self._report_skipped(message.feed)
+            elif message.feed in self._needs_keyframe:
+                self._skipped[message.feed] += 1
+                return
+        elif message.kind != TRACKS:
+            self._remove(lambda held: (held.kind, held.feed) == (message.kind, message.feed))
+        self._append(message)
+        if self._is_full():
+            self._thin_out()
+
+    def select(self, feed: int) -> None:
+        """Shows another feed; what waits of the one before is not sent."""
+        self._remove(lambda held: held.feed == self.feed)
+        self.feed = feed
+
+    def next(self) -> Message | None:
+        """The message to send now; None while nothing waits or the page must catch up."""
+        if not self._waiting or len(self._under_way) >= WINDOW_MESSAGES:
+            return None
+        size = len(self._waiting[0].data)
+        if self._under_way and self._bytes_under_way + size > WINDOW_BYTES:
+            return None
+        if not self._under_way:
+            self._last_answer_s = time.monotonic()
+        message = self._waiting.popleft()
+        self._bytes -= size
+        self._bytes_under_way += size
+        self._under_way.append(size)
+        return message
+
+    def confirm(self, count: int) -> None:
+        """Notes that the page has taken so many messages in all.
+
+        Raises:
+            InvalidAnswer: it was not sent so many, or had confirmed more.
+        """
+        new = count - self._confirmed
+        if not 0 <= new <= len(self._under_way):
+            raise InvalidAnswer("it confirms messages that it was not sent")
+        for _ in range(new):
+            self._bytes_under_way -= self._under_way.popleft()
+        self._confirmed = count
+        self._last_answer_s = time.monotonic()
+
+    @property
+    def is_stuck(self) -> bool:
+        """Whether the page has confirmed nothing for ten seconds, though something is under way to it."""
+        return bool(self._under_way) and time.monotonic() - self._last_answer_s > ANSWER_LIMIT_S
+
+    def _append(self, message: Message) -> None:
+        self._waiting.append(message)
+        self._bytes += len(message.data)
+
+    def _is_full(self) -> bool:
+        return len(self._waiting) > WAITING_MESSAGES or (
+            self._bytes > WAITING_BYTES and len(self._waiting) > 1
+        )
+
+    def _report_skipped(self, feed: int) -> None:
+        if count := self._skipped.pop(feed, 0):
+            body = json.dumps({"type": SKIPPED, "feed": feed, "body": {"frames": count}})
+            self._append(Message(SKIPPED, feed, body))
+
+    def _thin_out(self) -> None:
+        """Keeps video from the newest keyframe on, or none, and the newest message of each other kind."""
+        held = list(self._waiting)
+        newest = {(message.kind, message.feed): message for message in held}
+        keyframes = {message.feed: at for at, message in enumerate(held) if message.is_keyframe}
+        is_short = bool(keyframes) and max(keyframes.values()) > len(held) // 2
+        self._waiting.clear()
+        self._bytes = 0
+        for at, message in enumerate(held):
+            if message.kind == SKIPPED:
+                self._skipped[message.feed] += json.loads(message.data)["body"]["frames"]
+            elif message.kind == VIDEO:
+                if is_short and at >= keyframes.get(message.feed, len(held)):
+                    if message.is_keyframe:
+                        self._report_skipped(message.feed)
+                    self._append(message)
+                else:
+                    self._skipped[message.feed] += 1
+                    if not is_short:
+                        self._needs_keyframe.add(message.feed)
+            elif newest[message.kind, message.feed] is message:
+                self._append(message)
+
+    def _remove(self, is_chosen: object) -> None:
+        assert callable(is_chosen)
+        kept = [message for message in self._waiting if not is_chosen(message)]
+        self._bytes = sum(len(message.data) for message in kept)
+        self._waiting = deque(kept)

@@ -1,0 +1,112 @@
+"""What waits for a page is bounded, and a slow page goes on at the newest keyframe."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from streamkit_view import viewer as module
+from streamkit_view.messages import MOSAIC, SKIPPED, STATE, TRACKS, VIDEO, Message, binary_message
+from streamkit_view.viewer import WAITING_BYTES, WINDOW_MESSAGES, InvalidAnswer, Viewer
+
+
+def packet(number: int, *, is_keyframe: bool = False, size: int = 100) -> Message:
+    """A video message that begins with its number."""
+    return Message(VIDEO, 0, b"%08d" % number + bytes(size), is_keyframe)
+
+
+def take_all(viewer: Viewer) -> list[Message]:
+    """What a page gets that confirms everything."""
+    taken: list[Message] = []
+    while (message := viewer.next()) is not None:
+        taken.append(message)
+        viewer.confirm(len(taken))
+    return taken
+
+
+def test_a_fast_page_gets_everything_in_order() -> None:
+    """Nothing is skipped while the page confirms."""
+    viewer = Viewer()
+    sent = [packet(number, is_keyframe=number % 25 == 0) for number in range(80)]
+    for message in sent:
+        viewer.offer(message)
+    assert take_all(viewer) == sent
+
+
+def test_a_page_that_confirms_nothing_is_sent_a_bounded_amount() -> None:
+    """The rest waits, bounded; after ten seconds the page is stuck."""
+    viewer = Viewer()
+    for number in range(5000):
+        viewer.offer(packet(number, is_keyframe=number % 25 == 0, size=10_000))
+    under_way = 0
+    while viewer.next() is not None:
+        under_way += 1
+    assert under_way == WINDOW_MESSAGES
+    assert viewer._bytes <= WAITING_BYTES
+    assert not viewer.is_stuck
+
+
+def test_a_stuck_page_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only one to which something is under way."""
+    now = [100.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    viewer = Viewer()
+    now[0] += 60
+    assert not viewer.is_stuck
+    viewer.offer(packet(0, is_keyframe=True))
+    viewer.next()
+    assert not viewer.is_stuck
+    now[0] += 11
+    assert viewer.is_stuck
+    viewer.confirm(1)
+    assert not viewer.is_stuck
+
+
+@given(st.integers(2, 400), st.integers(601, 3000))
+def test_a_slow_page_goes_on_at_a_keyframe_and_hears_how_many_it_missed(group: int, count: int) -> None:
+    """Numbers are consecutive but for the skipped ones, which are counted; a keyframe follows each gap."""
+    viewer = Viewer()
+    for number in range(count):
+        viewer.offer(packet(number, is_keyframe=number % group == 0))
+    viewer.offer(packet(count, is_keyframe=True))
+    expected = 0
+    for message in take_all(viewer):
+        if message.kind == SKIPPED:
+            expected += json.loads(message.data)["body"]["frames"]
+            continue
+        assert isinstance(message.data, bytes)
+        number = int(message.data[:8])
+        assert number == expected
+        expected = number + 1
+    assert expected == count + 1
+
+
+def test_of_pictures_and_states_only_the_newest_waits() -> None:
+    """Records are kept for the frames that wait with them."""
+    viewer = Viewer()
+    for number in range(10):
+        viewer.offer(binary_message(MOSAIC, 0, b"{}", b"%d" % number, {}))
+        viewer.offer(Message(STATE, 0, str(number)))
+        viewer.offer(Message(TRACKS, 0, str(number)))
+    taken = take_all(viewer)
+    assert [message.kind for message in taken].count(TRACKS) == 10
+    assert [message.kind for message in taken if message.kind != TRACKS] == [MOSAIC, STATE]
+
+
+@pytest.mark.parametrize("count", [-1, 2, 10**30])
+def test_a_wrong_confirmation_is_refused(count: int) -> None:
+    """A page cannot confirm what it was not sent."""
+    viewer = Viewer()
+    viewer.offer(packet(0))
+    viewer.next()
+    with pytest.raises(InvalidAnswer):
+        viewer.confirm(count)
+
+
+def test_another_feed_begins_anew() -> None:
+    """What waits of the feed before is not sent."""
+    viewer = Viewer()
+    viewer.offer(packet(0, is_keyframe=True))
+    viewer.select(1)
+    assert viewer.next() is None
