@@ -168,7 +168,7 @@ class Feed:
             if received is None or received.is_deleted:
                 continue
             try:
-                message = convert(received) if convert else self._picture(name, received)
+                message = convert(received) if convert else self._image(name, received)
             except (ValueError, BadPayload):
                 receiver.count_bad()
                 continue
@@ -195,7 +195,7 @@ class Feed:
             is_keyframe=header.keyframe,
         )
 
-    def _picture(self, name: str, received: ReceivedMessage) -> Message:
+    def _image(self, name: str, received: ReceivedMessage) -> Message:
         header, size = read_header(received.header), image_size(received.payload)
         if size is None or not 0 < size[0] * size[1] <= PIXEL_LIMIT:
             raise ValueError(f"not an image of 1 to {PIXEL_LIMIT} pixels")

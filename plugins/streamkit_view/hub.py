@@ -13,7 +13,7 @@ GROUP_MESSAGES, GROUP_BYTES = 400, 8 << 20
 
 
 class Latest:
-    """What a new page of a feed is sent first: last pictures and record, and video since its keyframe."""
+    """What a new page of a feed is sent first: last images and record, and video since its keyframe."""
 
     def __init__(self) -> None:
         self._last: dict[str, Message] = {}
@@ -36,9 +36,9 @@ class Latest:
 
     def messages(self) -> list[Message]:
         """What to send to a new page, in order."""
-        pictures = [self._last[kind] for kind in (MOSAIC, FRAME) if kind in self._last]
+        images = [self._last[kind] for kind in (MOSAIC, FRAME) if kind in self._last]
         records = [self._last[TRACKS]] if TRACKS in self._last else []
-        return [*pictures, *self._group, *records]
+        return [*images, *self._group, *records]
 
 
 class Hub:

@@ -1,4 +1,4 @@
-"""Messages to the page: text is JSON, binary is a JSON header and the bytes of a picture or packet."""
+"""Messages to the page: text is JSON, binary is a JSON header and the bytes of an image or packet."""
 
 from __future__ import annotations
 

@@ -184,7 +184,7 @@ function figures(state) {
   const size = page.shown ? `${page.shown.width} × ${page.shown.height}` : "none";
   const registration = page.newest?.registration;
   const rows = [
-    ["picture", page.shown ? `${size}, ${page.video ? "video" : "stills"}` : "none"],
+    ["video", page.shown ? `${size}, ${page.video ? "video" : "stills"}` : "none"],
     ["frame rate", `${page.rate.toFixed(1)} /s`],
     ["age on screen", milliseconds(page.ageMs)],
     ["age when published", milliseconds(page.newest?.age_ms)],

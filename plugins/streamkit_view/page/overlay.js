@@ -1,4 +1,4 @@
-// Boxes, ids, trails and position errors, drawn over the picture in pixels of the screen.
+// Boxes, ids, trails and position errors, drawn over the video in pixels of the screen.
 
 import { corners } from "./geometry.js";
 
@@ -12,7 +12,7 @@ export function fitCanvas(canvas) {
   return ratio;
 }
 
-// The picture keeps its shape in a canvas of another one: scale and margins, screen pixels.
+// The frame keeps its shape in a canvas of another one: scale and margins, screen pixels.
 export function placement(canvas, width, height) {
   const scale = Math.min(canvas.width / width, canvas.height / height);
   return { scale, left: (canvas.width - width * scale) / 2, top: (canvas.height - height * scale) / 2 };

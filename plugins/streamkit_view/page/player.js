@@ -1,5 +1,5 @@
 // Decodes coded packets with WebCodecs. A packet waits, still coded, until the track record of its frame has come, so
-// that picture and boxes are shown together; without records nothing waits. A packet that frames before it in time
+// that frame and boxes are shown together; without records nothing waits. A packet that frames before it in time
 // depend on is decoded with them, and its frame waits.
 
 const HOLD_MS = 1500;
@@ -9,7 +9,7 @@ const READY_LIMIT = 8;
 const FAILURE_LIMIT = 3;
 
 export class Player {
-  // `show(frame, header)` takes a VideoFrame and closes it. `cannot(reason)`: pictures must do instead.
+  // `show(frame, header)` takes a VideoFrame and closes it. `cannot(reason)`: stills must do instead.
   constructor({ show, cannot }) {
     this.show = show;
     this.cannot = cannot;
@@ -83,8 +83,8 @@ export class Player {
     if (!isSupported) {
       this.isRefused = true;
       this.cannot(window.VideoDecoder
-        ? `This browser does not decode ${header.codec ?? "this codec"}; still pictures are shown.`
-        : "This browser has no video decoder for pages (WebCodecs needs localhost or https); still pictures are shown.");
+        ? `This browser does not decode ${header.codec ?? "this codec"}; stills are shown.`
+        : "This browser has no video decoder for pages (WebCodecs needs localhost or https); stills are shown.");
       return false;
     }
     this.parameters = { name, config, prefix: sets !== null && !isBox ? sets : null };
@@ -154,7 +154,7 @@ export class Player {
     this.failures += 1;
     if (this.failures >= FAILURE_LIMIT) {
       this.isRefused = true;
-      this.cannot("The video cannot be decoded; still pictures are shown.");
+      this.cannot("The video cannot be decoded; stills are shown.");
     }
   }
 }
