@@ -108,6 +108,8 @@ def score_files(
     true = read_identities(truth, first_pixel)
     first, last = frames or frames_with_boxes(true)
     true, found = frames_of(true, first, last), frames_of(found, first, last)
+    if frames and not any(len(boxes.ids) for boxes in true):
+        raise ValueError(f"--frames {first}:{last}: the truth has no box there; name frames that it covers")
     if classes := read_classes(truth, first_pixel):
         found = without_distractors(found, frames_of(classes, first, last))
     many, higher_order = score_identities(true, found, overlap), score_hota(true, found)

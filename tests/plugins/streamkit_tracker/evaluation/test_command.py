@@ -96,6 +96,9 @@ def test_frames_without_truth_are_left_out(tmp_path: Path):
     assert (scores["frames"], scores["misses"], scores["false_alarms"]) == (2, 1, 1)
     scores = json.loads(run(tracks, truth, "--json", "--frames", "2:2").stdout)
     assert (scores["frames"], scores["mota"], scores["hota"]) == (1, 1.0, 1.0)
+    result = run(tracks, truth, "--frames", "500:600")
+    assert result.exit_code == 1
+    assert "the truth has no box there" in result.stderr
 
 
 def test_frames_narrow_one_target_too(tmp_path: Path):
