@@ -143,7 +143,7 @@ def open_failure(location: str, error: Exception, elapsed_s: float, limit_s: flo
     if isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError):
         return AccessRefused(
             f"{where}: the server asks for other credentials: {reason_of(error)}; "
-            "write them in the location, rtsp://user:password@host/path, or set user-id= and user-pw="
+            "set user-id= and user-pw=, or write both in the location"
         )
     if getattr(error, "errno", None) == errno.EPROTONOSUPPORT and is_network(location):
         return UnsupportedTransport(f"{where}: the server does not send over the transport asked for")

@@ -258,7 +258,7 @@ class RtspClientSink(RtspEndpoint, Sink):
         if failure.is_refused:
             return (
                 f"{self._where}: the server asks for other credentials: {reason}; "
-                "write them in the location, rtsp://user:password@host/path, or set user-id= and user-pw="
+                "set user-id= and user-pw=, or write both in the location"
             )
         if failure.is_silent:
             return (
