@@ -91,7 +91,7 @@ class Stitch(Transform):
         doc="Horizontal field of view of the camera, for `strip`, and where telemetry has none.",
     )
     ground_altitude: float | None = Property(
-        None, unit="m", doc="Altitude of the ground with the datum of the poses; by default as they tell."
+        None, unit="m", doc="Altitude of the ground with the datum of the poses; by default as reported."
     )
     speed: float = Property(0.0, min=0.0, unit="m/s", doc="Speed over the ground, for `strip`.")
     if_exists: IfExists = Property(

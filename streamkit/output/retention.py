@@ -72,10 +72,10 @@ class Retention:
         if not limits.is_limited:
             return
         found = path.stat()
-        size, beside = found.st_size, ""
+        size, arrivals = found.st_size, ""
         if companion is not None and companion.is_file():
-            size, beside = size + companion.stat().st_size, companion.name
-        files.append(WrittenFile(path.name, found.st_ino, size, now_s, beside))
+            size, arrivals = size + companion.stat().st_size, companion.name
+        files.append(WrittenFile(path.name, found.st_ino, size, now_s, arrivals))
         self._total += size
         while len(files) > 1 and (
             (limits.files and len(files) > limits.files)
