@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
+import os
 import sys
 import types
 import typing
@@ -126,6 +127,8 @@ class PropertyDeclaration(Traits):
             raise self.refusal(value, str(error), element) from None
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
             raise self.refusal(value, f"it takes {self.describe()}", element)
+        if self.file and not _can_name_a_file(str(value)):
+            raise self.refusal(value, "a file's name holds no NUL and no half of a character", element)
         too_low = self.minimum is not None and value < self.minimum
         too_high = self.maximum is not None and value > self.maximum
         if too_low or too_high or (isinstance(value, float) and math.isnan(value)):
@@ -265,3 +268,10 @@ def declared_properties(owner: type) -> dict[str, PropertyDeclaration]:
             elif isinstance(item, PropertyDeclaration):
                 by_attribute[attribute] = item
     return {item.name: item for item in by_attribute.values()}
+
+
+def _can_name_a_file(text: str) -> bool:
+    try:
+        return b"\0" not in os.fsencode(text)
+    except UnicodeEncodeError:
+        return False

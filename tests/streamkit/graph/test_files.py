@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from streamkit import DescriptionError, ElementFailure, Pipeline
+from streamkit import DescriptionError, ElementFailure, Pipeline, PropertyError
+from streamkit.element.registry import make_element
 
 
 @pytest.mark.parametrize(
@@ -71,3 +72,13 @@ def test_an_added_branch_is_checked(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match="must not write"):
         pipeline.add_branch("t", f"filesink location={tmp_path}/x")
     assert len(pipeline.graph.elements) == 3
+
+
+@pytest.mark.parametrize("location", ["\0", "flight\0.mp4", "\ud800"])
+@pytest.mark.parametrize("element", ["filesrc", "filesink"])
+def test_what_cannot_be_a_file_name_is_refused(element: str, location: str) -> None:
+    """NUL and half of a character end in an error of the property, by text and by value."""
+    with pytest.raises(DescriptionError, match="location cannot be"):
+        Pipeline.parse(f"{element} location={location}")
+    with pytest.raises(PropertyError, match="location cannot be"):
+        make_element(element).set_property("location", location)
