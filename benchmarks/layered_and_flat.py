@@ -78,7 +78,7 @@ def follow(steps: Iterable[GreyStep], *, layered: bool, seed: int) -> tuple[floa
     """
     sampler, generator = WindowSampler(), np.random.default_rng(seed)
     (picture, truth, _), *rest = steps
-    sampler.look_at(picture)
+    sampler.set_frame(picture)
     window, motion = truth.copy(), np.zeros(5)
     factor = shrink_factor(window, PATCH, sampler.shape)
     template = EigenTemplate(sampler.sample(window[None], PATCH, factor)[0].copy())
@@ -97,7 +97,7 @@ def follow(steps: Iterable[GreyStep], *, layered: bool, seed: int) -> tuple[floa
 
     errors, turns = [], []
     for picture, truth, camera in rest:
-        sampler.look_at(picture)
+        sampler.set_frame(picture)
         method.carry(camera)
         before = window.copy()
         before[:2] += camera

@@ -48,6 +48,10 @@ WITH_QUEUES = (
     "filesrc location={video} ! decode ! queue max-size-buffers=4 ! stitch ! queue max-size-buffers=4 "
     "! framediff ! waveleteigen ! queue max-size-buffers=4 ! particletrack ! {sink}"
 )
+IN_TWO_PROCESSES = (
+    "filesrc location={video} ! decode ! stitch "
+    "! ( process=true framediff ! waveleteigen ! particletrack ! {sink} )"
+)
 Statistics = dict[str, Any]
 
 
@@ -246,6 +250,7 @@ def main() -> None:
         video = there_and_back(options.video, Path(folder))
         from_file("file, one thread", ONE_THREAD, video, options.repeats)
         from_file("file, with queues", WITH_QUEUES, video, options.repeats)
+        from_file("file, two processes", IN_TWO_PROCESSES, video, options.repeats)
         for name, pipeline in LIVE_PIPELINES.items():
             live(name, PIPELINES / pipeline, video, options.seconds)
         peers(video, options.contrib, options.seconds)

@@ -21,6 +21,7 @@ from streamkit.element.transform import Transform as Transform
 from streamkit.errors import DescriptionError as DescriptionError
 from streamkit.errors import ElementFailure as ElementFailure
 from streamkit.errors import NotNegotiated as NotNegotiated
+from streamkit.errors import ProcessDied as ProcessDied
 from streamkit.errors import PropertyError as PropertyError
 from streamkit.errors import ResourceError as ResourceError
 from streamkit.errors import StateError as StateError
@@ -33,6 +34,7 @@ from streamkit.flow.caps import Structure as Structure
 from streamkit.flow.caps_values import FractionRange as FractionRange
 from streamkit.flow.caps_values import IntRange as IntRange
 from streamkit.flow.caps_values import ValueList as ValueList
+from streamkit.flow.clock import SECOND_NS as SECOND_NS
 from streamkit.flow.clock import Clock as Clock
 from streamkit.flow.events import CapsEvent as CapsEvent
 from streamkit.flow.events import DiscontinuityEvent as DiscontinuityEvent
@@ -53,6 +55,7 @@ from streamkit.flow.messages import MessageKind as MessageKind
 from streamkit.flow.metadata import Detections as Detections
 from streamkit.flow.metadata import Features as Features
 from streamkit.flow.metadata import FeatureSpace as FeatureSpace
+from streamkit.flow.metadata import GroundReference as GroundReference
 from streamkit.flow.metadata import Pose as Pose
 from streamkit.flow.metadata import Provenance as Provenance
 from streamkit.flow.metadata import Registration as Registration

@@ -11,6 +11,7 @@
     ├── StateError             a call that the pipeline's state does not allow
     │   ├── HangDetected       a call of an element that did not return in time
     │   └── StartCancelled     a start that was cancelled
+    ├── ProcessDied            the process of a bin that has ended by itself, or hangs
     └── ResourceError          a file, address or device that cannot be used
         └── StreamError        media that cannot be read
 
@@ -29,14 +30,22 @@ from streamkit.masking import presentable, star_secrets
 LONGEST_NAME = 64
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """A hint with the most similar known word, or ""; a word longer than any name has none."""
+def did_you_mean(word: str, known: Iterable[str], similarity: float = 0.6) -> str:
+    """A hint with the most similar known word, else the shortest that begins with it, or "".
+
+    Args:
+        word: as typed; one longer than any name has no hint.
+        known: the names.
+        similarity: least ratio of `difflib`, 0 to 1.
+    """
     import difflib
 
     if len(word) > LONGEST_NAME:
         return ""
     by_lower_case = {name.lower(): name for name in known}
-    nearest = difflib.get_close_matches(word.lower(), list(by_lower_case), n=1, cutoff=0.6)
+    nearest = difflib.get_close_matches(word.lower(), list(by_lower_case), n=1, cutoff=similarity)
+    begun = [name for name in by_lower_case if len(word) > 1 and name.startswith(word.lower())]
+    nearest += sorted(begun, key=len)
     return f'did you mean "{by_lower_case[nearest[0]]}"?' if nearest else ""
 
 
@@ -165,6 +174,10 @@ class ResourceError(StreamkitError, OSError):
 
 class StreamError(ResourceError):
     """Media that cannot be read."""
+
+
+class ProcessDied(StreamkitError, RuntimeError):
+    """The process of a bin has ended by itself, or does not answer."""
 
 
 class ElementFailure(StreamkitError, RuntimeError):

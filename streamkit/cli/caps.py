@@ -1,10 +1,11 @@
-"""`streamkit caps`: computes with caps and prints the result as JSON."""
+"""`streamkit caps`: computes with caps and prints the result, as JSON for programs."""
 
 from __future__ import annotations
 
 import functools
 import json
 import operator
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import date
@@ -119,8 +120,9 @@ def caps(
         str,
         typer.Option(help="Order of an intersection: zigzag as gst_caps_intersect, or first as the first's."),
     ] = "zigzag",
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON on a terminal, too.")] = False,
 ) -> None:
-    """Computes with caps and prints the result as a JSON object.
+    """Computes with caps and prints the result: text on a terminal, else a JSON object.
 
     Caps are {"caps": text, "any", "empty", "size", "fixed", "structures"}; a
     structure is {"name", "features", "fields": {name: {"type", "value"}}}.
@@ -150,7 +152,18 @@ def caps(
         _fail_syntax(error, text)
     except CapsTooLarge as error:
         fail_json("too-large", str(error))
-    typer.echo(json.dumps(result, indent=2))
+    is_text = sys.stdout.isatty() and not as_json
+    typer.echo(as_text(result) if is_text else json.dumps(result, indent=2))
+
+
+def as_text(found: dict[str, Any]) -> str:
+    """A result for people: caps with a structure on each line, a value, yes or no."""
+    words = {True: "yes", False: "no", None: "nothing"}
+    if "caps" in found:
+        return str(found["caps"]).replace("; ", ";\n")
+    if "result" in found:
+        return words.get(found["result"], str(found["result"]))
+    return "\n".join(f"{name.replace('_', ' ')}: {words[answer]}" for name, answer in found.items())
 
 
 def _fail_syntax(error: CapsSyntax, text: str) -> NoReturn:

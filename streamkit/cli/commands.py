@@ -6,12 +6,9 @@ for typer, or a `typer.Typer` with subcommands. It is imported when it is used.
 
 from __future__ import annotations
 
-import ast
 import importlib.metadata
 import sys
 from collections.abc import Callable
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, TypeVar
 
 import typer
@@ -58,25 +55,9 @@ class CommandGroup(TyperGroup):
 
 
 def _listed(entry: PluginEntry) -> Any:
-    """A command for the listing, with the docstring in its source: importing all would take seconds."""
-    text = described(entry)
+    """A command for the listing."""
+    text = None if entry.target.partition(":")[0] in sys.modules else entry.docstring()
     return load_command(entry) if text is None else TyperCommand(entry.name, help=text)
-
-
-def described(entry: PluginEntry) -> str | None:
-    """The docstring of a command's function, read without importing it, or None."""
-    module_name, _, name = entry.target.partition(":")
-    if module_name in sys.modules:
-        return None
-    try:
-        spec = find_spec(module_name)
-        if spec is None or spec.origin is None:
-            return None
-        tree = ast.parse(Path(spec.origin).read_bytes())
-    except Exception:  # loading the package reports the cause
-        return None
-    functions = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name]
-    return ast.get_docstring(functions[0]) if functions else None
 
 
 def load_command(entry: PluginEntry) -> Any:
@@ -124,7 +105,7 @@ def application() -> typer.Typer:
     """The application with all commands."""
     app = typer.Typer(
         name="streamkit", cls=CommandGroup, no_args_is_help=True, add_completion=False,
-        pretty_exceptions_enable=False,
+        pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]},
     )  # fmt: skip
     app.callback(invoke_without_command=True, help=SUMMARY)(version)
     return app

@@ -38,7 +38,7 @@ class Description:
     name: str
     variables: dict[str, str]
 
-    def notes(self) -> list[str]:
+    def unused_variables(self) -> list[str]:
         """A line for each variable that the text does not use; its name is probably mistyped."""
         used = variable_names(self.text)
         known = f"it has {', '.join(used)}" if used else "it has no variables"
@@ -62,11 +62,11 @@ def join_arguments(arguments: Sequence[str]) -> str:
 def _escape_blanks(argument: str) -> str:
     kept: list[str] = []
     quoted, previous = False, ""
-    for mark in argument:
-        if mark == '"' and not (quoted and previous == "\\"):
+    for character in argument:
+        if character == '"' and not (quoted and previous == "\\"):
             quoted = not quoted
-        previous = mark
-        kept.append("\\ " if mark == " " and not quoted else mark)
+        previous = character
+        kept.append("\\ " if character == " " and not quoted else character)
     return "".join(kept)
 
 
@@ -76,13 +76,15 @@ def read_description(
     """The description of the command line; exits with code 2 if it cannot be read."""
     variables: dict[str, str] = {}
     for setting in settings:
-        name, mark, value = setting.partition("=")
-        if not mark or not name:
+        name, separator, value = setting.partition("=")
+        if not separator or not name:
             fail_usage(f"--set takes NAME=VALUE, got {setting!r}")
         variables[name] = value
     if file is None:
         if not arguments:
             fail_usage("give a DESCRIPTION, or a file with -f FILE")
+        if len(arguments) == 1 and arguments[0].endswith(".pipe") and "!" not in arguments[0]:
+            fail_usage(f"{arguments[0]} is a file of a description, give it with -f {arguments[0]}")
         return Description(join_arguments(arguments), "description", variables)
     if arguments:
         fail_usage("give a DESCRIPTION or a file with -f, not both")

@@ -1,4 +1,4 @@
-"""Draws a graph for Graphviz and Mermaid, optionally with the counters of a run."""
+"""Draws a graph for a terminal, Graphviz and Mermaid, optionally with the counters of a run."""
 
 from __future__ import annotations
 
@@ -141,6 +141,20 @@ def as_mermaid(built: Graph, notes: Notes) -> str:
         label = text(_link_label(src, sink, notes))
         lines.append(f'  {ids[id(src.element)]} -- "{label}" --> {ids[id(sink.element)]}')
     lines += [f"  style {ids[key]} fill:{_colour(share)}" for key, share in notes.busy.items()]
+    return "\n".join(lines)
+
+
+def as_text(built: Graph, notes: Notes) -> str:
+    """The graph for a terminal: each element with its settings, then its links with their caps."""
+    ids, lines = _ids(built), list[str]()
+    for element in built.elements:
+        _, *more = _label(element, notes).splitlines()
+        kind = "" if element.name.startswith(element.factory) else f" ({element.factory})"
+        lines.append("  ".join([ids[id(element)] + kind, *more]))
+        for src, sink in built.links():
+            if src.element is element:
+                label = _link_label(src, sink, notes).replace("\n", ", ")
+                lines.append(f"  {src.name} -> {ids[id(sink.element)]}.{sink.name}  {label}")
     return "\n".join(lines)
 
 

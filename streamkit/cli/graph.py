@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import enum
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +18,7 @@ from streamkit.cli.description import (
     fail_description,
     read_description,
 )
-from streamkit.cli.drawing import as_dot, as_mermaid, as_svg, link_caps, read_notes
+from streamkit.cli.drawing import as_dot, as_mermaid, as_svg, as_text, link_caps, read_notes
 from streamkit.errors import DescriptionError
 from streamkit.masking import mask_secrets, presentable_value
 
@@ -32,6 +33,7 @@ class GraphFormat(enum.StrEnum):
     JSON = "json"
     DOT = "dot"
     MERMAID = "mermaid"
+    TEXT = "text"
     SVG = "svg"
 
 
@@ -39,7 +41,10 @@ def graph(
     description: DescriptionArgument = None,
     file: FileOption = None,
     settings: SettingsOption = None,
-    form: Annotated[GraphFormat, typer.Option("--format", help="Output format.")] = GraphFormat.MERMAID,
+    form: Annotated[
+        GraphFormat | None,
+        typer.Option("--format", help="Output format; without it text on a terminal, else mermaid."),
+    ] = None,
     stats: Annotated[
         Path | None,
         typer.Option("--stats", help="Add the counters of a run, from a file of launch --stats-file."),
@@ -49,14 +54,20 @@ def graph(
     from streamkit.graph.build import build
     from streamkit.graph.negotiate import remembered_caps
 
+    form = form or (GraphFormat.TEXT if sys.stdout.isatty() else GraphFormat.MERMAID)
     source = read_description(description, file, settings or [])
     try:
         built = build(source.text, source.variables)
     except DescriptionError as error:
         fail_description(error, source, as_json=form is GraphFormat.JSON)
-    for note in source.notes():
+    for note in source.unused_variables():
         typer.echo(f"note: {note}", err=True)
-    draw = {GraphFormat.DOT: as_dot, GraphFormat.MERMAID: as_mermaid, GraphFormat.SVG: as_svg}
+    draw = {
+        GraphFormat.DOT: as_dot,
+        GraphFormat.MERMAID: as_mermaid,
+        GraphFormat.SVG: as_svg,
+        GraphFormat.TEXT: as_text,
+    }
     with contextlib.nullcontext() if built.has_loop() else remembered_caps(built):
         if form is GraphFormat.JSON:
             drawn = json.dumps(presentable_value(as_json(built), mask_secrets), indent=2)

@@ -5,12 +5,17 @@ from __future__ import annotations
 import inspect as python_inspect
 import json
 import re
-from typing import Annotated, Any
+import textwrap
+from collections.abc import Container
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from streamkit.cli.description import fail_usage
 from streamkit.errors import DescriptionError, PluginBroken
+
+if TYPE_CHECKING:
+    from streamkit.element.base import Element
 
 ATTRIBUTES = re.compile(r"^Attributes:\n(?:[ ]+.*\n?|\n(?=[ ]))*", re.MULTILINE)
 
@@ -20,6 +25,9 @@ def inspect(
         str | None, typer.Argument(help="Name of an element; without it all are listed.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Describe the properties of its base class, too.")
+    ] = False,
 ) -> None:
     """Lists the elements, or one element's pads, caps, properties and example."""
     if element is None:
@@ -32,7 +40,12 @@ def inspect(
     except PluginBroken as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(1) from error
-    typer.echo(json.dumps(facts, indent=2) if as_json else as_text(facts))
+    if as_json:
+        typer.echo(json.dumps(facts, indent=2))
+    else:
+        from streamkit.element.registry import element_class
+
+        typer.echo(as_text(facts, set() if everything else inherited(element_class(element))))
 
 
 def _list_all(*, as_json: bool) -> None:
@@ -48,7 +61,9 @@ def _list_all(*, as_json: bool) -> None:
         return
     width = max((len(entry.name) for entry in entries), default=0)
     for entry in entries:
-        typer.echo(f"{entry.name:<{width}}  {entry.package} {entry.version}  {entry.target}")
+        summary = (entry.docstring() or entry.target).partition("\n")[0]
+        package = "" if entry.package == "streamkit" else f"  ({entry.package} {entry.version})"
+        typer.echo(f"{entry.name:<{width}}  {summary}{package}")
 
 
 def describe_element(name: str) -> dict[str, Any]:
@@ -102,8 +117,17 @@ def describe_element(name: str) -> dict[str, Any]:
     }
 
 
-def as_text(facts: dict[str, Any]) -> str:
-    """The description of an element as text."""
+def inherited(found: type[Element]) -> set[str]:
+    """The names of the properties that an element class has from the engine's base classes."""
+    return {
+        declared.spelling
+        for declared in found.properties.values()
+        if declared.owner is not found and declared.owner.__module__.startswith("streamkit.element.")
+    }
+
+
+def as_text(facts: dict[str, Any], folded: Container[str] = ()) -> str:
+    """The description of an element as text; of the `folded` properties only the names, at the end."""
     lines = [f"{facts['name']} - {facts['doc']}", ""]
     lines.append(f"  {facts['kind']} of {facts['package']} {facts['version']} ({facts['class']})")
     lines += ["", "Pads"]
@@ -113,11 +137,17 @@ def as_text(facts: dict[str, Any]) -> str:
     if facts["properties"]:
         lines += ["", "Properties"]
         for item in facts["properties"]:
+            if item["name"] in folded:
+                continue
             live = ", can only be read" if item["readonly"] else ""
             live = live or (", may change while playing" if item["live"] else "")
             default = "none" if item["default"] is None else json.dumps(item["default"])
             lines.append(f"  {item['name']}  ({item['values']}; default {default}{live})")
             lines.append(f"      {item['doc']}")
+    names = ", ".join(item["name"] for item in facts["properties"] if item["name"] in folded)
+    if names:
+        text = f"of every {facts['kind'].lower()} (see --all): {names}"
+        lines += textwrap.wrap(text, 96, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
     if facts["example"]:
         lines += ["", "Example", f'  streamkit launch "{" ".join(facts["example"].split())}"']
     return "\n".join(lines)

@@ -68,7 +68,11 @@ def launch(
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but errors.")] = False,
     stats: Annotated[
         StatisticsFormat | None,
-        typer.Option("--stats", help="Show counters while it runs; =json prints them as JSON at the end."),
+        typer.Option(
+            "--stats",
+            metavar="[=json]",
+            help="Show counters while it runs; --stats=json prints them as JSON at the end.",
+        ),
     ] = None,
     stats_file: Annotated[
         Path | None, typer.Option("--stats-file", help="Write the counters into a JSON file at the end.")
@@ -100,7 +104,7 @@ def launch(
         pipeline = build(source, as_json=json_errors)
     pipeline.watchdog_s = watchdog_s
     display = choose_display(pipeline, stats, quiet=quiet)
-    for note in () if quiet else source.notes():
+    for note in () if quiet else source.unused_variables():
         display.print_line(f"note: {note}")
     run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet)
     code = run.run()

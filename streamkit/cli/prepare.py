@@ -15,6 +15,8 @@ GROUP = "streamkit.preparations"
 # One process each: they run in parallel, and failures are isolated.
 CALL = "import sys; from importlib.metadata import EntryPoint; EntryPoint('', sys.argv[1], '').load()()"
 LIMIT_S = 1800.0
+PROGRESS_S = 0.5
+CLEAR = "\r\x1b[K"
 
 
 def prepare() -> None:
@@ -32,7 +34,7 @@ def prepare() -> None:
     failures = 0
     try:
         for entry, process in running:
-            stderr = process.communicate(timeout=LIMIT_S)[1]
+            stderr = _result(process, entry, began)
             if process.returncode:
                 failures += 1
                 typer.echo(f"error: {_refusal(entry, process.returncode, stderr)}", err=True)
@@ -49,6 +51,24 @@ def prepare() -> None:
 
 def _begin(entry: PluginEntry) -> subprocess.Popen[str]:
     return subprocess.Popen([sys.executable, "-c", CALL, entry.target], stderr=subprocess.PIPE, text=True)
+
+
+def _result(process: subprocess.Popen[str], entry: PluginEntry, began: float) -> str:
+    """Waits for a preparation; what it wrote to stderr. On a terminal a line says what is waited for."""
+    is_terminal = sys.stderr.isatty()
+    while time.monotonic() - began < LIMIT_S:
+        try:
+            return process.communicate(timeout=PROGRESS_S)[1]
+        except subprocess.TimeoutExpired:
+            if is_terminal:
+                sys.stderr.write(f"{CLEAR}{entry.name} is being prepared, {time.monotonic() - began:.0f} s")
+                sys.stderr.flush()
+        finally:
+            if is_terminal and process.poll() is not None:
+                sys.stderr.write(CLEAR)
+    process.kill()
+    process.communicate()
+    return f"it took more than {LIMIT_S:g} s"
 
 
 def _refusal(entry: PluginEntry, code: int, stderr: str) -> str:

@@ -45,8 +45,11 @@ class Run:
         self.interrupts = 0
         self.statistics: RunStatistics | None = None
         self.shortfalls: list[str] = []
-        self._is_watching = False
+        self._is_watching = self._is_starting = False
+        self._printed: list[Message] = []  # of the start
+        pipeline.bus.watch(self._print_of_start)
         self._caps: dict[str, str] = {}
+        self._retrying: set[str] = set()  # elements that have lost their connection
 
     def run(self) -> int:
         """Plays to the end and stops; returns the exit code."""
@@ -67,8 +70,10 @@ class Run:
 
     def _play(self) -> int:
         """Plays the pipeline to its end; returns the exit code so far."""
+        self._is_starting = True
         try:
             self.pipeline.play()
+            self._is_starting = False
             # Garbage collection of imported objects would block a live feed for 60 ms.
             gc.freeze()
             self._is_watching = True
@@ -80,7 +85,7 @@ class Run:
             self._print_traceback(error)
             return self._fail(str(error))
         finally:
-            self._is_watching = False
+            self._is_watching = self._is_starting = False
             self._print_caps()
             self.statistics = self.display.measure_last()
             gc.unfreeze()
@@ -160,18 +165,34 @@ class Run:
                 self._caps[src.path] = caps
                 self.display.print_line(f"caps: {src.path} -> {sink.path}: {caps}")
 
+    def _print_of_start(self, message: Message) -> None:
+        """Prints a warning at once: compiling loops for this machine, of which it tells, takes minutes."""
+        if self._is_starting and message.kind is MessageKind.WARNING:
+            self._print_message(message)
+            self._printed.append(message)
+
     def _print_message(self, message: Message) -> None:
+        if any(message is other for other in self._printed):
+            return
         if message.fields.get("code") in SHORTFALLS:
             self.shortfalls.append(f"{message.source}: {message.text}")
         if message.kind is MessageKind.WARNING and not self.quiet:
             self.display.print_line(f"warning: {message.source or 'pipeline'}: {message.text}")
         elif self.verbose and message.kind is not MessageKind.ERROR:
-            known = ("name", "state")  # in the text already
-            fields = " ".join(
-                f"{name}={value}" for name, value in message.fields.items() if name not in known
-            )
+            known = "state" if message.kind is MessageKind.STATE else "name"  # in the text already
+            fields = " ".join(f"{name}={value}" for name, value in message.fields.items() if name != known)
             line = f"{message.kind}: {message.source or 'pipeline'}: {message.text} {fields}"
             self.display.print_line(line.rstrip())
+        elif not self.quiet and message.fields.get("name") == "connection":
+            self._print_connection(message.source, message.fields.get("state"))
+
+    def _print_connection(self, source: str, state: object) -> None:
+        """Says that an element is connected again, after the warning that it was not."""
+        if state == "retrying":
+            self._retrying.add(source)
+        elif state == "connected" and source in self._retrying:
+            self._retrying.discard(source)
+            self.display.print_line(f"note: {source}: connected again")
 
     def _print_traceback(self, error: BaseException | None) -> None:
         """With -v: prints the traceback of an unexpected exception in an element."""

@@ -8,7 +8,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from streamkit.element.pad import Pad, PadOwner
 from streamkit.element.property import PropertyDeclaration, declared_properties
@@ -20,31 +20,13 @@ from streamkit.flow.events import FlowStop, Flushing
 from streamkit.flow.messages import Message, MessageKind
 
 if TYPE_CHECKING:
+    from streamkit.element.host import Host
     from streamkit.flow.events import Event
     from streamkit.flow.frame import Frame
 
 log = logging.getLogger("streamkit")
 AT_WORK, IDLE = b"10"
 POLL_S = 0.5  # interval at which waits check `stopping`, in case a notification is missed
-
-
-class Host(Protocol):
-    """The running graph, as elements see it."""
-
-    def pad_added(self, pad: Pad) -> None:
-        """Tries the delayed links of a pad that was added while the graph streams."""
-
-    def no_more_pads(self, element: Element) -> None:
-        """Reports delayed links of an element that adds no more pads."""
-
-    def reconfigure(self, element: Element) -> None:
-        """Renegotiates upstream of an element whose accepted caps have changed."""
-
-    def sink_ended(self, element: Element) -> None:
-        """A sink has drained after EOS."""
-
-    def prerolled(self, element: Element) -> None:
-        """A sink of the paused graph holds its first frame."""
 
 
 class Element(PadOwner):
@@ -64,7 +46,8 @@ class Element(PadOwner):
         clock: the pipeline's clock.
         timing: the pipeline's running time.
         waking: set to end waits: the pipeline stops, is paused, or flushes.
-        changed: for state that threads of the element share and wait on; `wake` and flushes notify it.
+        lock: guards state that threads of the element share.
+        changed: the condition on `lock` to wait on; `wake` and flushes notify it.
         is_flushing: whether a flush is in progress; frames are refused.
         flushes: number of flushes started; a wait during which it grows is cancelled.
         drops: number of frames not delivered, by reason.
@@ -95,9 +78,9 @@ class Element(PadOwner):
         self.factory = type(self).__name__.lower()
         self.name = name or self.factory
         self.parent = ""
-        self.stopping = threading.Event()
-        self.waking = threading.Event()
-        self.changed = threading.Condition()
+        self.stopping, self.waking = threading.Event(), threading.Event()
+        self.lock = threading.RLock()
+        self.changed = threading.Condition(self.lock)
         self.is_flushing = False
         self.flushes = 0
         self.clock: Clock = SystemClock()
@@ -105,11 +88,10 @@ class Element(PadOwner):
         self.host: Host | None = None
         self.drops: Counter[str] = Counter()
         self.activity: tuple[str, int, Frame | None] | None = None
-        self.is_waiting = False
         self.at_work = memoryview(bytearray(b"0"))
         self.poster: Callable[[Message], None] | None = None
         self.pipeline_error: Callable[[], Exception | None] = lambda: None
-        self.is_playing = False
+        self.is_playing = self.is_waiting = False
         self.set_in_text: dict[str, Any] = {}
         self.make_always_pads()
         for key, value in properties.items():

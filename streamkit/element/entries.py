@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import importlib.metadata
 from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from streamkit.errors import PluginBroken
@@ -43,6 +46,24 @@ class PluginEntry:
         """Kind, name, target and package in a few words."""
         version = f" {self.version}" if self.distribution is not None or self.kind == "element" else ""
         return f"{self.kind} {self.name!r} ({self.target}, {self.package}{version})"
+
+    def docstring(self) -> str | None:
+        """The target's docstring, read from its source: importing all of them would take seconds; or None."""
+        module_name, _, name = self.target.partition(":")
+        top, *rest = module_name.split(".")
+        try:
+            spec = find_spec(top)
+            if spec is None or spec.origin is None:
+                return None
+            path = Path(spec.origin).parent.joinpath(*rest) if rest else Path(spec.origin)
+            tree = ast.parse(path.with_suffix(".py").read_bytes())
+        except Exception:  # loading the package reports the cause
+            return None
+        kinds = (ast.FunctionDef, ast.ClassDef)
+        return next(
+            (ast.get_docstring(node) for node in tree.body if isinstance(node, kinds) and node.name == name),
+            None,
+        )
 
     def load(self) -> Any:
         """Imports the target.

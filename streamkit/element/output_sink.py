@@ -31,8 +31,8 @@ class IfExists(enum.StrEnum):
 class OutputFileSink(Sink):
     """Base class of sinks that write files: override `write`, and `begin` and `end` if the format needs it.
 
-    A file is made with the first frame, beside an older one of its name; see `OutputFile`. A run without a
-    frame leaves the older one as it is. Each error is raised once, as `ResourceError`.
+    A file is made with the first frame, and replaces an older one when it is whole; see `OutputFile`. A run
+    without a frame leaves the older one as it is. Each error is raised once, as `ResourceError`.
 
     Attributes:
         suffixes: endings of the name that are known; any where empty.
@@ -92,10 +92,10 @@ class OutputFileSink(Sink):
 
     # Called by authors.
 
-    def open_file(self) -> OutputFile:
-        """The next file."""
+    def open_file(self, *, is_whole: bool = False) -> OutputFile:
+        """The next file; with `is_whole` it appears once it has content that is complete."""
         append = self.can_append() and self.if_exists is IfExists.CONTINUE
-        return OutputFile(self.next_path(), append=append)
+        return OutputFile(self.next_path(), append=append, is_whole=is_whole)
 
     def next_path(self) -> Path:
         """The path of the next file.
@@ -252,7 +252,7 @@ class SegmentSink(OutputFileSink):
         super().start()
         limits = RetentionLimits(self.max_files, self.max_total_size, self.max_age)
         pattern = local_path(self.location)
-        ledger = pattern.with_name(f".{pattern.name.replace('%', '')}.written")
+        ledger = pattern.with_name(f".{pattern.name}.written")
         self._retention = Retention(limits, pattern.parent, ledger if self.has_ledger else None)
 
     def file_is_complete(self, path: Path, companion: Path | None = None) -> None:

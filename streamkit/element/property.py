@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 import math
 import os
 import sys
@@ -14,7 +15,7 @@ from fractions import Fraction
 from typing import Any, Generic, TypeVar, cast, overload
 
 from streamkit.element.property_text import flag_word, value_from_text
-from streamkit.errors import PropertyError
+from streamkit.errors import PropertyError, did_you_mean
 from streamkit.flow.caps import Caps
 from streamkit.masking import MASK, mask_secrets
 from streamkit.settings import FileUse, Traits, traits_of
@@ -145,7 +146,7 @@ class PropertyDeclaration(Traits):
 
     def to_json(self, value: Any) -> Any:
         """The value as JSON; secrets, and passwords in URLs, are masked."""
-        if self.secret and value is not None:
+        if self.secret and value:
             return MASK
         if isinstance(value, enum.Flag):
             return "+".join(flag_word(member) for member in value)
@@ -268,6 +269,32 @@ def declared_properties(owner: type) -> dict[str, PropertyDeclaration]:
             elif isinstance(item, PropertyDeclaration):
                 by_attribute[attribute] = item
     return {item.name: item for item in by_attribute.values()}
+
+
+def check_attributes(element: Any) -> None:
+    """Checks that no attribute of an element is a misspelt property.
+
+    It is one if the code of the element's class never names it, and a property has a similar name.
+
+    Raises:
+        PropertyError: names the attribute and the property.
+    """
+    for attribute in vars(element).keys() - _names_in_code(element.__class__):
+        properties = [declared.attribute for declared in element.properties.values()]
+        hint = did_you_mean(attribute, properties, 0.8)
+        if hint and not attribute.startswith("_"):
+            raise PropertyError(f"{element.name}: no property {attribute!r}; {hint}")
+
+
+@functools.cache
+def _names_in_code(owner: type) -> frozenset[str]:
+    """The attributes of a class, and every name that the code of its methods uses."""
+    names = set(dir(owner))
+    for base in owner.__mro__:
+        for member in vars(base).values():
+            code = getattr(getattr(member, "fget", member), "__code__", None)
+            names.update(code.co_names if code is not None else ())
+    return frozenset(names)
 
 
 def _can_name_a_file(text: str) -> bool:

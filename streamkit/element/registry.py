@@ -10,6 +10,7 @@ from typing import Any
 
 from streamkit.element.base import Element
 from streamkit.element.entries import PluginEntry
+from streamkit.element.gstreamer_names import gstreamer_hint
 from streamkit.errors import DescriptionError, Place, PluginBroken, StreamkitError, did_you_mean
 
 GROUP = "streamkit.elements"
@@ -35,7 +36,9 @@ def element_class(name: str) -> type[Element]:
     entry = installed_elements().get(name)
     if entry is None:
         raise DescriptionError(
-            "no-such-element", f'no element "{name}"', hint=did_you_mean(name, installed_elements())
+            "no-such-element",
+            f'no element "{name}"',
+            hint=gstreamer_hint(name) or did_you_mean(name, installed_elements()),
         )
     found = entry.load()
     if not (isinstance(found, type) and issubclass(found, Element)):

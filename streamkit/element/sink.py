@@ -108,7 +108,7 @@ class Sink(Element):
         return receive
 
     def _receive_now(self, frame: Frame) -> None:
-        if frame.pts.__class__ is not int:
+        if frame.pts is not None and frame.pts.__class__ is not int:
             _check_time(frame)
         self.render(frame)
 

@@ -46,7 +46,7 @@ class TextFileSink(OutputFileSink, Generic[AnyFormat]):
     def begin(self) -> None:
         """Opens the file, and writes its start."""
         self.content: AnyFormat = self.formats[self.kind()]()  # type: ignore[assignment]  # one of `formats`
-        self.file = self.open_file()
+        self.file = self.open_file(is_whole=self.content.has_end)
         if self.file.is_new:
             self.append(self.content.begin())
 

@@ -54,6 +54,18 @@ class Timing:
                 self._paused_ns = None
         self.running.set()
 
+    def follow(self, base_ns: int | None, latency_ns: int) -> None:
+        """Takes over the clock time of running time 0, if it is known, and the latency of another process."""
+        with self._lock:
+            self._base_ns = base_ns
+            self.latency_ns = latency_ns
+
+    @property
+    def base_ns(self) -> int | None:
+        """Clock time of running time 0, ns; None before it starts."""
+        with self._lock:
+            return self._base_ns
+
     def running_time_ns(self) -> int:
         """Current running time, ns; 0 before it starts."""
         with self._lock:

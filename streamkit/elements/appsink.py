@@ -57,7 +57,7 @@ class AppSink(PlainSink):
         self._preroll: Frame | None = None
         self._was_started = False
         super().__init__(name, **properties)
-        self.property_changed("")
+        self._apply_limits()
 
     @override
     def query_caps(self, pad: Pad) -> Caps:
@@ -84,9 +84,12 @@ class AppSink(PlainSink):
     @override
     def property_changed(self, name: str) -> None:
         super().property_changed(name)
+        self._apply_limits()
+
+    def _apply_limits(self) -> None:
         with self.changed:
             self.pending.limits = self.max_buffers, self.max_bytes, self.max_time
-        self.wake()
+            self.changed.notify_all()
 
     # Called in the streaming thread.
 

@@ -77,15 +77,18 @@ class AppSrc(Source):
         self._closed = False
         self._had_gap = False
         super().__init__(name, **properties)
-        self.property_changed("")
+        self._apply_limits()
 
     def property_changed(self, name: str) -> None:
         """Applies new limits, and wakes waiting threads; None for caps is ANY."""
-        with self.changed:
-            self.pending.limits = self.max_buffers, self.max_bytes, self.max_time
         if name == "caps" and self.caps is None:
             self.caps = ANY
-        self.wake()
+        self._apply_limits()
+
+    def _apply_limits(self) -> None:
+        with self.changed:
+            self.pending.limits = self.max_buffers, self.max_bytes, self.max_time
+            self.changed.notify_all()
 
     @override
     def duration_ns(self) -> int | None:

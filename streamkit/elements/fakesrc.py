@@ -58,7 +58,7 @@ class DataType(Choice):
 
 
 class FakeSrc(Source):
-    """Produces frames of a given size and content as fast as downstream accepts them.
+    """Produces frames of a given size and content as fast as downstream accepts them, or 30/s with is-live.
 
     Attributes:
         on_handoff: called with (frame, pad) before each frame is sent, if `signal-handoffs` is on.
@@ -104,7 +104,8 @@ class FakeSrc(Source):
 
     @override
     def frames(self) -> Iterator[Frame]:
-        caps = self.src_pad.caps or ANY
+        pad = self.src_pad
+        caps = pad.caps or ANY
         numbers = range(self.num_buffers) if self.num_buffers >= 0 else itertools.count()
         make_data = self._data_maker()
         sent = 0
@@ -117,7 +118,7 @@ class FakeSrc(Source):
                 return
             sent += len(content)
             frame = Frame(content, caps, pts, duration, seq=number, arrival_ns=self.clock_ns())
-            report_frame(self, "create", self.src_pad, frame, frame, self.src_pad)
+            report_frame(self, "create", pad, frame, frame, pad)
             yield frame
 
     def _times(self, sent: int, size: int) -> tuple[int | None, int | None]:

@@ -64,7 +64,7 @@ def report_frame(element: Any, verb: str, pad: Pad, frame: Frame, *handoff: obje
 def frame_text(verb: str, pad: Pad, frame: Frame) -> str:
     """One line: the action, the pad, and the frame's size and times in ns."""
     return (
-        f"{verb} ******* ({pad.path}) ({data_size(frame.data)} bytes, pts: {frame.pts}, "
+        f"{verb} ({pad.path}) ({data_size(frame.data)} bytes, pts: {frame.pts}, "
         f"duration: {frame.duration}, seq: {frame.seq}, flags: {frame.flags:#x})"
     )
 

@@ -52,7 +52,7 @@ class Queue(Element):
         on_overrun: called with the queue when a frame arrives at a full queue.
         on_underrun: called with the queue when it becomes empty.
         on_running: called with the queue when frames arrive after that.
-        pending: queued frames and events, guarded by `changed`.
+        pending: queued frames and events, guarded by `lock`.
 
     Example:
         fakesrc num-buffers=100 ! queue max-size-buffers=10 ! fakesink
@@ -88,7 +88,8 @@ class Queue(Element):
         self.on_underrun = Callbacks()
         self.on_running = Callbacks()
         self.pending = FrameQueue()
-        # Guarded by `changed`, as `pending` is.
+        # Guarded by `lock`, as `pending` is.
+        self._waiting_threads = 0  # notifying is half of a crossing, so it is left out where none waits
         self._refusal: type[FlowStop] | None = None  # why frames from upstream are refused
         self._is_halted = False  # downstream gets nothing for now
         self._is_flush_pending = False
@@ -97,7 +98,7 @@ class Queue(Element):
         self._flush_over = threading.Event()
         self._thread_id = 0
         super().__init__(name, **properties)
-        self.property_changed("")
+        self._apply_limits()
 
     def latency(self) -> tuple[int, int | None]:
         """From the time threshold to the time limit."""
@@ -109,7 +110,10 @@ class Queue(Element):
 
     def property_changed(self, name: str) -> None:
         """Applies new limits, and wakes both threads."""
-        with self.changed:
+        self._apply_limits()
+
+    def _apply_limits(self) -> None:
+        with self.lock:
             self.pending.limits = self.max_size_buffers, self.max_size_bytes, self.max_size_time
             self._has_thresholds = any(
                 (self.min_threshold_buffers, self.min_threshold_bytes, self.min_threshold_time)
@@ -128,13 +132,14 @@ class Queue(Element):
         return self._put
 
     def _put(self, frame: Frame) -> None:
-        with self.changed:
-            self._check_open()
+        with self.lock:
+            if self._refusal is not None:
+                raise self._refusal(self.name)
             if not self.pending.is_full():
                 self._append(frame)
                 return
         self._emit(self.on_overrun)
-        with self.changed:
+        with self.lock:
             if self._make_room():
                 self._append(frame)
 
@@ -150,7 +155,14 @@ class Queue(Element):
             self._has_tail_gap = False
             frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
         self.pending.append(frame)
-        self.changed.notify_all()
+        if self._waiting_threads:
+            self.changed.notify_all()
+
+    def _wait(self) -> None:
+        """Waits for a change, with the lock held."""
+        self._waiting_threads += 1
+        self.changed.wait(POLL_S)
+        self._waiting_threads -= 1
 
     def _make_room(self) -> bool:
         """Waits, or drops by `leaky`; False if the new frame is dropped."""
@@ -165,7 +177,7 @@ class Queue(Element):
                 self._has_head_gap = True
                 continue
             with self.waiting():
-                self.changed.wait(POLL_S)
+                self._wait()
         self._check_open()
         return True
 
@@ -176,7 +188,7 @@ class Queue(Element):
         elif isinstance(event, FlushStop):
             self._finish_flush(event)
         else:
-            with self.changed:
+            with self.lock:
                 if self._refusal is not None and not self.is_flushing:
                     return
                 if isinstance(event, EosEvent) and self.flush_on_eos:
@@ -191,7 +203,7 @@ class Queue(Element):
         if begins:
             self._parked.clear()
             self._flush_over.clear()
-            with self.changed:
+            with self.lock:
                 self._refusal = self._refusal or Flushing
                 self._is_flush_pending = self._is_halted = True
                 if EOS in self.pending.items:
@@ -201,7 +213,7 @@ class Queue(Element):
             return
         if self._thread_id and self._thread_id != threading.get_ident():
             self._parked.wait(PARK_S)
-        with self.changed:
+        with self.lock:
             newest = {
                 type(item): item for item in self.pending.items if not isinstance(item, Frame | GapEvent)
             }
@@ -211,7 +223,7 @@ class Queue(Element):
     def _finish_flush(self, event: Event) -> None:
         """Sends the end of the flush downstream, then lets both threads continue."""
         self.pads["src"].send_event(event)
-        with self.changed:
+        with self.lock:
             self._is_halted = self.stopping.is_set()
             if self._refusal is Flushing and not self._is_halted:
                 self._refusal = None
@@ -221,7 +233,7 @@ class Queue(Element):
 
     def prepare_run(self) -> None:
         """Resets the state of an earlier run."""
-        with self.changed:
+        with self.lock:
             self.pending.reset()
             self._refusal = None
             self._is_flush_pending = self._is_halted = self._has_head_gap = self._has_tail_gap = False
@@ -264,12 +276,13 @@ class Queue(Element):
     def _take(self) -> Frame | Event:
         """Waits until the queue may be read; takes the oldest item."""
         while True:
-            with self.changed:
+            with self.lock:
                 if self._is_halted:
                     raise Flushing(self.name)
                 if self._may_read():
                     item = self.pending.popleft()
-                    self.changed.notify_all()
+                    if self._waiting_threads:
+                        self.changed.notify_all()
                     if self._has_head_gap and isinstance(item, Frame):
                         self._has_head_gap = False
                         item = item.replace(flags=item.flags | FrameFlags.DISCONTINUITY)
@@ -277,9 +290,9 @@ class Queue(Element):
                 is_empty = not self.pending.items
             if is_empty:
                 self._emit(self.on_underrun)
-            with self.changed:
+            with self.lock:
                 while not self._may_read() and not self._is_halted:
-                    self.changed.wait(POLL_S)
+                    self._wait()
             self._emit(self.on_running)
 
     def _may_read(self) -> bool:
@@ -296,7 +309,7 @@ class Queue(Element):
 
     def _park(self) -> None:
         """Waits until a flush ends; without a flush, ends streaming."""
-        with self.changed:
+        with self.lock:
             is_flush, self._is_flush_pending = self._is_flush_pending, False
         if not is_flush or self.stopping.is_set():
             raise Flushing(self.name)
@@ -307,7 +320,7 @@ class Queue(Element):
 
     def _refuse(self, stop: type[FlowStop]) -> None:
         """Drops queued frames and raises the reason at every later push."""
-        with self.changed:
+        with self.lock:
             self._refusal = stop
             self.pending.keep([])
             self.changed.notify_all()
@@ -315,7 +328,7 @@ class Queue(Element):
     def interrupt(self) -> None:
         """Wakes both threads, for good if the pipeline stops."""
         if self.stopping.is_set():
-            with self.changed:
+            with self.lock:
                 self._is_halted = True
                 self._refusal = self._refusal or Flushing
             self._flush_over.set()
@@ -323,5 +336,5 @@ class Queue(Element):
 
     @override
     def stop(self) -> None:
-        with self.changed:
+        with self.lock:
             self.pending.keep([])

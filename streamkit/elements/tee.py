@@ -52,6 +52,6 @@ class Tee(Split):
             if not_linked == len(branches) and not self.allow_not_linked:
                 raise NotLinked(f"{self.name}.src_%u")
             if not self.silent:
-                self.last_message = f"chain ******* ({pad.path}) {frame.describe()}"
+                self.last_message = f"chain ({pad.path}) {frame.describe()}"
 
         return receive

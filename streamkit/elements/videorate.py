@@ -14,10 +14,10 @@ from streamkit.element.transform import Transform
 from streamkit.elements.framerate_caps import VARIABLE, estimated_rate, rate_bounds, rates_after, rates_before
 from streamkit.errors import NotNegotiated, StreamError
 from streamkit.flow.caps import Caps
+from streamkit.flow.clock import SECOND_NS
 from streamkit.flow.events import CapsEvent, DiscontinuityEvent, Event, FlushStart, FlushStop, SegmentEvent
 from streamkit.flow.frame import Frame
 
-SECOND_NS = 1_000_000_000
 INT = 2**31 - 1
 UINT64 = 2**64 - 1
 KINDS = "video/x-raw(ANY); video/x-bayer(ANY); image/jpeg(ANY); image/png(ANY)"

@@ -6,6 +6,8 @@ import threading
 import time
 from typing import Protocol
 
+SECOND_NS = 1_000_000_000
+
 
 class Clock(Protocol):
     """Interface of clocks; tests use `streamkit.testing.ManualClock`."""

@@ -188,6 +188,8 @@ class Pose:
         is_stale: whether that gap is too long for the pose to be reliable.
         frame_centre: latitude, longitude (deg), elevation (m) of what the frame's centre shows, as sent.
         corners: latitude, longitude (deg) of what its corners show, as sent: upper left, then clockwise.
+        ground_altitude: of the ground, m, with the datum of `altitude`, as far as telemetry tells it: the
+            take-off, or what the frame shows.
     """
 
     latitude: float
@@ -203,3 +205,31 @@ class Pose:
     is_stale: bool = False
     frame_centre: tuple[float, float, float | None] | None = None
     corners: tuple[tuple[float, float], ...] = ()
+    ground_altitude: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GroundReference:
+    """Where the pixels of a frame lie on flat ground.
+
+    Attributes:
+        to_local: float64[3, 3], pixels to metres east and north of the origin.
+        latitude, longitude: of the origin, deg, WGS84: the middle of the positions that it rests on.
+        error_m: standard deviation of a place there.
+        spread_m: root mean square distance of those positions from the origin.
+    """
+
+    to_local: FloatArray
+    latitude: float
+    longitude: float
+    error_m: float
+    spread_m: float
+
+    def error_at(self, places: FloatArray) -> FloatArray:
+        """Standard deviations, m, of places float64[n, 2], m from the origin, float64[n].
+
+        Turn and scale are as uncertain as positions are against their spread: positions of satellite
+        navigation have errors in common, so that more of them do not help.
+        """
+        found: FloatArray = self.error_m * (1 + (places**2).sum(axis=1) / self.spread_m**2) ** 0.5
+        return found

@@ -9,16 +9,17 @@ import msgspec
 
 from streamkit.errors import StreamError
 from streamkit.flow.caps import Caps
-from streamkit.flow.ground import ground_positions
+from streamkit.flow.ground import GroundPosition, ground_positions
 from streamkit.flow.metadata import Detections, Registration, RegistrationStatus, Track, Tracks, TrackState
 from streamkit.masking import mask_secrets
 
 if TYPE_CHECKING:
-    from streamkit.flow.frame import Frame
+    from streamkit.flow.frame import Capture, Frame
 
 SCHEMA: Literal["streamkit.tracks/1"] = "streamkit.tracks/1"
 # Caps of frames whose data is a record in JSON.
 TRACKS_CAPS = Caps("application/x-tracks")
+LONGEST_AGE_NS = 24 * 3600 * 10**9  # no live stream is delayed by a day
 
 Natural = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 Nanoseconds = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
@@ -117,7 +118,7 @@ class TrackRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
         capture_ns: UTC of capture.
         capture_origin: rtcp, misb, file or arrival.
         published_ns: UTC of the record.
-        age_ms: from capture to publishing.
+        age_ms: from capture to publishing; None for a recording (misb or file, over a day ago).
         width, height: of the frame, px.
         tracks: in order of their ids.
         dropped: records that the publisher could not deliver so far.
@@ -159,7 +160,7 @@ def track_record(
         source: publisher; its secrets are masked.
         published_ns: UTC now, ns; None omits it and the age.
         dropped: records lost so far.
-        ground_altitude_m: altitude of the ground, m; targets of frames with a pose then have `geo`.
+        ground_altitude_m: altitude of the ground, m, with the datum of the pose; None to take it from there.
         provenance: whether to include how each row was computed, and the quality of the registration.
 
     Raises:
@@ -170,7 +171,7 @@ def track_record(
         return decode_record(frame.data)
     capture, tracks, registration = frame.capture, frame.get(Tracks), frame.get(Registration)
     detections = frame.get(Detections) if provenance else None
-    positions = {} if ground_altitude_m is None else ground_positions(frame, ground_altitude_m)
+    positions, _ = ground_positions(frame, ground_altitude_m)
     return TrackRecord(
         schema=SCHEMA,
         source=mask_secrets(source),
@@ -180,9 +181,7 @@ def track_record(
         capture_ns=capture.utc_ns if capture else None,
         capture_origin=capture.origin if capture else None,
         published_ns=published_ns,
-        age_ms=round((published_ns - capture.utc_ns) / 1e6, 3)
-        if capture and published_ns is not None
-        else None,
+        age_ms=_age_ms(capture, published_ns),
         width=_pixels(frame, "width"),
         height=_pixels(frame, "height"),
         registration=_registration_record(registration, provenance) if registration else None,
@@ -227,6 +226,15 @@ def record_line(frame: Frame) -> bytes:
     return encode_record(record) if b"\n" in data else data
 
 
+def _age_ms(capture: Capture | None, published_ns: int | None) -> float | None:
+    """Time from capture to publishing, ms; None if unknown, or if the frame is of a recording."""
+    if capture is None or published_ns is None:
+        return None
+    age_ns = published_ns - capture.utc_ns
+    is_recorded = capture.origin in ("misb", "file") and age_ns > LONGEST_AGE_NS
+    return None if is_recorded else round(age_ns / 1e6, 3)
+
+
 def _pixels(frame: Frame, field: str) -> int | None:
     value = frame.caps.get(field)
     return value if isinstance(value, int) else None
@@ -248,7 +256,7 @@ def _registration_record(registration: Registration, provenance: bool) -> Regist
 
 def _target_record(
     track: Track,
-    position: tuple[float, float] | None,
+    position: GroundPosition | None,
     provenance: ProvenanceRecord | None,
 ) -> TargetRecord:
     x, y, length, width = float(track.x), float(track.y), float(track.length), float(track.width)
@@ -278,7 +286,9 @@ def _target_record(
         position_covariance=((xx, xy), (yx, yy)) if spread else None,
         score=score,
         age_ns=int(track.age_ns),
-        geo=None if position is None else GeoRecord(lat=position[0], lon=position[1]),
+        geo=None
+        if position is None
+        else GeoRecord(lat=position[0], lon=position[1], error_m=round(position[2], 2)),
         provenance=provenance,
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
+from streamkit.flow.ground import ground_positions
 from streamkit.flow.metadata import Detections, Pose, Tracks
 from streamkit.flow.record import TRACKS_CAPS
 
@@ -19,8 +20,11 @@ class RecordTally:
         self._frames = 0
         self._with: Counter[type] = Counter()
         self._targets = self._positions = 0
+        self._unlocated: Counter[str] = Counter()
 
-    def note(self, frame: Frame, *, has_position: bool = False) -> None:
+    def note(
+        self, frame: Frame, *, has_position: bool = False, ground_altitude_m: float | None = None
+    ) -> None:
         """Notes a frame, and whether a target of it has ground coordinates."""
         tracks = frame.get(Tracks)
         if tracks is None and frame.caps.name == TRACKS_CAPS.name:
@@ -32,8 +36,10 @@ class RecordTally:
         if tracks is not None:
             self._with[Tracks] += 1
             self._targets += bool(tracks.tracks)
+            if tracks.tracks and not (has_position or self._positions):
+                self._unlocated[ground_positions(frame, ground_altitude_m)[1]] += 1
 
-    def shortfall(self, *, needs_positions: bool = False, has_altitude: bool = True) -> str:
+    def shortfall(self, *, needs_positions: bool = False) -> str:
         """Why no record of the run has a target (with ground coordinates, if needed), or ""."""
         frames = f"of {self._frames} frames"
         if not self._frames or self._positions or (self._targets and not needs_positions):
@@ -48,6 +54,5 @@ class RecordTally:
             return f"no target in any {frames}: none carried detections; put framediff before particletrack"
         if not self._with[Pose]:
             return f"no target has a position: none {frames} carried a pose; pair telemetry with posesync"
-        if not has_altitude:
-            return "no target has a position: set ground-altitude, the altitude of the ground"
-        return "no target has a position: none was confirmed where its line of sight meets the ground"
+        reason = self._unlocated.most_common(1)[0][0]
+        return f"no target has a position: {reason or 'none was confirmed'}"

@@ -8,13 +8,13 @@ import math
 import numpy as np
 
 from streamkit.flow.frame import Frame
-from streamkit.flow.metadata import Detections, Registration, Tracks
+from streamkit.flow.metadata import Detections, GroundReference, Registration, Tracks
 from streamkit.geometry.homography import FloatArray
 from streamkit.geometry.scaling import scale_boxes, scale_homographies, scale_points
 
 
 def scale_metadata(frame: Frame, scaling: FloatArray, previous_scaling: FloatArray) -> Frame:
-    """The frame with its registration, detections and tracks in pixels of the scaled frame.
+    """The frame with its registration, position, detections and tracks in pixels of the scaled frame.
 
     The reference plane is unchanged, and with it velocities of tracks and `reference_change`. Homographies
     that are not finite, other metadata, data and caps stay.
@@ -40,6 +40,8 @@ def scale_metadata(frame: Frame, scaling: FloatArray, previous_scaling: FloatArr
                 corner_std=corner_std,
             )
         )
+    if (ground := frame.get(GroundReference)) is not None:
+        changed.append(dataclasses.replace(ground, to_local=ground.to_local @ np.linalg.inv(scaling)))
     if (detections := frame.get(Detections)) is not None:
         changed.append(
             dataclasses.replace(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from streamkit.errors import did_you_mean
 from streamkit.flow.caps import Caps, Structure
 from streamkit.flow.caps_values import Value
 
@@ -17,6 +18,23 @@ if TYPE_CHECKING:
 CHANNELS = {"BGR": 3, "RGB": 3, "BGRA": 4, "RGBA": 4}
 LUMA_FORMATS = ("GRAY8", "I420", "NV12")
 LUMA_CAPS = "video/x-raw, format={ GRAY8, I420, NV12 }"
+
+FIELDS = (
+    "format", "width", "height", "framerate", "max-framerate", "views", "interlace-mode", "field-order",
+    "pixel-aspect-ratio", "chroma-site", "colorimetry", "multiview-mode", "multiview-flags",
+)  # fmt: skip
+
+
+def misspelt_fields(caps: Caps) -> list[str]:
+    """A line for each field of raw video that it does not have, and whose name is like one that it has."""
+    unknown = [
+        (name, did_you_mean(name, FIELDS))
+        for structure in caps.structures
+        if structure.name == "video/x-raw"
+        for name in structure.fields
+        if name not in FIELDS
+    ]
+    return [f"video/x-raw has no field {name}; {hint}" for name, hint in unknown if hint]
 
 
 def raw_video_caps(pixel_format: str, width: int, height: int, framerate: Fraction | None = None) -> Caps:

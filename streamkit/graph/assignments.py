@@ -124,7 +124,7 @@ def set_on_bin(group: Bin, assignments: tuple[Assignment, ...], warnings: Warnin
                 waiting.append(pending)
         elif item.name == "name":
             group.name = name_value(item) or group.name
-        elif not set_property(group, item, warnings).readonly:
+        elif set_property(group, item, warnings).attribute in group.ignored:
             text = f"{group.name}: {item.name} is accepted for gst-launch's sake and changes nothing here"
             warnings.append(("no-effect", text))
     return waiting

@@ -20,8 +20,25 @@ class Bin(Element):
         container: that bin, or None.
         children: elements and bins, in textual order.
         ghost_pads: paths of inner pads that are linked from outside, by ghost pad name.
+        ignored: properties without effect.
     """
 
+    ignored = frozenset({"async_handling", "message_forward", "delay", "auto_flush_bus", "latency_ns"})
+
+    process: bool = Property(False, doc="Run in a process of its own.")
+    restart: int = Property(
+        0, min=0, doc="How often in `restart-window-s` a process that dies or hangs is started again."
+    )
+    restart_window_s: float = Property(60.0, min=0.0, unit="s", doc="Earlier restarts are not counted.")
+    watchdog_s: float = Property(
+        0.0,
+        min=0.0,
+        unit="s",
+        doc="Time limit of an element in it for a frame; 0 is the pipeline's.",
+    )
+    memory_mb: int = Property(0, min=0, unit="MiB", doc="Private memory that the process may have; 0 is any.")
+    sandbox: bool = Property(False, doc="Take rights from the process that it does not need.")
+    shm_frames: int = Property(8, min=1, max=1024, doc="Frames on the way to or from the process.")
     async_handling: bool = Property(False, doc="Accepted for gst-launch's sake, without effect.")
     message_forward: bool = Property(False, doc="Accepted for gst-launch's sake, without effect.")
 

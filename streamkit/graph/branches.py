@@ -53,6 +53,8 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
 
     element = graph.element(name)
     added = build(description, {})
+    if added.homes or not graph.is_local(element):
+        raise DescriptionError("link", f"{name}: branches join and leave in the main process only")
     _rename(added, {known.name for known in graph.elements})
     entry = find_pad(added.elements[0], Direction.SINK, "", NOWHERE)
     src = find_pad(element, Direction.SRC, "", NOWHERE)

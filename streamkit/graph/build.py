@@ -39,6 +39,7 @@ from streamkit.graph.parse import (
     UrlNode,
     parse,
 )
+from streamkit.graph.processes.placement import cut
 from streamkit.graph.secrets import conceal
 from streamkit.masking import mask_secrets, presentable
 
@@ -50,6 +51,7 @@ def build(text: str, variables: Mapping[str, str]) -> Graph:
     except DescriptionError as error:
         conceal(error, text)
         raise
+    graph.text, graph.variables = text, variables
     graph.warnings[:] = [(code, presentable(what)) for code, what in graph.warnings]
     return graph
 
@@ -93,6 +95,7 @@ class GraphBuilder:
                     pad.known_caps = pad.template.caps  # a query would never return
         else:
             self._negotiate()
+            cut(self.graph, self._places)
         return self.graph
 
     def _negotiate(self) -> None:

@@ -9,6 +9,7 @@ from itertools import combinations
 from pathlib import Path
 
 from streamkit.element.base import Element
+from streamkit.element.property import check_attributes
 from streamkit.errors import PropertyError
 from streamkit.output.file import is_special
 from streamkit.output.names import FileNames, local_path
@@ -41,6 +42,7 @@ def check_files(elements: Iterable[Element]) -> None:
     members = list(elements)
     for element in members:
         try:
+            check_attributes(element)
             element.check_properties()
         except PropertyError as error:
             raise FileConflict(element, str(error)) from error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from streamkit.element.base import Element
@@ -12,6 +12,7 @@ from streamkit.element.pad import Pad, Presence
 from streamkit.errors import StateError
 from streamkit.graph.bins import Bin
 from streamkit.graph.link import DelayedLink
+from streamkit.graph.processes.process_link import ProcessLink
 
 
 @dataclass(slots=True)
@@ -23,6 +24,10 @@ class Graph:
         inserted: converters inserted by negotiation; also in `elements`.
         delayed_links: links that wait for sometimes pads.
         warnings: (code, text) pairs.
+        text, variables: the description it was built from.
+        homes: the bin in whose process an element runs, for those outside the main process.
+        process_links: the bins between whose processes each runs, writer first; None is the main process.
+        here: the bin whose elements this process runs; None is the main process.
     """
 
     elements: list[Element] = field(default_factory=list)
@@ -30,6 +35,32 @@ class Graph:
     inserted: list[Element] = field(default_factory=list)
     delayed_links: list[DelayedLink] = field(default_factory=list)
     warnings: list[tuple[str, str]] = field(default_factory=list)
+    text: str = field(default="", repr=False)  # it may hold secrets
+    variables: Mapping[str, str] = field(default_factory=dict, repr=False)
+    homes: dict[Element, Bin] = field(default_factory=dict)
+    process_links: dict[ProcessLink, tuple[Bin | None, Bin | None]] = field(default_factory=dict)
+    here: Bin | None = None
+
+    @property
+    def processes(self) -> list[Bin]:
+        """The bins that run in a process of their own."""
+        return list(dict.fromkeys(self.homes.values()))
+
+    def run_only(self, home: Bin | None) -> None:
+        """Chooses the part of the graph that this process runs."""
+        self.here = home
+        for link, (writer, reader) in self.process_links.items():
+            link.writes, link.reads = writer is home, reader is home
+
+    def local(self) -> list[Element]:
+        """The elements that run in this process."""
+        return [element for element in self.elements if self.is_local(element)]
+
+    def is_local(self, element: Element) -> bool:
+        """Whether an element, or half of it, runs in this process."""
+        if isinstance(element, ProcessLink):
+            return element.writes or element.reads
+        return self.homes.get(element) is self.here
 
     def element(self, name: str) -> Element:
         """The element of a name, or of `bin/name`; raises `KeyError`, which lists all names."""

@@ -46,7 +46,7 @@ def choose_pads(request: LinkRequest, *, strict: bool = False) -> tuple[Pad, Pad
     If there is only one choice, caps are left to negotiation, unless `strict`.
 
     Raises:
-        DescriptionError: code `link`; no pad was made.
+        DescriptionError: code `link`; pads requested here are released.
     """
     source, src_name, sink, sink_name, place = request
     if source is sink:
@@ -55,8 +55,9 @@ def choose_pads(request: LinkRequest, *, strict: bool = False) -> tuple[Pad, Pad
     try:
         srcs = [_named(source, Direction.SRC, src_name, place, made)] if src_name else None
         sinks = [_named(sink, Direction.SINK, sink_name, place, made)] if sink_name else None
-        return _pair(request, srcs, sinks, strict)
-    except (DescriptionError, StreamkitError) as error:
+        src_choice, sink_choice = _pair(request, srcs, sinks, strict)
+        return _pad(source, src_choice, made), _pad(sink, sink_choice, made)
+    except StreamkitError as error:
         for pad in made:
             pad.element.release_pad(pad)
         if isinstance(error, DescriptionError):
@@ -79,7 +80,7 @@ def find_pad(element: Element, direction: Direction, name: str, place: Place) ->
 
 def _pair(
     request: LinkRequest, srcs: list[Pad] | None, sinks: list[Pad] | None, strict: bool
-) -> tuple[Pad, Pad]:
+) -> tuple[Pad | PadTemplate, Pad | PadTemplate]:
     """The first pair that fits: pads before templates, in the source's order before the sink's."""
     src_choices = [*(srcs or _choices(request.source, Direction.SRC))]
     sink_choices = [*(sinks or _choices(request.sink, Direction.SINK))]
@@ -90,7 +91,7 @@ def _pair(
         if not choices:
             raise _nothing_free(element, direction, request.place)
     if not strict and len(src_choices) == len(sink_choices) == 1 and not awaits_pads(request.source):
-        return _make(request.source, src_choices[0]), _make(request.sink, sink_choices[0])
+        return src_choices[0], sink_choices[0]
     # Existing pads come before pads to be requested, on the source's side first.
     pairs = sorted(
         ((src, sink) for src in src_choices for sink in sink_choices),
@@ -99,7 +100,7 @@ def _pair(
     for fits in (_intersect,) if strict else (_intersect, _convertible):
         for src, sink in pairs:
             if fits(_caps(src), _caps(sink)):
-                return _make(request.source, src), _make(request.sink, sink)
+                return src, sink
     raise _caps_conflict(request, src_choices[0], sink_choices[0])
 
 
@@ -130,8 +131,12 @@ def _caps(choice: Pad | PadTemplate) -> Caps:
         return choice.template.caps
 
 
-def _make(element: Element, choice: Pad | PadTemplate) -> Pad:
-    return choice if isinstance(choice, Pad) else element.request_pad(choice)
+def _pad(element: Element, choice: Pad | PadTemplate, made: list[Pad]) -> Pad:
+    """A chosen pad; a requested one is appended to `made`."""
+    if isinstance(choice, Pad):
+        return choice
+    made.append(element.request_pad(choice))
+    return made[-1]
 
 
 def _intersect(offered: Caps, accepted: Caps) -> bool:

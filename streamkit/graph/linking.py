@@ -10,6 +10,7 @@ from streamkit.element.pad import Pad, Presence
 from streamkit.element.registry import located, make_element
 from streamkit.errors import DescriptionError, Place, did_you_mean
 from streamkit.flow.caps import Caps
+from streamkit.flow.video import misspelt_fields
 from streamkit.graph.bins import BinTree
 from streamkit.graph.graph import Graph
 from streamkit.graph.link import DelayedLink, LinkRequest, awaits_pads, choose_pads, pad_pairs
@@ -111,6 +112,7 @@ class Linker:
             capsfilter = make_element("capsfilter", self._auto_name("capsfilter"))
         capsfilter.set_property("caps", caps)
         capsfilter.set_in_text["caps"] = str(caps)
+        self._graph.warnings += [("unknown-field", text) for text in misspelt_fields(caps)]
         return capsfilter
 
     def _link(self, src: Pad, sink: Pad, place: Place) -> tuple[Pad, Pad]:

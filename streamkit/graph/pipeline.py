@@ -9,8 +9,6 @@ from types import TracebackType
 from typing import Any, Self
 
 from streamkit.element.base import Element
-from streamkit.element.sink import Sink
-from streamkit.element.source import Source
 from streamkit.element.timing import Timing
 from streamkit.errors import StateError
 from streamkit.flow.clock import Clock, SystemClock
@@ -21,7 +19,8 @@ from streamkit.graph.element_calls import CallLimits, start_element, stop_elemen
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph
 from streamkit.graph.playback import Playback
-from streamkit.graph.queries import Latency, State, StateChange, graph_latency
+from streamkit.graph.processes.processes import Processes
+from streamkit.graph.queries import Latency, State, StateChange, duration_ns, graph_latency, position_ns
 from streamkit.graph.statistics import ElementStatistics, collect_statistics
 
 STOP_LIMIT_S = 5.0
@@ -51,6 +50,7 @@ class Pipeline:
         self._lock = threading.RLock()
         self._started: list[Element] = []
         self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
+        self._processes = Processes(graph, self._post)
 
     @classmethod
     def parse(
@@ -125,10 +125,12 @@ class Pipeline:
             self.timing.running.set()
             self.bus.flush()
             try:
+                self._processes.start(self._playback, self.timing, self.watchdog_s, self._cancelled)
                 for element in self.graph.from_sinks():
                     self._adopt(element)
             except BaseException:
                 stop_elements(self._started, self._limits())
+                self._processes.stop()
                 raise
             self._change_state(State.READY)
 
@@ -153,6 +155,7 @@ class Pipeline:
                 self._playback.begin(self.watchdog_s)
             else:
                 self._playback.resume()
+            self._processes.play()
         return StateChange.SUCCESS
 
     def pause(self) -> StateChange:
@@ -171,9 +174,11 @@ class Pipeline:
                 self._set_playing(True)
                 self._change_state(State.PAUSED)
                 self._playback.begin(self.watchdog_s)
+                self._processes.pause()
             elif self.state is State.PLAYING:
                 self._playback.pause()
                 self._change_state(State.PAUSED)
+                self._processes.pause()
             if self.is_live:
                 return StateChange.NO_PREROLL
             return StateChange.SUCCESS if self._playback.end.is_prerolled.is_set() else StateChange.ASYNC
@@ -202,9 +207,8 @@ class Pipeline:
 
     def finish(self) -> None:
         """Makes every source end its stream with EOS."""
-        for element in self.graph.elements:
-            if isinstance(element, Source):
-                element.finish()
+        self._playback.finish()
+        self._processes.finish()
 
     def stop(self) -> None:
         """Ends streaming and stops every started element, within time limits.
@@ -212,18 +216,16 @@ class Pipeline:
         Raises:
             StateError: a thread did not end in time, or the caller is a streaming thread.
         """
-        if self._playback.is_own_thread():
-            raise StateError(
-                "stop() was called by one of the pipeline's own streaming threads, which cannot wait for "
-                "themselves; call finish() there, or stop() from the thread that plays the pipeline"
-            )
+        self._playback.refuse_own_thread()
         with self._lock:
             if self.state is State.NULL and not self._started:
                 return
             self._cancelled.clear()
             self._playback.stop()
+            self._processes.begin_stop()
             stuck = self._end_streaming(self.graph.elements)
             stuck += stop_elements(self._started, self._limits())
+            self._processes.stop()
             self._change_state(State.NULL)
             self.ended.set()
         if stuck:
@@ -257,27 +259,24 @@ class Pipeline:
 
     def statistics(self) -> list[ElementStatistics]:
         """Counters of every element since streaming began."""
-        chains, retired = list(self._playback.chains), self._playback.retired
-        now_ns = self.clock.monotonic_ns()
-        return collect_statistics(self.graph, chains, retired, self.bus.counts, now_ns)
+        playback, now_ns = self._playback, self.clock.monotonic_ns()
+        rows = collect_statistics(self.graph, playback.chains, playback.retired, self.bus.counts, now_ns)
+        return self._processes.merge(rows)
 
     def latency(self) -> Latency:
         """Minimum and maximum latency of live frames; posts a warning if they cannot be buffered."""
         found = graph_latency(self.graph)
-        if warning := found.warning():
-            self.bus.post(Message(MessageKind.WARNING, "", warning, {"code": "latency"}))
+        if text := found.warning():
+            self.bus.post(Message(MessageKind.WARNING, "", text, {"code": "latency"}))
         return found
 
     def position_ns(self) -> int | None:
         """Timestamp of the newest frame that a sink with `sync` has rendered, or None."""
-        positions = [element.position_ns for element in self.graph.elements if isinstance(element, Sink)]
-        return max((position for position in positions if position is not None), default=None)
+        return position_ns(self.graph)
 
     def duration_ns(self) -> int | None:
         """Duration of the longest source; None if that of any source is unknown."""
-        durations = [element.duration_ns() for element in self.graph.elements if isinstance(element, Source)]
-        known = [duration for duration in durations if duration is not None]
-        return max(known) if known and len(known) == len(durations) else None
+        return duration_ns(self.graph)
 
     # Branches.
 
@@ -321,6 +320,8 @@ class Pipeline:
         element.host = self._playback
         element.poster = self._post
         element.pipeline_error = lambda: self.error
+        if not self.graph.is_local(element):
+            return
         self._started.append(element)
         start_element(element, self._limits())
         element.is_playing = self.state in (State.PAUSED, State.PLAYING)

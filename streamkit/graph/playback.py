@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
@@ -12,13 +12,14 @@ from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.timing import Timing
 from streamkit.element.transform import Transform
-from streamkit.errors import ElementFailure, NotNegotiated
+from streamkit.errors import ElementFailure, NotNegotiated, StateError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.branches import BranchFailures, first_push
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, RetiredChainTotals, chain_on_first_frame
 from streamkit.graph.graph import Graph, upstream, walk
+from streamkit.graph.link import DelayedLink
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.stream_end import StreamEnd
 from streamkit.graph.streaming import Streaming, StreamingThread
@@ -33,6 +34,7 @@ class Playback:
         retired: counters of the chains of removed branches.
         end: tracks the end of the run.
         is_streaming: whether threads were started.
+        is_over_elsewhere: whether all that runs in other processes has ended.
     """
 
     def __init__(self, graph: Graph, bus: Bus, timing: Timing, adopt: Callable[[Element], None]) -> None:
@@ -57,17 +59,19 @@ class Playback:
         self._failures = BranchFailures(graph, bus, self.end)
         self._watchdog: Watchdog | None = None
         self._is_stopping = False
+        self.is_over_elsewhere: Callable[[], bool] = lambda: True
 
     # Start and stop.
 
     @property
     def is_live(self) -> bool:
-        """Whether any source is live."""
-        return any(source.is_live for source in self._sources())
+        """Whether any source is live, in any process."""
+        return any(isinstance(element, Source) and element.is_live for element in self._graph.elements)
 
     def begin(self, watchdog_s: float) -> None:
         """Makes the chains; starts the watchdog and a thread for every source and queue."""
         graph = self._graph
+        local = graph.local()
         for element in graph.elements:
             for pad in element.pads.values():
                 pad.reset()
@@ -77,9 +81,9 @@ class Playback:
         remember_caps(graph)
         self.chains = []
         self.retired = RetiredChainTotals()
-        compose_chains(graph.elements, self.chains)
+        compose_chains(local, self.chains)
         self._failures.reset()
-        for element in graph.elements:
+        for element in local:
             for pad in list(element.src_pads()):
                 self._failures.guard(pad)
         for source in self._sources():
@@ -88,7 +92,7 @@ class Playback:
         self.is_streaming = True
         self._watchdog = Watchdog(lambda: graph.elements, watchdog_s, self._bus.post, self.fail)
         self._watchdog.start()
-        for thread in self.add_threads(graph.from_sinks()):
+        for thread in self.add_threads(filter(graph.is_local, graph.from_sinks())):
             thread.start()
 
     def add_threads(self, elements: Iterable[Element]) -> list[StreamingThread]:
@@ -115,9 +119,18 @@ class Playback:
             self._threads = [thread for thread in self._threads if thread not in threads]
         return [thread.element.name for thread in threads if thread.is_alive()]
 
-    def is_own_thread(self) -> bool:
-        """Whether the caller is a streaming thread of the graph."""
-        return threading.current_thread() in self._threads
+    def refuse_own_thread(self) -> None:
+        """Raises `StateError` if the caller is a streaming thread of the graph."""
+        if threading.current_thread() in self._threads:
+            raise StateError(
+                "stop() was called by one of the pipeline's own streaming threads, which cannot wait for "
+                "themselves; call finish() there, or stop() from the thread that plays the pipeline"
+            )
+
+    def finish(self) -> None:
+        """Makes every source end its stream with EOS."""
+        for source in self._sources():
+            source.finish()
 
     def stop(self) -> None:
         """Stops reporting hangs and the end of the stream."""
@@ -183,6 +196,10 @@ class Playback:
             if isinstance(source, Source):
                 source.renegotiate()
 
+    def elements(self) -> Sequence[Element]:
+        """All elements of the graph, in textual order."""
+        return tuple(self._graph.elements)
+
     def pad_added(self, pad: Pad) -> None:
         """Tries the delayed links of a new pad, and composes the chain behind it."""
         with self._lock:
@@ -202,18 +219,19 @@ class Playback:
     def no_more_pads(self, element: Element) -> None:
         """Warns of delayed links without a pad and sends EOS to their sinks.
 
-        If no pad of the element is linked, for example because a decoder is missing, the run fails.
+        Raises:
+            ElementFailure: no pad of the element is linked, for example because a decoder is missing.
         """
-        text = ""
-        for link in list(self._graph.delayed_links):
-            if link.source is element and not link.has_succeeded and not link.every_pad:
-                text = f"the stream has no pad for {link.description}; {_pads_text(element)}"
-                self._bus.post(Message(MessageKind.WARNING, element.name, text, {"code": "delayed-link"}))
-        if text and all(pad.peer is None for pad in element.src_pads()):
-            cause = NotNegotiated(
-                f"none of its pads is linked: {text}; insert an element that accepts them, such as a decoder"
-            )
-            self.fail(ElementFailure(element.name, element.factory, cause))
+        waiting = [
+            link
+            for link in self._graph.delayed_links
+            if link.source is element and not link.has_succeeded and not link.every_pad
+        ]
+        if waiting and all(pad.peer is None for pad in element.src_pads()):
+            raise ElementFailure(element.name, element.factory, _unlinked(element, waiting[0]))
+        for link in waiting:
+            text = f"the stream has no pad for {link.description}; {_pads_text(element)}"
+            self._bus.post(Message(MessageKind.WARNING, element.name, text, {"code": "delayed-link"}))
         for other in list(self._graph.elements):
             for pad in other.sink_pads():
                 if pad.peer is None and not pad.is_eos:
@@ -265,14 +283,22 @@ class Playback:
 
     def _thread_ended(self) -> None:
         """Ends the run once every thread has ended, even if a sink did not get EOS."""
-        if not self._is_stopping and all(thread.has_ended for thread in self._threads):
+        is_over = all(thread.has_ended for thread in self._threads) and self.is_over_elsewhere()
+        if not self._is_stopping and is_over:
             self.end.post_eos()
 
+    def ended_elsewhere(self, sinks: Iterable[Sink]) -> None:
+        """Everything in another process has ended, sinks included."""
+        self.end.remove(sinks)
+        self._thread_ended()
+
     def _sinks(self) -> list[Sink]:
-        return [element for element in self._graph.elements if isinstance(element, Sink)]
+        """The sinks whose end this process awaits: those of other processes, too, in the main one."""
+        members = self._graph.elements if self._graph.here is None else self._graph.local()
+        return [element for element in members if isinstance(element, Sink)]
 
     def _sources(self) -> list[Source]:
-        return [element for element in self._graph.elements if isinstance(element, Source)]
+        return [element for element in self._graph.local() if isinstance(element, Source)]
 
 
 def compose_chains(elements: Iterable[Element], chains: list[Chain]) -> None:
@@ -289,6 +315,22 @@ def compose_chains(elements: Iterable[Element], chains: list[Chain]) -> None:
                 pad.push = chain.push
                 chains.append(chain)
         element.pads_changed()
+
+
+def _unlinked(element: Element, link: DelayedLink) -> NotNegotiated:
+    """The error for an element of which the stream has no pad that fits the element downstream."""
+    media = [pad.caps.name for pad in element.src_pads() if pad.caps is not None and not pad.caps.is_any]
+    coded = next((name for name in media if name.startswith(("video/", "image/"))), "video/x-raw")
+    if coded != "video/x-raw" and not link.request.src_name:
+        sink = link.request.sink.name
+        return NotNegotiated(
+            f"gives coded packets ({coded}), which {sink} does not take: put decode between, "
+            f"{element.name} ! decode ! {sink}"
+        )
+    return NotNegotiated(
+        f"none of its pads is linked: the stream has no pad for {link.description}; {_pads_text(element)}; "
+        "insert an element that accepts them"
+    )
 
 
 def _pads_text(element: Element) -> str:

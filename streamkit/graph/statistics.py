@@ -183,7 +183,7 @@ def collect_statistics(
         counts: messages by element and kind.
         now_ns: time of the pipeline's clock, ns.
     """
-    totals = _ChainTotals(chains, retired)
+    totals = _ChainTotals(list(chains), retired)  # streaming threads may add some
 
     def row(element: Element) -> ElementStatistics:
         name = element.name

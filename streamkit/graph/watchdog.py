@@ -87,6 +87,11 @@ class Watchdog:
 
 def hang_of(call: str, seconds: float) -> HangDetected:
     """The error for a call that did not return."""
+    if call == "start":
+        return HangDetected(
+            f"`start` takes more than {seconds:g} s; where it compiles loops for this machine, once, "
+            "`streamkit prepare` does that beforehand; it is not cut off, and Ctrl-C cancels it"
+        )
     what = "the call with a frame" if call == "frame" else f"`{call}`"
     return HangDetected(
         f"{what} has not returned for {seconds:g} s; it hangs in its own code or in a library it calls; "

@@ -22,12 +22,13 @@ class BackgroundExecutor:
     """Runs tasks in order in one thread, which starts with the first task.
 
     Unlike `concurrent.futures.ThreadPoolExecutor` it bounds the queued tasks, and abandons them when closed.
+    `submit` has a result and no bound, `submit_waiting` waits for room, `submit_dropping` makes room.
 
     Args:
         name: of the thread.
-        max_bytes: maximum size of unfinished tasks; at the limit `do` waits. One task always fits.
         failed: called in the thread with the exception of a task without a future.
-        capacity: maximum number of queued tasks; at the limit `offer` drops the oldest. 0 is no limit.
+        max_bytes: maximum size of unfinished tasks, for `submit_waiting`; 0 is no limit. One always fits.
+        capacity: maximum number of queued tasks, for `submit_dropping`; 0 is no limit.
         periodic: called in the thread every `period_s`, between tasks; the thread then starts at once.
         period_s: time between two calls, s.
     """
@@ -35,9 +36,9 @@ class BackgroundExecutor:
     def __init__(
         self,
         name: str,
-        max_bytes: int,
         failed: Callable[[Exception], None],
         *,
+        max_bytes: int = 0,
         capacity: int = 0,
         periodic: Callable[[], object] | None = None,
         period_s: float = 1.0,
@@ -57,12 +58,9 @@ class BackgroundExecutor:
         if periodic is not None:
             self._start()
 
-    @property
-    def waiting(self) -> int:
-        """Number of queued tasks."""
-        return len(self._waiting)
-
-    def do(self, work: Callable[[], object], size: int = 0, cancelled: threading.Event | None = None) -> None:
+    def submit_waiting(
+        self, work: Callable[[], object], size: int = 0, cancelled: threading.Event | None = None
+    ) -> None:
         """Adds a task without a result; waits for room.
 
         Args:
@@ -71,13 +69,13 @@ class BackgroundExecutor:
             cancelled: ends the wait for room when set; the task is then added nevertheless.
         """
         with self._changed:
-            while self._waiting and self._bytes + size > self._max_bytes and not self._is_closed:
+            while self._waiting and 0 < self._max_bytes < self._bytes + size and not self._is_closed:
                 if cancelled is not None and cancelled.is_set():
                     break
                 self._changed.wait(POLL_S)
-        self._append(work, None, size)
+            self._append(work, None, size)
 
-    def offer(
+    def submit_dropping(
         self, work: Callable[[], object], wait_s: float = 0.0, cancelled: threading.Event | None = None
     ) -> int:
         """Adds a task without a result; at full capacity waits for room, then drops the oldest.
@@ -108,7 +106,7 @@ class BackgroundExecutor:
             self._append(work, None, 0)
             return int(self._is_stalled)
 
-    def ask(self, work: Callable[[], Result]) -> Future[Result]:
+    def submit(self, work: Callable[[], Result]) -> Future[Result]:
         """Adds a task; the future gets its result or exception, and is cancelled if it is abandoned."""
         future: Future[Result] = Future()
         self._append(work, future, 0)

@@ -8,10 +8,12 @@ from typing import Any
 from streamkit.flow.events import Event, SegmentEvent
 from streamkit.flow.frame import Frame
 
+TEXT = (bytes, bytearray, str)  # faster than a union made for each frame
+
 
 def data_size(data: Any) -> int:
     """Bytes of an array, a packet or bytes; 0 for other objects."""
-    if isinstance(data, bytes | bytearray | str):
+    if isinstance(data, TEXT):
         return len(data)
     size = getattr(data, "nbytes", None)
     if size is None:

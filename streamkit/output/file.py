@@ -22,13 +22,14 @@ LONGEST_NAME = 200  # of 255 bytes, for what is added to it
 class OutputFile(io.FileIO):
     """An unbuffered file; each write is complete or fails.
 
-    If the path exists, the file is written as `.NAME.PID.partial` beside it and renamed by `publish`.
+    If the path exists, the file is written as `.NAME.PID.partial` in its folder and renamed by `publish`.
     Missing folders are made. Devices, pipes and sockets are opened directly; symbolic links are followed.
 
     Args:
         path: of the file.
         append: whether to continue an existing file.
-        is_whole: whether to publish only the finished file, also if there is no older one.
+        is_whole: whether the path appears only with the finished file, or the first piece of `append`, also
+            if there is no older file.
 
     Attributes:
         path: of the file.
@@ -104,8 +105,10 @@ class OutputFile(io.FileIO):
         try:
             if self._written_tail:
                 self.seek(self._end)
-            size = self.write(piece)
-            self.write(tail)
+            size = memoryview(piece).nbytes
+            self.write(
+                bytes(piece) + tail if tail else piece
+            )  # one call: a killed process leaves no piece alone
             if len(tail) + size < len(self._written_tail):
                 self.truncate()
         except OSError:

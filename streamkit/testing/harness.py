@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Any, Self
 
@@ -160,6 +161,10 @@ class Harness:
         return self._feeds[pad].pads["src"]
 
     # Called by the element.
+
+    def elements(self) -> Sequence[Element]:
+        """The element alone."""
+        return (self.element,)
 
     def pad_added(self, pad: Pad) -> None:
         """Connects a new pad."""

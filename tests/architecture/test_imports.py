@@ -23,9 +23,10 @@ ALLOWED = {
     "errors": {"masking"},
     "flow": {"masking", "errors", "geometry"},
     "handoff": {"masking", "errors", "flow"},
+    "crossing": {"masking", "errors", "flow"},
     "element": {"masking", "errors", "flow", "settings", "output"},
     "elements": {"masking", "errors", "flow", "element", "handoff"},
-    "graph": {"masking", "errors", "flow", "element", "handoff", "output"},
+    "graph": {"masking", "errors", "flow", "element", "handoff", "crossing", "output"},
     "testing": {"masking", "errors", "flow", "element", "graph"},
     "cli": {"masking", "errors", "flow", "element", "graph", "output"},
 }

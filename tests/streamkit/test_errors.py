@@ -6,6 +6,7 @@ import os
 import pytest
 
 from streamkit import ElementFailure, Pipeline, ResourceError, Source, write_remedy
+from streamkit.errors import did_you_mean
 
 
 @pytest.mark.parametrize("text", ["it is broken", "bad0: it is broken"])
@@ -22,6 +23,16 @@ def test_an_element_is_named_once(register, text: str) -> None:
     with pytest.raises(ElementFailure) as failure:
         Pipeline.parse("bad ! fakesink").run(timeout_s=10)
     assert str(failure.value) == "bad0: it is broken"
+
+
+@pytest.mark.parametrize(
+    ("word", "meant"),
+    [("locatoin", "location"), ("loc", "location"), ("pix", "pixel-format"), ("x", ""), ("speed", "")],
+)
+def test_a_suggestion_is_similar_or_begins_with_the_word(word: str, meant: str) -> None:
+    """One letter, or a word like none, gets no suggestion."""
+    hint = did_you_mean(word, ["location", "loop", "pixel-format", "x-offset"])
+    assert hint == (f'did you mean "{meant}"?' if meant else "")
 
 
 @pytest.mark.parametrize(

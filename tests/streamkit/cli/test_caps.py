@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner, Result
 
+from streamkit.cli.caps import as_text
 from streamkit.cli.main import make_app
 
 RUNNER = CliRunner()
@@ -187,3 +188,21 @@ def test_an_unknown_operation_lists_all_operations() -> None:
 def test_text_that_is_no_utf8_is_refused() -> None:
     """An undecodable byte from the shell is a syntax error, not a crash."""
     assert error("parse", 'a/b, f="\udcff"')["code"] == "syntax"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("parse", "a/b; c/d, x=1"), "a/b;\nc/d, x=(int)1"),
+        (("subset", "a/b", "a/b"), "yes"),
+        (("value-intersect", "[ 1, 5 ]", "[ 6, 9 ]"), "nothing"),
+        (("value-intersect", "[ 1, 5 ]", "[ 3, 9 ]"), "[ 3, 5 ]"),
+        (
+            ("relate", "a/b", "c/d"),
+            "equal: no\nstrictly equal: no\nsubset: no\nsuperset: no\ncan intersect: no",
+        ),
+    ],
+)
+def test_results_are_text_on_a_terminal(arguments: tuple[str, ...], text: str) -> None:
+    """One line for each structure or answer."""
+    assert as_text(json.loads(CliRunner().invoke(make_app(), ["caps", *arguments, "--json"]).stdout)) == text

@@ -144,6 +144,7 @@ def test_a_command_after_a_double_dash_runs() -> None:
     for arguments, found in (
         (["inspect", "tee"], "Sends every frame to each branch"),
         (["caps", "--help"], "Computes with caps"),
+        (["launch", "-h"], "Runs a pipeline"),
         (["launch", "--stats=json", "fakesrc num-buffers=2 ! fakesink"], '"frames_in":2'),
     ):
         command = [sys.executable, "-c", code, *arguments]

@@ -75,3 +75,9 @@ def test_a_file_has_comments_line_breaks_and_variables(tmp_path: Path) -> None:
     assert code == 2
     found = json.loads(error)["error"]
     assert (found["line"], found["column"], found["length"]) == (3, 5, 7)
+
+
+def test_a_file_without_its_option_is_told() -> None:
+    """The name would be read as that of an element."""
+    wanted = "error: my/track.pipe is a file of a description, give it with -f my/track.pipe\n"
+    assert graph("my/track.pipe") == (2, "", wanted)

@@ -198,3 +198,14 @@ def test_an_unused_variable_is_reported() -> None:
     done = graph("--format", "json", "--set", "cuont=7", "fakesrc num-buffers=${count:-2} ! fakesink")
     assert json.loads(done.stdout)["elements"][0]["properties"] == {"num-buffers": 2}
     assert done.stderr == "note: --set cuont is not used: the description has no ${cuont}; it has count\n"
+
+
+def test_text_for_a_terminal() -> None:
+    """Each element with its settings and links; a name that does not tell the type is followed by it."""
+    assert graph("--format", "text", "fakesrc num-buffers=3 ! a/b,x=1 ! fakesink name=end").stdout == (
+        "fakesrc0  num-buffers=3\n"
+        "  src -> capsfilter0.sink  a/b, x=(int)1\n"
+        "end (fakesink)\n"
+        "capsfilter0  caps=a/b, x=(int)1\n"
+        "  src -> end.sink  a/b, x=(int)1\n"
+    )

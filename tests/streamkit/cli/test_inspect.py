@@ -50,13 +50,23 @@ class Gain(Transform):
         return frame
 
 
-def test_the_list_names_package_version_and_class() -> None:
-    """One line per element, sorted."""
+def test_the_list_says_what_each_element_does(register: Register) -> None:
+    """One line per element, sorted; the package of others' elements is named."""
+    register(gain=Gain)
     lines = inspect().stdout.splitlines()
-    names = [line.split()[0] for line in lines]
-    assert names == sorted(names)
-    row = next(line for line in lines if line.startswith("queue "))
-    assert row.split()[1:] == ["streamkit", "0.1.0", "streamkit.elements.queue:Queue"]
+    rows = dict(line.split(maxsplit=1) for line in lines)
+    assert list(rows) == sorted(rows)
+    assert rows["queue"] == "Runs downstream in its own thread; holds frames up to three limits."
+    assert "unknown package" in rows.pop("gain")
+    assert all(text.endswith(".") for text in rows.values())
+
+
+def test_properties_of_the_base_class_are_folded() -> None:
+    """A sink's own come first; the others follow by name, or in full with --all."""
+    short, whole = inspect("fakesink").stdout, inspect("fakesink", "--all").stdout
+    assert short.index("  num-buffers  (") < short.index("(see --all): sync,")
+    assert "Render each frame at its running time." not in short
+    assert "Render each frame at its running time." in whole
 
 
 def test_the_list_as_json() -> None:

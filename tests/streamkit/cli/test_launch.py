@@ -6,7 +6,7 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import pytest
 import typer
 from typer.testing import CliRunner, Result
 
-from streamkit import Frame, Property, Sink
+from streamkit import Caps, Frame, Property, Sink, Source
 from streamkit.cli import launch as module
 from streamkit.cli.description import join_arguments
 from streamkit.cli.main import make_app
@@ -266,6 +266,25 @@ def test_a_failed_start_is_code_1(launch: Callable[..., Result], register: Regis
     register(fails=Fails)
     done = launch("fakesrc ! fails")
     assert (done.exit_code, done.stderr) == (1, "error: fails0: OSError: no device\n")
+
+
+def test_a_connection_that_is_back_is_told(
+    launch: Callable[..., Result], register: Callable[..., None]
+) -> None:
+    """Without -v: the warning that it was lost was told, too. With -v every state is."""
+
+    class Flaky(Source):
+        src = "a/b"
+
+        def frames(self) -> Iterator[Frame]:
+            for state in ("connected", "retrying", "connecting", "connected"):
+                self.post_message("connection", state=state)
+            yield Frame(b"", Caps("a/b"))
+
+    register(flaky=Flaky)
+    assert launch("flaky ! fakesink").stderr == "note: flaky0: connected again\n"
+    assert "element: flaky0: connection state=retrying\n" in launch("-v", "flaky ! fakesink").stderr
+    assert launch("-q", "flaky ! fakesink").stderr == ""
 
 
 @pytest.mark.parametrize("method", ["start", "render"])

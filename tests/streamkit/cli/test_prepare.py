@@ -1,12 +1,15 @@
 """`streamkit prepare`: preparations of plugins."""
 
 import importlib.metadata
+import io
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
 
+from streamkit.cli import prepare as module
 from streamkit.cli.main import make_app
 from streamkit.cli.prepare import GROUP
 
@@ -51,6 +54,34 @@ def test_a_failed_preparation_does_not_stop_the_others(
     assert "good is ready after " in result.stdout
     assert "bad (no_such_module:run) cannot be prepared: ModuleNotFoundError" in result.stderr
     assert "worse (silent:run) cannot be prepared: it ended with 3" in result.stderr
+
+
+class Terminal(io.StringIO):
+    """What a user sees."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_shows_what_is_waited_for(offer: Offer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And for how long; the line is cleared before the result."""
+    monkeypatch.setattr(module, "PROGRESS_S", 0.05)
+    monkeypatch.setattr(sys, "stderr", terminal := Terminal())
+    offer(slow="any:thing")
+    monkeypatch.setattr(module, "CALL", "import time; time.sleep(1)")
+    module.prepare()
+    assert "slow is being prepared, 0 s" in terminal.getvalue()
+    assert terminal.getvalue().endswith(module.CLEAR)
+
+
+def test_one_that_takes_too_long_is_ended(offer: Offer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the limit as cause."""
+    monkeypatch.setattr(module, "LIMIT_S", 0.2)
+    monkeypatch.setattr(module, "CALL", "import time; time.sleep(60)")
+    offer(slow="any:thing")
+    result = prepare()
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert "slow (any:thing) cannot be prepared: it took more than 0.2 s" in result.stderr
 
 
 def test_nothing_to_prepare_is_no_error(offer: Offer) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from streamkit import Element, PropertyError
 from streamkit.element.entries import PluginEntry
+from streamkit.element.gstreamer_names import BY_NAME, ELEMENTS
 from streamkit.element.registry import element_class, installed_elements, make_element
 from streamkit.errors import DescriptionError, PluginBroken
 
@@ -44,6 +45,15 @@ def test_an_unknown_element_gets_a_suggestion() -> None:
     ) as caught:
         element_class("fakesrcc")
     assert caught.value.code == "no-such-element"
+
+
+def test_names_of_gstreamer_lead_to_ours() -> None:
+    """What a user of GStreamer types first says which element does its work."""
+    with pytest.raises(DescriptionError, match=re.escape('no element "x264enc"; here: encode')):
+        element_class("x264enc")
+    known = installed_elements().keys() | {"nothing", "no"}  # "nothing is needed", "no window"
+    assert {re.split("[ ,;]", words)[0] for words in ELEMENTS} <= known
+    assert not BY_NAME.keys() & installed_elements().keys()
 
 
 def test_elements_are_made_with_name_and_properties() -> None:

@@ -54,6 +54,17 @@ def _registration(to_reference: np.ndarray) -> Registration:
     return Registration(to_previous=np.eye(3), to_reference=to_reference, reference=3)
 
 
+@pytest.mark.parametrize(
+    ("origin", "is_aged"), [("rtcp", True), ("arrival", True), ("misb", False), ("file", False)]
+)
+def test_a_recording_has_no_age(origin: Any, is_aged: bool) -> None:
+    """Its telemetry tells when it was recorded, which may be years ago; a live clock is taken at its word."""
+    year_ns = 365 * 86_400 * 10**9
+    old = track_record(_frame(capture=Capture(1, origin)), source="f", published_ns=year_ns)
+    new = track_record(_frame(capture=Capture(1, origin)), source="f", published_ns=1_000_001)
+    assert ((old.age_ms is not None), new.age_ms) == (is_aged, 1.0)
+
+
 def test_json_format() -> None:
     """Names, order and meaning of the fields are public."""
     capture = Capture(1_763_690_000_123_456_789, "rtcp")
@@ -192,7 +203,7 @@ def test_geo_is_read() -> None:
 
 
 def test_ground_positions_are_written() -> None:
-    """`geo` of a target below the camera; none near the horizon or without ground altitude."""
+    """`geo` of a target below the camera with its error; none near the horizon or at an unknown height."""
     pose = Pose(
         48.1, 11.5, 600.0, heading=0.0, pitch=0.0, roll=0.0, sensor_angles=(0.0, -math.pi / 2, 0.0),
         field_of_view=(math.radians(178), 1.0),
@@ -201,7 +212,7 @@ def test_ground_positions_are_written() -> None:
     record = track_record(frame, source="a", published_ns=5, ground_altitude_m=500.0)
     written = json.loads(encode_record(record))["tracks"]
     assert "geo" not in written[0]
-    assert written[1]["geo"] == pytest.approx({"lat": 48.1, "lon": 11.5}, abs=1e-12)
+    assert written[1]["geo"] == pytest.approx({"lat": 48.1, "lon": 11.5, "error_m": 3.47}, abs=1e-12)
     assert b'"geo"' not in encode_record(track_record(frame, source="a", published_ns=5))
 
 

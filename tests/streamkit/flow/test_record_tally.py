@@ -7,6 +7,7 @@ from streamkit import (
     TRACKS_CAPS,
     Detections,
     Frame,
+    GroundReference,
     Pose,
     RecordTally,
     Track,
@@ -40,15 +41,19 @@ def test_reasons(frames: list[Frame], positions: bool, text: str) -> None:
     tally = RecordTally()
     for frame in frames:
         tally.note(frame)
-    found = tally.shortfall(needs_positions=positions, has_altitude=False)
+    found = tally.shortfall(needs_positions=positions)
     assert text in found
     assert bool(found) is bool(text)
 
 
 def test_one_position_is_no_shortfall() -> None:
-    """Without any, the ground altitude or the states of the targets are the reason."""
+    """Without any, what the pose lacks or the states of the targets are the reason."""
     tally = RecordTally()
-    tally.note(SEEN.attach(Pose(48.0, 11.0, 600.0)))
+    tally.note(SEEN.attach(Pose(48.0, 11.0, 600.0)), ground_altitude_m=500.0)
+    assert "field-of-view" in tally.shortfall(needs_positions=True)
+    tally = RecordTally()
+    located = GroundReference(np.eye(3), 48.0, 11.0, 3.0, 10.0)
+    tally.note(SEEN.attach(Pose(48.0, 11.0, 600.0), located))
     assert "none was confirmed" in tally.shortfall(needs_positions=True)
     tally.note(SEEN, has_position=True)
     assert tally.shortfall(needs_positions=True) == ""

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit import Caps, Element, Property, PropertyError, Source
-from streamkit.errors import DescriptionError
+from streamkit import Caps, Element, Pipeline, Property, PropertyError, Source
+from streamkit.errors import DescriptionError, ElementFailure
 from streamkit.graph.build import build
 
 Register = Callable[..., None]
@@ -307,3 +307,22 @@ def test_large_graphs_are_built_quickly(text: str) -> None:
     begun = time.process_time()
     assert build(text, {}).elements
     assert time.process_time() - begun < 15.0
+
+
+def test_a_misspelt_field_of_a_filter_is_noted() -> None:
+    """It would restrict nothing; fields that are like none of raw video's are the user's own."""
+    graph = build("fakesrc ! video/x-raw, widht=320, scene=3 ! fakesink", {})
+    assert graph.warnings == [("unknown-field", 'video/x-raw has no field widht; did you mean "width"?')]
+
+
+def test_a_misspelt_attribute_is_refused_before_the_start() -> None:
+    """Python takes any attribute; other ones than misspelt properties stay the program's own."""
+    with Pipeline.parse("fakesrc name=s num-buffers=1 ! fakesink") as pipeline:
+        pipeline["s"].note = "mine"
+        pipeline["s"].num_bufers = 2
+        with pytest.raises(
+            ElementFailure, match=r"^s \(fakesrc\): no property 'num_bufers'; did you mean \"num_buffers\"\?"
+        ):
+            pipeline.play()
+        del pipeline["s"].num_bufers
+        pipeline.run(timeout_s=20)

@@ -104,6 +104,28 @@ def test_a_stream_that_feeds_nothing_is_an_error() -> None:
         pipeline.run(timeout_s=20)
 
 
+def test_a_forgotten_decoder_is_one_error(register: Callable[..., None]) -> None:
+    """It says what to put where; no warning and no second error repeats it."""
+
+    class Coded(Source):
+        templates = (PadTemplate("src", Direction.SRC, Caps("video/x-h264"), Presence.SOMETIMES),)
+
+        def frames(self) -> Iterator[Frame]:
+            self.add_pad("src").caps = Caps("video/x-h264")
+            self.no_more_pads()
+            yield Frame(b"", Caps("video/x-h264"))
+
+    register(coded=Coded)
+    with Pipeline.parse("coded ! video/x-raw ! fakesink") as pipeline:
+        faults: list[str] = []
+        kinds = (MessageKind.ERROR, MessageKind.WARNING)
+        pipeline.bus.watch(lambda message: faults.append(message.text) if message.kind in kinds else None)
+        with pytest.raises(ElementFailure):
+            pipeline.run(timeout_s=20)
+    wanted = "coded0: gives coded packets (video/x-h264), which fakesink0 does not take: "
+    assert faults == [wanted + "put decode between, coded0 ! decode ! fakesink0"]
+
+
 @pytest.mark.usefixtures("demuxer")
 def test_the_warning_names_the_pads_there_are() -> None:
     """Once, with its element beside it: what was mistyped or left out shows by what is there."""

@@ -4,8 +4,11 @@ import re
 
 import pytest
 
-from streamkit.errors import DescriptionError
+from streamkit import Caps, Direction, PadTemplate, Presence, Sink
+from streamkit.element.registry import make_element
+from streamkit.errors import DescriptionError, Place
 from streamkit.graph.build import build
+from streamkit.graph.link import LinkRequest, choose_pads
 
 
 def links(text: str) -> list[str]:
@@ -65,3 +68,24 @@ def test_the_error_is_at_the_link() -> None:
     with pytest.raises(DescriptionError) as caught:
         build(text, {})
     assert caught.value.pointed(text).split("\n")[1:] == ["    a. ! fakesink", "       ^"]
+
+
+class OneInput(Sink):
+    """A sink whose only request pad can be requested once."""
+
+    sink = "ANY"
+    templates = (PadTemplate("extra", Direction.SINK, Caps("ANY"), Presence.REQUEST),)
+
+    def render(self, frame: object) -> None:
+        """Takes every frame."""
+
+
+def test_a_refused_link_leaves_no_pad() -> None:
+    """A src pad that was requested for the link is released when the sink pad cannot be had."""
+    tee, full, place = make_element("tee", "t"), OneInput("full"), Place()
+    for _ in range(2):
+        src, sink = choose_pads(LinkRequest(tee, "", full, "", place))
+        src.link(sink)
+    with pytest.raises(DescriptionError, match="full: a pad 'extra' is there already"):
+        choose_pads(LinkRequest(tee, "", full, "", place))
+    assert [pad.name for pad in tee.src_pads()] == ["src_0", "src_1"]

@@ -121,6 +121,19 @@ def test_a_hanging_stop_is_abandoned(monkeypatch: pytest.MonkeyPatch) -> None:
     assert pipeline.state is State.NULL
 
 
+def test_a_long_start_is_no_hang() -> None:
+    """The first one on a machine may compile; the warning says how to have that done before."""
+    pipeline = Pipeline.parse("fakesrc num-buffers=1 ! stuck name=s where=start ! fakesink", watchdog_s=0.2)
+    playing = threading.Thread(target=pipeline.play)
+    playing.start()
+    warning = next_warning(pipeline)
+    Stuck.release.set()
+    playing.join(20)
+    assert warning.text.startswith("`start` takes more than 0.2 s; ")
+    assert "streamkit prepare" in warning.text
+    pipeline.run(timeout_s=20)
+
+
 def test_a_start_can_be_cancelled() -> None:
     """From another thread, as by a signal; what had started has been stopped."""
     pipeline = Pipeline.parse("fakesrc ! stuck name=s where=start ! fakesink name=k")

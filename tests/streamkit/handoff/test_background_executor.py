@@ -16,7 +16,7 @@ def failures():
 @pytest.fixture
 def worker(failures):
     """A worker with room for ten bytes."""
-    worker = BackgroundExecutor("test mosaic", 10, failures.append)
+    worker = BackgroundExecutor("test mosaic", failures.append, max_bytes=10)
     yield worker
     assert worker.close(10.0)
 
@@ -25,8 +25,8 @@ def test_work_is_done_in_order(worker):
     """Each piece after the one before it; the future has what the work gave."""
     done = []
     for number in range(50):
-        worker.do(lambda number=number: done.append(number))
-    assert worker.ask(lambda: len(done)).result(10) == 50
+        worker.submit_waiting(lambda number=number: done.append(number))
+    assert worker.submit(lambda: len(done)).result(10) == 50
     assert done == list(range(50))
 
 
@@ -36,7 +36,7 @@ def test_do_waits_for_room(worker):
 
     def hand_over():
         for number in range(3):
-            worker.do(lambda number=number: (gate.wait(30), done.append(number)), 8)
+            worker.submit_waiting(lambda number=number: (gate.wait(30), done.append(number)), 8)
         handed.set()
 
     thread = threading.Thread(target=hand_over)
@@ -45,7 +45,7 @@ def test_do_waits_for_room(worker):
     gate.set()
     assert handed.wait(10)
     thread.join()
-    worker.ask(lambda: None).result(10)
+    worker.submit(lambda: None).result(10)
     assert done == [0, 1, 2]
 
 
@@ -54,9 +54,9 @@ def test_a_cancelled_wait_for_room_loses_no_work(worker):
     gate, cancelled, done = threading.Event(), threading.Event(), []
     cancelled.set()
     for number in range(3):
-        worker.do(lambda number=number: (gate.wait(30), done.append(number)), 8, cancelled)
+        worker.submit_waiting(lambda number=number: (gate.wait(30), done.append(number)), 8, cancelled)
     gate.set()
-    worker.ask(lambda: None).result(10)
+    worker.submit(lambda: None).result(10)
     assert done == [0, 1, 2]
 
 
@@ -66,20 +66,20 @@ def test_failures_are_set_on_the_future(worker, failures):
     def fail():
         raise OSError("disk full")
 
-    worker.do(fail)
+    worker.submit_waiting(fail)
     with pytest.raises(OSError, match="disk full"):
-        worker.ask(fail).result(10)
+        worker.submit(fail).result(10)
     assert [str(error) for error in failures] == ["disk full"]
 
 
 def test_a_wait_continues_while_there_is_progress(worker):
     """Patience counts from the last progress."""
     gate = threading.Event()
-    stuck = worker.ask(lambda: gate.wait(30))
+    stuck = worker.submit(lambda: gate.wait(30))
     assert not worker.wait(stuck, 0.05)
     gate.set()
     assert worker.wait(stuck, 10.0)
-    asked = worker.ask(lambda: 1)
+    asked = worker.submit(lambda: 1)
     assert worker.wait(asked, 10.0)
     assert asked.result() == 1
 
@@ -88,14 +88,14 @@ def test_a_wait_ends_when_cancelled(worker):
     """A pipeline that stops does not wait in its streaming thread."""
     gate, cancelled = threading.Event(), threading.Event()
     cancelled.set()
-    asked = worker.ask(lambda: gate.wait(30))
+    asked = worker.submit(lambda: gate.wait(30))
     assert not worker.wait(asked, 30.0, cancelled)
     gate.set()
 
 
 def test_closing_abandons_unfinished_work(failures):
     """Work that reports progress ends; waiting work never begins."""
-    worker = BackgroundExecutor("test mosaic", 10, failures.append)
+    worker = BackgroundExecutor("test mosaic", failures.append, max_bytes=10)
     begun, done = threading.Event(), []
 
     def breathing():
@@ -103,12 +103,12 @@ def test_closing_abandons_unfinished_work(failures):
         while True:
             worker.report_progress()
 
-    running, waiting = worker.ask(breathing), worker.ask(lambda: done.append(1))
+    running, waiting = worker.submit(breathing), worker.submit(lambda: done.append(1))
     assert begun.wait(10)
     assert worker.close(10.0)
     assert running.cancelled()
     assert waiting.cancelled()
-    assert worker.ask(lambda: 1).cancelled()
+    assert worker.submit(lambda: 1).cancelled()
     assert (done, failures) == ([], [])
 
 
@@ -142,11 +142,11 @@ def sender(failures, link):
     made = []
 
     def make(capacity):
-        executor = BackgroundExecutor("test sender", 0, failures.append, capacity=capacity)
+        executor = BackgroundExecutor("test sender", failures.append, capacity=capacity)
         made.append(executor)
 
         def offer(payload, wait_s=0.0, cancelled=None):
-            return executor.offer(lambda: link.send(payload), wait_s, cancelled)
+            return executor.submit_dropping(lambda: link.send(payload), wait_s, cancelled)
 
         return executor, offer
 
@@ -238,11 +238,11 @@ def test_periodic_work_is_done_between_pieces(failures):
         ticked.release()
         raise OSError("no status")
 
-    executor = BackgroundExecutor("test ticks", 0, failures.append, periodic=tick, period_s=0.01)
+    executor = BackgroundExecutor("test ticks", failures.append, periodic=tick, period_s=0.01)
     assert all(ticked.acquire(timeout=10) for _ in range(3))
     offered = 0
     while not ticked.acquire(timeout=0) or offered < 100:
-        executor.offer(lambda number=offered: done.append(number))
+        executor.submit_dropping(lambda number=offered: done.append(number))
         offered += 1
     assert executor.wait_idle(10.0) == 0
     assert done == list(range(offered))

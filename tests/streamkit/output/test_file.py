@@ -5,10 +5,14 @@ import json
 import os
 import resource
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from streamkit.output.file import OutputFile, check_writable
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
 
 
 def test_an_older_file_stays_until_there_is_something(tmp_path: Path) -> None:
@@ -53,6 +57,7 @@ def test_a_file_with_a_tail_is_whole_after_each_write(
     """What others read is always JSON, also where the tail becomes shorter."""
     monkeypatch.setattr("streamkit.output.file.FLUSH_S", 0.0)
     path = tmp_path / "a.json"
+
     file = OutputFile(path)
     file.append(b"[0", lambda: b",-1,-2]")
     assert json.loads(path.read_bytes()) == [0, -1, -2]
@@ -61,6 +66,28 @@ def test_a_file_with_a_tail_is_whole_after_each_write(
         assert json.loads(path.read_bytes()) == [*range(number + 1)]
     file.finish()
     assert json.loads(path.read_bytes()) == [0, 1, 2, 3]
+
+
+def test_no_call_leaves_a_file_without_its_tail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that a process may be killed between any two of them."""
+    monkeypatch.setattr("streamkit.output.file.FLUSH_S", 0.0)
+    path = tmp_path / "a.json"
+    seen = []
+
+    class CheckedFile(OutputFile):
+        """Reads the file after each call to the system."""
+
+        def write(self, data: "ReadableBuffer", /) -> int:
+            size = super().write(data)
+            seen.append(json.loads(path.read_bytes()) if path.exists() else None)
+            return size
+
+    file = CheckedFile(path, is_whole=True)
+    assert not path.exists()
+    for number in range(4):
+        file.append(b"[0" if not number else f",{number}".encode(), lambda: b"]")
+    file.finish()
+    assert seen == [None, [0, 1], [0, 1, 2], [0, 1, 2, 3], [0, 1, 2, 3]]
 
 
 def test_a_tail_is_written_once_a_second(tmp_path: Path) -> None:

@@ -1,0 +1,152 @@
+"""Channel: messages and file descriptors over a Unix socket, in order."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import struct
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+
+LENGTH = struct.Struct("<I")
+LONGEST_MESSAGE = 1 << 28  # bytes; a longer one is not read, so that the other side cannot exhaust memory
+READ_BYTES = 1 << 16
+MOST_DESCRIPTORS = 64
+POLL_S = 0.2  # interval at which waits check whether they are cancelled
+
+
+class ChannelClosed(Exception):
+    """The other side has closed the channel, or its process has ended."""
+
+
+class Channel:
+    """One end of a connected pair; one thread reads, any thread writes.
+
+    Args:
+        end: a connected Unix stream socket, which the channel then owns.
+
+    Attributes:
+        is_closed: whether the end of the other side was noticed.
+    """
+
+    def __init__(self, end: socket.socket) -> None:
+        end.setblocking(False)
+        self.is_closed = False
+        self._socket = end
+        self._lock = threading.Lock()
+        self._received = bytearray()
+        self._descriptors: deque[int] = deque()
+        self._readable, self._writable = select.poll(), select.poll()
+        self._readable.register(end, select.POLLIN)
+        self._writable.register(end, select.POLLOUT)
+
+    @staticmethod
+    def pair() -> tuple[socket.socket, socket.socket]:
+        """Two connected sockets, one for each process."""
+        return socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
+
+    def send(
+        self,
+        message: bytes,
+        descriptors: Sequence[int] = (),
+        is_cancelled: Callable[[], bool] = lambda: False,
+    ) -> bool:
+        """Sends a message; waits while the socket is full. False if it was cancelled before its first byte.
+
+        A cancelled message that has begun closes the channel, because what follows could not be read.
+
+        Args:
+            message: not longer than 256 MiB.
+            descriptors: at most 64; the receiver gets copies.
+            is_cancelled: checked every 0.2 s.
+
+        Raises:
+            ChannelClosed: the other side has ended.
+        """
+        if len(message) > LONGEST_MESSAGE:
+            raise ValueError(f"a message has at most {LONGEST_MESSAGE} bytes, got {len(message)}")
+        data = memoryview(LENGTH.pack(len(message)) + message)
+        has_begun = False
+        with self._lock:
+            while data:
+                try:
+                    sent = socket.send_fds(self._socket, [data], [] if has_begun else descriptors)
+                except BlockingIOError:
+                    if is_cancelled():
+                        if has_begun:
+                            self.shut_down()
+                        return False
+                    self._writable.poll(POLL_S * 1000)
+                except OSError:
+                    raise self._closed() from None
+                else:
+                    has_begun = True
+                    data = data[sent:]
+        return True
+
+    def receive(self, wait_s: float) -> list[bytes]:
+        """The complete messages that have arrived, after at most `wait_s`.
+
+        Raises:
+            ChannelClosed: the other side has ended, and every message before that was returned.
+        """
+        messages = self._take()
+        if messages:
+            return messages
+        if not self._readable.poll(wait_s * 1000):
+            return []
+        try:
+            data, descriptors, _, _ = socket.recv_fds(self._socket, READ_BYTES, MOST_DESCRIPTORS)
+        except BlockingIOError:
+            return []
+        except OSError:
+            raise self._closed() from None
+        self._descriptors.extend(descriptors)
+        if not data:
+            raise self._closed()
+        self._received += data
+        return self._take()
+
+    def take_descriptor(self) -> int:
+        """The oldest descriptor received and not taken yet; the caller closes it.
+
+        Raises:
+            ValueError: there is none.
+        """
+        if not self._descriptors:
+            raise ValueError("a message announces a descriptor that has not come")
+        return self._descriptors.popleft()
+
+    def shut_down(self) -> None:
+        """Makes both sides see the end; safe in any thread."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Closes the socket and the descriptors that were not taken; only once no thread uses the channel."""
+        self._socket.close()
+        while self._descriptors:
+            os.close(self._descriptors.popleft())
+
+    def _closed(self) -> ChannelClosed:
+        self.is_closed = True
+        return ChannelClosed()
+
+    def _take(self) -> list[bytes]:
+        received, at = self._received, 0
+        messages = []
+        while at + LENGTH.size <= len(received):
+            (length,) = LENGTH.unpack_from(received, at)
+            if length > LONGEST_MESSAGE:
+                raise self._closed()
+            end = at + LENGTH.size + length
+            if end > len(received):
+                break
+            messages.append(bytes(received[at + LENGTH.size : end]))
+            at = end
+        if at:
+            del received[:at]
+        return messages

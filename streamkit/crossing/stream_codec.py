@@ -1,0 +1,186 @@
+"""Frames and events of one link as messages: pixels go through shared memory, the rest is in the message."""
+
+from __future__ import annotations
+
+import enum
+import os
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import msgspec
+
+from streamkit.crossing.channel import Channel
+from streamkit.crossing.slots import ArrayPlace, NewSlot, SlotReader, SlotWriter
+from streamkit.crossing.values import CannotCross, ValueDecoder, ValueEncoder, type_path
+from streamkit.flow.caps import Caps
+from streamkit.flow.events import (
+    CapsEvent,
+    DiscontinuityEvent,
+    EosEvent,
+    Event,
+    FlushStart,
+    FlushStop,
+    GapEvent,
+    Segment,
+    SegmentEvent,
+)
+from streamkit.flow.frame import NO_METADATA, Capture, Frame
+
+EVENTS: dict[str, type[Event]] = {
+    kind.__name__: kind
+    for kind in (CapsEvent, SegmentEvent, GapEvent, DiscontinuityEvent, EosEvent, FlushStart, FlushStop)
+}
+
+
+class Kind(enum.IntEnum):
+    """Kinds of messages of a link; the last one goes from the reader to the writer."""
+
+    FRAME = 0
+    EVENT = 1
+    SLOT = 2  # a new slot, with its descriptor
+    DONE = 3  # a frame was taken by the elements downstream; see `StreamDecoder.done`
+
+
+class StreamEncoder:
+    """The writer's side of a link; a new one for each reader, which knows nothing yet."""
+
+    def __init__(self) -> None:
+        self.slots = SlotWriter()
+        self._values = ValueEncoder()
+        self._encoder = msgspec.msgpack.Encoder()
+        self._caps: Caps | None = None
+        self._last: dict[type, object] = {}  # metadata of the last frame
+
+    def send_frame(self, frame: Frame, channel: Channel, is_cancelled: Callable[[], bool]) -> bool:
+        """Sends a frame, after the slot that it needs; False if that was cancelled.
+
+        Raises:
+            CannotCross: the data or metadata has no form for it.
+            ChannelClosed: the reader has ended.
+        """
+        data, made = self._data(frame.data)
+        if made is not None:
+            try:
+                message = self._encoder.encode((Kind.SLOT, made.number, made.size))
+                if not channel.send(message, (made.descriptor,), is_cancelled):
+                    return False
+            finally:
+                os.close(made.descriptor)
+        metadata, self._last = self._metadata(frame), dict(frame.metadata)
+        return channel.send(self._frame(frame, data, metadata), (), is_cancelled)
+
+    def event(self, event: Event) -> bytes:
+        """The message of an event."""
+        value = event.segment if isinstance(event, SegmentEvent) else event
+        names = () if isinstance(event, CapsEvent) else value.__dataclass_fields__
+        fields = [str(event.caps)] if isinstance(event, CapsEvent) else [getattr(value, n) for n in names]
+        if isinstance(event, CapsEvent):
+            self._caps = event.caps
+        return self._encoder.encode((Kind.EVENT, type(event).__name__, fields))
+
+    def _frame(self, frame: Frame, data: Any, metadata: Any) -> bytes:
+        caps = None
+        if frame.caps is not self._caps:
+            self._caps, caps = frame.caps, str(frame.caps)
+        capture = frame.capture and (frame.capture.utc_ns, frame.capture.origin)
+        return self._encoder.encode(
+            (
+                Kind.FRAME, frame.pts, frame.duration, frame.epoch, frame.seq, frame.arrival_ns, capture,
+                int(frame.flags), caps, data, metadata,
+            )
+        )  # fmt: skip
+
+    def _data(self, data: Any) -> tuple[Any, NewSlot | None]:
+        """The place of an array, or the encoded value of other data."""
+        if hasattr(data, "__array_interface__") and data.ndim:
+            place, made = self.slots.write(data)
+            return [True, *place], made
+        try:
+            return [False, self._values.encode(data)], None
+        except CannotCross:
+            try:
+                return [False, bytes(memoryview(data))], None  # such as a packet of a codec library
+            except TypeError:
+                pass
+            raise
+
+    def _metadata(self, frame: Frame) -> list[Any]:
+        """For each item its type, and its value unless it is the very item of the last frame."""
+        last, encode = self._last, self._values.encode
+        return [
+            (type_path(kind),) if item is last.get(kind) else (type_path(kind), encode(item))
+            for kind, item in frame.metadata.items()
+        ]
+
+
+class StreamDecoder:
+    """The reader's side of a link.
+
+    Args:
+        packages: see `ValueDecoder`.
+    """
+
+    def __init__(self, packages: Iterable[str]) -> None:
+        self.slots = SlotReader()
+        self._values = ValueDecoder(packages)
+        self._decoder = msgspec.msgpack.Decoder()
+        self._encoder = msgspec.msgpack.Encoder()
+        self._caps: Caps | None = None
+        self._last: dict[str, tuple[type, object]] = {}
+
+    def decode(self, message: bytes, channel: Channel) -> Frame | Event | None:
+        """The frame or event of a message; None for one that only announces shared memory.
+
+        Raises:
+            ValueError: the message is none of these.
+        """
+        try:
+            kind, *fields = self._decoder.decode(message)
+            if kind == Kind.FRAME:
+                return self._frame(*fields)
+            if kind == Kind.SLOT:
+                number, size = fields
+                self.slots.add(int(number), int(size), channel.take_descriptor())
+                return None
+            return self._event(*fields)
+        except (TypeError, KeyError, msgspec.DecodeError) as error:
+            raise ValueError(f"the other process has sent something unreadable: {error}") from error
+
+    def done(self, *, is_over: bool) -> bytes:
+        """The message that a frame was taken: with the slots now free, and whether no more is wanted."""
+        released, slots = [], self.slots.released
+        while slots:
+            released.append(slots.popleft())
+        return self._encoder.encode((Kind.DONE, released, is_over))
+
+    def _event(self, name: str, fields: list[Any]) -> Event:
+        kind = EVENTS[name]
+        if kind is CapsEvent:
+            self._caps = Caps(fields[0])
+            return CapsEvent(self._caps)
+        return SegmentEvent(Segment(*fields)) if kind is SegmentEvent else kind(*fields)
+
+    def _frame(
+        self, pts: Any, duration: Any, epoch: int, seq: int, arrival_ns: int, capture: Any, flags: int,
+        caps: str | None, data: list[Any], metadata: list[list[Any]],
+    ) -> Frame:  # fmt: skip
+        if caps is not None:
+            self._caps = Caps(caps)
+        decode = self._values.decode
+        found: dict[type, object] = {}
+        last, self._last = self._last, {}
+        for path, *encoded in metadata:
+            pair = (self._values.find_type(path), decode(encoded[0])) if encoded else last[path]
+            self._last[path] = pair
+            found[pair[0]] = pair[1]
+        if data[0]:
+            slot, dtype, shape, strides = data[1:]
+            content: Any = self.slots.read(ArrayPlace(slot, dtype, tuple(shape), tuple(strides)))
+        else:
+            content = decode(data[1])
+        if self._caps is None:
+            raise ValueError("the other process has sent a frame before its caps")
+        return Frame(
+            content, self._caps, decode(pts), decode(duration), epoch, seq, arrival_ns,
+            Capture(*capture) if capture else None, flags, found or NO_METADATA,
+        )  # fmt: skip

@@ -1,0 +1,32 @@
+"""Host: the running graph, as its elements see it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from streamkit.element.base import Element
+    from streamkit.element.pad import Pad
+
+
+class Host(Protocol):
+    """The running graph, as elements see it."""
+
+    def elements(self) -> Sequence[Element]:
+        """All elements of the graph, in textual order."""
+
+    def pad_added(self, pad: Pad) -> None:
+        """Tries the delayed links of a pad that was added while the graph streams."""
+
+    def no_more_pads(self, element: Element) -> None:
+        """Reports delayed links of an element that adds no more pads."""
+
+    def reconfigure(self, element: Element) -> None:
+        """Renegotiates upstream of an element whose accepted caps have changed."""
+
+    def sink_ended(self, element: Element) -> None:
+        """A sink has drained after EOS."""
+
+    def prerolled(self, element: Element) -> None:
+        """A sink of the paused graph holds its first frame."""

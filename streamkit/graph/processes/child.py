@@ -1,0 +1,224 @@
+"""The child process: builds the whole graph, runs the part in its bin, and follows the parent's orders."""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import functools
+import os
+import resource
+import signal
+import socket
+import sys
+import threading
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from streamkit.crossing.channel import Channel, ChannelClosed
+from streamkit.crossing.values import ValueDecoder, ValueEncoder, packages_of
+from streamkit.errors import StateError
+from streamkit.flow.messages import Message, MessageKind
+from streamkit.graph.build import build
+from streamkit.graph.graph import Graph
+from streamkit.graph.pipeline import Pipeline
+from streamkit.graph.processes.orders import (
+    ENCODER,
+    ORDERS,
+    QUERIES,
+    Answer,
+    Dropped,
+    Order,
+    Setup,
+    encode_failure,
+    encode_message,
+)
+from streamkit.graph.processes.process_link import ProcessLink
+from streamkit.graph.processes.sandbox import enter_sandbox
+from streamkit.graph.processes.work_marks import WorkMarks
+from streamkit.handoff.bounded_queue import BoundedQueue
+
+POLL_S = 0.5
+ORDER_LIMIT = 1000
+PR_SET_PDEATHSIG = 1
+# These wait for elements: they run one after another in a thread of their own, the others at once.
+IN_ORDER = frozenset({"ready", "play", "pause", "stop"})
+
+
+class Child:
+    """The graph of a description with one process to run, and the control channel.
+
+    Args:
+        setup: the parent's first message.
+        control: the channel.
+    """
+
+    def __init__(self, setup: Setup, control: Channel) -> None:
+        self._control = control
+        self._waiting: BoundedQueue[Order] = BoundedQueue(ORDER_LIMIT)
+        graph = build(setup.text, setup.variables)
+        self._values = ValueDecoder(packages_of(type(element) for element in graph.elements))
+        graph.run_only(graph.processes[setup.number])
+        self._pipeline = Pipeline(graph, watchdog_s=setup.watchdog_s)
+        for element, properties in zip(graph.elements, setup.properties, strict=True):
+            for name, value in properties.items():
+                decoded = self._values.decode(value)
+                if getattr(element, name) != decoded:
+                    setattr(element, name, decoded)
+        descriptor = control.take_descriptor()
+        marks = WorkMarks(len(graph.elements), descriptor)
+        os.close(descriptor)
+        for number, element in enumerate(graph.elements):
+            element.at_work = marks.at_work[number : number + 1]
+            if isinstance(element, ProcessLink):
+                element.last_frame = marks.last_frame
+                vars(element)["count_drop"] = functools.partial(self._report_drop, number)
+        self._pipeline.bus.watch(self._post)
+        self._limit(graph)
+        self._thread = threading.Thread(target=self._follow, name="streamkit:orders", daemon=True)
+        self._thread.start()
+
+    def _limit(self, graph: Graph) -> None:
+        """Limits what this process may do: once everything is imported, before other threads start."""
+        home = graph.here
+        assert home is not None
+        if home.memory_mb:
+            most = home.memory_mb * 2**20
+            resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+        if home.sandbox:
+            missing = enter_sandbox(files_of(graph))
+            if missing:
+                text = f"sandbox: {missing}"
+                self._pipeline.bus.post(Message(MessageKind.WARNING, home.name, text))
+
+    def listen(self, messages: list[bytes]) -> None:
+        """Takes orders until the channel closes, first those that have been received already."""
+        while True:
+            for message in messages:
+                order = ORDERS.decode(message)
+                assert isinstance(order, Order)
+                if order.name == "stop":
+                    self._pipeline.cancel()
+                if order.name in IN_ORDER:
+                    self._waiting.put(order)
+                else:
+                    self._execute(order)
+            messages = self._control.receive(POLL_S)
+
+    def _follow(self) -> None:
+        while True:
+            order = self._waiting.get(POLL_S)
+            if order is None:
+                continue
+            self._execute(order)
+            if order.name == "stop":
+                sys.stdout.flush()
+                sys.stderr.flush()
+                os._exit(0)  # whatever threads libraries have left
+
+    def _execute(self, order: Order) -> None:
+        answer = Answer(order.number)
+        try:
+            answer.value = getattr(self, f"_{order.name}")(*order.arguments)
+        except Exception as error:
+            answer.failure = encode_failure(error)
+        self._send(ENCODER.encode(answer))
+
+    def _send(self, message: bytes) -> None:
+        try:
+            self._control.send(message)
+        except ChannelClosed:
+            os._exit(1)  # the parent has died
+
+    def _post(self, message: Message) -> None:
+        if message.kind is not MessageKind.STATE:
+            self._send(ENCODER.encode(encode_message(message)))
+
+    def _report_drop(self, number: int, reason: str, count: int = 1) -> None:
+        self._send(ENCODER.encode(Dropped(number, reason, count)))
+
+    # Orders.
+
+    def _ready(self) -> None:
+        self._pipeline.ready()
+
+    def _play(self, base_ns: int | None, latency_ns: int) -> None:
+        timing = self._pipeline.timing
+        timing.follow(base_ns, latency_ns)
+        self._pipeline.play()
+        timing.follow(base_ns, latency_ns)
+
+    def _pause(self) -> None:
+        self._pipeline.pause()
+
+    def _stop(self) -> None:
+        self._pipeline.stop()
+
+    def _finish(self) -> None:
+        self._pipeline.finish()
+
+    def _ping(self) -> None:
+        """The answer says that the interpreter runs."""
+
+    def _connect(self, number: int) -> None:
+        link = list(self._pipeline.graph.process_links)[number]
+        link.connect(socket.socket(fileno=self._control.take_descriptor()))
+
+    def _set(self, number: int, name: str, value: Any) -> None:
+        self._pipeline.graph.elements[number].set_property(name, self._values.decode(value))
+
+    def _statistics(self) -> Any:
+        return msgspec.to_builtins(self._pipeline.statistics())
+
+    def _query(self, number: int, method: str) -> Any:
+        if method not in QUERIES:
+            raise StateError(f"there is no query {method}")
+        return ValueEncoder().encode(getattr(self._pipeline.graph.elements[number], method)())
+
+
+def files_of(graph: Graph) -> Iterator[str]:
+    """The files that properties of local elements name, and the folders of those that stand for several."""
+    for element in graph.local():
+        for declaration in element.properties.values():
+            value = getattr(element, declaration.attribute) if declaration.file == "read" else None
+            if value:
+                yield value.removeprefix("file://")
+                if "%" in value or "*" in value:
+                    yield str(Path(value).parent)
+
+
+def end_with_parent(parent: int) -> None:
+    """Makes the kernel end this process when the parent dies, however that happens.
+
+    Raises:
+        StateError: it has died already.
+    """
+    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        raise StateError("the parent has ended")
+
+
+def main() -> None:
+    """Runs a part of a pipeline; the arguments are the descriptor of the control channel and the parent."""
+    end_with_parent(int(sys.argv[2]))
+    faulthandler.enable()
+    control = Channel(socket.socket(fileno=int(sys.argv[1])))
+    try:
+        while not (messages := control.receive(POLL_S)):
+            continue
+        setup = ORDERS.decode(messages[0])
+        assert isinstance(setup, Setup)
+        Child(setup, control).listen(messages[1:])
+    except ChannelClosed:
+        os._exit(1)
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)
+
+
+if __name__ == "__main__":
+    main()

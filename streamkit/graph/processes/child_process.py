@@ -1,0 +1,216 @@
+"""ChildProcess: one child, its control channel, and what is known of its end."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+
+from streamkit.crossing.channel import Channel, ChannelClosed
+from streamkit.errors import ProcessDied
+from streamkit.graph.processes.orders import ENCODER, REPORTS, Answer, Order, Report, Setup, decode_failure
+
+CHILD = "streamkit.graph.processes.child"
+POLL_S = 0.2
+PING_POLLS = 4  # a silent child is asked for an answer once in so many polls
+END_LIMIT_S = 5.0  # from the end of the control channel to that of the process
+ANSWER_LIMIT_S = 30.0  # a loaded machine may need long
+# A process has these of its own; together they would be more threads than cores.
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class ChildProcess(threading.Thread):
+    """Starts a child, reads what it reports, and outlives it.
+
+    The thread that starts a child has to live as long, because the kernel ends the child with it.
+
+    Attributes:
+        home: name of the bin.
+        silence_limit_s: after which the process is killed, if it does not answer; 0 is never.
+        reason: why the process has ended, in words; "" while it runs.
+
+    Args:
+        home: name of the bin.
+        setup: its first message.
+        marks: descriptor of memory that goes with it; closed here.
+        reported: called, in this thread, with reports other than answers.
+        ended: called last, in this thread.
+    """
+
+    def __init__(
+        self,
+        home: str,
+        setup: Setup,
+        marks: int,
+        reported: Callable[[ChildProcess, Report], None],
+        ended: Callable[[ChildProcess], None],
+    ) -> None:
+        super().__init__(name=f"streamkit:process:{home}")
+        self.home = home
+        self.reason = ""
+        self._setup, self._marks = setup, marks
+        self._reported = reported
+        self._ended = ended
+        self._numbers = itertools.count(1)
+        self._answers: dict[int, Answer] = {}
+        self._changed = threading.Condition()
+        self._is_over = False
+        self._is_set_up = threading.Event()
+        self._process: subprocess.Popen[bytes] | None = None
+        ours, self._theirs = Channel.pair()
+        self._control = Channel(ours)
+        self.silence_limit_s = 0.0
+        self._silent_polls = 0
+
+    # Called from other threads.
+
+    def order(self, name: str, *arguments: Any, descriptors: tuple[int, ...] = ()) -> int:
+        """Sends an order without waiting; returns its number.
+
+        Raises:
+            ProcessDied: the process has ended.
+        """
+        self._is_set_up.wait()
+        number = next(self._numbers)
+        message = ENCODER.encode(Order(number, name, list(arguments)))
+        try:
+            self._control.send(message, descriptors, lambda: self._is_over)
+        except ChannelClosed:
+            raise self.death() from None
+        return number
+
+    def answer(
+        self,
+        number: int,
+        limit_s: float | None = ANSWER_LIMIT_S,
+        is_cancelled: Callable[[], bool] = lambda: False,
+    ) -> Any:
+        """Waits for the answer to an order; None if that is cancelled.
+
+        Raises:
+            ProcessDied: the process has ended, or does not answer in time.
+            Exception: the order failed.
+        """
+        deadline = None if limit_s is None else time.monotonic() + limit_s
+        with self._changed:
+            while number not in self._answers and not self._is_over and not is_cancelled():
+                if deadline is not None and time.monotonic() > deadline:
+                    raise ProcessDied(f"the process of {self.home} has not answered for {limit_s:g} s")
+                self._changed.wait(POLL_S)
+            found = self._answers.pop(number, None)
+        if found is None:
+            if self._is_over:
+                raise self.death()
+            return None
+        if found.failure is not None:
+            raise decode_failure(found.failure)
+        return found.value
+
+    def ask(self, name: str, *arguments: Any, limit_s: float | None = ANSWER_LIMIT_S) -> Any:
+        """Sends an order and waits for the answer; see there."""
+        return self.answer(self.order(name, *arguments), limit_s)
+
+    def kill(self, reason: str = "") -> None:
+        """Ends the process at once."""
+        self.reason = self.reason or reason
+        process = self._process
+        if process is not None and process.poll() is None:
+            process.kill()
+
+    def death(self) -> ProcessDied:
+        """The error for the end of the process."""
+        return ProcessDied(f"the process of {self.home} {self.reason or 'has ended'}")
+
+    # The thread.
+
+    def run(self) -> None:
+        """Starts the process and reads its reports until it has ended."""
+        try:
+            process = self._process = self._spawn()
+            setup = ENCODER.encode(self._setup)
+            self._control.send(setup, (self._marks,), lambda: process.poll() is not None)
+            self._is_set_up.set()
+            while True:
+                messages = self._control.receive(POLL_S)
+                for message in messages:
+                    self._handle(REPORTS.decode(message))
+                self._check_silence(bool(messages))
+        except ChannelClosed:
+            pass
+        except (msgspec.DecodeError, ValueError) as error:
+            self.kill(f"has sent something unreadable and was ended: {error}")
+        except OSError as error:
+            self.reason = f"could not be started: {error}"
+        finally:
+            os.close(self._marks)
+            self._reap()
+            self._is_set_up.set()
+            with self._changed:
+                self._is_over = True
+                self._changed.notify_all()
+            self._ended(self)
+
+    def _spawn(self) -> subprocess.Popen[bytes]:
+        descriptor = self._theirs.fileno()
+        variables = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+        for name in THREAD_VARIABLES:
+            variables.setdefault(name, "1")
+        try:
+            # A session of its own: Ctrl-C in a terminal is for the pipeline, which then ends this in order.
+            return subprocess.Popen(
+                [sys.executable, "-P", "-m", CHILD, str(descriptor), str(os.getpid())],
+                stdin=subprocess.DEVNULL,
+                pass_fds=(descriptor,),
+                env=variables,
+                start_new_session=True,
+            )
+        finally:
+            self._theirs.close()
+
+    def _check_silence(self, has_spoken: bool) -> None:
+        """Asks a silent child for an answer; kills one that gives none.
+
+        Time is counted in polls, because a suspended process does not hang.
+        """
+        self._silent_polls = 0 if has_spoken else self._silent_polls + 1
+        silence_s = self._silent_polls * POLL_S
+        if not self.silence_limit_s or has_spoken:
+            return
+        if silence_s >= self.silence_limit_s:
+            self.kill(f"has not answered for {self.silence_limit_s:g} s and was killed")
+        elif self._silent_polls % PING_POLLS == 1:
+            ping = ENCODER.encode(Order(0, "ping"))
+            self._control.send(ping, (), lambda: True)
+
+    def _handle(self, report: Report) -> None:
+        if isinstance(report, Answer) and report.number:
+            with self._changed:
+                self._answers[report.number] = report
+                self._changed.notify_all()
+        elif not isinstance(report, Answer):
+            self._reported(self, report)
+
+    def _reap(self) -> None:
+        """Waits for the end of the process, and notes what has ended it."""
+        self._control.shut_down()
+        if self._process is None:
+            return
+        try:
+            code = self._process.wait(END_LIMIT_S)
+        except subprocess.TimeoutExpired:
+            self.kill("did not end by itself and was ended")
+            code = self._process.wait(END_LIMIT_S)
+        self._control.close()
+        if code < 0:
+            name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+            self.reason = self.reason or f"was ended by signal {-code} ({name})"
+        else:
+            self.reason = self.reason or f"has ended with code {code}"

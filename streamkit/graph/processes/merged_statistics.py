@@ -1,0 +1,50 @@
+"""Counters of a graph of which parts run in other processes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from msgspec import structs
+
+from streamkit.graph.graph import Graph
+from streamkit.graph.processes.part import Part
+from streamkit.graph.processes.process_link import ProcessLink
+from streamkit.graph.statistics import ElementStatistics
+
+
+def merge_statistics(
+    graph: Graph, own: list[ElementStatistics], parts: Iterable[Part]
+) -> list[ElementStatistics]:
+    """Replaces the rows of elements by those of the processes that run them.
+
+    Args:
+        graph: the whole graph.
+        own: a row for each of its elements, from the main process.
+        parts: the other processes.
+
+    Returns:
+        The rows; messages are counted by the main process. A process link has what its writing half took in
+        and its reading half sent on.
+    """
+    reported = {part.home: part.statistics() for part in parts}
+
+    def row(index: int, mine: ElementStatistics) -> ElementStatistics:
+        element = graph.elements[index]
+        ends = graph.process_links.get(element) if isinstance(element, ProcessLink) else None
+        writer, reader = ends or (graph.homes.get(element),) * 2
+        first = mine if writer is None else _at(reported[writer], index, mine)
+        last = mine if reader is None else _at(reported[reader], index, mine)
+        if ends is None:
+            return structs.replace(first, errors=mine.errors, warnings=mine.warnings)
+        pads = [first.pads[0], last.pads[1]]
+        return structs.replace(
+            mine, frames_in=first.frames_in, frames_out=last.frames_out, busy_ns=first.busy_ns,
+            age_ns=last.age_ns, pads=pads,
+        )  # fmt: skip
+
+    return [row(index, mine) for index, mine in enumerate(own)]
+
+
+def _at(rows: list[ElementStatistics], index: int, default: ElementStatistics) -> ElementStatistics:
+    """The row of an element; a process that has not answered yet has none."""
+    return rows[index] if index < len(rows) else default

@@ -1,0 +1,97 @@
+"""Cuts a graph where a link leaves a bin with a process of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from streamkit.crossing.values import packages_of
+from streamkit.element.base import Element
+from streamkit.element.pad import Pad
+from streamkit.element.source import Source
+from streamkit.errors import DescriptionError, Place
+from streamkit.graph.bins import Bin, containers
+from streamkit.graph.graph import Graph, free_name, upstream, walk
+from streamkit.graph.processes.process_link import ProcessLink
+
+FOR_PROCESSES = ("restart", "restart-window-s", "watchdog-s", "memory-mb", "sandbox", "shm-frames")
+IN_MAIN = ("appsrc", "appsink")  # the application calls them
+
+
+def cut(graph: Graph, places: dict[Element, Place]) -> None:
+    """Assigns the elements to processes and puts a `ProcessLink` into every link between two of them.
+
+    Args:
+        graph: negotiated; `homes` and `process_links` are set, links are changed.
+        places: in the text, of elements and bins.
+
+    Raises:
+        DescriptionError: an element has to be in the process of the application.
+    """
+    _assign(graph)
+    if not graph.processes:
+        return
+    for element, home in graph.homes.items():
+        if element.factory in IN_MAIN:
+            what = f"{element.name} is called by the application and cannot run in another process"
+            raise DescriptionError(
+                "could-not-set-property", what, places.get(element), f"move it out of {home.name}"
+            )
+    for delayed in graph.delayed_links:
+        if graph.homes.get(delayed.source) is not graph.homes.get(delayed.request.sink):
+            what = f"{delayed.description} waits for a pad of the stream, and cannot lead to another process"
+            raise DescriptionError(
+                "link", what, delayed.request.place, "put both elements into one bin, with what follows them"
+            )
+    packages = packages_of(type(element) for element in graph.elements)
+    for src, sink in list(graph.links()):
+        writer, reader = graph.homes.get(src.element), graph.homes.get(sink.element)
+        if writer is not reader:
+            link = _insert(graph, src, sink)
+            link.packages = packages
+            link.capacity = min(home.shm_frames for home in (writer, reader) if home is not None)
+            link.renumbers = any(isinstance(element, Source) for element in _before(graph, src, writer))
+            graph.process_links[link] = (writer, reader)
+    graph.run_only(None)
+    for element, home in graph.homes.items():
+        if home.restart and isinstance(element, Source) and not element.is_live:
+            what = f"{element.name} would begin anew when the process of {home.name} is started again"
+            raise DescriptionError(
+                "could-not-set-property", what, places.get(element), "move it out of the bin, or omit restart"
+            )
+
+
+def _assign(graph: Graph) -> None:
+    """Finds the innermost bin with a process for each element; a converter is in that of its source."""
+    for group in graph.bins:
+        home = next((outer for outer in containers(group) if outer.process), None)
+        unused = [] if group.process else [name for name in group.set_in_text if name in FOR_PROCESSES]
+        if unused:
+            text = f"{group.name}: {', '.join(unused)} has no effect without process=true"
+            graph.warnings.append(("no-effect", text))
+        if home is not None:
+            for child in group.children:
+                if not isinstance(child, Bin):
+                    graph.homes[child] = home
+    for converter in graph.inserted:
+        source = next((pad.peer.element for pad in converter.sink_pads() if pad.peer is not None), None)
+        if source is not None and source in graph.homes:
+            graph.homes[converter] = graph.homes[source]
+
+
+def _insert(graph: Graph, src: Pad, sink: Pad) -> ProcessLink:
+    link = ProcessLink(free_name("processlink", {element.name for element in graph.elements}))
+    src.unlink()
+    src.link(link.pads["sink"])
+    link.pads["src"].link(sink)
+    graph.elements.insert(graph.elements.index(src.element) + 1, link)
+    graph.inserted.append(link)
+    return link
+
+
+def _before(graph: Graph, src: Pad, home: Bin | None) -> Iterator[Element]:
+    """The elements of a process from which frames come to a src pad of it."""
+
+    def in_process(element: Element) -> list[Element]:
+        return [other for other in upstream(element) if graph.homes.get(other) is home]
+
+    return walk([src.element], in_process)

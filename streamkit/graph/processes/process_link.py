@@ -1,0 +1,275 @@
+"""ProcessLink: a link whose two ends are in different processes; a queue with one half in each."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import socket
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+from typing_extensions import override
+
+from streamkit.crossing.channel import Channel, ChannelClosed
+from streamkit.crossing.stream_codec import Kind, StreamDecoder, StreamEncoder
+from streamkit.element.base import POLL_S, Element
+from streamkit.element.pad import Pad
+from streamkit.errors import StreamkitError
+from streamkit.flow.caps import Caps
+from streamkit.flow.events import (
+    EOS,
+    CapsEvent,
+    DiscontinuityEvent,
+    EndOfStream,
+    EosEvent,
+    Event,
+    FlowStop,
+    Flushing,
+    SegmentEvent,
+)
+from streamkit.flow.frame import Frame, FrameFlags
+
+
+class ProcessLink(Element):
+    """Takes frames and events in one process and sends them on in another.
+
+    Each process has the whole graph and this element in it; only the half that is needed works. The writing
+    half waits while `capacity` frames are sent and not taken. If the other process is started again, the
+    frames that it had are counted as lost, and those that follow belong to a new epoch.
+
+    Attributes:
+        capacity: maximum number of frames on the way.
+        writes, reads: which half works here.
+        renumbers: whether the numbers of frames start again with a new writing process, because a source in
+            it counts them; set on the reading side.
+        packages: top-level packages whose metadata may arrive.
+        before_end: called before EOS is sent on; waits until the messages from before it have arrived.
+        last_frame: the number of the newest frame received, -1 before one; a child has it in memory that
+            outlives it.
+    """
+
+    sink = src = "ANY"
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self.capacity = 8
+        self.writes = self.reads = self.renumbers = False
+        self.packages: set[str] = set()
+        self.before_end: Callable[[], None] = lambda: None
+        self.last_frame = memoryview(bytearray(8)).cast("q")
+        self._channel: Channel | None = None  # the newest, guarded by `changed`
+        self._channels: list[Channel] = []  # all that may be open
+        self.prepare_run()
+        super().__init__(name, **properties)
+
+    @override
+    def query_caps(self, pad: Pad) -> Caps:
+        return self.pads["sink" if pad.is_src else "src"].peer_caps()
+
+    def latency(self) -> tuple[int, int | None]:
+        """None of its own; it holds frames for an unlimited time."""
+        return 0, None
+
+    def prepare_run(self) -> None:
+        """Resets the state of an earlier run; the connection stays."""
+        self._encoder = StreamEncoder()
+        self._refusal: type[FlowStop] | None = None
+        self._in_flight = 0  # frames sent and not taken
+        self._has_gap = self._is_given_up = self._has_sent_eos = False
+        self._used: Channel | None = None  # the connection in use by the streaming thread
+        self._epoch_offset = self._number_offset = 0
+        self._highest_epoch, self._highest_number = 0, -1
+        self.last_frame[0] = -1
+
+    def connect(self, end: socket.socket) -> None:
+        """Uses a new connection, the first one or one to a process that was started again."""
+        with self.changed:
+            for old in self._channels:
+                old.shut_down()
+            self._channel = Channel(end)
+            self._channels.append(self._channel)
+            self.changed.notify_all()
+        if self._has_sent_eos:  # no thread is left to do it
+            self.receive_event(self.pads["sink"], EOS)
+
+    def give_up(self) -> None:
+        """The other process has died and is not started again: ends the stream on both sides."""
+        with self.changed:
+            self._is_given_up = True
+            self.changed.notify_all()
+
+    def disconnect(self) -> None:
+        """Closes the connection; only once no thread uses it."""
+        with self.changed:
+            channels, self._channels, self._channel = self._channels, [], None
+            self._has_sent_eos = False
+        for channel in channels:
+            channel.close()
+
+    def interrupt(self) -> None:
+        """Ends the waits of both halves if the pipeline stops."""
+        self.wake()
+
+    # The writing half, in the upstream thread.
+
+    @override
+    def receiver(self, pad: Pad) -> Callable[[Frame], None]:
+        return self._put
+
+    def _put(self, frame: Frame) -> None:
+        with self.waiting():
+            while True:
+                try:
+                    channel = self._writing_channel()
+                    self._wait_for_room(channel)
+                    if self._has_gap:
+                        frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
+                    if self._encoder.send_frame(frame, channel, self.stopping.is_set):
+                        self._in_flight += 1
+                        self._has_gap = False
+                        return
+                except ChannelClosed:
+                    continue  # `Processes` decides whether there is another
+
+    def receive_event(self, pad: Pad, event: Event) -> None:
+        """Sends an event in order with the frames."""
+        with self.waiting():
+            while self.writes and self._refusal is None:
+                with contextlib.suppress(ChannelClosed):
+                    channel = self._writing_channel()
+                    if channel.send(self._encoder.event(event), (), self.stopping.is_set):
+                        self._has_sent_eos = isinstance(event, EosEvent)
+                        return
+
+    def _open_channel(self) -> Channel:
+        """Waits for a connection that is open.
+
+        Raises:
+            FlowStop: there will be none.
+        """
+        with self.changed:
+            self.wait_for(lambda: self._is_given_up or not (self._channel is None or self._channel.is_closed))
+            if self._is_given_up:
+                raise EndOfStream(self.name)
+            assert self._channel is not None
+            return self._channel
+
+    def _writing_channel(self) -> Channel:
+        """The open connection; a new reader gets caps and segment first.
+
+        Raises:
+            FlowStop: there will be none, or the reader wants no more.
+            ChannelClosed: the new reader has ended, too.
+        """
+        if self._refusal is not None:
+            raise self._refusal(self.name)
+        channel = self._open_channel()
+        if channel is self._used:
+            return channel
+        if self._used is not None:
+            if self._in_flight:
+                self.count_drop("lost with the process that had them", self._in_flight)
+            self._used.close()
+            self._encoder, self._in_flight, self._has_gap = StreamEncoder(), 0, True
+            sink = self.pads["sink"]
+            for event in (CapsEvent(sink.caps), SegmentEvent(sink.segment)) if sink.caps is not None else ():
+                channel.send(self._encoder.event(event), (), self.stopping.is_set)
+        self._used = channel
+        return channel
+
+    def _wait_for_room(self, channel: Channel) -> None:
+        """Reads what the reader has taken; waits while too much is on the way."""
+        wait_s = 0.0
+        while True:
+            messages = channel.receive(wait_s)
+            for message in messages:
+                kind, released, is_over = msgspec.msgpack.decode(message)
+                if kind != Kind.DONE:
+                    raise ValueError("the reading process has sent something unreadable")
+                self._in_flight -= 1
+                for number in released:
+                    self._encoder.slots.release(number)
+                if is_over:
+                    self._refusal = EndOfStream
+                    raise EndOfStream(self.name)
+            if self.stopping.is_set() or self.is_flushing:
+                raise Flushing(self.name)
+            if self._in_flight < self.capacity and not messages:
+                return
+            wait_s = 0.0 if self._in_flight < self.capacity else POLL_S
+
+    # The reading half, in its own thread.
+
+    def stream(self) -> None:
+        """Body of the reading thread: sends frames and events on, in order, until EOS."""
+        if not self.reads:
+            return
+        while True:
+            try:
+                channel = self._open_channel()
+                if self._used is not None:
+                    self._used.close()
+                    self._begin_epoch()
+                self._used = channel
+                self._forward(channel)
+            except ChannelClosed:
+                continue  # `Processes` decides whether there is another
+            except EndOfStream:
+                self.pads["src"].send_event(EOS)
+            return
+
+    def _begin_epoch(self) -> None:
+        self._epoch_offset = self._highest_epoch + 1
+        self._number_offset = self._highest_number + 1 if self.renumbers else 0
+        self._has_gap = True
+        event = DiscontinuityEvent(self._epoch_offset, "the process upstream was started again")
+        self.pads["src"].send_event(event)
+
+    def _forward(self, channel: Channel) -> None:
+        """Sends on what comes through a connection, until EOS."""
+        decoder = StreamDecoder(self.packages)
+        while True:
+            if self.stopping.is_set():
+                raise Flushing(self.name)
+            for message in channel.receive(POLL_S):
+                item = decoder.decode(message, channel)
+                if isinstance(item, Frame):
+                    self._push(item, decoder, channel)
+                    item = None  # else its slot would be in use until the next one
+                elif item is not None:
+                    if isinstance(item, EosEvent):
+                        self.before_end()
+                    if isinstance(item, DiscontinuityEvent):
+                        item = dataclasses.replace(item, epoch=item.epoch + self._epoch_offset)
+                    self.pads["src"].send_event(item)
+                    if isinstance(item, EosEvent):
+                        return
+
+    def _push(self, frame: Frame, decoder: StreamDecoder, channel: Channel) -> None:
+        src = self.pads["src"]
+        frame = self._continued(frame)
+        if frame.caps is not src.caps:
+            frame = src.announce_caps(frame)
+        is_over = False
+        try:
+            src.push(frame)
+        except Flushing:
+            raise
+        except (FlowStop, StreamkitError):
+            is_over = True
+            raise
+        finally:
+            del frame  # its slot may be free now
+            with contextlib.suppress(ChannelClosed):
+                channel.send(decoder.done(is_over=is_over), (), self.stopping.is_set)
+
+    def _continued(self, frame: Frame) -> Frame:
+        """The frame with the epoch and number that follow those from before a restart."""
+        self.last_frame[0] = frame.seq
+        self._highest_epoch = frame.epoch + self._epoch_offset
+        self._highest_number = max(self._highest_number, frame.seq + self._number_offset)
+        if self._epoch_offset:
+            flags = frame.flags | FrameFlags.DISCONTINUITY if self._has_gap else frame.flags
+            self._has_gap = False
+            frame = frame.replace(epoch=self._highest_epoch, seq=frame.seq + self._number_offset, flags=flags)
+        return frame

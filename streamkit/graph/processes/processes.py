@@ -1,0 +1,254 @@
+"""Processes: the child processes of one pipeline, from their start to their end."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import threading
+import time
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
+
+from streamkit.crossing.channel import Channel
+from streamkit.crossing.values import ValueDecoder, packages_of
+from streamkit.element.timing import Timing
+from streamkit.errors import ElementFailure, HangDetected, ProcessDied, StartCancelled, StreamkitError
+from streamkit.flow.messages import Message, MessageKind
+from streamkit.graph.bins import Bin
+from streamkit.graph.graph import Graph
+from streamkit.graph.processes.child_process import ChildProcess
+from streamkit.graph.processes.merged_statistics import merge_statistics
+from streamkit.graph.processes.orders import Dropped, Posted, Report, decode_message
+from streamkit.graph.processes.part import Part
+from streamkit.graph.processes.process_link import ProcessLink
+from streamkit.graph.statistics import ElementStatistics
+
+if TYPE_CHECKING:
+    from streamkit.graph.playback import Playback
+
+POLL_S = 0.2
+STOP_LIMIT_S = 5.0
+FIRST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.1, 5.0
+
+
+class Processes:
+    """Starts, supervises and ends the children of a pipeline; without process bins it does nothing.
+
+    Args:
+        graph: the whole graph; the elements of other processes stand in it for queries and properties.
+        post: posts a message on the bus.
+    """
+
+    def __init__(self, graph: Graph, post: Callable[[Message], None]) -> None:
+        self._graph = graph
+        self._post = post
+        self._parts = [Part(graph, home) for home in graph.processes] if graph.here is None else []
+        self._links = list(graph.process_links)
+        self._values = ValueDecoder(packages_of(type(element) for element in graph.elements))
+        self._playback: Playback | None = None
+        self._stopping = threading.Event()
+        self._watchdog_s = 0.0
+        self._timing = Timing(lambda: graph.elements[0].clock)
+        self._is_playing = self._is_supervised = False
+
+    # Called by the pipeline.
+
+    def start(
+        self, playback: Playback, timing: Timing, watchdog_s: float, cancelled: threading.Event
+    ) -> None:
+        """Starts every child and makes its elements ready.
+
+        Raises:
+            ElementFailure: an element could not start, or that was cancelled; the children are ended.
+        """
+        self._playback, self._timing, self._watchdog_s = playback, timing, watchdog_s
+        self._is_playing = self._is_supervised = False
+        self._stopping.clear()
+        if not self._parts:
+            return
+        playback.is_over_elsewhere = lambda: all(part.has_ended for part in self._parts)
+        try:
+            for part in self._parts:
+                part.reset(watchdog_s)
+                part.spawn(self._reported, self._ended)
+            for link in self._links:
+                self._connect(link)
+                writer = self._graph.process_links[link][0]
+                if writer is not None:
+                    link.before_end = functools.partial(self._await_messages, [self._part_of(writer)])
+            orders = [(part, part.child.order("ready")) for part in self._parts if part.child is not None]
+            for part, number in orders:
+                assert part.child is not None
+                part.child.answer(number, None, cancelled.is_set)
+            if cancelled.is_set():
+                raise StartCancelled("the start of the processes was interrupted")
+        except BaseException as error:
+            self.stop()
+            if isinstance(error, ElementFailure) or not isinstance(error, StreamkitError):
+                raise
+            raise self._parts[0].failure(error, -1) from error
+
+    def play(self) -> None:
+        """Makes every child stream."""
+        self._is_playing = self._is_supervised = True
+        self._let_all_stream()
+
+    def pause(self) -> None:
+        """Pauses every child, or prerolls its sinks."""
+        self._is_playing, self._is_supervised = False, True
+        self._let_all_stream()
+
+    def _let_all_stream(self) -> None:
+        for part in self._parts:
+            with contextlib.suppress(ProcessDied):  # its end is handled in its thread
+                self._let_stream(part)
+
+    def _let_stream(self, part: Part) -> None:
+        """Brings a child into the state of the pipeline, and supervises it from now on."""
+        assert part.child is not None
+        if self._is_playing:
+            part.child.ask("play", self._timing.base_ns, self._timing.latency_ns)
+        else:
+            part.child.ask("pause")
+        part.child.silence_limit_s = part.limit_s
+
+    def finish(self) -> None:
+        """Makes the sources in every child end their streams."""
+        for part in self._parts:
+            if part.child is not None:
+                part.child.ask("finish")
+
+    def merge(self, rows: list[ElementStatistics]) -> list[ElementStatistics]:
+        """The counters of the main process with those of the others."""
+        return merge_statistics(self._graph, rows, self._parts) if self._parts else rows
+
+    def begin_stop(self) -> None:
+        """Makes every child stop; `stop` waits for its end."""
+        self._stopping.set()
+        for part in self._parts:
+            if part.child is not None:
+                part.child.silence_limit_s = 0.0
+            part.try_order("stop")
+
+    def stop(self) -> None:
+        """Ends every child: kills those that do not end in time."""
+        self.begin_stop()
+        deadline = time.monotonic() + max(STOP_LIMIT_S, self._watchdog_s)
+        for part in self._parts:
+            while (child := part.child) is not None:  # a restart may be about to replace it
+                child.join(max(0.0, deadline - time.monotonic()))
+                child.kill("has not ended in time and was killed")
+                child.join()
+                if child.reason.startswith("has not"):
+                    self._post(Message(MessageKind.WARNING, part.home.name, str(child.death())))
+                part.child = None if part.child is child else part.child
+            if part.ending is not None:
+                part.ending.join()
+        for link in self._links:
+            link.disconnect()
+
+    def _connect(self, link: ProcessLink) -> None:
+        """Gives the two ends of a new connection to the processes that a link connects."""
+        for home, end in zip(self._graph.process_links[link], Channel.pair(), strict=True):
+            if home is None:
+                link.connect(end)
+                continue
+            with end:
+                child = self._part_of(home).child
+                assert child is not None
+                child.order("connect", self._links.index(link), descriptors=(end.fileno(),))
+
+    # Reports and the end of a child, in its thread.
+
+    def _reported(self, child: ChildProcess, report: Report) -> None:
+        part = next(part for part in self._parts if part.child is child)
+        playback = self._playback
+        assert playback is not None
+        if isinstance(report, Dropped):
+            part.elements[report.number].count_drop(report.reason, report.count)
+        elif isinstance(report, Posted):
+            message = decode_message(report, self._values)
+            if message.kind is MessageKind.EOS:
+                part.ending = threading.Thread(target=self._end_part, args=(part,), name=f"{child.name}:end")
+                part.ending.start()
+            elif message.kind is MessageKind.ERROR and message.error is not None:
+                self._element_failed(part, message.error)
+            elif message.fields.get("name") == "async-done" and not message.source:
+                for sink in part.sinks:
+                    playback.prerolled(sink)
+            else:
+                self._post(message)
+
+    def _end_part(self, part: Part) -> None:
+        """Everything in a process has ended; a failure upstream of it is reported first."""
+        self._await_messages([other for other in self._parts if other is not part])
+        part.has_ended = True
+        if self._playback is not None:
+            self._playback.ended_elsewhere(part.sinks)
+
+    def _await_messages(self, parts: Iterable[Part]) -> None:
+        """Waits until what some processes have posted so far is on the bus: answers come after it."""
+        for part in parts:
+            with contextlib.suppress(ProcessDied):
+                if part.child is not None:
+                    part.child.ask("ping")
+
+    def _ended(self, child: ChildProcess) -> None:
+        """A child has ended; unless the pipeline stops, that is a failure."""
+        part = next(part for part in self._parts if part.child is child)
+        if self._stopping.is_set() or not self._is_supervised:
+            return
+        failure = part.failure(child.death(), self._last_received())
+        if part.has_ended:
+            self._post(Message(MessageKind.WARNING, failure.element, f"after its end: {failure}"))
+        elif not part.may_restart():
+            self._fail(part, failure)
+        else:
+            self._restart(part, failure)
+
+    def _restart(self, part: Part, failure: ElementFailure) -> None:
+        """Starts a child in the place of one that has ended, in the old one's thread."""
+        count = len(part.restarts)
+        back_off_s = min(LONGEST_BACK_OFF_S, FIRST_BACK_OFF_S * 2 ** (count - 1))
+        text = f"{failure}; restart {count} of {part.home.restart} in {back_off_s:g} s"
+        self._post(Message(MessageKind.WARNING, failure.element, text, {"code": "process-restart"}))
+        if self._stopping.wait(back_off_s):
+            return
+        child = part.spawn(self._reported, self._ended)
+        try:
+            for link, ends in self._graph.process_links.items():
+                if part.home in ends:
+                    self._connect(link)
+            child.answer(child.order("ready"), None, self._stopping.is_set)
+            if not self._stopping.is_set():
+                self._let_stream(part)
+        except ProcessDied:
+            pass  # its own thread restarts it, or fails
+        except StreamkitError as error:
+            child.kill(f"could not start again: {error}")
+        if self._stopping.is_set():
+            part.try_order("stop")  # it may have been started after the others were stopped
+
+    def _element_failed(self, part: Part, error: Exception) -> None:
+        """An element in a process has failed; one that hangs may be started again, with its process."""
+        cause = error.cause if isinstance(error, ElementFailure) else None
+        if isinstance(cause, HangDetected) and part.home.restart and part.child is not None:
+            part.child.kill(f"hangs: {cause}")
+        else:
+            self._fail(part, error)
+
+    def _fail(self, part: Part, error: Exception) -> None:
+        """An element of a child has failed, or the child has died."""
+        assert self._playback is not None
+        for link in self._links:
+            if part.home in self._graph.process_links[link]:
+                link.give_up()
+        part.has_ended = True
+        self._playback.fail(error)
+
+    def _last_received(self) -> int:
+        """Number of the newest frame that has come to this process, or -1."""
+        return max((link.last_frame[0] for link in self._links if link.reads), default=-1)
+
+    def _part_of(self, home: Bin) -> Part:
+        return next(part for part in self._parts if part.home is home)
