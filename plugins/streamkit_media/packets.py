@@ -10,10 +10,9 @@ from av.container import InputContainer
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit import Caps, Frame, FrameFlags, StreamError
+from streamkit import SECOND_NS, Caps, Frame, FrameFlags, StreamError
 from streamkit_media.container import MEDIA_ERRORS, reason_of
 
-SECOND_NS = 1_000_000_000
 KEYFRAME, CORRUPT = int(FrameFlags.KEYFRAME), int(FrameFlags.CORRUPT)
 
 

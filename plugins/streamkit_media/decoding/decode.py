@@ -12,7 +12,7 @@ from av.error import FFmpegError
 from av.packet import Packet
 from av.video.frame import VideoFrame
 
-from streamkit import Caps, Frame, FrameFlags, Property, StreamError, Transform, raw_video_caps
+from streamkit import SECOND_NS, Caps, Frame, FrameFlags, Property, StreamError, Transform, raw_video_caps
 from streamkit_media.codecs import CODED_CAPS, caps_parameters, caps_rate
 from streamkit_media.container import reason_of
 from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, rotated
@@ -20,7 +20,7 @@ from streamkit_media.decoding.framenumbers import FrameNumbers
 from streamkit_media.decoding.marks import AscendingNumbers, FrameMarks, Freshness, InherentDelay
 from streamkit_media.decoding.videodecoder import Threading, VideoDecoder, accelerator
 from streamkit_media.nalunits import is_reference
-from streamkit_media.packets import SECOND_NS, DecodeOnly
+from streamkit_media.packets import DecodeOnly
 
 # Plain numbers: the arithmetic of flags is slow, and this runs for every frame.
 DISCONTINUITY, CORRUPT = int(FrameFlags.DISCONTINUITY), int(FrameFlags.CORRUPT)

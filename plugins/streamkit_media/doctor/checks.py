@@ -26,12 +26,10 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str) -> list[Check]:
     """All checks of a stream that gave packets."""
     found = measure(seen.packets)
     decoded = try_decoding(seen.kept)
-    checks = [
-        _format_check(seen, transport),
-        _decoding_check(decoded, found.rate if is_live else None),
-        _rate_check(seen, found),
-        _keyframe_check(found, is_live),
-    ]
+    checks = [_format_check(seen, transport), _decoding_check(decoded, found.rate if is_live else None)]
+    if found.packets == 1 and not is_live:
+        return [*checks, _check("length", False, "one frame"), _telemetry_check(seen)]
+    checks += [_rate_check(seen, found), _keyframe_check(found, is_live)]
     if is_live:
         checks += [_jitter_check(found), _clock_check(seen)]
     return [*checks, _loss_check(found), _telemetry_check(seen)]
@@ -88,7 +86,9 @@ def _keyframe_check(found: Measured, is_live: bool) -> Check:
     interval = found.keyframe_interval_s
     facts = {"interval_s": interval, "seen": found.keyframes}
     is_good = not is_live or (interval is not None and interval <= LONG_KEYFRAME_INTERVAL_S)
-    if interval is None:
+    if not found.keyframes and not is_live:
+        is_good, text = False, f"none in {found.packets} packets: nothing can be decoded whole"
+    elif interval is None:
         text = (
             "one" if is_good else f"{found.keyframes} seen; set the camera's key-frame interval to 1 or 2 s"
         )
@@ -122,6 +122,10 @@ def _clock_check(seen: Seen) -> Check:
 
 def _telemetry_check(seen: Seen) -> Check:
     pad, counts = seen.best_telemetry
+    if photograph := seen.photograph:
+        latitude, longitude = photograph.pose[:2]
+        text = f"in the photograph: {latitude:.6f} {longitude:.6f}, {photograph.source}"
+        return _check("telemetry", True, text, {"latitude": latitude, "longitude": longitude})
     kind, total = f"MISB KLV, pad {pad}", counts["good_packets"] + counts["bad_packets"]
     if pad == "subtitle":
         kind, total = "DJI subtitles", counts["subtitles"]
@@ -133,5 +137,6 @@ def _telemetry_check(seen: Seen) -> Check:
     elif counts["skipped_bytes"]:
         text = f"{counts['skipped_bytes']} bytes of KLV, but no packet of ST 0601 or EG 0104"
     else:
-        text = "none inside; posesync location=FILE.SRT reads it from a file"
+        text = "none inside"
+        text += "; posesync location=FILE.SRT reads it from a file" if len(seen.packets) > 1 else ""
     return _check("telemetry", bool(counts["poses"]) and not refused, text, counts)

@@ -119,7 +119,7 @@ def _examine_file(location: str, timeout_s: float) -> Report:
         except StreamkitError as error:
             return Report(where, (Check("file", Verdict.BAD, str(error)),), "")
         size = local_path(location).stat().st_size
-        text = f"{size / 1e6:.1f} MB" if size >= 100_000 else f"{size / 1e3:.1f} kB"
+        text = f"{size / 1e6:.1f} MB" if size >= 100_000 else f"{size} bytes"
         checks.append(Check("file", Verdict.GOOD, text, {"bytes": size}))
     seen = watch("filesrc", {"location": location}, max(timeout_s, 10.0), None)
     if not seen.packets and is_network(location):
@@ -127,10 +127,24 @@ def _examine_file(location: str, timeout_s: float) -> Report:
     if not seen.packets:
         return _telemetry_file(location, checks, seen.error)
     checks += stream_checks(seen, is_live=False, transport="")
+    if len(seen.packets) == 1:
+        return _reported(where, checks, _photograph_line(location))
     pose, klv = _pose_parts(seen)
     source = f"filesrc name=s location={redact(in_description(location))}"
-    line = f'streamkit launch "{source} ! decode{pose} ! {TRACKING} ! tracksink location=tracks.jsonl{klv}"'
-    return _reported(where, checks, line)
+    tracks = f"tracksink location=tracks.jsonl if-exists=fail{klv}"
+    return _reported(where, checks, f'streamkit launch "{source} ! decode{pose} ! {TRACKING} ! {tracks}"')
+
+
+def _photograph_line(location: str) -> str:
+    """A mosaic of the photographs that follow the one of a number; without a number, the frame alone."""
+    path = local_path(location)
+    number = re.search(r"\d{2,}(?!.*\d)", path.stem)
+    if is_network(location) or number is None or "%" in location:
+        return f'streamkit launch "filesrc location={redact(in_description(location))} ! decode ! fakesink"'
+    digits = number.group()
+    name = f"{path.stem[: number.start()]}%0{len(digits)}d{path.stem[number.end() :]}{path.suffix}"
+    source = f"multifilesrc location={in_description(str(path.with_name(name)))} start-index={int(digits)}"
+    return f'streamkit launch "{source} ! decode ! stitch location=mosaic-%d.png ! fakesink"'
 
 
 def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
@@ -142,9 +156,12 @@ def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
             while (sample := file.next()) is not None:
                 last = sample
     except (OSError, ValueError) as fault:
-        checks.append(Check("stream", Verdict.BAD, error))
-        if isinstance(fault, NoTelemetry):
-            checks.append(Check("telemetry", Verdict.BAD, str(fault)))
+        more = (
+            f"; nor telemetry: {str(fault).removeprefix(location + ': ')}"
+            if isinstance(fault, NoTelemetry)
+            else ""
+        )
+        checks.append(Check("stream", Verdict.BAD, error + more))
         return _reported(where, checks)
     assert first is not None
     assert last is not None

@@ -11,12 +11,11 @@ from itertools import pairwise
 from av.codec.codec import UnknownCodecError
 from av.error import FFmpegError
 
-from streamkit import Frame, FrameFlags
+from streamkit import SECOND_NS, Frame, FrameFlags
 from streamkit_media.codecs import caps_parameters
 from streamkit_media.container import reason_of
 from streamkit_media.decoding.videodecoder import VideoDecoder
 
-SECOND_NS = 1_000_000_000
 SETTLE = 15  # the first packets come in one go while FFmpeg looks at the stream
 JITTER_GAIN = 16
 LIMIT_S = 5.0

@@ -9,6 +9,8 @@ from typing import Any, cast
 
 from streamkit import ElementFailure, Frame, FrameFlags, Pipeline, StreamkitError
 from streamkit_media.doctor.measure import PacketFacts
+from streamkit_telemetry_formats.photograph import sample_of_photograph
+from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.telemetryreader import TelemetryReader
 
 POLL_S = 0.1
@@ -51,6 +53,12 @@ class Seen:
         self.telemetry.setdefault(pad, TelemetryReader()).packet(frame.data, frame.caps.name, frame.pts)
 
     @property
+    def photograph(self) -> Sample | None:
+        """Position in the header of an image file; None for a video, or where the file has none."""
+        is_image = len(self.packets) == 1 and self.kept[0].caps.name.startswith("image/")
+        return sample_of_photograph(bytes(self.kept[0].data), 0) if is_image else None
+
+    @property
     def best_telemetry(self) -> tuple[str, dict[str, int]]:
         """The pad that gave most positions, or else most packets, and its counts."""
         found = [(pad, decoder.counts()) for pad, decoder in self.telemetry.items()]
@@ -78,7 +86,9 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
             for name, value in properties.items():
                 pipeline["s"].set_property(name, value)
             pipeline.play()
-            while time.monotonic() < (until or deadline) and len(seen.packets) < FILE_PACKETS:
+            while time.monotonic() < (until or deadline):
+                if seconds is None and len(seen.packets) >= FILE_PACKETS:
+                    break
                 frame = _pull(pipeline["video"])
                 if frame is None and (pipeline.ended.is_set() or pipeline.error is not None):
                     break

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterable
-from fractions import Fraction
 
 from av.codec.codec import UnknownCodecError
 from av.packet import Packet
@@ -13,9 +12,8 @@ from av.stream import Stream
 from streamkit import Caps, Frame, FrameFlags, SettingsOf, StreamError, Transform
 from streamkit_media.codecs import MEDIA_TYPES, CodecParameters, caps_rate, coded_caps
 from streamkit_media.container import MEDIA_ERRORS, reason_of
-from streamkit_media.encoding.encoder import ENCODERS, RAW_CAPS, Encoder, EncoderSettings, even
+from streamkit_media.encoding.encoder import ASSUMED_RATE, ENCODERS, RAW_CAPS, Encoder, EncoderSettings, even
 
-ASSUMED_RATE = Fraction(25)
 HELD_LIMIT = 512
 
 

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import enum
+import os
+import sys
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -17,14 +21,16 @@ from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
 from numpy.typing import NDArray
 
+from streamkit import SECOND_NS
 from streamkit.settings import setting
 
 Pixels = NDArray[np.uint8]
 NEUTRAL_CHROMA = 128
+ASSUMED_RATE = Fraction(25)  # frames/s, for the rate control, where the caps have none
 PACKED = {"BGR": "bgr24", "RGB": "rgb24"}
-SECOND_NS = 1_000_000_000
 TIME_BASE = Fraction(1, 1_000_000)
-COARSE_TIME_BASE = Fraction(1, 50_000)  # MPEG-4 Part 2 counts in 16 bits
+COARSE_TIME_BASE = Fraction(1, 50_000)  # MPEG-4 Part 2 holds the denominator in 16 bits
+VP8_MAX_BIT_RATE = 1_000_000_000  # libvpx needs one for VP8 also at constant quality
 # Formats whose frames all have even width and height, and formats that are extended where they are odd.
 RAW_CAPS = (
     "video/x-raw, format=I420, width=[ 2, 16384, 2 ], height=[ 2, 16384, 2 ]; "
@@ -55,7 +61,7 @@ class EncoderSettings:
 
     codec: Codec = setting(Codec.H264, doc="What to encode to.")
     bitrate: int = setting(0, min=0, max=1_000_000, unit="kbit/s", doc="0 is constant quality instead.")
-    quality: int = setting(23, min=0, max=51, doc="Without bitrate, for h264 and h265: 0 best, 51 worst.")
+    quality: int = setting(23, min=0, max=51, doc="Without bitrate: 0 best, 51 worst, as x264 counts.")
     gop: int = setting(50, min=1, max=10_000, unit="frames", doc="From key frame to key frame.")
     preset: Preset = setting(Preset.VERYFAST, doc="Trade of time for size, for h264 and h265.")
     live: bool = setting(False, doc="Hold no frame back; costs some quality.")
@@ -106,12 +112,12 @@ class Encoder:
         self.time_base = time_base or usual
         context.time_base, context.framerate = self.time_base, framerate
         context.gop_size = settings.gop
-        if settings.bitrate:
-            context.bit_rate = settings.bitrate * 1000
+        context.bit_rate = settings.bitrate * 1000 or (VP8_MAX_BIT_RATE if settings.codec is Codec.VP8 else 0)
         if settings.live:
             context.max_b_frames = 0
         context.options = _options(settings)
-        context.open()
+        with _usual_scheduling():
+            context.open()
 
     @property
     def extradata(self) -> bytes:
@@ -139,7 +145,7 @@ class Encoder:
                 f"{self.pixel_format} of {self.size[0]} x {self.size[1]} must be uint8{list(shape)}, "
                 f"got {pixels.dtype}{list(pixels.shape)}; give the frame caps of what it holds"
             )
-        frame = video_frame(pixels, self.pixel_format)
+        frame = video_frame(pixels, self.pixel_format, str(self._context.pix_fmt))
         if frame.format.name != self._context.pix_fmt:
             frame = self._reformatter.reformat(frame, format=self._context.pix_fmt)
         frame.pts, frame.time_base = ticks, self.time_base
@@ -156,17 +162,50 @@ class Encoder:
         return packet
 
 
+@contextmanager
+def _usual_scheduling() -> Iterator[None]:
+    """Undoes what SVT-AV1 does as root: it gives its threads, and that of its caller, real-time priority.
+
+    They would starve every other process of the machine.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    earlier = set(os.listdir("/proc/self/task")) - {str(threading.get_native_id())}
+    yield
+    for thread in set(os.listdir("/proc/self/task")) - earlier:
+        with suppress(ProcessLookupError):
+            os.sched_setscheduler(int(thread), policy, parameters)
+
+
 def _options(settings: EncoderSettings) -> dict[str, str]:
     options = {}
+    if not settings.bitrate:
+        options.update(_constant_quality(settings.codec, settings.quality))
     if settings.codec in (Codec.H264, Codec.H265):
         options["preset"] = settings.preset.value
-        if not settings.bitrate:
-            options["crf"] = str(settings.quality)
         if settings.live:
             options["tune"] = "zerolatency"
     if settings.codec is Codec.H265:
         options["x265-params"] = "log-level=error"
     return options
+
+
+def _constant_quality(codec: Codec, quality: int) -> dict[str, str]:
+    """FFmpeg's options for a quality of 0 to 51 on x264's scale.
+
+    Source: ITU-T H.264, table 8-15: the quantiser step is 0.625 * 2^(QP / 6); in MPEG-4 Part 2 it is 2 QP.
+    """
+    if codec in (Codec.H264, Codec.H265):
+        return {"crf": str(quality)}
+    if codec in (Codec.MPEG4, Codec.MJPEG):
+        quantiser = str(min(max(round(0.3125 * 2 ** (quality / 6)), 1), 31))
+        return {"qmin": quantiser, "qmax": quantiser}
+    level = str(round(quality * 63 / 51))
+    if codec is Codec.VP8:
+        return {"crf": level, "qmin": level}
+    return {"crf": level} if codec in (Codec.AV1, Codec.VP9) else {}
 
 
 def shape_of(pixel_format: str, width: int, height: int) -> tuple[int, ...]:
@@ -197,11 +236,11 @@ def grey_as_i420(luma: Pixels) -> Pixels:
     return pixels
 
 
-def video_frame(pixels: Pixels, pixel_format: str) -> VideoFrame:
-    """FFmpeg's frame of even size with the pixels of an array in `pixel_format`."""
+def video_frame(pixels: Pixels, pixel_format: str, planar: str = "yuv420p") -> VideoFrame:
+    """FFmpeg's frame of even size with the pixels of an array; grey ones as the luma of a `planar` format."""
     if pixel_format in PACKED:
         return VideoFrame.from_ndarray(np.ascontiguousarray(pad_to_even(pixels)), PACKED[pixel_format])
     if pixel_format == "GRAY8":
-        return VideoFrame.from_ndarray(grey_as_i420(pad_to_even(pixels)), "yuv420p")
+        return VideoFrame.from_ndarray(grey_as_i420(pad_to_even(pixels)), planar)
     name = "nv12" if pixel_format == "NV12" else "yuv420p"
     return VideoFrame.from_ndarray(np.ascontiguousarray(pixels), name)

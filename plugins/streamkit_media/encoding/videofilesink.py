@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 from streamkit import Caps, Frame, OutputFileSink, Property, StreamError
 from streamkit_media.codecs import caps_rate
 from streamkit_media.container import MEDIA_ERRORS
-from streamkit_media.encoding.encoder import RAW_CAPS, EncoderSettings, Preset
+from streamkit_media.encoding.encoder import ASSUMED_RATE, RAW_CAPS, EncoderSettings, Preset
 from streamkit_media.encoding.videowriter import VideoWriter
 from streamkit_media.recording.filemuxer import FORMATS
 
-ASSUMED_RATE = Fraction(25)
 FLUSH_LIMIT_S = 1.0
 KEYFRAME_INTERVAL = 250
 

@@ -6,11 +6,13 @@ import time
 from dataclasses import replace
 from fractions import Fraction
 
+from streamkit import SECOND_NS
 from streamkit.output.file import OutputFile
-from streamkit_media.encoding.encoder import SECOND_NS, Encoder, EncoderSettings, Pixels
+from streamkit_media.encoding.encoder import Encoder, EncoderSettings, Pixels
 from streamkit_media.recording.filemuxer import FORMATS, FRAGMENT_TICKS, FRAGMENTED, TIME_BASE, FileMuxer
 
-# Fragments that get one index in the end. On some damaged streams FFmpeg crashes: for frames encoded here.
+# Hybrid fragmented MP4: indexed when closed. FFmpeg's muxer crashes on some damaged streams, so it is used
+# for frames encoded here only.
 HYBRID = {"movflags": "hybrid_fragmented+frag_keyframe+negative_cts_offsets", "frag_duration": "500000"}
 OWN_FORMATS = {
     suffix: (name, HYBRID if options is FRAGMENTED else options)

@@ -12,6 +12,7 @@ from av.packet import Packet
 from av.stream import Stream
 
 from streamkit import (
+    SECOND_NS,
     Caps,
     Direction,
     EosEvent,
@@ -38,7 +39,7 @@ from streamkit_media.container import (
     video_stream,
 )
 from streamkit_media.files.playrange import Place, PlayRange
-from streamkit_media.packets import DECODE_ONLY, SECOND_NS, DecodeOnly, packet_frame, read_packets
+from streamkit_media.packets import DECODE_ONLY, DecodeOnly, packet_frame, read_packets
 from streamkit_media.rtsp.sockets import await_datagram, cut_connections, open_sockets
 from streamkit_media.streams import (
     AUDIO_CAPS,

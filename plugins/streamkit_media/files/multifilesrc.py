@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 
-from streamkit import Caps, Capture, Frame, FrameFlags, Pose, Property, ResourceError, Source
-from streamkit.output.names import local_path
+from streamkit import SECOND_NS, Caps, Capture, Frame, FrameFlags, Pose, Property, ResourceError, Source
+from streamkit.output.names import FileNames, local_path
 from streamkit_media.codecs import CODED_CAPS, coded_caps, stream_parameters
 from streamkit_media.container import open_container, video_stream
-from streamkit_media.packets import SECOND_NS
 from streamkit_telemetry_formats.photograph import sample_of_photograph
 
 NUMBER = re.compile(r"%0?\d*d")
@@ -45,8 +44,15 @@ class MultiFileSrc(Source):
                 f"stop-index={self.stop_index} must not be below start-index={self.start_index}"
             )
         first = str(self._path(self.start_index))
+        if not Path(first).exists() and (number := self._lowest_number()) is not None:
+            raise ResourceError(f"{first} is not there; the files begin with start-index={number}")
         with open_container(first) as container:
             self._caps = coded_caps(stream_parameters(video_stream(container, first)), self.framerate)
+
+    def _lowest_number(self) -> int | None:
+        """Number of the first file there is, or None."""
+        files = FileNames(self.location).existing() if self._path(0).parent.is_dir() else []
+        return min((number for _, number in files if self._path(number).exists()), default=None)
 
     def negotiate(self, allowed: Caps) -> Caps | None:
         """The caps of the first file."""
@@ -97,5 +103,5 @@ def with_pose(frame: Frame, data: bytes) -> Frame:
     sample = sample_of_photograph(data, frame.pts or 0)
     if sample is None:
         return frame
-    frame = frame.attach(Pose(*sample.pose), sample)
+    frame = frame.attach(Pose(*sample.pose, ground_altitude=sample.ground_altitude), sample)
     return frame if sample.utc_ns is None else frame.replace(capture=Capture(sample.utc_ns, "file"))

@@ -14,7 +14,6 @@ from av.stream import Stream
 from streamkit.output.file import OutputFile
 
 TIME_BASE = Fraction(1, 90_000)
-SECOND_NS = 1_000_000_000
 FRAGMENT_TICKS = TIME_BASE.denominator  # an older file is replaced once so much can be played
 LONGEST_TICKS = 2**31 - 1  # MP4 holds durations in 32 bits; FFmpeg writes longer ones wrong, or crashes
 # Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.

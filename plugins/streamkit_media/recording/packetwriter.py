@@ -6,13 +6,13 @@ from av.error import FFmpegError, InvalidDataError
 from av.packet import Packet
 from av.stream import Stream
 
+from streamkit import SECOND_NS
 from streamkit.output.file import OutputFile
 from streamkit_media.nalunits import AnnexBWriter, BadPacket
 from streamkit_media.recording.filemuxer import (
     FORMATS,
     FRAGMENT_TICKS,
     LONGEST_TICKS,
-    SECOND_NS,
     TIME_BASE,
     FileMuxer,
 )

@@ -4,10 +4,11 @@ import wave
 from collections.abc import Callable
 from pathlib import Path
 
+import av
 import pytest
 
 from streamkit import ResourceError, StreamError
-from streamkit_media.container import open_container, video_stream
+from streamkit_media.container import first_packets, open_container, video_stream
 
 
 def test_a_good_file_opens(small_video: Path) -> None:
@@ -103,3 +104,22 @@ def test_a_silent_server_is_reported_in_time(serve: Callable[[int], int]) -> Non
         open_container(location, {"rtsp_transport": "tcp"}, (0.3, 0.3))
     assert time.monotonic() - began < 0.3 + 5
     assert "secret" not in str(caught.value)
+
+
+def test_first_packets_are_decoded_by_the_video_though_nothing_decodes(
+    small_video: Path, tmp_path: Path
+) -> None:
+    """The empty packets at the end of a file all have index 0; those of a data stream are not decoded."""
+    cut = tmp_path / "cut.mov"
+    with av.open(str(small_video)) as source, av.open(str(cut), "w") as output:
+        stream = output.add_stream_from_template(source.streams.video[0])
+        stream.metadata["timecode"] = "00:00:00:00"  # becomes a data stream
+        packets = [packet for packet in source.demux(source.streams.video[0]) if packet.size]
+        for packet in packets[1:5]:  # without their keyframe the decoder makes no frame of them
+            packet.stream = stream
+            output.mux(packet)
+    with open_container(str(cut)) as container:
+        assert [other.type for other in container.streams] == ["video", "data"]
+        first, rotation = first_packets(container, video_stream(container, "cut"))
+        assert [packet.stream.type for packet in first] == ["data", *["video"] * 4]
+    assert rotation == 0

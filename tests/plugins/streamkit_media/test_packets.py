@@ -5,9 +5,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from streamkit import Caps, FrameFlags
+from streamkit import SECOND_NS, Caps, FrameFlags
 from streamkit_media.container import open_container, video_stream
-from streamkit_media.packets import SECOND_NS, nanoseconds, packet_frame, read_packets
+from streamkit_media.packets import nanoseconds, packet_frame, read_packets
 
 CAPS = Caps("video/x-h264")
 

@@ -114,6 +114,20 @@ def test_what_does_not_decode_is_reported(make_video: Callable[..., Path], tmp_p
     assert not report.is_usable
 
 
+def test_a_file_without_a_key_frame(small_video: Path, tmp_path: Path) -> None:
+    """It is told, not counted as one."""
+    cut = tmp_path / "cut.mkv"
+    with av.open(str(small_video)) as container, av.open(str(cut), "w") as output:
+        stream = output.add_stream_from_template(container.streams.video[0])
+        for packet in container.demux(video=0):
+            if packet.size and not packet.is_keyframe:
+                packet.stream = stream
+                output.mux(packet)
+    report = examine(str(cut), 1, 5, "tcp")
+    assert verdicts(report)["key frames"] == "note"
+    assert "key frames  none in 8 packets" in report.as_text()
+
+
 def test_a_url_without_a_file(tmp_path: Path) -> None:
     """Other URLs than rtsp:// are opened as such, and what is wrong is what FFmpeg says."""
     report = examine("http://me:hunter2@127.0.0.1:1/flight.mp4", 1, 2, "tcp")
@@ -166,5 +180,23 @@ def test_subtitles_without_positions(tmp_path: Path) -> None:
     path = tmp_path / "flight.srt"
     path.write_text("1\n00:00:00,000 --> 00:00:00,033\nFrameCnt: 1\n\n")
     report = examine(str(path), 1, 5, "tcp")
-    assert verdicts(report) == {"file": "good", "stream": "bad", "telemetry": "bad"}
-    assert "no position in it; it must hold MISB" in report.as_text()
+    assert verdicts(report) == {"file": "good", "stream": "bad"}
+    assert "; nor telemetry: no position in it; it must hold MISB" in report.as_text()
+
+
+def test_a_photograph(streamkit_data: Path) -> None:
+    """Its header has the position; a rate or a loss of one frame is not spoken of."""
+    path = streamkit_data / "mosaic" / "brighton_beach" / "DJI_0020.JPG"
+    report = examine(str(path), 1, 5, "tcp")
+    assert verdicts(report) == {
+        "file": "good", "stream": "good", "decoding": "good", "length": "note", "telemetry": "good",
+    }  # fmt: skip
+    assert report.checks[-1].facts == pytest.approx({"latitude": 46.84, "longitude": -91.996}, abs=0.01)
+    assert f"location={path.parent}/DJI_%04d.JPG start-index=20 ! decode ! stitch" in report.pipeline
+
+
+def test_a_frame_without_a_number(streamkit_data: Path) -> None:
+    """One image without a position gets a line that shows it, and no tracking."""
+    report = examine(str(streamkit_data / "mosaic" / "aerial_cc0.jpg"), 1, 5, "tcp")
+    assert verdicts(report)["telemetry"] == "note"
+    assert report.pipeline.endswith('aerial_cc0.jpg ! decode ! fakesink"')

@@ -46,6 +46,12 @@ def test_start_and_stop_index(numbered: Path) -> None:
     assert greys(decoded(f"location={numbered}/im%03d.png start-index=2 stop-index=4")) == [2, 3, 4]
 
 
+def test_a_first_number_that_is_missing_names_the_one_there_is(numbered: Path) -> None:
+    """Few cameras count from 0."""
+    with pytest.raises(ElementFailure, match=r"im000.png is not there; the files begin with start-index=1$"):
+        decoded(f"location={numbered}/im%03d.png")
+
+
 def test_loop_begins_again(numbered: Path) -> None:
     """With loop the first frame follows the last, and times ascend."""
     frames = decoded(f"location={numbered}/im%03d.png start-index=4 loop=true framerate=10/1", limit=5)

@@ -439,7 +439,7 @@ def test_the_oldest_segments_are_deleted(make_video: MakeVideo, tmp_path: Path) 
     for _ in range(2):
         Pipeline.parse(f"filesrc location={source} ! {sink}").run(20)
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        ".flight-05d.ts.written", "flight-00004.ts", "flight-00004.ts.arrivals.jsonl",
+        ".flight-%05d.ts.written", "flight-00004.ts", "flight-00004.ts.arrivals.jsonl",
         "flight-00005.ts", "flight-00005.ts.arrivals.jsonl", "flight-copy.ts",
     ]  # fmt: skip
 
