@@ -11,6 +11,7 @@ from typing import Any
 from typing_extensions import override
 
 from streamkit import (
+    SECOND_NS,
     Caps,
     Capture,
     Combine,
@@ -26,16 +27,15 @@ from streamkit import (
     ResourceError,
 )
 from streamkit.output.names import local_path
-from streamkit_telemetry.poseline import PoseLine
+from streamkit_telemetry.samplebuffer import SampleBuffer
 from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFile, TelemetryReader
 
 TELEMETRY_CAPS = "meta/x-klv; text/x-raw"
-SECOND_NS = 1_000_000_000
 HELD_LIMIT = 32
 LONGEST_S = 1e9
 FOREVER_NS = 1 << 62
-# Telemetry begins and ends within a second of the video; a flight is longer than 20 s.
+# Telemetry may lack a second at both ends of a video of 20 s.
 COVERED_SHARE = 0.9
 
 
@@ -43,8 +43,9 @@ class PoseSync(Combine):
     """Pairs frames with telemetry by time, and attaches `Pose` with the gap to the nearest measurement.
 
     Telemetry comes in at the pad `telemetry` (KLV or subtitles) or from a separate file. Between two
-    samples it is interpolated. A frame waits until telemetry of its time or later is there, live no longer
-    than `wait-ms`. A pose whose nearest measurement is further away than `max-gap-s` is marked as stale.
+    samples it is interpolated. A frame waits until telemetry of its time or later is there: live up to
+    `wait-ms`, checked whenever a frame or packet arrives, and never for more than 32 frames. A pose whose
+    nearest measurement is further away than `max-gap-s` is marked as stale.
 
     Example:
         filesrc name=s location=flight.ts  s.video ! decode ! posesync name=p ! fakesink  s.klv ! p.telemetry
@@ -68,7 +69,7 @@ class PoseSync(Combine):
 
     def start(self) -> None:
         """Opens the telemetry file, if any; it is read as far as the frames have come."""
-        self._line = PoseLine(round(self.max_gap_s * SECOND_NS))
+        self._samples = SampleBuffer(round(self.max_gap_s * SECOND_NS))
         self._decoder = TelemetryReader()
         self._held: deque[Frame] = deque()
         self._epoch = 0
@@ -100,10 +101,10 @@ class PoseSync(Combine):
             raise ResourceError(f"{self.location}: cannot be read: {reason}; check the path") from None
 
     def _read_up_to(self, pts: int) -> None:
-        """Reads the file up to a time, ns; from its beginning where those samples were removed."""
+        """Reads the file up to `pts`; from its beginning if the samples of that time were removed."""
         if self._file is None:
             return
-        if self._line.is_before(pts):
+        if self._samples.was_evicted(pts):
             self._forget()
         with self._reading():
             while self._read_pts < pts and (sample := self._file.next()) is not None:
@@ -112,7 +113,7 @@ class PoseSync(Combine):
 
     def _forget(self) -> None:
         """Restarts with other timestamps."""
-        self._line.clear()
+        self._samples.clear()
         self._read_pts = -FOREVER_NS
         if self._file is not None:
             with self._reading():
@@ -171,7 +172,13 @@ class PoseSync(Combine):
             counts = {name: count + counts[name] for name, count in self._file.reader.counts().items()}
             described = f"in the file {self._file.reader.describe()}"
         self.post_message("telemetry", **self._counts, **counts, largest_gap_ns=self._largest_gap_ns)
-        if not self._counts["paired"]:
+        if not any(counts.values()):
+            self.post_warning(
+                "no frame has got a pose: no telemetry came; link the source's klv or subtitle to "
+                f"{self.name}.telemetry, or set location=FILE; `streamkit doctor` says what a video has",
+                "shortfall",
+            )
+        elif not self._counts["paired"]:
             self.post_warning(
                 f"no frame of {self._counts['frames']} has got a pose: {described}; check "
                 "that the telemetry is of this flight and its times fit (offset-s=)",
@@ -197,7 +204,7 @@ class PoseSync(Combine):
         if self._telemetry_has_ended or len(self._held) > HELD_LIMIT or frame.pts is None:
             return True
         self._read_up_to(frame.pts)
-        if self._line.reaches(frame.pts):
+        if self._samples.covers(frame.pts):
             return True
         waited_ns = self.clock_ns() - frame.arrival_ns
         return self._is_live and waited_ns > self.wait_ms * 1_000_000
@@ -207,25 +214,32 @@ class PoseSync(Combine):
         found = None
         if frame.pts is not None:
             self._read_up_to(frame.pts)
-            found = self._line.at(frame.pts)
+            found = self._samples.sample_at(frame.pts)
         if found is None:
             self._counts["without"] += 1
             return frame
         sample, gap_ns, is_stale = found
         self._counts["stale" if is_stale else "paired"] += 1
         self._largest_gap_ns = max(self._largest_gap_ns, abs(gap_ns))
-        pose = Pose(*sample.pose, gap_ns, is_stale, sample.frame_centre, sample.corners)
+        pose = Pose(
+            *sample.pose,
+            gap_ns,
+            is_stale,
+            frame_centre=sample.frame_centre,
+            corners=sample.corners,
+            ground_altitude=sample.ground_altitude,
+        )
         frame = frame.attach(pose, sample)
         if is_stale or sample.utc_ns is None or (frame.capture and frame.capture.origin == "rtcp"):
             return frame
         return frame.replace(capture=Capture(sample.utc_ns, "misb"))
 
     def _add(self, sample: Sample) -> int:
-        """Takes a sample; its time with the offset, ns."""
+        """Adds a sample; returns its time with the offset, ns."""
         shift = round(self.offset_s * SECOND_NS)
         if shift:
             sample = replace(sample, pts=sample.pts + shift)
-        self._line.add(sample)
+        self._samples.add(sample)
         return sample.pts
 
     def _warn_of_damage(self, reader: TelemetryReader, at_end: bool = False) -> None:

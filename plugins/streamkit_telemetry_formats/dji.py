@@ -105,7 +105,16 @@ def sample_of(text: str, pts: int) -> Sample | None:
         roll=flight[1] if flight is not None else None,
         sensor_angles=relative_angles(flight or (0.0, 0.0, 0.0), gimbal) if gimbal is not None else None,
         source=source,
+        # The ground is taken to be as high as the take-off.
+        ground_altitude=0.0
+        if source in (ABOVE_TAKE_OFF, ABOVE_GROUND)
+        else take_off_altitude(fields, "abs_alt", "rel_alt"),
     )
+
+
+def take_off_altitude(fields: Mapping[str, float], absolute: str, relative: str) -> float | None:
+    """Altitude of the take-off, m, of fields with these names; None where one is missing."""
+    return fields[absolute] - fields[relative] if {absolute, relative} <= fields.keys() else None
 
 
 def relative_angles(platform: Attitude, sensor: Attitude) -> Attitude:

@@ -24,6 +24,8 @@ _FRACTIONS: Final = (5, 10)
 _EXIF_DIRECTORY: Final = 0x8769
 _GPS_DIRECTORY: Final = 0x8825
 _FOCAL_35MM: Final = 0xA405
+_FOCAL_LENGTH, _PIXELS_ACROSS, _SENSOR_PER_UNIT, _SENSOR_UNIT = 0x920A, 0xA002, 0xA20E, 0xA210
+_SENSOR_UNITS_MM: Final = {2: 25.4, 3: 10.0}
 _LATITUDE, _LONGITUDE, _ALTITUDE_SIDE, _ALTITUDE = 2, 4, 5, 6
 _TIME, _DATE, _DIRECTION_NORTH, _DIRECTION = 7, 29, 16, 17
 
@@ -38,6 +40,7 @@ class ExifData:
         direction: the way the camera looked, rad clockwise from true north.
         utc_ns: when, by the satellites' clock.
         focal_35mm: focal length that gives the same diagonal view on 36 x 24 mm, mm.
+        field_of_view: horizontal, by focal length and size of the sensor, rad.
     """
 
     position: tuple[float, float] | None = None
@@ -45,6 +48,7 @@ class ExifData:
     direction: float | None = None
     utc_ns: int | None = None
     focal_35mm: float | None = None
+    field_of_view: float | None = None
 
 
 def read_exif(tiff: bytes) -> ExifData:
@@ -68,7 +72,18 @@ def read_exif(tiff: bytes) -> ExifData:
         direction=None if direction is None or not is_true else wrap_bearing(math.radians(direction)),
         utc_ns=_utc_ns(gps),
         focal_35mm=_number(camera.get(_FOCAL_35MM)) or None,
+        field_of_view=_field_of_view(camera),
     )
+
+
+def _field_of_view(camera: dict[int, Value]) -> float | None:
+    """Horizontal field of view, rad, by the focal length and the pixels of the sensor; None if unknown."""
+    tags = _FOCAL_LENGTH, _PIXELS_ACROSS, _SENSOR_PER_UNIT
+    focal_mm, pixels, per_unit = (_number(camera.get(tag)) or 0.0 for tag in tags)
+    unit_mm = _SENSOR_UNITS_MM.get(int(_number(camera.get(_SENSOR_UNIT)) or 2), 0.0)
+    if not min(focal_mm, pixels, per_unit, unit_mm) > 0:
+        return None
+    return 2 * math.atan(pixels / per_unit * unit_mm / (2 * focal_mm))
 
 
 def _directory(tiff: bytes, order: str, offset: int) -> dict[int, Value]:

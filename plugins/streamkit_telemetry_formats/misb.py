@@ -96,6 +96,7 @@ def sample_of(values: dict[int, int | float | str | bytes], pts: int) -> Sample 
         sensor_angles=_all(numbers, 18, 19, 20),
         field_of_view=(numbers[16], numbers[17]) if {16, 17} <= numbers.keys() else None,
         frame_centre=_position(numbers, 23, 24, 78 if 78 in numbers else 25),
+        ground_altitude=numbers.get(25 if ellipsoid is None else 78),
         corners=_corners(numbers),
         target=_position(numbers, 40, 41, 42),
         utc_ns=time_ns if isinstance(time_ns, int) else None,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from streamkit.geometry.angles import wrap_bearing
-from streamkit_telemetry_formats.dji import ABOVE_SEA, attitude, relative_angles
+from streamkit_telemetry_formats.dji import ABOVE_SEA, attitude, relative_angles, take_off_altitude
 from streamkit_telemetry_formats.exif import ExifData, read_exif
 from streamkit_telemetry_formats.sample import Sample
 
@@ -34,7 +34,8 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
     """Where and how a photograph was taken.
 
     What a DJI aircraft writes as XMP goes before Exif: it has more digits and the attitude. The field of view
-    is that of the focal length for 35 mm film, which counts along the diagonal.
+    is that of the focal length for 35 mm film, which counts along the diagonal, or of focal length and
+    sensor.
 
     Args:
         data: the JPEG file.
@@ -64,9 +65,10 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
         pitch=flight[0] if flight is not None else None,
         roll=flight[1] if flight is not None else None,
         sensor_angles=relative_angles(flight or (0.0, 0.0, 0.0), gimbal) if gimbal is not None else None,
-        field_of_view=_field_of_view(exif.focal_35mm, header.size),
+        field_of_view=_field_of_view(exif, header.size),
         utc_ns=exif.utc_ns,
         source=source,
+        ground_altitude=take_off_altitude(fields, "AbsoluteAltitude", "RelativeAltitude"),
     )
 
 
@@ -89,12 +91,17 @@ def _altitude(fields: dict[str, float], exif: ExifData) -> tuple[float | None, s
     return exif.altitude, EXIF if exif.altitude is None else EXIF_ABOVE_SEA
 
 
-def _field_of_view(focal_35mm: float | None, size: tuple[int, int] | None) -> tuple[float, float] | None:
+def _field_of_view(exif: ExifData, size: tuple[int, int] | None) -> tuple[float, float] | None:
     """Horizontal and vertical, rad."""
-    if focal_35mm is None or size is None or not min(size) > 0 or not focal_35mm > 0:
+    if size is None or not min(size) > 0:
         return None
-    per_px = _DIAGONAL_35MM / math.hypot(*size)
-    across, down = (2 * math.atan(side * per_px / (2 * focal_35mm)) for side in size)
+    if exif.focal_35mm is not None and exif.focal_35mm > 0:
+        half = _DIAGONAL_35MM / math.hypot(*size) * size[0] / (2 * exif.focal_35mm)
+    elif exif.field_of_view is not None:
+        half = math.tan(exif.field_of_view / 2)
+    else:
+        return None
+    across, down = 2 * math.atan(half), 2 * math.atan(half * size[1] / size[0])
     return (across, down) if across < _WIDEST else None
 
 

@@ -36,6 +36,8 @@ class Sample:
         frame_centre: latitude, longitude (deg) and elevation (m) of what the centre shows.
         corners: latitude, longitude (deg) of the image's corners: upper left, then clockwise; or empty.
         target: latitude, longitude (deg) and elevation (m) of the target.
+        ground_altitude: of the ground, m, with the datum of `altitude`: of the take-off, or of what the
+            frame shows.
         utc_ns: when, by the platform's clock.
         source: what it was sent as.
     """
@@ -54,6 +56,7 @@ class Sample:
     target: Position | None = None
     utc_ns: int | None = None
     source: str = ""
+    ground_altitude: float | None = None
 
     @property
     def pose(self) -> PoseFields:
@@ -124,4 +127,5 @@ INTERPOLATIONS: dict[str, Interpolation] = {
     "frame_centre": _position,
     "target": _position,
     "utc_ns": _integer,
+    "ground_altitude": _linear,
 }

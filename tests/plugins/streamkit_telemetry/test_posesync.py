@@ -15,7 +15,7 @@ from streamkit import (
     raw_video_caps,
 )
 from streamkit.testing import Harness
-from streamkit_telemetry.poseline import CAPACITY
+from streamkit_telemetry.samplebuffer import CAPACITY
 from streamkit_telemetry_formats.klv import UAS_LOCAL_SET, checksum
 from streamkit_telemetry_formats.sample import Sample
 
@@ -107,7 +107,10 @@ def test_frames_without_any_telemetry_pass_bare() -> None:
         frames = [out for n in range(100) for out in harness.push(video_frame(n * MS))]
         assert len(frames) >= 100 - 33
         frames += harness.drain()
-        assert any("no frame of 100 has got a pose" in m.text for m in harness.messages)
+        (warning,) = (m.text for m in harness.messages if m.kind is MessageKind.WARNING)
+        assert warning.startswith(
+            "no frame has got a pose: no telemetry came; link the source's klv or subtitle to"
+        )
     assert latitudes(frames) == [None] * 100
 
 
@@ -188,7 +191,7 @@ def test_the_whole_file_counts_in_bounded_memory(tmp_path: Path) -> None:
         for n in range(count):
             (frame,) = harness.push(video_frame(n * 33 * MS))
             assert latitudes([frame]) == [n / 1000]
-        assert len(harness.element._line) <= CAPACITY
+        assert len(harness.element._samples) <= CAPACITY
         harness.drain()
         message = next(m for m in harness.messages if m.kind is MessageKind.ELEMENT)
     assert (message.fields["poses"], message.fields["paired"], message.fields["stale"]) == (count, count, 0)

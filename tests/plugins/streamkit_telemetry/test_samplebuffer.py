@@ -2,18 +2,18 @@ import math
 
 import pytest
 
-from streamkit_telemetry.poseline import CAPACITY, PoseLine
+from streamkit_telemetry.samplebuffer import CAPACITY, SampleBuffer
 from streamkit_telemetry_formats.sample import Sample, between
 
 SECOND = 10**9
 
 
-def line_of(*samples: Sample, longest_gap_ns: int = SECOND) -> PoseLine:
-    """A line with these samples."""
-    line = PoseLine(longest_gap_ns)
+def buffer_of(*samples: Sample, longest_gap_ns: int = SECOND) -> SampleBuffer:
+    """A buffer with these samples."""
+    buffer = SampleBuffer(longest_gap_ns)
     for sample in samples:
-        line.add(sample)
-    return line
+        buffer.add(sample)
+    return buffer
 
 
 def test_between_two_samples_is_interpolated() -> None:
@@ -22,7 +22,7 @@ def test_between_two_samples_is_interpolated() -> None:
     after = Sample(
         SECOND, 11.0, 22.0, 200.0, 0.3, field_of_view=(0.2, 0.1), corners=((3.0, 5.0),), utc_ns=SECOND
     )
-    found = line_of(before, after).at(SECOND // 2)
+    found = buffer_of(before, after).sample_at(SECOND // 2)
     assert found is not None
     sample, gap, stale = found
     assert (sample.latitude, sample.longitude, sample.altitude) == (10.5, 21.0, 150.0)
@@ -47,36 +47,38 @@ def test_angles_take_the_shorter_way() -> None:
 def test_a_measurement_at_the_time_is_taken_as_it_is() -> None:
     """Gap 0, nothing interpolated."""
     exact = Sample(5, 1.0, 2.0)
-    assert line_of(Sample(0, 0.0, 0.0), exact, Sample(9, 9.0, 9.0)).at(5) == (exact, 0, False)
+    assert buffer_of(Sample(0, 0.0, 0.0), exact, Sample(9, 9.0, 9.0)).sample_at(5) == (exact, 0, False)
 
 
 def test_far_samples_are_not_interpolated_and_stale() -> None:
     """In a gap the nearest sample is used, stale beyond the limit; the sign of the distance is its side."""
-    line = line_of(Sample(0, 1.0, 1.0), Sample(10 * SECOND, 2.0, 2.0))
-    sample, gap, stale = line.at(4 * SECOND) or pytest.fail("no sample")
+    buffer = buffer_of(Sample(0, 1.0, 1.0), Sample(10 * SECOND, 2.0, 2.0))
+    sample, gap, stale = buffer.sample_at(4 * SECOND) or pytest.fail("no sample")
     assert (sample.latitude, gap, stale) == (1.0, -4 * SECOND, True)
-    sample, gap, stale = line.at(9 * SECOND + 1) or pytest.fail("no sample")
+    sample, gap, stale = buffer.sample_at(9 * SECOND + 1) or pytest.fail("no sample")
     assert (sample.latitude, gap, stale) == (2.0, SECOND - 1, False)
 
 
 def test_late_and_repeated_samples_find_their_place() -> None:
     """Samples may come out of order; one of the same time replaces the first."""
-    line = line_of(Sample(0, 0.0, 0.0), Sample(20, 20.0, 0.0), Sample(10, 10.0, 0.0), Sample(20, 21.0, 0.0))
-    assert len(line) == 3
-    assert [line.at(pts)[0].latitude for pts in (0, 10, 20)] == [0.0, 10.0, 21.0]  # type: ignore[index]
+    buffer = buffer_of(
+        Sample(0, 0.0, 0.0), Sample(20, 20.0, 0.0), Sample(10, 10.0, 0.0), Sample(20, 21.0, 0.0)
+    )
+    assert len(buffer) == 3
+    assert [buffer.sample_at(pts)[0].latitude for pts in (0, 10, 20)] == [0.0, 10.0, 21.0]  # type: ignore[index]
 
 
 def test_memory_is_bounded() -> None:
     """A flight of days keeps the newest samples only."""
-    line = line_of(*(Sample(n, 0.0, 0.0) for n in range(CAPACITY + 500)))
-    assert len(line) == CAPACITY
-    assert line.reaches(CAPACITY + 499)
-    assert not line.reaches(CAPACITY + 500)
+    buffer = buffer_of(*(Sample(n, 0.0, 0.0) for n in range(CAPACITY + 500)))
+    assert len(buffer) == CAPACITY
+    assert buffer.covers(CAPACITY + 499)
+    assert not buffer.covers(CAPACITY + 500)
 
 
 def test_without_samples_there_is_no_pose() -> None:
-    """An empty line has nothing, and a cleared one has nothing again."""
-    line = line_of(Sample(0, 0.0, 0.0))
-    line.clear()
-    assert line.at(0) is None
-    assert not line.reaches(0)
+    """An empty buffer has nothing, and a cleared one has nothing again."""
+    buffer = buffer_of(Sample(0, 0.0, 0.0))
+    buffer.clear()
+    assert buffer.sample_at(0) is None
+    assert not buffer.covers(0)

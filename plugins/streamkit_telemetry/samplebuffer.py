@@ -11,11 +11,8 @@ from streamkit_telemetry_formats.sample import Sample, between
 CAPACITY = 4096
 
 
-class PoseLine:
+class SampleBuffer:
     """Holds the newest samples; finds or interpolates the one for a time.
-
-    Attributes:
-        has_forgotten: whether old samples were removed.
 
     Args:
         longest_gap_ns: a sample further from its frame is stale; two more than twice as far apart are not
@@ -25,16 +22,16 @@ class PoseLine:
     def __init__(self, longest_gap_ns: int) -> None:
         self._longest_gap_ns = longest_gap_ns
         self._samples: deque[Sample] = deque(maxlen=CAPACITY)
-        self.has_forgotten = False
+        self._has_evicted = False
 
     def __len__(self) -> int:
         return len(self._samples)
 
     def add(self, sample: Sample) -> None:
-        """Takes a sample; one of a time that is held already replaces it."""
+        """Adds a sample; it replaces one of the same time."""
         samples = self._samples
         if not samples or sample.pts > samples[-1].pts:
-            self.has_forgotten |= len(samples) == CAPACITY
+            self._has_evicted |= len(samples) == CAPACITY
             samples.append(sample)
             return
         at = bisect.bisect_left(samples, sample.pts, key=_time)
@@ -46,17 +43,17 @@ class PoseLine:
     def clear(self) -> None:
         """Removes all samples: the timestamps restart."""
         self._samples.clear()
-        self.has_forgotten = False
+        self._has_evicted = False
 
-    def reaches(self, pts: int) -> bool:
+    def covers(self, pts: int) -> bool:
         """Whether a sample of this time or later is held, so that waiting brings nothing nearer."""
         return bool(self._samples) and self._samples[-1].pts >= pts
 
-    def is_before(self, pts: int) -> bool:
-        """Whether a time is before all samples held, and older ones were removed."""
-        return self.has_forgotten and pts < self._samples[0].pts
+    def was_evicted(self, pts: int) -> bool:
+        """Whether the samples of a time were removed for newer ones."""
+        return self._has_evicted and pts < self._samples[0].pts
 
-    def at(self, pts: int) -> tuple[Sample, int, bool] | None:
+    def sample_at(self, pts: int) -> tuple[Sample, int, bool] | None:
         """The sample for a time.
 
         Args:
