@@ -25,6 +25,7 @@ from streamkit import (
     FlushStop,
     Frame,
     FrameFlags,
+    GroundReference,
     IfExists,
     Pad,
     PadTemplate,
@@ -39,11 +40,14 @@ from streamkit import (
     Transform,
     luma,
 )
+from streamkit.geometry.homography import centre, project
 from streamkit.output.names import FileNames
 from streamkit_kernels import COMPILING, on_compilation
 from streamkit_stitcher.flight_plan.plan import CameraView, FlightPlan, parse_strip, plan_strip
 from streamkit_stitcher.ground_view import ground_view
+from streamkit_stitcher.live_ground import LiveGround
 from streamkit_stitcher.live_mosaic import PREVIEW_CAPS, LiveMosaic, linked_pad
+from streamkit_stitcher.mosaic.georeference import Georeference
 from streamkit_stitcher.mosaic.image_file import SUFFIXES, check_location
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.tiles import ImageArray
@@ -117,10 +121,11 @@ class Stitch(Transform):
         Raises:
             ResourceError: the location or the strip cannot be used.
         """
-        self._counts: Counter[str] = Counter()
+        self._counts: Counter[Status] = Counter()
         with on_compilation(lambda: self.post_warning(COMPILING)):
             self._tracker = PlaneTracker(self.settings)
         self._mosaic: LiveMosaic | None = None
+        self._ground = LiveGround()
         self._epoch: int | None = None
         location = self.recording.location
         try:
@@ -132,7 +137,9 @@ class Stitch(Transform):
             raise ResourceError(f"{self.name}: {error}") from error
         recording = self.recording if location is None else self._protect_files(location)
         if location is not None or "mosaic" in self.pads:
-            self._mosaic = LiveMosaic(self, recording, self.preview_interval, lambda: self._mosaic_pad)
+            self._mosaic = LiveMosaic(
+                self, recording, self.preview_interval, lambda: self._mosaic_pad, self._counts
+            )
 
     def stream(self) -> None:
         """The body of the thread of the pad `mosaic`."""
@@ -181,15 +188,21 @@ class Stitch(Transform):
         grey = grey_of(frame)
         registered = self._tracker.track(grey)
         self._counts[registered.status] += 1
+        shape = int(grey.shape[0]), int(grey.shape[1])
+        fov = math.radians(self.field_of_view)
+        view = ground_view(frame.get(Pose), shape, self.ground_altitude, fov, frame.pts)
         if self._mosaic is not None:
             if self._mosaic.is_new_plane(registered):
                 self._mosaic.end_plane(self._tracker.take_plane())
                 self._tracker.keep_planes(self._mosaic.has_room)
-            shape = int(grey.shape[0]), int(grey.shape[1])
-            fov = math.radians(self.field_of_view)
-            view = ground_view(frame.get(Pose), shape, self.ground_altitude, fov, frame.pts)
             self._mosaic.record(frame, registered, shape, partial(mosaic_image, frame), view)
-        return frame.attach(registration(registered))
+        frame = frame.attach(registration(registered))
+        ground = self._ground.locate(registered, shape, view)
+        if ground is None:
+            return frame
+        reference = ground_reference(ground)
+        error_m = reference.error_at(project(ground.to_local, centre(shape)[np.newaxis]))[0]
+        return frame.attach(reference) if error_m <= self.recording.max_geo_error_m else frame
 
     def event(self, event: Event) -> None:
         """Passes events to the pad `mosaic`."""
@@ -301,6 +314,12 @@ def registration(registered: FrameRegistration) -> Registration:
         rmse=registered.rmse,
         corner_std=registered.corner_std,
     )
+
+
+def ground_reference(ground: Georeference) -> GroundReference:
+    """A frame's position on the earth as metadata."""
+    latitude, longitude = ground.origin.latitude, ground.origin.longitude
+    return GroundReference(ground.to_local, latitude, longitude, ground.error_m, ground.spread_m)
 
 
 def grey_of(frame: Frame) -> ImageArray:

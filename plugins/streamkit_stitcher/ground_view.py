@@ -7,43 +7,28 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from streamkit.geometry.camera import Camera, ground_coordinates
+from streamkit.geometry.camera import ground_coordinates
 from streamkit.geometry.homography import FloatArray, centre
+from streamkit.geometry.posed_camera import (
+    POSITION_STD_M,
+    CameraPose,
+    has_heading,
+    lean,
+    place_std_m,
+    posed_camera,
+)
 from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.georeference import GroundView
 
-# Standard deviations of a position of satellite navigation, m, and of an attitude, rad.
-_POSITION_STD_M: Final = 3.0
-_ATTITUDE_STD: Final = math.radians(1.0)
 _SENT_STD_M: Final = 5.0
 # Of a camera within this angle of straight down, the position alone is good enough.
 _NADIR: Final = math.radians(15.0)
-_LEAST_HEIGHT_M: Final = 1.0
-_ABOVE_GROUND: Final = ("above take-off", "above ground")
 
 
-class _Pose(Protocol):
+class _Pose(CameraPose, Protocol):
     """The fields of `streamkit.Pose` that are used."""
 
     # fmt: off
-    @property
-    def latitude(self) -> float: ...
-    @property
-    def longitude(self) -> float: ...
-    @property
-    def altitude(self) -> float | None: ...
-    @property
-    def heading(self) -> float | None: ...
-    @property
-    def pitch(self) -> float | None: ...
-    @property
-    def roll(self) -> float | None: ...
-    @property
-    def sensor_angles(self) -> tuple[float, float, float] | None: ...
-    @property
-    def field_of_view(self) -> tuple[float, float] | None: ...
-    @property
-    def source(self) -> str: ...
     @property
     def is_stale(self) -> bool: ...
     @property
@@ -79,7 +64,15 @@ def ground_view(
         return shown
     places, std_m = shown
     points = tuple(GeodeticPoint(latitude, longitude) for latitude, longitude in places)
-    return GroundView(_points(shape)[: len(points)], points, std_m, None if pts is None else pts / 1e9)
+    focal_px = _focal_px(pose, shape, field_of_view)
+    return GroundView(
+        _points(shape)[: len(points)],
+        points,
+        std_m,
+        None if pts is None else pts / 1e9,
+        focal_px,
+        GeodeticPoint(pose.latitude, pose.longitude) if focal_px else None,
+    )
 
 
 def _ground_places(
@@ -91,23 +84,20 @@ def _ground_places(
     if pose.frame_centre is not None:
         return (pose.frame_centre[:2],), _SENT_STD_M
     position = (pose.latitude, pose.longitude)
-    is_dji = pose.source.startswith("dji")
-    if pose.sensor_angles is None or (pose.heading is None and not is_dji):
-        return (position,), _POSITION_STD_M
-    height = _height(pose, ground_altitude)
-    view = _field_of_view(pose, shape, field_of_view)
-    lean = _lean(pose, shape)
-    if lean is None:
+    if pose.sensor_angles is None or not has_heading(pose):
+        return (position,), POSITION_STD_M
+    angle = lean(pose, shape)
+    if angle is None:
         return "the camera looks at the horizon"
-    if height is None or view is None:
-        if lean < _NADIR:
-            return (position,), _POSITION_STD_M
-        unknown = "field-of-view" if view is None else "ground-altitude"
-        return f"the camera looks {math.degrees(lean):.0f} deg aside and nothing tells its {unknown}; set it"
-    places = ground_coordinates(_camera(pose, shape, height, view), _points(shape))
+    camera = posed_camera(pose, shape, ground_altitude, field_of_view)
+    if isinstance(camera, str):
+        if angle < _NADIR:
+            return (position,), POSITION_STD_M
+        return f"the camera looks {math.degrees(angle):.0f} deg aside and {camera}"
+    places = ground_coordinates(camera, _points(shape))
     if not np.isfinite(places).all():
         places = places[:1]
-    std = math.hypot(_POSITION_STD_M, _ATTITUDE_STD * height / math.cos(lean) ** 2)
+    std = float(place_std_m(camera, places[:1])[0])
     return tuple((float(latitude), float(longitude)) for latitude, longitude in places), std
 
 
@@ -118,38 +108,10 @@ def _points(shape: tuple[int, int]) -> FloatArray:
     return np.array([centre(shape), (-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom)])
 
 
-def _height(pose: _Pose, ground_altitude: float | None) -> float | None:
-    """Height above the ground, m; where only the take-off is known, the ground is as high as that."""
-    if pose.altitude is None:
-        return None
-    if ground_altitude is None and not pose.source.endswith(_ABOVE_GROUND):
-        return None
-    height = pose.altitude - (ground_altitude or 0.0)
-    return height if height > _LEAST_HEIGHT_M else None
-
-
-def _field_of_view(pose: _Pose, shape: tuple[int, int], given: float) -> tuple[float, float] | None:
-    """Horizontal and vertical, rad."""
-    if pose.field_of_view is not None:
-        return pose.field_of_view
-    return (given, 2 * math.atan(math.tan(given / 2) * shape[0] / shape[1])) if given > 0 else None
-
-
-def _lean(pose: _Pose, shape: tuple[int, int]) -> float | None:
-    """Angle between the camera's axis and straight down, rad; None near the horizon."""
-    camera = _camera(pose, shape, 1.0, (1.0, 1.0))
-    level = Camera(0.0, 0.0, 1.0, camera.platform, camera.sensor, camera.field_of_view, camera.size)
-    north, east = ground_coordinates(level, centre(shape)[np.newaxis])[0] * math.radians(6_371_000.0)
-    return math.atan(math.hypot(north, east)) if math.isfinite(north) else None
-
-
-def _camera(pose: _Pose, shape: tuple[int, int], height: float, view: tuple[float, float]) -> Camera:
-    return Camera(
-        pose.latitude,
-        pose.longitude,
-        height,
-        (pose.heading or 0.0, pose.pitch or 0.0, pose.roll or 0.0),
-        pose.sensor_angles or (0.0, 0.0, 0.0),
-        view,
-        (shape[1], shape[0]),
-    )
+def _focal_px(pose: _Pose, shape: tuple[int, int], field_of_view: float) -> float:
+    """Focal length of a camera that looks about straight down; 0 if it does not, or is unknown."""
+    view = field_of_view if pose.field_of_view is None else pose.field_of_view[0]
+    angle = 0.0 if pose.sensor_angles is None else lean(pose, shape)
+    if not view > 0 or angle is None or angle > _NADIR:
+        return 0.0
+    return shape[1] / 2 / math.tan(view / 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import asdict
 from functools import partial
@@ -23,7 +23,7 @@ from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings, WrittenMos
 from streamkit_stitcher.mosaic.recorder import AdjustedPlanes, MosaicRecorder
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.mosaic_pad import MosaicPad
-from streamkit_stitcher.plane.frame_registration import FrameRegistration
+from streamkit_stitcher.plane.frame_registration import FrameRegistration, Status
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 
 PREVIEW_CAPS = Caps("video/x-raw, format={ BGR, I420, GRAY8 }, width=[ 16, 8192 ], height=[ 16, 8192 ]")
@@ -46,6 +46,7 @@ class LiveMosaic:
         settings: how mosaics are made.
         interval_s: least time between two frames of the pad.
         mosaic_pad: returns the sender of the pad.
+        counts: the frames so far by status, for the message `mosaic`.
     """
 
     def __init__(
@@ -54,11 +55,15 @@ class LiveMosaic:
         settings: RecorderSettings,
         interval_s: float,
         mosaic_pad: Callable[[], MosaicPad],
+        counts: Mapping[Status, int] | None = None,
     ) -> None:
         self._element = element
         self._interval_ns = round(interval_s * _NS)
         self._mosaic_pad = mosaic_pad
-        self._executor = BackgroundExecutor(f"{element.name} mosaic", _MAX_QUEUED_BYTES, self._failed)
+        self._counts = {} if counts is None else counts
+        self._executor = BackgroundExecutor(
+            f"{element.name} mosaic", self._failed, max_bytes=_MAX_QUEUED_BYTES
+        )
         self._recorder = MosaicRecorder(settings, self._executor, element.stopping)
         self._adjusts = settings.final
         self._failure: Exception | None = None
@@ -110,14 +115,14 @@ class LiveMosaic:
         if self._save_interval_s and time.monotonic() >= self._save_due_s:
             self._save_due_s = math.inf
             self._recorder.save()
-            self._executor.do(self._saved)
+            self._executor.submit_waiting(self._saved)
         pts = frame.pts or 0
         if frame.epoch != self._epoch:
             self._epoch, self._preview_pts = frame.epoch, min(pts, self._preview_pts)
         is_due = self._has_changed and pts - self._preview_pts >= self._interval_ns
         if is_due and not self._is_preview_queued and linked_pad(self._element) is not None:
             self._preview_pts, self._has_changed, self._is_preview_queued = pts, False, True
-            self._executor.do(partial(self._show, frame.pts, self._element.flushes))
+            self._executor.submit_waiting(partial(self._show, frame.pts, self._element.flushes))
 
     def start_writing(self, plane: KeyframeMap | None) -> None:
         """Writes the mosaics so far while the stream goes on."""
@@ -127,7 +132,7 @@ class LiveMosaic:
     def show_last(self) -> None:
         """Shows the mosaic in its last state."""
         if not self._recorder.is_empty:
-            self._executor.do(partial(self._show, None, self._element.flushes))
+            self._executor.submit_waiting(partial(self._show, None, self._element.flushes))
 
     def finish(self, plane: KeyframeMap | None, stopping: threading.Event | None = None) -> bool:
         """Writes the mosaic of the current plane, and waits for it; returns whether it is done.
@@ -187,10 +192,10 @@ class LiveMosaic:
     def _saved(self) -> None:
         self._save_due_s = time.monotonic() + self._save_interval_s
 
-    def _adjusted(self, plane: KeyframeMap | None) -> AdjustedPlanes:
+    def _adjusted(self, plane: KeyframeMap | None, focal_px: float) -> AdjustedPlanes:
         if plane is None or not self._adjusts:
             return None, 0.0
-        rmse = plane.finish()
+        rmse = plane.finish(focal_px)
         return plane.planes, rmse
 
     def _plane_written(self, plane: KeyframeMap | None, writing: Future[None]) -> None:
@@ -212,7 +217,10 @@ class LiveMosaic:
             self._element.post_warning(f"{written.path} is not georeferenced: {written.geo_refused}")
         if self._largest is None or written.pictures >= self._largest.pictures:
             self._largest = written
-        self._element.post_message("mosaic", **{**asdict(written), "path": str(written.path)})
+        fields = {**asdict(written), "path": str(written.path)}
+        weak, lost = (self._counts.get(status, 0) for status in (Status.WEAK, Status.LOST))
+        placed = sum(self._counts.values()) - weak - lost
+        self._element.post_message("mosaic", **fields, placed=placed, weak=weak, lost=lost)
 
 
 def linked_pad(element: Transform) -> Pad | None:

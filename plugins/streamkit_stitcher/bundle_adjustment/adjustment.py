@@ -1,13 +1,14 @@
 """Levenberg-Marquardt over homographies and plane points."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray
 from streamkit.settings import setting
-from streamkit_stitcher.bundle_adjustment.normal_equations import form, point_steps, solve
+from streamkit_stitcher.bundle_adjustment.normal_equations import NormalEquations, form, point_steps, solve
 from streamkit_stitcher.bundle_adjustment.problem import BASES, IndexArray, PlaneProblem, layout
 from streamkit_stitcher.bundle_adjustment.projection import Views, projected, robust_cost, view
 from streamkit_stitcher.registration.motion_models import MotionModel
@@ -79,6 +80,7 @@ def adjust(problem: PlaneProblem, settings: AdjustmentSettings | None = None) ->
         point_index,
         problem.observed,
         problem.fixed[cameras],
+        problem.lens,
     )
     scaled = _Scaled(part)
     descent = _Descent(scaled, settings)
@@ -115,6 +117,7 @@ class _Scaled:
         low, high = problem.observed.min(axis=0), problem.observed.max(axis=0)
         self.unit = max(1.0, float((high - low).max()) / 2)
         self._image, self._image_back = _similarity((high + low) / 2, self.unit)
+        self.lens = None if problem.lens is None else problem.lens.scaled(self.unit, (high + low) / 2)
         low, high = problem.points.min(axis=0), problem.points.max(axis=0)
         self._plane, self._plane_back = _similarity(
             (high + low) / 2, max(1e-9, float((high - low).max()) / 2)
@@ -153,13 +156,15 @@ class _Descent:
         self._observed = np.ascontiguousarray(scaled.observed[:, self._layout.order])
         self._huber = settings.huber / scaled.unit
         self._basis = BASES[settings.model]
+        # Ties count by their residual; those of the lens by their standard deviations, as much as 1 px.
+        self._lens, self._lens_weight = scaled.lens, 1 / scaled.unit
         self.cameras, self.points = scaled.cameras, scaled.points
         self._views = self._view(self._elements(self.cameras), self.points)
 
     @property
     def cost(self) -> float:
-        """Half the sum of Huber's function of the residuals."""
-        return self._views.cost
+        """Half the sum of Huber's function of the residuals, and of the squares of the lens's."""
+        return self._cost(self.cameras, self._views)
 
     @property
     def squares(self) -> float:
@@ -174,14 +179,14 @@ class _Descent:
         while iterations < self._settings.ba_iterations and damping < _LARGEST_DAMPING:
             iterations += 1
             if equations is None:
-                equations = form(self._views, self._layout)
+                equations = self._with_lens(form(self._views, self._layout))
             try:
                 step = solve(equations, self._layout, self._basis, damping)
             except np.linalg.LinAlgError:
                 damping, growth = damping * growth, growth * 2
                 continue
             cameras, points, views = self._tried(step)
-            cost, lowered = self._views.cost, _cost_in_front(views)
+            cost, lowered = self.cost, self._cost(cameras, views)
             if not lowered < cost:
                 if lowered <= cost * (1 + self._settings.tolerance):
                     break
@@ -204,14 +209,31 @@ class _Descent:
         points += point_steps(self._view(elements, points), self._layout)
         return cameras, points, self._view(elements, points)
 
+    def _cost(self, cameras: FloatArray, views: Views) -> float:
+        """The cost; infinite where a point lies behind a camera."""
+        if not views.depth.min() > _LEAST_DEPTH:
+            return math.inf
+        if self._lens is None:
+            return views.cost
+        residuals = self._lens_weight * self._lens.residuals(cameras[self._layout.free])
+        return views.cost + 0.5 * float((residuals**2).sum())
+
+    def _with_lens(self, equations: NormalEquations) -> NormalEquations:
+        """The normal equations with the residuals of the lens."""
+        if self._lens is None:
+            return equations
+        cameras = self.cameras[self._layout.free]
+        slopes = self._lens_weight * self._lens.slopes(cameras)
+        residuals = self._lens_weight * self._lens.residuals(cameras)
+        return replace(
+            equations,
+            camera_blocks=equations.camera_blocks + slopes.transpose(0, 2, 1) @ slopes,
+            camera_sides=equations.camera_sides - (residuals[:, np.newaxis] @ slopes)[:, 0],
+        )
+
     def _elements(self, cameras: FloatArray) -> FloatArray:
         """float64[3, 3, k], of each observation's camera."""
         return np.ascontiguousarray(cameras.transpose(1, 2, 0)).take(self._layout.camera, axis=2)
 
     def _view(self, elements: FloatArray, points: FloatArray) -> Views:
         return view(elements, points.take(self._layout.point, axis=1), self._observed, self._huber)
-
-
-def _cost_in_front(views: Views) -> float:
-    """The cost; infinite where a point lies behind a camera."""
-    return views.cost if views.depth.min() > _LEAST_DEPTH else float("inf")

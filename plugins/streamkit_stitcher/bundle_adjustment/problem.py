@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit.geometry.homography import FloatArray, MaskArray
+from streamkit_stitcher.bundle_adjustment.lens import Lens
 from streamkit_stitcher.registration.motion_models import MotionModel
 
 IndexArray = npt.NDArray[np.int64]
@@ -40,7 +41,8 @@ class PlaneProblem:
         camera_index: int64[k], the frame of each observation.
         point_index: int64[k], its point; at most one observation per frame and point.
         observed: float64[k, 2], its position in the frame, px.
-        fixed: bool[n], frames that do not move: at least one, which is the gauge.
+        fixed: bool[n], frames that do not move: at least one, which is the gauge, unless the lens is known.
+        lens: of all frames, which then see a level plane; None if unknown.
     """
 
     cameras: FloatArray
@@ -49,6 +51,7 @@ class PlaneProblem:
     point_index: IndexArray
     observed: FloatArray
     fixed: MaskArray
+    lens: Lens | None = None
 
     def check(self) -> None:
         """Checks sizes and indices.
@@ -68,7 +71,8 @@ class PlaneProblem:
         ):
             if count and not (index.min() >= 0 and index.max() < limit):
                 raise ValueError(f"{name} must lie in 0 to {limit - 1}, got {index.min()} to {index.max()}")
-        if len(self.fixed) != len(self.cameras) or not self.fixed.any():
+        has_gauge = self.fixed.any() or self.lens is not None
+        if len(self.fixed) != len(self.cameras) or not has_gauge:
             raise ValueError(
                 "fixed: one flag per camera, and at least one set: without a camera that holds still the "
                 "plane may drift freely"

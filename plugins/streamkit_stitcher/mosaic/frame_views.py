@@ -2,11 +2,21 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
-from streamkit.geometry.homography import FloatArray, normalised
+import numpy as np
+
+from streamkit.geometry.homography import FloatArray, centre, inverse, normalised, project
+from streamkit.geometry.posed_camera import POSITION_STD_M
+from streamkit_stitcher.bundle_adjustment.lens import Lens
 from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.georeference import Georeference, GroundView, georeference
+
+# Focal lengths of a lens that does not zoom differ by less, as a part.
+_SAME_FOCAL: Final = 0.02
+# Spread of the cameras, as a part of that of what they show, from which they tell turn and scale.
+_WIDE: Final = 0.5
 
 # What is known of a frame's position, or why nothing is.
 Position = GeodeticPoint | GroundView | str | None
@@ -29,8 +39,19 @@ class FrameView:
     position: GeodeticPoint | GroundView | str
 
 
+def focal_length(views: Sequence[FrameView]) -> float:
+    """The focal length of all frames, px; 0 where it is unknown or they differ."""
+    found = [view.position.focal_px for view in views if isinstance(view.position, GroundView)]
+    if not found or not min(found) > 0 or np.ptp(found) > _SAME_FOCAL * max(found):
+        return 0.0
+    return float(np.median(found))
+
+
 def georeferenced(
-    homographies: Mapping[int, FloatArray], views: Sequence[FrameView], most_m: float
+    homographies: Mapping[int, FloatArray],
+    views: Sequence[FrameView],
+    most_m: float,
+    focal_px: float = 0.0,
 ) -> tuple[Georeference | None, str]:
     """A plane's position on the earth, if it can be known, and why it is not to be used, or nothing.
 
@@ -38,14 +59,22 @@ def georeferenced(
         homographies: of the plane's keyframes.
         views: of all planes' frames.
         most_m: largest expected error, m.
+        focal_px: focal length that the homographies were adjusted with, or 0. They tell the tilt of cameras
+            better than telemetry does: where these are spread over the mosaic, only their places are used.
     """
     own = [view for view in views if view.key_index in homographies]
     known = [(view, view.position) for view in own if isinstance(view.position, GeodeticPoint | GroundView)]
-    geo = georeference(
-        [normalised(homographies[view.key_index] @ view.to_key) for view, _ in known],
-        [view.shape for view, _ in known],
-        [position for _, position in known],
-    )
+    matrices = [normalised(homographies[view.key_index] @ view.to_key) for view, _ in known]
+    shapes = [view.shape for view, _ in known]
+    geo = georeference(matrices, shapes, [position for _, position in known])
+    if focal_px > 0 and geo is not None:
+        below = [
+            _camera(position, matrix, shape, focal_px)
+            for (_, position), matrix, shape in zip(known, matrices, shapes, strict=True)
+        ]
+        by_cameras = georeference(matrices, shapes, below)
+        if by_cameras is not None and by_cameras.spread_m > _WIDE * geo.spread_m:
+            geo = by_cameras
     if geo is None:
         reasons = Counter(view.position for view in own if isinstance(view.position, str))
         if reasons and not known:
@@ -54,3 +83,13 @@ def georeferenced(
     if geo.error_m > most_m:
         return geo, f"the expected error is {geo.error_m:.1f} m, above max-geo-error-m={most_m:g}"
     return geo, ""
+
+
+def _camera(
+    position: GeodeticPoint | GroundView, matrix: FloatArray, shape: tuple[int, int], focal_px: float
+) -> GeodeticPoint | GroundView:
+    """The place of the camera, and the pixel below it, which is not in the middle of a tilted frame."""
+    if not isinstance(position, GroundView) or position.camera is None:
+        return position
+    foot = project(inverse(matrix), Lens(focal_px, centre(shape)).foot(inverse(matrix))[np.newaxis])
+    return replace(position, pixels=foot, places=[position.camera], std_m=POSITION_STD_M)

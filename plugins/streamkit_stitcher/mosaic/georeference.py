@@ -38,12 +38,16 @@ class GroundView:
         places: their positions.
         std_m: standard deviation of a position, errors common to all frames included.
         time_s: of the frame; None where successive frames have nothing to do with each other.
+        focal_px: focal length of a camera that looks about straight down; 0 if unknown.
+        camera: the place of such a camera.
     """
 
     pixels: FloatArray
     places: Sequence[GeodeticPoint]
     std_m: float = 0.0
     time_s: float | None = None
+    focal_px: float = 0.0
+    camera: GeodeticPoint | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +60,7 @@ class Georeference:
         median_error_m: median distance between the positions and where the mosaic has them.
         error_m: expected error of a place in the mosaic, one standard deviation.
         fixes: number of frames used.
+        spread_m: root mean square distance of the positions from the origin.
         lead_s: time by which the positions are ahead of the frames, as telemetry often is.
     """
 
@@ -64,6 +69,7 @@ class Georeference:
     median_error_m: float
     error_m: float
     fixes: int
+    spread_m: float
     lead_s: float = 0.0
 
     def seen_through(self, matrix: FloatArray) -> "Georeference":
@@ -135,7 +141,15 @@ def georeference(
             matrix, distances, lead_s = bent, others, other_s
     median = float(np.median(distances[first]))
     std = float(np.median([view.std_m for view in views]))
-    return Georeference(matrix, origin, median, math.hypot(_RMS_OF_MEDIAN * median, std), len(views), lead_s)
+    return Georeference(
+        matrix,
+        origin,
+        median,
+        math.hypot(_RMS_OF_MEDIAN * median, std),
+        len(views),
+        math.sqrt(float((metres**2).sum(axis=1).mean())),
+        lead_s,
+    )
 
 
 def _speeds(views: Sequence[GroundView], metres: FloatArray, first: npt.NDArray[np.int64]) -> FloatArray:

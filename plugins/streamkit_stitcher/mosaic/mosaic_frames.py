@@ -12,7 +12,7 @@ from streamkit.settings import setting
 from streamkit_stitcher.mosaic.composition import Composition, PlacedFrame, compose
 from streamkit_stitcher.mosaic.coverage import Coverage
 from streamkit_stitcher.mosaic.frame_store import FrameStore
-from streamkit_stitcher.mosaic.frame_views import FrameView, georeferenced
+from streamkit_stitcher.mosaic.frame_views import FrameView, focal_length, georeferenced
 from streamkit_stitcher.mosaic.georeference import Georeference
 from streamkit_stitcher.mosaic.geotiff import north_up
 from streamkit_stitcher.mosaic.image_file import is_numbered, is_tiff, location_of, write_image
@@ -205,7 +205,9 @@ class MosaicFrames:
             areas = dict(sorted(areas.items(), key=lambda item: -item[1])[:1])
         for number, area in areas.items():
             self._largest_px = max(self._largest_px, area)
-            found = georeferenced((planes or {}).get(number, {}), views, self._settings.max_geo_error_m)
+            found = georeferenced(
+                (planes or {}).get(number, {}), views, self._settings.max_geo_error_m, focal_length(views)
+            )
             written = self._written(location, number, adjusted[number], rmse, *found)
             if written is not None:
                 yield written

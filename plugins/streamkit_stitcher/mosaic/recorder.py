@@ -9,7 +9,7 @@ from typing import Final
 from streamkit.geometry.homography import FloatArray
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.mosaic.coverage import Coverage
-from streamkit_stitcher.mosaic.frame_views import FrameView, Position
+from streamkit_stitcher.mosaic.frame_views import FrameView, Position, focal_length
 from streamkit_stitcher.mosaic.mosaic import Mosaic
 from streamkit_stitcher.mosaic.mosaic_frames import MosaicFrames, RecorderSettings, WrittenMosaic
 from streamkit_stitcher.mosaic.tiles import ImageArray
@@ -136,12 +136,13 @@ class MosaicRecorder:
 
     def start_writing(
         self,
-        adjust: Callable[[], AdjustedPlanes],
+        adjust: Callable[[float], AdjustedPlanes],
         written: Callable[[WrittenMosaic], None] = lambda _: None,
     ) -> "Future[None]":
         """Writes the mosaics of everything added before, and forgets it.
 
-        `adjust` returns the adjusted homographies of the keyframes; `written` is called with each result. The
+        `adjust` returns the homographies of the keyframes, adjusted with the focal length, px, 0 if unknown;
+        `written` is called with each result. The
         future is done when the files are; it has an OSError where one could not be written.
         """
         work = partial(self._write, self._coverage.covered_px, self._reference, adjust, written, self._views)
@@ -149,7 +150,7 @@ class MosaicRecorder:
         self._new_coverage()
         self._added = 0
         if self._executor is not None:
-            return self._executor.ask(work)
+            return self._executor.submit(work)
         future: Future[None] = Future()
         try:
             future.set_result(work())
@@ -172,7 +173,7 @@ class MosaicRecorder:
             OSError: it could not be written.
         """
         results: list[WrittenMosaic] = []
-        self.start_writing(lambda: (planes, rmse), results.append).result()
+        self.start_writing(lambda _: (planes, rmse), results.append).result()
         return results[-1] if results else None
 
     def close(self) -> None:
@@ -184,7 +185,7 @@ class MosaicRecorder:
         if self._executor is None:
             work()
         else:
-            self._executor.do(work, size, self._cancelled)
+            self._executor.submit_waiting(work, size, self._cancelled)
 
     def _new_coverage(self) -> None:
         self._coverage.close()
@@ -194,12 +195,12 @@ class MosaicRecorder:
         self,
         covered_px: float,
         reference: int,
-        adjust: Callable[[], AdjustedPlanes],
+        adjust: Callable[[float], AdjustedPlanes],
         written: Callable[[WrittenMosaic], None],
         views: Sequence[FrameView],
     ) -> None:
         try:
-            for result in self.frames.write(covered_px, *adjust(), views):
+            for result in self.frames.write(covered_px, *adjust(focal_length(views)), views):
                 written(result)
         finally:
             self.frames.close()

@@ -68,7 +68,7 @@ class BackgroundAdjuster:
             settings: of the adjustment.
             close_loops: returns the ties of the new keyframe.
         """
-        self._pending = self._executor.ask(partial(self._run, found, settings, close_loops))
+        self._pending = self._executor.submit(partial(self._run, found, settings, close_loops))
 
     def take(self) -> Adjusted:
         """Waits for the job's result; empty where there is none, it fails, or it takes longer than 20 s."""

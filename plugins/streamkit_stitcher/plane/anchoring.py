@@ -11,9 +11,6 @@ from streamkit.geometry.homography import (
     corner_shift,
     inverse,
     normalised,
-    overlap,
-    scale_change,
-    tilt,
 )
 from streamkit_stitcher.plane.dense_matching import DenseMatcher
 from streamkit_stitcher.plane.frame_registration import OK_STD, AnchoredFrame
@@ -21,7 +18,7 @@ from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframe_matcher import pooled_fit
-from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
+from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, is_leaving
 from streamkit_stitcher.plane.loop_closure import better, tie_of
 from streamkit_stitcher.plane.patch_matching import PatchMatching
 from streamkit_stitcher.plane.settings import PlaneSettings
@@ -36,9 +33,6 @@ _REVISIT_MARGIN: Final = 0.1
 _REVISIT_TRIES: Final = 2
 _RELOCALISED: Final = 3
 _PLANE_STEP: Final = 1.0
-_SCALE_RANGE: Final = (0.8, 1.25)
-# A frame seen much more obliquely than its keyframe becomes a keyframe.
-_MAX_TILT: Final = 0.5
 _MAX_UNMATCHED: Final = 3
 _MAX_DOUBTFUL: Final = 12
 # An out-of-focus frame makes a poor keyframe: the next one may be sharp.
@@ -111,17 +105,27 @@ class KeyframeAnchor:
         before_std: float,
         expected: FloatArray,
         followed: KeyframeMatch | None,
+        measured: FloatArray | None = None,
     ) -> KeyframeMatch | None:
         """Matches a frame with the current keyframe by all of its area, see `DenseMatcher.match`.
 
-        `small` is uint8[h, w], at working size; `before` and `expected` map to the plane.
+        `small` is uint8[h, w], at working size; `before`, `expected` and `measured` map to the plane.
         """
         active = self.keyframes.active
         if active is None or active.small.shape != small.shape:
             return followed
         to_key = inverse(active.to_reference)
         before, expected = normalised(to_key @ before), normalised(to_key @ expected)
-        return self._dense.match(active, small, before, before_std, expected, followed)
+        measured = None if measured is None else normalised(to_key @ measured)
+        return self._dense.match(active, small, before, before_std, expected, followed, measured)
+
+    def is_usual(self, match: KeyframeMatch, before: FloatArray) -> bool:
+        """Whether the camera moved since the frame at `before`, to the plane, as it did lately."""
+        active = self.keyframes.active
+        if active is None:
+            return True
+        step = normalised(inverse(before) @ active.to_reference @ match.fit.matrix)
+        return self._dense.is_usual(corner_shift(step, active.shape) / active.factor)
 
     def recognise(self, images: Sequence[GreyArray]) -> KeyframeMatch | None:
         """Matches a frame of unknown motion by features: the newest keyframes, then the likeliest of all.
@@ -199,7 +203,7 @@ class KeyframeAnchor:
         least = self._settings.keyframe_overlap
         if match is not None and not match.sharp:
             least -= _BLURRED_MARGIN
-        leaving = _is_leaving(active, found.to_reference, least)
+        leaving = is_leaving(active, found.to_reference, least)
         if match is not None and not due and not leaving:
             return found
         revisited = None if due or recognised is not None else self._revisit(active, images, found)
@@ -329,14 +333,6 @@ class KeyframeAnchor:
                 matches.append((keyframe, match.most_precise()))
                 self.keyframes.learn(match)
         return matches
-
-
-def _is_leaving(keyframe: Keyframe, to_reference: FloatArray, least: float) -> bool:
-    """Whether overlap, tilt or scale of a frame differ too much from its keyframe."""
-    to_key = normalised(inverse(keyframe.to_reference) @ to_reference)
-    tilted = tilt(to_key, keyframe.shape) > _MAX_TILT
-    scale = scale_change(to_key, keyframe.shape)
-    return overlap(to_key, keyframe.shape) < least or tilted or not _SCALE_RANGE[0] < scale < _SCALE_RANGE[1]
 
 
 def _anchored(keyframe: Keyframe, match: KeyframeMatch) -> AnchoredFrame:

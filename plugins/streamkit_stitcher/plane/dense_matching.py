@@ -26,15 +26,20 @@ from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel
 
 _CACHED: Final = 3
 _FIRST_DEVIATION: Final = 2.0
+_FIRST_REST: Final = 0.7
 _LEAST_DEVIATION: Final = 0.1
 _LARGEST_DEVIATION: Final = 8.0
 _GAIN: Final = 0.1
 _OUTLIER: Final = 3.0
+_USUAL: Final = 2.0
 _EXPECTED: Final = 2
 # Smallest deviation at a corner, px: lens, shutter and compression.
-_FLOOR: Final = 0.2
-# Deviation of a held position, as a part of its distance from the best motion.
-_HELD: Final = 0.25
+_FLOOR: Final = 0.3
+_HELD: Final = 0.5
+# Part of the agreement of the best motion that a more precise match by patches must reach.
+_AS_GOOD: Final = 0.95
+# By how much a camera that was always where it was at the keyframe is surer to be so than the frame tells.
+_PERSISTENCE: Final = 0.5
 # Blocks stand for patches of the keyframe, with numbers beyond those of patches and features.
 _FIRST_BLOCK: Final = 1 << 19
 
@@ -49,7 +54,8 @@ class DenseMatcher:
     def __init__(self) -> None:
         self._levels: dict[int, tuple[DenseLevel, ...]] = {}
         self._deviation = _FIRST_DEVIATION
-        self._covariance = np.zeros((8, 8))
+        self._covariance, self._std = np.zeros((8, 8)), 0.0
+        self._rest = _FIRST_REST
 
     def match(
         self,
@@ -59,6 +65,7 @@ class DenseMatcher:
         before_std: float,
         expected: FloatArray,
         followed: KeyframeMatch | None,
+        measured: FloatArray | None,
     ) -> KeyframeMatch:
         """The likeliest match with a keyframe; its `share` is small where next to nothing agrees.
 
@@ -72,32 +79,54 @@ class DenseMatcher:
             before_std: its predicted error, px.
             expected: the predicted homography to the keyframe.
             followed: the match of the patches, if any.
+            measured: the homography by the motion since the previous frame, if that was measured.
         """
         factor = keyframe.factor
-        motions = [IDENTITY, before, expected, *([] if followed is None else [followed.fit.matrix])]
+        motions = [IDENTITY, before, expected]
+        if followed is not None:
+            motions.append(followed.fit.matrix)
+        if measured is not None:
+            motions.append(measured)
         found = align_densely(
             self._prepared(keyframe),
             small,
             [to_reduced(inverse(matrix), factor) for matrix in motions],
-            self._covariance + np.diag((self._deviation * STEP_RATIOS) ** 2),
-            preferred=[number for number in range(len(motions)) if number != _EXPECTED],
+            self._prior(before_std / factor),
+            preferred=(0, 1),
+            jumps=range(_EXPECTED + 1, len(motions)),
         )
         self._learn(found)
-        kept = found.prediction
-        if followed is not None and kept is not None and kept > _EXPECTED:
+        kept, std, away = found.prediction, found.corner_std * factor, found.away * factor
+        if kept is None and followed is not None and found.rival > _AS_GOOD and followed.corner_std < std:
             return followed
         to_key = from_reduced(inverse(found.key_to_frame), factor) if kept is None else motions[kept]
-        std = found.corner_std * factor
-        if kept is not None:
-            std = math.hypot(before_std if kept else 0.0, _HELD * found.away * factor)
-        return _match(found, to_key, factor, math.hypot(_FLOOR * factor, std))
+        if kept == 0:
+            std = math.hypot(std, away) * (1 - _PERSISTENCE * self._rest)
+        if kept == 1:
+            std = min(math.hypot(std, away), math.hypot(before_std, _HELD * away))
+        return _match(found, to_key, factor, math.hypot(_FLOOR * factor, std), kept is not None)
+
+    def _prior(self, before_std: float) -> FloatArray:
+        """Covariance of the step from a prediction, float64[8, 8], px.
+
+        A doubtful previous frame, `before_std` px at working size, makes more room, so that the truth is
+        found again.
+        """
+        doubt = max(0.0, before_std**2 - self._std**2 - _FLOOR**2)
+        return self._covariance + np.diag((self._deviation**2 + doubt) * STEP_RATIOS**2)
+
+    def is_usual(self, step: float) -> bool:
+        """Whether the camera moves by a step, px, as it did lately."""
+        return step < _USUAL * self._deviation
 
     def _learn(self, found: DenseAlignment) -> None:
-        step = found.step[:4] / STEP_RATIOS[:4]
-        size = min(float((step**2).mean()), (_OUTLIER * self._deviation) ** 2)
+        self._rest += _GAIN * ((found.prediction == 0) - self._rest)
+        # Expectation maximisation: without evidence the posterior is the prior, and nothing is learned.
+        squares = (found.step**2 + np.diag(found.covariance) - np.diag(self._covariance)) / STEP_RATIOS**2
+        size = float(np.clip(squares[:4].mean(), 0.0, (_OUTLIER * self._deviation) ** 2))
         deviation = np.sqrt((1 - _GAIN) * self._deviation**2 + _GAIN * size)
         self._deviation = float(np.clip(deviation, _LEAST_DEVIATION, _LARGEST_DEVIATION))
-        self._covariance = found.covariance
+        self._covariance, self._std = found.covariance, found.corner_std
 
     def _prepared(self, keyframe: Keyframe) -> tuple[DenseLevel, ...]:
         levels = self._levels.pop(keyframe.index, None)
@@ -109,7 +138,9 @@ class DenseMatcher:
         return levels
 
 
-def _match(found: DenseAlignment, to_key: FloatArray, factor: int, std: float) -> KeyframeMatch:
+def _match(
+    found: DenseAlignment, to_key: FloatArray, factor: int, std: float, at_rest: bool
+) -> KeyframeMatch:
     key_points = found.key_points * factor + (factor - 1) / 2
     inliers = np.arange(found.compared) < len(key_points)
     return KeyframeMatch(
@@ -120,4 +151,5 @@ def _match(found: DenseAlignment, to_key: FloatArray, factor: int, std: float) -
         std,
         share=found.agreement,
         std=std,
+        at_rest=at_rest,
     )

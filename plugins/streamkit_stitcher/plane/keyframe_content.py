@@ -72,7 +72,7 @@ def at_level(points: FloatArray, level: int) -> FloatArray:
 
 def executor_for(name: str) -> BackgroundExecutor:
     """A thread for work whose results are always asked for, so that no failure goes unseen."""
-    return BackgroundExecutor(name, max_bytes=0, failed=lambda _: None)
+    return BackgroundExecutor(name, failed=lambda _: None)
 
 
 def deferred(
@@ -82,4 +82,4 @@ def deferred(
 
     Waiting for results, not polling, gives the same homographies however the threads run.
     """
-    return partial(executor.ask(partial(work, *arguments)).result, TIMEOUT_S)
+    return partial(executor.submit(partial(work, *arguments)).result, TIMEOUT_S)

@@ -7,8 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from streamkit.geometry.homography import IDENTITY, FloatArray, GreyArray, inverse, normalised
+from streamkit.geometry.homography import IDENTITY, FloatArray, GreyArray, centre, inverse, normalised
 from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings
+from streamkit_stitcher.bundle_adjustment.lens import Lens
 from streamkit_stitcher.plane.adjuster import BackgroundAdjuster, adjust_homographies
 from streamkit_stitcher.plane.closure_check import FEW_STEPS, ClosureCheck
 from streamkit_stitcher.plane.keyframe_content import (
@@ -156,7 +157,11 @@ class KeyframeMap:
         return self.active
 
     def begin_adjustment(
-        self, images: Sequence[GreyArray], description: Description | None = None, whole: bool = False
+        self,
+        images: Sequence[GreyArray],
+        description: Description | None = None,
+        whole: bool = False,
+        is_sparse: bool = False,
     ) -> None:
         """Begins adjusting the newest keyframes; the previous result must have been adopted.
 
@@ -164,6 +169,7 @@ class KeyframeMap:
             images: the newest keyframe.
             description: its features, if they were computed before.
             whole: whether up to 60 keyframes are adjusted, as after a loop closure.
+            is_sparse: whether frames are far apart, so that patches of leaning trees and houses do not match.
         """
         if self.active is None or self._settings.window <= 0:
             return
@@ -177,7 +183,7 @@ class KeyframeMap:
         tied = [index for index in self._graph.tied if self._graph.planes[index] == self.plane]
         free = tied[-_WHOLE_LIMIT:] if whole or self._loop_closed else tied[-self._settings.window :]
         steps = self._graph.steps_from(self.active.index) if candidates or others else {}
-        near = frozenset(index for index, count in steps.items() if count <= FEW_STEPS)
+        near = frozenset(index for index, count in steps.items() if count <= FEW_STEPS and not is_sparse)
         found = self._graph.problem(free, self._references.values())
         self._loop_closed = False
         if found is None and not candidates and not others:
@@ -237,14 +243,22 @@ class KeyframeMap:
         own = [index for index, plane in self._graph.planes.items() if plane == self.plane]
         return own[number] if number < len(own) else None
 
-    def finish(self) -> float:
-        """Adjusts all tied keyframes; returns the root mean square residual of the ties, px."""
+    def finish(self, focal_px: float = 0.0) -> float:
+        """Adjusts all tied keyframes; returns the root mean square residual of the ties, px.
+
+        With the focal length of all frames the plane becomes level: no keyframe is its reference.
+        """
         self.adopt()
         found = self._graph.problem(self._graph.tied, self._references.values())
         if found is None:
             return 0.0
         settings = replace(self._adjustment(), ba_iterations=_FINAL_ITERATIONS)
-        homographies, rmse = adjust_homographies(*found, settings)
+        problem, indices = found
+        if focal_px > 0:
+            lens = Lens(focal_px, centre(self._shape))
+            problem = replace(problem, fixed=np.zeros_like(problem.fixed), lens=lens)
+            settings = replace(settings, model=MotionModel.HOMOGRAPHY)
+        homographies, rmse = adjust_homographies(problem, indices, settings)
         self._graph.move(homographies)
         self._refresh()
         return rmse

@@ -14,16 +14,21 @@ from streamkit.geometry.homography import (
     centre,
     corners,
     inverse,
+    normalised,
     overlap,
     project,
     scale_change,
+    tilt,
 )
 from streamkit_stitcher.plane.keyframe_content import KeyframeContent
 from streamkit_stitcher.registration.motion_models import MotionFit
 
 _SCALE_RANGE: Final = (0.7, 1.4)
+# A frame of another scale than its keyframe, or seen much more obliquely, becomes a keyframe.
+_KEPT_SCALES: Final = (0.8, 1.25)
+_MAX_TILT: Final = 0.5
 _MANY: Final = 60
-_FLOOR: Final = 0.2
+_FLOOR: Final = 0.3
 _LEAST_SHARE: Final = 0.05
 # Distance of keyframes of different planes, px: these stay while any two of one plane are nearer.
 _ANOTHER_PLANE: Final = 1e12
@@ -86,6 +91,7 @@ class KeyframeMatch:
         sharp: whether most patches agree or correlate well with those of the keyframe.
         share: patches that agree, as a part of those in view.
         std: predicted error at the worst corner, px, systematic errors included; None to derive it.
+        at_rest: whether the camera stayed where it was at the keyframe or in the previous frame.
     """
 
     fit: MotionFit
@@ -97,6 +103,7 @@ class KeyframeMatch:
     sharp: bool = True
     share: float = 1.0
     std: float | None = None
+    at_rest: bool = False
 
     @property
     def corner_std(self) -> float:
@@ -231,3 +238,11 @@ def _near(
     shared = np.maximum(sides, 0.0).prod(axis=1)
     near = ~in_front | (shared >= 0.99 * least * area)
     return [keyframe for keyframe, kept in zip(keyframes, near, strict=True) if kept]
+
+
+def is_leaving(keyframe: Keyframe, to_reference: FloatArray, least: float) -> bool:
+    """Whether overlap, tilt or scale of a frame differ too much from its keyframe."""
+    to_key = normalised(inverse(keyframe.to_reference) @ to_reference)
+    tilted = tilt(to_key, keyframe.shape) > _MAX_TILT
+    scale = scale_change(to_key, keyframe.shape)
+    return overlap(to_key, keyframe.shape) < least or tilted or not _KEPT_SCALES[0] < scale < _KEPT_SCALES[1]

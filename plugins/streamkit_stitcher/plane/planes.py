@@ -43,10 +43,12 @@ class Planes:
         self.anchor: KeyframeAnchor | None = None
         self.keeps_earlier = True
         self.before = self.base = IDENTITY
+        self._since_key = 0
         self.begin_frame()
 
     def begin_frame(self) -> None:
         """Forgets the changes under the previous frame."""
+        self._since_key += 1
         self.change: FloatArray | None = None
         self.rebase: FloatArray | None = None
         self.has_opened = self.has_jumped = False
@@ -86,7 +88,7 @@ class Planes:
             self.anchor = KeyframeAnchor(self._settings, level, self.number)
         self.anchor.keyframes.begin_plane(self.number)
         self.anchor.add(images, IDENTITY)
-        self.base = IDENTITY
+        self.base, self._since_key = IDENTITY, 0
 
     def recognise(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> KeyframeMatch | None:
         """Matches a frame by features; the plane of the matching keyframe becomes current."""
@@ -109,6 +111,7 @@ class Planes:
 
         Returns its homography to the present reference plane.
         """
+        since_key, self._since_key = self._since_key, 0
         keyframes, shape = anchor.keyframes, (images[0].shape[0], images[0].shape[1])
         keys = [one.to_reference for one in keyframes.stored if one.plane == keyframes.plane]
         levelled = levelling_due([*keys, to_reference], shape)
@@ -123,7 +126,9 @@ class Planes:
             matrix = keyframes.homographies.get(reference, IDENTITY)
             if not np.allclose(matrix, IDENTITY, atol=_SAME):
                 to_reference = self._moved(keyframes.rebase(reference, self._new_number()), to_reference)
-        keyframes.begin_adjustment(images, anchor.description, whole=reference is not None)
+        keyframes.begin_adjustment(
+            images, anchor.description, whole=reference is not None, is_sparse=since_key == 1
+        )
         return to_reference
 
     def _open(self, images: Sequence[GreyArray], to_reference: FloatArray, level: int) -> FloatArray:

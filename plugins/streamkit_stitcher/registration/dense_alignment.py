@@ -30,14 +30,15 @@ _SMOOTHING: Final = 0.8
 # Grey levels below which contrast is taken for noise.
 _NOISE: Final = 4.0
 _WEAK_POWER: Final = 0.05
-# Difference of a block, as a part of both powers, at which it has a quarter of its weight; 1 is unrelated.
-_UNLIKE: Final = 0.3
+# Difference of a block, as a part of both powers, at which it has a quarter of its weight, and at which it
+# counts as a quarter of agreement; 1 is unrelated.
+_UNLIKE: Final = 0.15
+_RELATED: Final = 0.3
 _SMALLEST_VARIANCE: Final = 0.005
 _ITERATIONS: Final = 6
 _SETTLED: Final = 0.03
-# Differences of neighbouring pixels are correlated: they count for so many fewer.
-_CORRELATED: Final = 10.0
-_LEAST_AGREEMENT: Final = 0.05
+# Differences are alike over parts of the frame, as shadows and edges are: it counts as so many measurements.
+_INDEPENDENT: Final = 250.0
 # Deviations of the parameters of a step: shift x, y, scale, rotation, two of shear, two of perspective.
 STEP_RATIOS: Final[FloatArray] = np.array([1.0, 1.0, 0.3, 0.3, 0.1, 0.1, 0.07, 0.07])
 
@@ -122,32 +123,47 @@ class DenseLevel:
         visible = np.isfinite(squares)
         power = self._power + np.where(visible, self._mean(moved * moved), 0.0) + _WEAK_POWER
         squares = np.where(visible, squares, 0.0)
-        weights = visible / (1 + (squares / (_UNLIKE * power)) ** 2) ** 2
+        weights, alike = (visible / (1 + (squares / (u * power)) ** 2) ** 2 for u in (_UNLIKE, _RELATED))
         sides = [np.where(visible, self._mean(g * difference), 0.0) for g in (self._across, self._down)]
         contrast = self._structure[0] + self._structure[2]
         seen = float((visible * contrast).sum())
-        agreement = float((weights * contrast).sum()) / seen if seen > 0 else 0.0
-        return Comparison(weights, squares, np.stack(sides), visible, agreement)
+        agreement = float((alike * contrast).sum()) / seen if seen > 0 else 0.0
+        return Comparison(weights, alike, squares, np.stack(sides), visible, agreement)
+
+    def evidence(self, one: "Comparison", other: "Comparison") -> float:
+        """By how much one comparison agrees more than another, in deviations of the parts of the frame.
+
+        Source: Vuong, Likelihood ratio tests for model selection, Econometrica 1989.
+        """
+        contrast = (self._structure[0] + self._structure[2]) * (one.visible & other.visible)
+        gains = (contrast * (one.alike - other.alike)).reshape(self._blocks)
+        parts = cv2.resize(gains, (_PARTS, _PARTS), interpolation=cv2.INTER_AREA)
+        return float(parts.sum() / max(1e-9, float(np.linalg.norm(parts))))
 
     def refine(
-        self, image: _SingleArray, motion: FloatArray, covariance: FloatArray
+        self,
+        image: _SingleArray,
+        motion: FloatArray,
+        prediction: FloatArray,
+        covariance: FloatArray,
     ) -> tuple[FloatArray, FloatArray, "Comparison"]:
         """The likeliest motion near a prediction, its covariance, and the comparison there.
 
         Args:
             image: texture of the frame.
-            motion: predicted, keyframe to frame.
-            covariance: float64[8, 8], of the predicted step, px.
+            motion: to begin with, keyframe to frame.
+            prediction: keyframe to frame.
+            covariance: float64[8, 8], of the step from the prediction, px.
         """
         information = np.linalg.inv(covariance)
         x, y = self._slopes
-        predicted = inverse(motion)
+        predicted = inverse(prediction)
         compared = self.compare(image, motion)
         for _ in range(_ITERATIONS):
             weights = compared.weights
             normal = (self._steepest[0] * weights) @ x.T + (self._steepest[1] * weights) @ y.T
             sides = (x * weights) @ compared.sides[0] + (y * weights) @ compared.sides[1]
-            scale = _BLOCK**2 / (_CORRELATED * compared.variance)
+            scale = _INDEPENDENT / (len(self.centres) * compared.variance)
             whole = scale * normal + information
             away = self.step_of(predicted @ motion)
             step = np.linalg.solve(whole, -scale * sides - information @ away)
@@ -178,6 +194,7 @@ class Comparison:
 
     Attributes:
         weights: float64[n], 0 for blocks that differ to 1 for equal ones.
+        alike: float64[n], the same, for larger differences.
         squares: float64[n], mean squared difference of the textures.
         sides: float64[2, n], mean product of the difference with the gradient, in x and y.
         visible: bool[n], blocks inside the frame.
@@ -185,6 +202,7 @@ class Comparison:
     """
 
     weights: FloatArray
+    alike: FloatArray
     squares: FloatArray
     sides: FloatArray
     visible: npt.NDArray[np.bool_]
@@ -215,6 +233,7 @@ class DenseAlignment:
             then exactly that.
         away: distance of that prediction from the best motion at the worst corner, px.
         rmse: root mean square difference of the textures.
+        rival: agreement of the best of the jumps, as a part of that of the motion; 0 without jumps.
     """
 
     key_to_frame: FloatArray
@@ -228,13 +247,20 @@ class DenseAlignment:
     prediction: int | None
     away: float
     rmse: float
+    rival: float
 
 
 _AGREEING: Final = 0.5
-# Share of the best agreement that a preferred prediction must reach, and its largest distance, px.
-_AS_GOOD: Final = 0.93
-_SAME_RANGE: Final = 8.0
-_CONTAMINATED: Final = 1.5
+# A preferred prediction must reach this share of the best agreement, within so many deviations (squared) of
+# the best motion, which 0.2 % of eight parameters exceed by chance; cameras at rest move by the jitter, px.
+_AS_GOOD: Final = 0.85
+_HELD: Final = 25.0
+_JITTER: Final = 0.25
+# Agreement by which a jump must exceed the camera's expected motion, in deviations of its parts of the frame.
+_EVIDENT: Final = 3.0
+_PARTS: Final = 6
+_JUMP_COVARIANCE: Final[FloatArray] = np.diag((2.0 * STEP_RATIOS) ** 2)
+_LEAST_AGREEMENT: Final = 1e-6
 # Shifts, px, under which only chance agrees.
 _WRONG: Final = ((25.0, 17.0), (-25.0, 17.0))
 
@@ -245,6 +271,7 @@ def align_densely(
     predictions: Sequence[FloatArray],
     covariance: FloatArray,
     preferred: Sequence[int] = (),
+    jumps: Sequence[int] = (),
 ) -> DenseAlignment:
     """Aligns a frame with a keyframe, coarse to fine, by all blocks that can agree.
 
@@ -258,6 +285,8 @@ def align_densely(
         covariance: float64[8, 8], of the step from a prediction, px.
         preferred: numbers of predictions that are kept where they explain the frame about as well as any
             motion, first come first served: the camera at rest, the motion of most patches.
+        jumps: numbers of predictions that the camera's past does not suggest. They need evidence from all
+            over the frame, as a mover offers the motion of its own part of it, too.
 
     Source: Black and Anandan, The robust estimation of multiple motions, CVIU 1996; Irani, Rousso and Peleg,
     Computing occluding and transparent motions, IJCV 1994.
@@ -266,37 +295,51 @@ def align_densely(
     coarsest = 2 ** (len(levels) - 1)
     reduced = [to_reduced(prediction, coarsest) for prediction in predictions]
     scores = [levels[0].compare(textures[0], prediction).agreement for prediction in reduced]
-    start, motion = predictions[int(np.argmax(scores))], reduced[int(np.argmax(scores))]
+    chosen = max(
+        (number for number in range(len(predictions)) if number not in jumps), key=scores.__getitem__
+    )
+    start, motion = predictions[chosen], reduced[chosen]
     for number, (level, image) in enumerate(zip(levels, textures, strict=True)):
         motion = _doubled(motion) if number else motion
-        spread = covariance / 4.0 ** (len(levels) - 1 - number)
-        motion, posterior, compared = level.refine(image, motion, spread)
+        size = 2 ** (len(levels) - 1 - number)
+        motion, posterior, best = level.refine(image, motion, to_reduced(start, size), covariance / size**2)
     finest, image = levels[-1], textures[-1]
+    rival = 0.0
+    for number in jumps:
+        other = finest.compare(image, predictions[number])
+        rival = max(rival, other.agreement / max(_LEAST_AGREEMENT, best.agreement))
+        if finest.evidence(other, best) > _EVIDENT:
+            start = predictions[number]
+            motion, posterior, best = finest.refine(image, start, start, _JUMP_COVARIANCE)
     step = finest.step_of(inverse(start) @ motion)
     kept, found, away = None, motion, 0.0
+    allowed = np.linalg.inv(posterior + np.diag((_JITTER * STEP_RATIOS) ** 2))
     for number in preferred:
+        apart = finest.step_of(inverse(predictions[number]) @ found)
         other = finest.compare(image, predictions[number])
-        apart = corner_shift(inverse(predictions[number]) @ found, finest.shape)
-        if other.agreement > _AS_GOOD * compared.agreement and apart < _SAME_RANGE:
-            motion, compared, kept, away = predictions[number], other, number, apart
+        if apart @ allowed @ apart < _HELD and other.agreement > _AS_GOOD * best.agreement:
+            motion, kept, best = predictions[number], number, other
+            away = corner_shift(inverse(motion) @ found, finest.shape)
+            step = finest.step_of(inverse(start) @ motion)
             break
     chance = np.mean([finest.compare(image, motion @ translation(np.array(by))).agreement for by in _WRONG])
-    agreement = max(0.0, float((compared.agreement - chance) / (1 - chance)))
+    agreement = max(0.0, float((best.agreement - chance) / (1 - chance)))
     x, y = finest.corner_slopes
     variance = np.einsum("ic,ij,jc->c", x, posterior, x) + np.einsum("ic,ij,jc->c", y, posterior, y)
-    agreeing = np.flatnonzero(compared.weights > _AGREEING)
+    agreeing = np.flatnonzero(best.weights > _AGREEING)
     return DenseAlignment(
         motion,
         agreement,
-        float(np.sqrt(variance.max())) / max(_LEAST_AGREEMENT, agreement) ** _CONTAMINATED,
+        float(np.sqrt(variance.max())),
         posterior,
         step,
         finest.centres[agreeing],
         agreeing,
-        int(np.count_nonzero(compared.visible)),
+        int(np.count_nonzero(best.visible)),
         kept,
         away,
-        float(np.sqrt(compared.variance)),
+        float(np.sqrt(best.variance)),
+        rival,
     )
 
 

@@ -296,6 +296,8 @@ def test_the_summary_names_the_mosaic(flight, tmp_path):
         harness.drain()
     names = [message.fields.get("name") for message in harness.messages]
     assert names.index("summary") > names.index("mosaic")
+    mosaic = harness.messages[names.index("mosaic")].fields
+    assert (mosaic["placed"] + mosaic["weak"], mosaic["lost"]) == (3, 0)
     summary = harness.messages[names.index("summary")].fields
     height, width = cv2.imread(str(tmp_path / "m.png")).shape[:2]
     assert (summary["file"], summary["width"], summary["height"]) == (str(tmp_path / "m.png"), width, height)

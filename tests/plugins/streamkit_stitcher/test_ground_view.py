@@ -15,7 +15,12 @@ NADIR = (0.0, -math.pi / 2, 0.0)
 
 def dji(**fields):
     """A pose 100 m above the take-off, straight down unless said otherwise."""
-    given = {"altitude": 100.0, "sensor_angles": NADIR, "source": "dji above take-off"} | fields
+    given = {
+        "altitude": 100.0,
+        "sensor_angles": NADIR,
+        "source": "dji above take-off",
+        "ground_altitude": 0.0,
+    } | fields
     return Pose(46.8, -92.1, **given)
 
 
@@ -60,7 +65,7 @@ def test_a_camera_that_looks_down_needs_no_field_of_view():
     ("fields", "reason"),
     [
         ({}, "field-of-view"),
-        ({"field_of_view": (1.0, 0.8), "source": "dji above sea level"}, "ground-altitude"),
+        ({"field_of_view": (1.0, 0.8), "ground_altitude": None}, "ground-altitude"),
         ({"sensor_angles": (0.0, 0.0, 0.0)}, "horizon"),
         ({"is_stale": True}, "no current position"),
     ],
@@ -77,6 +82,7 @@ def test_the_altitude_of_the_ground_gives_the_height():
         heading=0.0,
         altitude=350.0,
         source="dji above sea level",
+        ground_altitude=None,
         field_of_view=(1.0, 0.8),
         sensor_angles=(0.0, -math.pi / 4, 0.0),
     )

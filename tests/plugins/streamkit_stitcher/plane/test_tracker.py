@@ -61,7 +61,7 @@ def test_homographies_do_not_depend_on_the_threads(ground, make_flight, monkeypa
         future.set_result(work())
         return future
 
-    monkeypatch.setattr(BackgroundExecutor, "ask", at_once)
+    monkeypatch.setattr(BackgroundExecutor, "submit", at_once)
     alone = make_tracker()
     registrations = [alone.track(flight.frame(index)) for index in range(30)]
     assert sum(registered.keyframe for registered in registrations) > 2

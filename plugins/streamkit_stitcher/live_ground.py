@@ -1,0 +1,87 @@
+"""The position of each frame on the earth, by what the last frames have shown of it."""
+
+import math
+from collections import deque
+from dataclasses import replace
+from typing import Final
+
+from streamkit.geometry.homography import IDENTITY, inverse, normalised
+from streamkit_stitcher.mosaic.frame_views import FrameView, Position, georeferenced
+from streamkit_stitcher.mosaic.georeference import Georeference, GroundView, local_metres
+from streamkit_stitcher.plane.frame_registration import FrameRegistration, Status
+
+# The views of the last forty seconds: over longer times the plane drifts.
+_MOST_VIEWS: Final = 200
+_INTERVAL_S: Final = 0.2
+# Positions over which the speed is taken: some are sent twice.
+_STEPS: Final = 5
+# Views that are added between two fits, as a part of those there are.
+_GROWTH: Final = 1 / 8
+
+
+class LiveGround:
+    """Fits the current plane to the earth as the flight goes on."""
+
+    def __init__(self) -> None:
+        self._views: deque[FrameView] = deque(maxlen=_MOST_VIEWS)
+        self._geo: Georeference | None = None
+        self._added, self._last_s = 0, -math.inf
+        self._last: GroundView | None = None
+        self._speeds = deque[float](maxlen=_STEPS)
+
+    def locate(
+        self, registered: FrameRegistration, shape: tuple[int, int], position: Position
+    ) -> Georeference | None:
+        """That of a frame's pixels, in the order of the stream; None if unknown.
+
+        Args:
+            registered: the frame's place on the plane.
+            shape: height and width, px.
+            position: what telemetry tells of it, or why that is unknown.
+        """
+        if registered.status is Status.CUT:
+            self._forget()
+        elif registered.change is not None:
+            self._views = deque(
+                (replace(view, to_key=normalised(registered.change @ view.to_key)) for view in self._views),
+                _MOST_VIEWS,
+            )
+            self._geo = None if self._geo is None else self._geo.seen_through(registered.change)
+        if registered.status is Status.LOST:
+            return None
+        if isinstance(position, GroundView):
+            self._speeds.append(_speed(self._last, position))
+            self._last = position
+            if registered.anchored:
+                self._add(FrameView(0, registered.to_reference, shape, position))
+        if self._geo is None:
+            return None
+        # Telemetry and image differ by this time, and either may be right.
+        error_m = math.hypot(self._geo.error_m, max(self._speeds, default=0.0) * self._geo.lead_s)
+        return replace(self._geo.seen_through(inverse(registered.to_reference)), error_m=error_m)
+
+    def _forget(self) -> None:
+        """Begins another plane."""
+        self._views.clear()
+        self._geo, self._added, self._last_s = None, 0, -math.inf
+
+    def _add(self, view: FrameView) -> None:
+        """Adds a view where the last one is old enough, and fits anew once there are enough others."""
+        position = view.position
+        time_s = position.time_s if isinstance(position, GroundView) else None
+        if time_s is not None and 0 <= time_s - self._last_s < _INTERVAL_S:
+            return
+        self._last_s = -math.inf if time_s is None else time_s
+        self._views.append(view)
+        self._added += 1
+        if self._geo is None or self._added > _GROWTH * len(self._views):
+            self._geo, _ = georeferenced({0: IDENTITY}, tuple(self._views), math.inf)
+            self._added = 0
+
+
+def _speed(before: GroundView | None, view: GroundView) -> float:
+    """Speed over the ground of what the middle of the frame shows, m/s; 0 where it is unknown."""
+    if before is None or before.time_s is None or view.time_s is None or view.time_s <= before.time_s:
+        return 0.0
+    step = local_metres([view.places[0]], before.places[0])[0]
+    return math.hypot(*step) / (view.time_s - before.time_s)
