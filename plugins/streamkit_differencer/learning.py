@@ -1,4 +1,13 @@
-"""Learning from a frame: equation 3, stationary objects and new pixels."""
+"""Learning from a frame: equation 3, stationary objects and new pixels.
+
+Besides its background a pixel keeps the other value that it shows, and for how many frames it was seen at
+rest with each. The other value becomes the background after as many frames as the background was known for,
+at most `absorb_frames`: a ghost of the first frames goes soon, a vehicle that stops stays. The old background
+then is the other value, and is known again when the vehicle leaves.
+
+Source: the candidate and apparent background of Yi et al., "Detection of Moving Objects with Non-stationary
+    Cameras in 5.8ms", CVPR Workshops 2013, for single pixels.
+"""
 
 from __future__ import annotations
 
@@ -6,83 +15,131 @@ import numpy as np
 from numba import types
 
 from streamkit_differencer.arrays import REGION, ByteImage, ByteLine, FloatImage, FloatLine, Region
+from streamkit_differencer.lines import is_any_set
 from streamkit_kernels import BYTES, FLOATS, compiled, kernel
 
 # Update of a pixel's background: none, by equation 3, replaced by the frame, or its first one.
 NONE, AVERAGED, REPLACED, NEW = 0, 1, 2, 3
 
 
-@kernel(BYTES, BYTES, BYTES, FLOATS, BYTES, BYTES, BYTES, REGION, types.float64, types.int64)
+@kernel(*[BYTES] * 3, FLOATS, *[BYTES] * 7, REGION, types.float64, types.int64, types.int64)
 def learn(
     image: ByteImage,
     mask: ByteImage,
     quiet: ByteImage,
     background: FloatImage,
+    rounded: ByteImage,
+    thresholds: ByteImage,
     valid: ByteImage,
-    standing: ByteImage,
+    known_frames: ByteImage,
+    other: ByteImage,
+    other_frames: ByteImage,
     updates: ByteImage,
     region: Region,
     learning_rate: float,
+    quiet_frames: int,
     absorb_frames: int,
 ) -> int:
-    """Equation 3; foreground that was quiet long enough, and new quiet pixels, become background.
+    """Equation 3; foreground that was seen long enough, and new quiet pixels, become background.
 
     Args:
         image: uint8[h, w], f(t) on the canvas, as all images.
         mask: uint8[h, w], foreground.
         quiet: uint8[h, w], mask of D = 0.
         background: float32[h, w], B(t - 1), becomes B(t).
-        valid: uint8[h, w], mask of where it is known; updated in place.
-        standing: uint8[h, w], frames that a pixel was foreground and quiet; updated in place.
+        rounded: uint8[h, w], B(t - 1) in whole grey levels.
+        thresholds: uint8[h, w], T_F of each pixel: values that differ by no more are the same.
+        valid: uint8[h, w], mask of where the background is known; updated in place.
+        known_frames: uint8[h, w], frames that the background was seen at rest; updated in place.
+        other: uint8[h, w], the other value of each pixel; updated in place.
+        other_frames: uint8[h, w], frames that it was seen at rest; updated in place.
         updates: uint8[h, w], output: `NONE`, `AVERAGED`, `REPLACED` or `NEW`.
         region: bounds of the frame; nothing else is read or written.
         learning_rate: alpha, 0 to 1.
-        absorb_frames: frames after which a stationary object becomes background.
+        quiet_frames: lambda, the frames that new background was seen at rest.
+        absorb_frames: frames after which a stationary object becomes background at the latest.
 
     Returns:
         The number of new pixels.
     """
     top, bottom, left, right = region
-    least, total = np.uint8(min(max(absorb_frames, 0), 255)), 0
+    most, total = np.uint8(min(max(absorb_frames, 0), 255)), 0
     for row in range(top, bottom):
-        counts, update = standing[row, left:right], updates[row, left:right]
+        line, foreground, update = image[row, left:right], mask[row, left:right], updates[row, left:right]
         line_quiet, known = quiet[row, left:right], valid[row, left:right]
-        _count_standing(mask[row, left:right], line_quiet, counts)
-        _choose_updates(mask[row, left:right], line_quiet, known, counts, least, update)
-        _apply(image[row, left:right], update, np.float32(learning_rate), background[row, left:right])
-        _accept(update, known)
+        frames = known_frames[row, left:right]
+        _choose_updates(foreground, line_quiet, known, update)
+        if is_any_set(foreground):
+            states = (
+                line,
+                foreground,
+                known,
+                line_quiet,
+                rounded[row, left:right],
+                thresholds[row, left:right],
+            )
+            others = other[row, left:right], other_frames[row, left:right]
+            _count_other(*states, most, frames, *others, update)
+        _apply(line, update, np.float32(learning_rate), background[row, left:right])
+        _accept(update, known, frames, np.uint8(quiet_frames))
         total += _count_new(update)
     return total
 
 
 @compiled
-def _count_standing(mask: ByteLine, quiet: ByteLine, standing: ByteLine) -> None:
-    """Counts frames, to 255; 0 where a pixel is not foreground."""
-    for index in range(standing.size):
-        count = standing[index] & mask[index]
-        still = mask[index] & quiet[index] & np.uint8(1)
-        standing[index] = np.uint8(count + min(still, np.uint8(~count)))
-
-
-@compiled
-def _choose_updates(
-    mask: ByteLine, quiet: ByteLine, valid: ByteLine, standing: ByteLine, least: np.uint8, update: ByteLine
-) -> None:
+def _choose_updates(mask: ByteLine, quiet: ByteLine, valid: ByteLine, update: ByteLine) -> None:
     for index in range(update.size):
-        is_long = standing[index] >= least
-        for_foreground = np.uint8(REPLACED) if is_long else np.uint8(NONE)
         is_known = valid[index] == np.uint8(255)
+        for_foreground = np.uint8(NONE) if is_known else np.uint8(NEW)
         for_background = np.uint8(AVERAGED) if is_known else np.uint8(NEW)
-        kind = for_foreground if mask[index] > 0 and is_known else for_background
+        kind = for_foreground if mask[index] > 0 else for_background
         update[index] = kind & quiet[index]
 
 
 @compiled
-def _accept(update: ByteLine, valid: ByteLine) -> None:
-    """Makes new pixels valid."""
+def _count_other(
+    line: ByteLine,
+    mask: ByteLine,
+    valid: ByteLine,
+    quiet: ByteLine,
+    rounded: ByteLine,
+    thresholds: ByteLine,
+    most: np.uint8,
+    known_frames: ByteLine,
+    other: ByteLine,
+    other_frames: ByteLine,
+    update: ByteLine,
+) -> None:
+    """Counts the frames of the other value of foreground, up while it rests and down while it does not show.
+
+    A value without frames left is replaced, and one with as many as the background becomes the background.
+    """
+    one, none = np.uint8(1), np.uint8(0)
     for index in range(update.size):
-        is_new = update[index] == np.uint8(NEW)
+        value, before, count, known = line[index], other[index], other_frames[index], known_frames[index]
+        is_foreground = mask[index] > none and valid[index] == np.uint8(255)
+        is_like = np.uint8(max(value, before) - min(value, before)) <= thresholds[index]
+        more = np.uint8(count + min(quiet[index] & one, np.uint8(~count)))
+        less = np.uint8(count - min(count, one))
+        begins = not is_like and less == none
+        count = (more if is_like else less) if is_foreground else count
+        is_shown = is_foreground and quiet[index] > none and (is_like or begins)
+        exchanges = is_shown and count >= min(known, most)
+        update[index] = np.uint8(REPLACED) if exchanges else update[index]
+        known_frames[index] = count if exchanges else known
+        other_frames[index] = known if exchanges else count
+        kept = value if is_foreground and begins else before
+        other[index] = rounded[index] if exchanges else kept
+
+
+@compiled
+def _accept(update: ByteLine, valid: ByteLine, frames: ByteLine, first: np.uint8) -> None:
+    """Makes new pixels valid, and counts the frames of what is background."""
+    for index in range(update.size):
+        is_new, count = update[index] == np.uint8(NEW), frames[index]
         valid[index] = valid[index] | (np.uint8(255) if is_new else np.uint8(0))
+        more = np.uint8(count + min(np.uint8(update[index] == np.uint8(AVERAGED)), np.uint8(~count)))
+        frames[index] = first if is_new else more
 
 
 @compiled

@@ -71,7 +71,9 @@ BYTE_IMAGES: dict[str, float] = {
     "_waiting": LONGEST_WAIT,
     "thresholds": HIGHEST_THRESHOLD,
     "valid": 0,
-    "standing": 0,
+    "known_frames": 0,
+    "_other": 0,
+    "other_frames": 0,
     "flicker": 0,
     "_foreground_before": 0,
 }
@@ -99,7 +101,8 @@ class BackgroundModel:
         deviation: float32[h, w], mean absolute deviation of the background, grey levels.
         thresholds: uint8[h, w], T_F of each pixel: a multiple of the deviation, within limits.
         valid: uint8[h, w], mask of the pixels whose background is known.
-        standing: uint8[h, w], frames that a pixel was foreground and quiet.
+        known_frames: uint8[h, w], frames that the background was seen at rest.
+        other_frames: uint8[h, w], frames that the other value of a pixel was seen at rest, see `learning`.
         flicker: uint8[h, w], see `filters.flicker`.
         mask: uint8[h, w], the last frame's foreground within its region: 255 moving, 128 stopped, 50 shadow.
             Valid until the next frame.
@@ -116,12 +119,14 @@ class BackgroundModel:
     deviation: FloatImage = field(init=False)
     thresholds: ByteImage = field(init=False)
     valid: ByteImage = field(init=False)
-    standing: ByteImage = field(init=False)
+    known_frames: ByteImage = field(init=False)
+    other_frames: ByteImage = field(init=False)
     flicker: ByteImage = field(init=False)
     mask: ByteImage = field(init=False)
     tolerance: int = 0
     compared_background: tuple[ByteImage, Slices] = field(init=False)
     _waiting: ByteImage = field(init=False)
+    _other: ByteImage = field(init=False)
     _foreground_before: ByteImage = field(init=False)
     _frames: int = 0
     _history: deque[CanvasFrame] = field(default_factory=deque)
@@ -150,8 +155,8 @@ class BackgroundModel:
     def _used(self) -> dict[str, float]:
         """The images that may hold anything but their fill value."""
         unused = set() if self.settings.flicker else {"flicker", "_foreground_before"}
-        if not cv2.countNonZero(self.standing):
-            unused.add("standing")
+        if not cv2.countNonZero(self.other_frames):
+            unused.add("other_frames")
         return {name: fill for name, fill in (FLOAT_IMAGES | BYTE_IMAGES).items() if name not in unused}
 
     def scroll(self, dx: int, dy: int) -> None:
@@ -253,7 +258,7 @@ class BackgroundModel:
         images = *frame, self.background, self.valid, self.thresholds, scratch.rounded, scratch.levels
         classify(*images, bounds, self.tolerance, gradient_gain, settings.hysteresis_ratio)
         if self.tolerance > 0 and settings.hysteresis_ratio < 1.0:
-            hysteresis_mask(scratch.levels, scratch.updates, scratch.mask, bounds)
+            hysteresis_mask(scratch.levels, scratch.mask, bounds)
         else:
             strong_mask(scratch.levels, scratch.mask, bounds)
 
@@ -280,8 +285,10 @@ class BackgroundModel:
     def _learn(self, frame: CanvasFrame, earlier: CanvasFrame | None, bounds: Region) -> None:
         """Equation 3, stationary objects, new pixels, and the noise."""
         settings, scratch = self.settings, self._scratch
-        images = scratch.mask, scratch.quiet, self.background, self.valid, self.standing, scratch.updates
-        added = learn(frame.image, *images, bounds, settings.learning_rate, settings.absorb_frames)
+        images = frame.image, scratch.mask, scratch.quiet, self.background, scratch.rounded, self.thresholds
+        states = self.valid, self.known_frames, self._other, self.other_frames, scratch.updates
+        times = settings.quiet_frames, settings.absorb_frames
+        added = learn(*images, *states, bounds, settings.learning_rate, *times)
         if not settings.noise_gain:
             return
         noise = self.deviation, self.thresholds, bounds

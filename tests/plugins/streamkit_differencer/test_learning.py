@@ -17,68 +17,77 @@ def masks(seed, *shares):
     return [np.where(random.random(SHAPE) < share, 255, 0).astype(np.uint8) for share in shares]
 
 
+def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10):
+    """Learns from a frame; updates `state`, and gives the updates and the number of new pixels."""
+    updates = np.full(SHAPE, 77, np.uint8)
+    rounded = np.rint(state["background"]).astype(np.uint8)
+    images = image, mask, quiet, state["background"], rounded, state["thresholds"], state["valid"]
+    counts = state["known_frames"], state["other"], state["other_frames"]
+    return updates, learn(*images, *counts, updates, REGION, 0.08, quiet_frames, absorb_frames)
+
+
+def a_state(seed, valid):
+    """Random images of the model, with few frames counted."""
+    random = np.random.default_rng(seed)
+    counts = "known_frames", "other_frames"
+    whole = {name: random.integers(0, 12, SHAPE).astype(np.uint8) for name in counts}
+    whole["other"], whole["valid"] = random.integers(90, 110, SHAPE).astype(np.uint8), valid
+    whole["thresholds"] = random.integers(4, 9, SHAPE).astype(np.uint8)
+    whole["background"] = random.uniform(0, 255, SHAPE).astype(np.float32)
+    return whole
+
+
 def test_each_pixel_learns_as_it_should():
-    """Ground by equation 3, what stands for long and what is new at once, all else not at all."""
-    random = np.random.default_rng(0)
+    """Ground by equation 3, what is new at once, what was seen as long as the background, all else not."""
+    image = np.random.default_rng(0).integers(90, 110, SHAPE).astype(np.uint8)
     quiet, mask, valid = masks(1, 0.7, 0.3, 0.8)
     mask &= valid
-    standing, image = (
-        random.integers(5, 12, SHAPE).astype(np.uint8),
-        random.integers(0, 256, SHAPE).astype(np.uint8),
-    )
-    background = random.uniform(0, 255, SHAPE).astype(np.float32)
-    old, known, stood = background.copy(), valid.copy(), standing.copy()
-    updates = np.full(SHAPE, 77, np.uint8)
-    count = learn(image, mask, quiet, background, valid, standing, updates, REGION, 0.08, 10)
-    still, counts = (quiet & mask) > 0, np.where(mask > 0, stood, 0) + ((quiet & mask) > 0)
-    new = (quiet > 0) & (mask == 0) & (known == 0)
-    slowly = ((quiet > 0) & (mask == 0) & (known > 0)).astype(np.uint8)
+    state = a_state(2, valid)
+    old = {name: values.copy() for name, values in state.items()}
+    updates, count = learn_frame(state, image, mask, quiet)
+    rests, foreground = quiet > 0, mask > 0
+    like = np.abs(image.astype(int) - old["other"]) <= old["thresholds"]
+    seen = np.where(like, old["other_frames"] + rests, np.maximum(old["other_frames"].astype(int) - 1, 0))
+    begins = foreground & ~like & (seen == 0)
+    seen = np.where(foreground, seen, old["other_frames"])
+    exchanged = foreground & rests & (like | begins) & (seen >= np.minimum(old["known_frames"], 10))
+    new, averaged = rests & (old["valid"] == 0), rests & ~foreground & (old["valid"] > 0)
     expected = np.full(SHAPE, NONE)
-    expected[slowly > 0], expected[new], expected[still & (counts >= 10)] = AVERAGED, NEW, REPLACED
-    np.testing.assert_array_equal(updates[INSIDE], expected[INSIDE])
-    np.testing.assert_array_equal(standing[INSIDE], counts[INSIDE])
-    np.testing.assert_array_equal(valid[INSIDE] > 0, ((known > 0) | new)[INSIDE])
+    expected[averaged], expected[new], expected[exchanged] = AVERAGED, NEW, REPLACED
+    other = np.where(begins, image, old["other"])
+    wanted = {
+        "valid": np.where(new, 255, old["valid"]),
+        "known_frames": np.where(exchanged, seen, np.where(new, 4, old["known_frames"] + averaged)),
+        "other_frames": np.where(exchanged, old["known_frames"], seen),
+        "other": np.where(exchanged, np.rint(old["background"]), other),
+        "thresholds": old["thresholds"],
+    }
+    assert exchanged[INSIDE].any()
     assert count == np.count_nonzero(new[INSIDE])
-    taught = old.copy()
-    update_background(taught, image, slowly, 0.08)
+    np.testing.assert_array_equal(updates[INSIDE], expected[INSIDE])
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(state[name][INSIDE], values[INSIDE], name)
+    taught = old["background"].copy()
+    update_background(taught, image, averaged.astype(np.uint8), 0.08)
     taught[expected >= REPLACED] = image[expected >= REPLACED]
-    np.testing.assert_allclose(background[INSIDE], taught[INSIDE], atol=1e-4)
-    for array, before in ((background, old), (valid, known), (standing, stood)):
-        array[INSIDE] = before[INSIDE]
-        np.testing.assert_array_equal(array, before)
+    np.testing.assert_allclose(state["background"][INSIDE], taught[INSIDE], atol=1e-4)
+    for name, values in state.items():
+        values[INSIDE] = old[name][INSIDE]
+        np.testing.assert_array_equal(values, old[name], name)
 
 
 def test_what_was_looked_at_but_once_is_learnt_as_soon_as_it_is_quiet():
     """A first look is no background that foreground is kept from."""
-    image = np.full(SHAPE, 200, np.uint8)
-    valid, quiet = np.full(SHAPE, PROVISIONAL, np.uint8), np.zeros(SHAPE, np.uint8)
+    image, mask = np.full(SHAPE, 200, np.uint8), np.full(SHAPE, 255, np.uint8)
+    quiet = np.zeros(SHAPE, np.uint8)
     quiet[:, :10] = 255
-    background, updates = np.full(SHAPE, 90, np.float32), np.zeros(SHAPE, np.uint8)
-    mask, standing = np.full(SHAPE, 255, np.uint8), np.zeros(SHAPE, np.uint8)
-    count = learn(image, mask, quiet, background, valid, standing, updates, REGION, 0.08, 10)
+    state = a_state(3, np.full(SHAPE, PROVISIONAL, np.uint8))
+    state["background"][:] = 90
+    _, count = learn_frame(state, image, mask, quiet)
     learns = (quiet > 0)[INSIDE]
     assert count == learns.sum()
-    np.testing.assert_array_equal(valid[INSIDE], np.where(learns, 255, PROVISIONAL))
-    np.testing.assert_array_equal(background[INSIDE], np.where(learns, 200, 90))
-
-
-def test_counts_of_frames_end_at_what_a_byte_holds():
-    """An object that stands for 255 frames has stood for 255."""
-    mask, standing = np.full(SHAPE, 255, np.uint8), np.full(SHAPE, 254, np.uint8)
-    for _ in range(3):
-        learn(
-            mask,
-            mask,
-            mask,
-            np.zeros(SHAPE, np.float32),
-            mask.copy(),
-            standing,
-            mask.copy(),
-            REGION,
-            0.1,
-            255,
-        )
-    assert (standing[INSIDE] == 255).all()
+    np.testing.assert_array_equal(state["valid"][INSIDE], np.where(learns, 255, PROVISIONAL))
+    np.testing.assert_array_equal(state["background"][INSIDE], np.where(learns, 200, 90))
 
 
 def test_new_pixels_begin_with_the_noise_that_edges_may_have():

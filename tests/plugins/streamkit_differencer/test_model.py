@@ -1,5 +1,7 @@
 """The background model on its canvas."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -37,10 +39,10 @@ def show(model, image, seen=SEEN, region=WHOLE):
     return model.update(region)
 
 
-def learnt(settings=SETTINGS, image=None):
+def learnt(settings=SETTINGS, image=None, frames=FIRST_VALID + 2):
     """A model that knows the ground."""
     model = BackgroundModel((160, 120), settings)
-    for _ in range(FIRST_VALID + 2):
+    for _ in range(frames):
         show(model, ground() if image is None else image)
     return model
 
@@ -71,7 +73,7 @@ def test_a_thing_is_foreground_and_marked_as_changed():
 
 def test_a_thing_that_stays_becomes_background_after_absorb_frames():
     """Equation 3 alone would take it in after lambda frames."""
-    model = learnt()
+    model = learnt(frames=FIRST_VALID + SETTINGS.absorb_frames)
     image = with_thing(ground(), 30)
     frames = 0
     while show(model, image)[0].any():
@@ -89,10 +91,35 @@ def test_background_under_a_thing_is_kept():
     assert not mask.any()
 
 
+def test_a_ghost_lasts_as_long_as_the_object_was_seen():
+    """What the first frames show by chance yields to what is seen for longer, before absorb frames."""
+    model = learnt(replace(SETTINGS, ghost=False), with_thing(ground(), 30), FIRST_VALID)
+    frames = 0
+    while show(model, ground())[0].any():
+        frames += 1
+        assert frames < 100
+    times = SETTINGS.frame_interval, SETTINGS.quiet_frames
+    assert frames == sum(times) - 1 + SETTINGS.quiet_frames
+
+
+def test_an_object_that_stopped_for_long_leaves_no_ghost_when_it_goes():
+    """The ground under it is remembered, and is background again as soon as it is quiet."""
+    model = learnt(replace(SETTINGS, ghost=False), frames=40)
+    for _ in range(3 * SETTINGS.absorb_frames):
+        mask, _ = show(model, with_thing(ground(), 30))
+    assert not mask.any()
+    frames = 0
+    while show(model, ground())[0].any():
+        frames += 1
+        assert frames < 100
+    assert frames == SETTINGS.frame_interval + SETTINGS.quiet_frames
+
+
 def test_what_the_frame_does_not_cover_is_held():
     """Outside `seen` and outside the region nothing changes, and nothing there is foreground."""
     model = learnt()
-    before = [np.copy(array) for array in (model.background, model.valid, model.deviation, model.standing)]
+    arrays = model.background, model.valid, model.deviation, model.other_frames
+    before = [np.copy(array) for array in arrays]
     seen = np.zeros((30, 40), np.uint8)
     seen[:, 20:] = 255
     image = ground()[10:40, 5:45]
@@ -101,7 +128,7 @@ def test_what_the_frame_does_not_cover_is_held():
     assert mask[12:18, 22:].all()
     assert not mask[:, :20].any()
     for array, old in zip(
-        (model.background, model.valid, model.deviation, model.standing), before, strict=True
+        (model.background, model.valid, model.deviation, model.other_frames), before, strict=True
     ):
         outside = np.ones(SHAPE, bool)
         outside[10:40, 25:45] = False
@@ -225,11 +252,9 @@ def test_warping_by_a_shift_equals_scrolling():
 
 def test_counters_do_not_wrap():
     """Absorb and lambda at their largest: 600 frames of a standing object are no overflow."""
-    model = learnt(BackgroundSettings(frame_interval=1, quiet_frames=4, absorb_frames=255))
+    model = learnt(BackgroundSettings(frame_interval=1, quiet_frames=4, absorb_frames=255), frames=300)
+    assert (model.known_frames == 255).all()
     image = with_thing(ground(), 30)
-    standing = []
-    for _ in range(300):
-        show(model, image)
-        standing.append(int(model.standing[25, 35]))
-    assert max(standing) == 255
-    assert standing[-1] == 0
+    masks = [int(show(model, image)[0][25, 35]) for _ in range(300)]
+    assert np.count_nonzero(masks) == 1 + 4 - 1 + 255
+    assert model.other_frames[25, 35] == 255
