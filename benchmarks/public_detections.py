@@ -5,6 +5,7 @@
 Every tracker gets the same det.txt, without its lowest 0, 25 or 50 % of scores; boxes and ids are scored by
 `streamkit trackeval`'s own functions. `--peers` names a Python with norfair and roboflow's trackers, each at
 its defaults; ByteTrack, which wants scores of 0 to 1, gets them scaled as `detectionsrc` scales them.
+The videos are stamped 25 frames a second; ours gets copies with the rate that the peers are told.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+import av
 import numpy as np
 from tracking_sequences import shared_data
 
@@ -51,11 +53,28 @@ for number, (boxes, scores) in enumerate(frames, 1):
 
 def ours(name: str, least: float, tracks: Path) -> None:
     """Writes the tracks of `particletrack`."""
-    folder = shared_data() / "mot" / name
+    folder, video = shared_data() / "mot" / name, tracks.with_name(f"{name}.mp4")
+    if not video.exists():
+        restamp(folder / "video.mp4", video, SEQUENCES[name][1])
     Pipeline.parse(
-        f"filesrc location={folder / 'video.mp4'} ! decode ! detectionsrc location={folder / 'det.txt'} "
+        f"filesrc location={video} ! decode ! detectionsrc location={folder / 'det.txt'} "
         f"min-score={least} ! particletrack max-targets=200 ! tracksink location={tracks}"
     ).run(timeout_s=900)
+
+
+def restamp(source: Path, copy: Path, rate: int) -> None:
+    """Copies a video with `rate` frames a second, not encoded anew."""
+    with av.open(str(source)) as video, av.open(str(copy), "w") as output:
+        stream = video.streams.video[0]
+        assert stream.average_rate is not None
+        slower = stream.average_rate / rate
+        copied = output.add_stream_from_template(stream)
+        for packet in video.demux(stream):
+            if packet.dts is None or packet.pts is None:
+                continue
+            packet.pts, packet.dts = round(packet.pts * slower), round(packet.dts * slower)
+            packet.stream = copied
+            output.mux(packet)
 
 
 def peer(method: str, name: str, least: float, tracks: Path, python: str) -> None:

@@ -74,8 +74,8 @@ class ParticleTrack(Transform):
         doc="x,y,w,h[,angle in rad]: left, top, size of a target in the next frame; each new one adds one.",
     )
     settings = SettingsOf(TrackerSettings)
-    given_up: int = Property(
-        0, read=lambda element: element._given_up(), doc="Targets that had to make room for others."
+    evicted: int = Property(
+        0, read=lambda element: element._evicted(), doc="Targets that were ended to keep within max-targets."
     )
     compare: Compare = Property(
         Compare.TEMPLATE,
@@ -125,9 +125,9 @@ class ParticleTrack(Transform):
                 self.post_warning(f"window={self.window}: {error}")
         return frame.attach(Tracks(tuple(track(report) for report in reports)))
 
-    def _given_up(self) -> int:
+    def _evicted(self) -> int:
         tracker: MultiTargetTracker | None = self.__dict__.get("_tracker")
-        return 0 if tracker is None else tracker.given_up
+        return 0 if tracker is None else tracker.evicted
 
 
 def parse_window(text: str, element: str) -> FloatArray:

@@ -18,9 +18,9 @@ from streamkit_tracker.observation import Continuity, Observation
 from streamkit_tracker.predict.constant_velocity import correct, predict
 from streamkit_tracker.report.reports import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import COASTING, CONFIRMED, BoolArray, TargetTable, dormant, followed
-from streamkit_tracker.update.detected_box import follow_detections, follow_objects, settle_windows
-from streamkit_tracker.update.measurement import measure, settle_appearances
+from streamkit_tracker.targets import CONFIRMED, BoolArray, TargetTable, dormant, followed
+from streamkit_tracker.update.detected_box import check_windows, follow_detections, follow_objects
+from streamkit_tracker.update.measurement import learn_appearances, measure
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction
 
 
@@ -35,13 +35,13 @@ class MultiTargetTracker:
 
     Attributes:
         targets: the table of targets.
-        given_up: targets that had to make room for others.
+        evicted: targets that were ended to keep within `max_targets`.
     """
 
     def __init__(self, settings: TrackerSettings | None = None) -> None:
         self.settings = settings or TrackerSettings()
         self.targets = TargetTable()
-        self.given_up = 0
+        self.evicted = 0
         self._sampler = WindowSampler()
         self._shape: tuple[int, int] | None = None
         self._closeness: Closeness = {}
@@ -65,7 +65,7 @@ class MultiTargetTracker:
         self._shape = (image.shape[0], image.shape[1])
         if visible_fraction(window[None], self._shape)[0] <= 0:
             raise ValueError(f"a window must overlap the {image.shape[1]}x{image.shape[0]} frame")
-        self._sampler.look_at(image, observation.chroma)
+        self._sampler.set_frame(image, observation.chroma)
         self.targets.drop_lost()
         count = int(np.count_nonzero(followed(self.targets.rows)))
         row = self.targets.add(window, self.settings, manual=True, cause="drawn by hand")
@@ -85,61 +85,58 @@ class MultiTargetTracker:
         """
         targets, settings = self.targets, self.settings
         targets.drop_lost()
-        resized = self._shape is not None and self._shape != image.shape
-        self._shape = (image.shape[0], image.shape[1])
-        if resized or observation.continuity is Continuity.NEW:
-            for row in range(len(targets.models)):
-                targets.lose(
-                    row, "the frame's size changed" if resized else "a cut, or a plane without a mapping"
-                )
+        if not self._carry(image, observation):
             return report(targets, observation, settings)
-        predict(targets, observation.to_previous, observation.step_s, are_objects=observation.are_objects)
-        begin_frame(targets.rows)
-        targets.causes = {}
-        if observation.continuity is Continuity.LOST:
-            pass_time(targets.rows, observation.step_s, settings.coast, settings.birth_window)
-            coast_all(targets)
-            return report(targets, observation, settings)
-        rows = targets.rows
-        detected = np.concatenate([observation.centroids, observation.boxes], axis=1, dtype=np.float64)
-        self._sampler.look_at(image, observation.chroma)
         began = time.perf_counter()
         self._frames += 1
+        rows, step_s, are_objects = targets.rows, observation.step_s, observation.are_objects
+        detected = np.concatenate([observation.centroids, observation.boxes], axis=1, dtype=np.float64)
+        self._sampler.set_frame(image, observation.chroma)
         free = associate(targets, detected, observation, settings)
-        pass_time(rows, observation.step_s, settings.coast, settings.birth_window)
-        follow_detections(rows, detected, observation.step_s, observation.are_objects)
-        known = followed(rows)
-        replaceable = np.count_nonzero((rows["state"] == COASTING) & ~rows["manual"])
-        searched = np.flatnonzero(known & self._is_searched(observation))
+        pass_time(rows, step_s, settings.coast, settings.birth_window)
+        follow_detections(rows, detected, step_s, are_objects)
+        searched = np.flatnonzero(followed(rows) & self._is_searched(are_objects))
         measure(targets, searched, detected, observation, self._sampler, settings, self._budget.share)
         correct(rows)
-        if observation.are_objects:
+        if are_objects:
             follow_objects(rows)
         else:
-            settle_windows(rows, detected)
-        settle_appearances(targets, self._sampler)
-        ended = end_gone(targets, settings, self._sampler.shape)
-        crowd = (np.count_nonzero(known) - replaceable - np.cumsum(ended) + ended).astype(np.int64)
-        start_appearances(targets, observation, self._sampler, settings, crowd)
+            check_windows(rows, detected)
+        learn_appearances(targets, self._sampler)
+        end_gone(targets, settings, self._sampler.shape)
+        start_appearances(targets, observation, self._sampler, settings)
         if len(rows) > settings.max_targets:
-            self.given_up += end_surplus(targets, settings.max_targets)
-        self._closeness = end_duplicates(
-            targets,
-            observation.boxes,
-            settings.lost_frames,
-            self._closeness,
-            are_objects=observation.are_objects,
-        )
+            self.evicted += end_surplus(targets, settings.max_targets)
+        self._closeness = end_duplicates(targets, observation, settings.lost_frames, self._closeness)
         if settings.auto_start:
             add_tentative(targets, observation, free, settings)
         if settings.budget_ms > 0:
             self._budget.spent(time.perf_counter() - began)
         return report(targets, observation, settings)
 
-    def _is_searched(self, observation: Observation) -> BoolArray:
+    def _carry(self, image: ByteArray, observation: Observation) -> bool:
+        """Predicts the targets, or ends them at a cut; returns whether they can be searched in this frame."""
+        targets, settings = self.targets, self.settings
+        is_resized = self._shape is not None and self._shape != image.shape
+        self._shape = (image.shape[0], image.shape[1])
+        if is_resized or observation.continuity is Continuity.NEW:
+            cause = "the frame's size changed" if is_resized else "a cut, or a plane without a mapping"
+            for row in range(len(targets.models)):
+                targets.lose(row, cause)
+            return False
+        predict(targets, observation.to_previous, observation.step_s, are_objects=observation.are_objects)
+        begin_frame(targets.rows)
+        targets.causes = {}
+        if observation.continuity is Continuity.LOST:
+            pass_time(targets.rows, observation.step_s, settings.coast, settings.birth_window)
+            coast_all(targets)
+            return False
+        return True
+
+    def _is_searched(self, are_objects: bool) -> BoolArray:
         """bool[n]: targets whose appearance is searched in this frame."""
         rows = self.targets.rows
-        if observation.are_objects:  # the boxes of a detector are better than any template
+        if are_objects:  # the boxes of a detector are better than any template
             return np.asarray(rows["manual"])
         found = rows["detection"] >= 0
         # In turn, a detection of its own is enough for a target.

@@ -49,7 +49,7 @@ class RegionFeatures:
     needs no table.
 
     Source: Danelljan, Khan, Felsberg and van de Weijer, Adaptive Color Attributes for Real-Time Visual
-    Tracking, CVPR 2014 (colours beside gradients, reduced to their principal components).
+    Tracking, CVPR 2014 (colours and gradients, reduced to their principal components).
 
     Args:
         sampler: has been shown the first frame.

@@ -42,7 +42,7 @@ class WindowSampler:
         self._patches = np.zeros(0, np.float32)
         self._chroma: list[WindowSampler] = []
 
-    def look_at(self, image: ByteArray, chroma: Chroma | None = None) -> None:
+    def set_frame(self, image: ByteArray, chroma: Chroma | None = None) -> None:
         """Sets the frame; the parts of the last one are overwritten.
 
         Args:
@@ -53,14 +53,14 @@ class WindowSampler:
             ValueError: the image is not grey or has no pixels.
         """
         if image.ndim != 2 or image.size == 0:
-            raise ValueError(f"look_at needs a grey image with pixels, got shape {image.shape}")
+            raise ValueError(f"set_frame needs a grey image with pixels, got shape {image.shape}")
         self._image, self.shape, self._used = image, (image.shape[0], image.shape[1]), 0
         if chroma is None:
             self._chroma = []
             return
         self._chroma = self._chroma or [WindowSampler(), WindowSampler()]
         for sampler, plane in zip(self._chroma, chroma, strict=True):
-            sampler.look_at(plane)
+            sampler.set_frame(plane)
 
     def sample_chroma(self, windows: FloatArray, patch: tuple[int, int]) -> Float32Array:
         """Resamples the chroma planes at one window, float64[1, 5]: float32[2, rows * columns], 0 is grey."""

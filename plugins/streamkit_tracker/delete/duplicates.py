@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit_kernels import compiled
+from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import IndexArray, TargetRows, TargetTable, dormant, followed
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, IntArray, is_inside
 
@@ -17,21 +18,15 @@ Closeness = dict[tuple[int, int], int]
 
 
 def end_duplicates(
-    table: TargetTable,
-    boxes: FloatArray,
-    lost_frames: int,
-    closeness: Closeness,
-    *,
-    are_objects: bool = False,
+    table: TargetTable, observation: Observation, lost_frames: int, closeness: Closeness
 ) -> Closeness:
     """Ends the younger of two targets that were on one object, with one velocity, for some frames.
 
     Args:
         table: of the targets.
-        boxes: float64[d, 4], of this frame's detections.
+        observation: of this frame; two objects with a detection each are two, however near.
         lost_frames: see `dormant`.
         closeness: for how many frames pairs of ids have been on one object.
-        are_objects: whether two targets with a detection each are two objects, however near.
 
     Returns:
         The same up to this frame.
@@ -42,7 +37,8 @@ def end_duplicates(
         return {}
     pairs = np.empty((len(members) * (len(members) - 1) // 2, 2), np.int64)
     found: Closeness = {}
-    for older, younger in pairs[: find_duplicates(rows, members, boxes, pairs, are_objects)].tolist():
+    count = find_duplicates(rows, members, observation.boxes, pairs, observation.are_objects)
+    for older, younger in pairs[:count].tolist():
         both = (int(rows["id"][older]), int(rows["id"][younger]))
         found[both] = closeness.get(both, 0) + 1
         if found[both] >= MERGE_FRAMES:

@@ -11,7 +11,6 @@ from streamkit_tracker.targets import (
     CONFIRMED,
     LOST,
     TENTATIVE,
-    BoolArray,
     TargetRows,
     TargetTable,
     followed,
@@ -41,25 +40,20 @@ def coast_all(table: TargetTable) -> None:
         table.lose(index, "coasted too long without registration")
 
 
-def end_gone(table: TargetTable, settings: TrackerSettings, shape: tuple[int, int]) -> BoolArray:
+def end_gone(table: TargetTable, settings: TrackerSettings, shape: tuple[int, int]) -> None:
     """Ends targets that left the frame or coasted too long, and sets the state of the others.
 
     Args:
         table: updated.
         settings: of the tracker.
         shape: height and width of the frame, px.
-
-    Returns:
-        bool[n]: followed targets that end in this frame.
     """
     rows = table.rows
     known = followed(rows)
     decide_states(rows, settings.coast, settings.lost_frames, *shape)
-    ended = rows["state"] == LOST
-    for index in np.flatnonzero(ended).tolist():
+    for index in np.flatnonzero(rows["state"] == LOST).tolist():
         cause = "left the frame" if rows["visible"][index] < LEAST_VISIBLE else "coasted too long"
         table.lose(index, cause if known[index] else "not detected again before it was confirmed")
-    return np.asarray(ended & known)
 
 
 def end_surplus(table: TargetTable, max_targets: int) -> int:

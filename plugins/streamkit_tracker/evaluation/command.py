@@ -27,7 +27,7 @@ from streamkit_tracker.evaluation.readers import (
 def trackeval(
     tracks: Annotated[
         Path,
-        typer.Argument(help="From tracksink: JSON lines or MOT text.", exists=True, dir_okay=False),
+        typer.Argument(help="From tracksink: JSON lines, MOT text or CSV.", exists=True, dir_okay=False),
     ],
     truth: Annotated[
         Path,
@@ -54,11 +54,14 @@ def trackeval(
     Truth with classes (MOT16 and later) is scored for pedestrians; tracks of distractors are left out.
     """
     try:
-        scores = score_files(
-            tracks, truth, overlap, first_pixel, None if frames is None else frame_range(frames)
-        )
+        wanted = None if frames is None else frame_range(frames)
+    except ValueError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(2) from error
+    try:
+        scores = score_files(tracks, truth, overlap, first_pixel, wanted)
     except (ValueError, UnicodeDecodeError) as error:
-        typer.echo(f"trackeval: {error}", err=True)
+        typer.echo(f"error: {error}", err=True)
         raise typer.Exit(1) from error
     if as_json:
         typer.echo(json.dumps(scores))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Iterable
 from pathlib import Path
@@ -22,12 +23,14 @@ Rows = dict[int, list[tuple[int, list[float]]]]
 
 
 def read_tracks(path: Path) -> list[Labelled]:
-    """Tracks as `tracksink` writes them: JSON lines, or MOT Challenge text (.txt); one for each frame from 1.
+    """Tracks for each frame from 1, as `tracksink` writes them: JSON lines, MOT Challenge text (.txt) or CSV.
 
     Raises:
-        ValueError: a line is neither.
+        ValueError: a line is none of them.
     """
-    return _by_frame(_mot_rows(path, 1.0) if path.suffix == ".txt" else _json_rows(path))
+    if path.suffix == ".txt":
+        return _by_frame(_mot_rows(path, 1.0))
+    return _by_frame(_csv_rows(path) if path.suffix == ".csv" else _json_rows(path))
 
 
 def read_identities(path: Path, first_pixel: float = 1.0) -> list[Labelled]:
@@ -156,6 +159,19 @@ def _json_rows(path: Path) -> Rows:
                 rows.setdefault(int(record["seq"]) + 1, []).extend(found)
             except (ValueError, KeyError, TypeError) as error:
                 raise ValueError(f"{path}:{number}: not a record of tracks as tracksink writes it") from error
+    return rows
+
+
+def _csv_rows(path: Path) -> Rows:
+    rows: Rows = {}
+    with path.open(encoding="utf-8", errors="replace", newline="") as lines:
+        for number, row in enumerate(csv.DictReader(lines), 2):
+            try:
+                box = _sides([float(row[name]) for name in ("x0", "y0", "x1", "y1")])
+                if row["state"] in SHOWN:
+                    rows.setdefault(int(row["seq"]) + 1, []).append((int(row["id"]), box))
+            except (ValueError, KeyError, TypeError) as error:
+                raise ValueError(f"{path}:{number}: not a row of tracks as tracksink writes it") from error
     return rows
 
 

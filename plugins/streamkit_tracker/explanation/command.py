@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, NamedTuple, NoReturn
 
@@ -40,6 +40,10 @@ def explain(
     epoch: Annotated[
         int | None, typer.Option(min=0, help="Of the seconds, where a feed was interrupted.")
     ] = None,
+    run: Annotated[
+        int | None,
+        typer.Option(min=1, help="Of a file with several runs; without it, the last that has the track."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Explains where a track came from: its detections, their distance, its similarity, the registration."""
@@ -47,14 +51,16 @@ def explain(
     if question is None:
         _fail(f"{moment!r} must be ID@SECONDS or ID#FRAME, for example 7@2.4 or 7#60", code=2)
     try:
-        file = read_track(tracks, question.track)
+        file = read_track(tracks, question.track, run)
     except (OSError, ValueError) as error:
         _fail(str(error))
+    if run is None and file.runs > 1:
+        typer.echo(f"note: {tracks} has {file.runs} runs, this is run {file.run}; see --run", err=True)
     index = _index(file, question, epoch)
     if index is None:
         _fail(absence(tracks, file, question))
     if file.cut_off:
-        typer.echo(f"explain: the last line of {tracks} is only half written and left out", err=True)
+        typer.echo(f"note: the last line of {tracks} is only half written and left out", err=True)
     if as_json:
         typer.echo(msgspec.json.encode(_plain(question.track, file.moments, index)).decode())
         return
@@ -95,27 +101,35 @@ class TrackFile:
         moments: of the track, in the order of the file.
         others: ids of all tracks that were ever confirmed.
         frames: number of records.
+        run: number of the run that this is of, from 1.
+        runs: number of runs in the file, of which the later ones were appended.
         cut_off: whether the last line was only half written, as by a process that was killed.
     """
 
     moments: list[Moment] = field(default_factory=list)
     others: set[int] = field(default_factory=set)
     frames: int = 0
+    run: int = 1
+    runs: int = 1
     cut_off: bool = False
 
 
-def read_track(path: Path, number: int) -> TrackFile:
+def read_track(path: Path, number: int, run: int | None = None) -> TrackFile:
     """Reads a file of JSON lines as `tracksink` writes it.
+
+    A run begins where epoch and frame number do not go up: ids of another run are other targets.
 
     Args:
         path: the file.
         number: id of the track.
+        run: which run; None is the last that has the track, else the last.
 
     Raises:
         OSError: the file cannot be read.
         ValueError: a line is no track record; names file and line.
     """
-    found = TrackFile()
+    runs = [TrackFile()]
+    newest, cut_off = (-1, -1), False
     with path.open("rb") as lines:
         for line_number, line in enumerate(lines, 1):
             if not line.strip():
@@ -123,15 +137,23 @@ def read_track(path: Path, number: int) -> TrackFile:
             try:
                 record = decode_record(line)
             except StreamError as error:
-                if not line.endswith(b"\n") and found.frames:
-                    found.cut_off = True
+                if not line.endswith(b"\n") and runs[-1].frames:
+                    cut_off = True
                     break
                 place = f"{path}:{line_number}"
                 raise ValueError(f"{place}: {error}; give a .jsonl file that tracksink wrote") from None
+            if (record.epoch, record.seq) <= newest:
+                runs.append(TrackFile(run=len(runs) + 1))
+            newest = record.epoch, record.seq
+            found = runs[-1]
             found.frames += 1
             found.others |= {target.id for target in record.tracks if target.state == "confirmed"}
             found.moments += [_moment(record, target) for target in record.tracks if target.id == number]
-    return found
+    if run is not None and run > len(runs):
+        raise ValueError(f"{path}: no run {run}, it has {len(runs)}")
+    with_track = [found for found in runs if found.moments]
+    chosen = runs[run - 1] if run is not None else (with_track or runs)[-1]
+    return replace(chosen, runs=len(runs), cut_off=cut_off)
 
 
 def _moment(record: TrackRecord, target: object) -> Moment:
@@ -158,5 +180,5 @@ def _plain(track: int, moments: Sequence[Moment], index: int) -> object:
 
 
 def _fail(text: str, code: int = 1) -> NoReturn:
-    typer.echo(f"explain: {text}", err=True)
+    typer.echo(f"error: {text}", err=True)
     raise typer.Exit(code)

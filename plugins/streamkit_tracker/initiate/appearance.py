@@ -12,11 +12,11 @@ from streamkit_tracker.appearance.feature_template import FeatureTemplate, Space
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import CONFIRMED, LOST, TENTATIVE, Appearance, TargetTable
-from streamkit_tracker.update.detected_box import KEEP, motion_heading, window_turn
+from streamkit_tracker.targets import CONFIRMED, LOST, TENTATIVE, Appearance, TargetTable, followed
+from streamkit_tracker.update.detected_box import KEEP
 from streamkit_tracker.update.layered_filter import Particles
 from streamkit_tracker.update.memory import Memory
-from streamkit_tracker.window_geometry import IntArray
+from streamkit_tracker.update.turned_box import motion_heading, window_turn
 
 STRAIGHT = 0.5
 
@@ -26,7 +26,6 @@ def start_appearances(
     observation: Observation,
     sampler: WindowSampler,
     settings: TrackerSettings,
-    crowd: IntArray,
 ) -> None:
     """Restarts templates and confirms tentative targets that have moved, in order of the ids.
 
@@ -35,35 +34,39 @@ def start_appearances(
         observation: of this frame.
         sampler: holds the frame.
         settings: of the tracker.
-        crowd: int64[n], for each row how many targets are followed that keep their place.
     """
-    rows, confirmed = table.rows, 0
+    rows = table.rows
     hits_needed = min(settings.birth_hits, settings.birth_window)
     restarted = (rows["restart"] != KEEP) & (rows["state"] != LOST)
     candidates = (rows["state"] == TENTATIVE) & (rows["detection"] >= 0)
-    for index in np.flatnonzero(restarted | candidates).tolist():
-        model, count = table.models[index], int(crowd[index]) + confirmed
+    chosen = np.flatnonzero(restarted | candidates).tolist()
+    if not chosen:
+        return
+    # what coasts may be ended in favour of a new target
+    kept = int(np.count_nonzero((rows["state"] == CONFIRMED) | (followed(rows) & rows["manual"])))
+    for index in chosen:
+        model = table.models[index]
         if restarted[index]:
             assert model.appearance is not None
             in_space = isinstance(model.appearance.template, FeatureTemplate)
             patch = model.appearance.patch if in_space else None
             start_appearance(
-                table, index, observation.space if in_space else None, sampler, settings, count, patch
+                table, index, observation.space if in_space else None, sampler, settings, kept, patch
             )
             continue
         trail = model.trail
         x, y = observation.centroids[rows["detection"][index]].tolist()
         trail.add((x, y))
-        if np.nansum(rows["hits"][index]) < hits_needed or count >= settings.max_targets:
+        if np.nansum(rows["hits"][index]) < hits_needed or kept >= settings.max_targets:
             continue
         moves = trail.travelled >= settings.min_travel and trail.straightness >= STRAIGHT
         if moves or observation.are_objects:
             if not observation.are_objects:
                 _turn_window(table, index)
-            start_appearance(table, index, observation.space, sampler, settings, count)
+            start_appearance(table, index, observation.space, sampler, settings, kept)
             rows["state"][index] = CONFIRMED
             table.causes[int(rows["id"][index])] = "confirmed"
-            confirmed += 1
+            kept += 1
 
 
 def start_appearance(

@@ -25,7 +25,8 @@ from streamkit_tracker.window_geometry import (
 )
 
 SMALLEST_SIDE = 10.0  # px, that accelerations are relative to
-ACCELERATION = 2.0  # sides per s^2
+ACCELERATION = 2.0  # sides per s^2, of targets drawn by hand
+OBJECT_ACCELERATION = 1.6  # of whole objects: people walk more steadily than their boxes show
 REGION_ACCELERATION = 6.0  # the same where regions of motion correct what the wider search finds
 
 
@@ -54,7 +55,7 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float, *, are_o
         for each in held:
             each.positions = mapped[start : start + len(each.positions)]
             start += len(each.positions)
-    advance(rows, step_s, ACCELERATION if are_objects else REGION_ACCELERATION)
+    advance(rows, step_s, OBJECT_ACCELERATION if are_objects else REGION_ACCELERATION)
 
 
 @compiled

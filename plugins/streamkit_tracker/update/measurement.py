@@ -143,7 +143,7 @@ def _expect_manual(
     target, evidence = table.rows[index], table.models[index].evidence
     appearance.response = None
     if appearance.discriminator is not None:
-        # a velocity is noise beside the reach of the filter, but for a target that is not seen
+        # The filter's search area covers any motion in a frame; only an unseen target needs its velocity.
         predicted = target["window"].copy()
         if target["frames_unseen"] > 0:
             predicted[:2] += target["mean"][2:] * observation.step_s
@@ -182,7 +182,7 @@ def _move(
     table.models[index].evidence.start_again(found.peak, found.sharpness)
 
 
-def settle_appearances(table: TargetTable, sampler: WindowSampler) -> None:
+def learn_appearances(table: TargetTable, sampler: WindowSampler) -> None:
     """Gathers the particles of targets that were not recognised; filters learn targets that were."""
     rows = table.rows
     known = followed(rows)

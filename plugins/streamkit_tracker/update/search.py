@@ -115,7 +115,7 @@ class _Score:
     variance: float
     stacked: tuple[Float32Array, Float32Array] | tuple[()]
     crops: Crops | None = None
-    first_patches: Float32Array = field(default_factory=lambda: np.zeros((0, 0), np.float32))
+    first_patches: Float32Array = field(init=False)
 
     def __call__(self, windows: FloatArray) -> FloatArray:
         """Log scores float64[t, n] of windows float64[t, n, 5]."""

@@ -194,7 +194,7 @@ def test_windows_compare_in_the_travelling_feature_space(scenes: ModuleType):
     assert np.hypot(track.x - seen.truth[0][0], track.y - seen.truth[0][1]) < 3
 
 
-def test_missing_feature_space_is_told_once():
+def test_a_missing_feature_space_is_warned_of_once():
     """compare=features without a space warns once and goes on with templates."""
     caps = raw_video_caps("GRAY8", 64, 48)
     with Harness("particletrack", compare="features") as harness:

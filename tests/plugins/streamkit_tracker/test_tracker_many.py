@@ -234,7 +234,7 @@ def test_who_coasts_makes_room_for_who_is_seen():
         step((40.0 + 2.5 * index, 40.0))
     states = [step((40.0 + 2.5 * index, 160.0)) for index in range(8)]
     assert TargetState.LOST in [found.get(1) for found in states]
-    assert tracker.given_up == 1
+    assert tracker.evicted == 1
     assert any(found.get(2) is TargetState.CONFIRMED for found in states)
     assert all(list(found.values()).count(TargetState.CONFIRMED) <= 1 for found in states)
 

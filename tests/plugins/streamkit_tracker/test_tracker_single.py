@@ -187,7 +187,7 @@ def test_a_target_comes_out_of_cover_larger_and_turned(scenes: ModuleType):
     assert report.window[2] == pytest.approx(truth[2], rel=0.1)
 
 
-def test_the_covariance_told_agrees_with_the_errors(scenes: ModuleType):
+def test_the_reported_covariance_agrees_with_the_errors(scenes: ModuleType):
     """The squared error in units of the covariance is neither a hundredth nor ten times its expectation."""
     rows = follow(scenes.TurningScene(seed=3, frames=60), SETTINGS)
     squared = []

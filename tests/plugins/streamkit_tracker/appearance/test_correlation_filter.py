@@ -24,7 +24,7 @@ def seen(scenes: ModuleType, window: np.ndarray | None, light: float = 1.0) -> n
 def trained(scenes: ModuleType, window: np.ndarray) -> tuple[WindowSampler, CorrelationFilter]:
     """A filter that has seen the target once."""
     sampler = WindowSampler()
-    sampler.look_at(seen(scenes, window))
+    sampler.set_frame(seen(scenes, window))
     return sampler, CorrelationFilter(sampler, window)
 
 
@@ -35,7 +35,7 @@ def test_a_shift_is_found(scenes: ModuleType, angle: float, step: tuple[float, f
     window = np.array([150.0, 120, 48, 34, angle])
     sampler, discriminator = trained(scenes, window)
     moved = window + np.array([*step, 0, 0, 0])
-    sampler.look_at(seen(scenes, moved))
+    sampler.set_frame(seen(scenes, moved))
     response = discriminator.respond(sampler, window)
     assert np.hypot(*(np.array(response.position) - moved[:2])) < 1.25
     assert response.sharpness > 9
@@ -46,7 +46,7 @@ def test_light_does_not_count(scenes: ModuleType):
     window = np.array([150.0, 120, 48, 34, 0.3])
     sampler, discriminator = trained(scenes, window)
     bright = discriminator.respond(sampler, window)
-    sampler.look_at(seen(scenes, window, light=0.5))
+    sampler.set_frame(seen(scenes, window, light=0.5))
     dark = discriminator.respond(sampler, window)
     assert dark.peak > 0.7 * bright.peak
     np.testing.assert_allclose(dark.position, window[:2], atol=0.5)
@@ -57,7 +57,7 @@ def test_ground_without_the_target_responds_faintly(scenes: ModuleType):
     window = np.array([150.0, 120, 48, 34, 0.0])
     sampler, discriminator = trained(scenes, window)
     there = discriminator.respond(sampler, window)
-    sampler.look_at(seen(scenes, None))
+    sampler.set_frame(seen(scenes, None))
     gone = discriminator.respond(sampler, window)
     assert gone.peak < there.peak / 3
 
@@ -68,7 +68,7 @@ def test_learning_follows_a_new_look(scenes: ModuleType):
     sampler, discriminator = trained(scenes, window)
     generator = np.random.default_rng(9)
     other = scenes.paint(scenes.ground(generator, *SIZE), scenes.blob_texture(generator), window)
-    sampler.look_at(scenes.grey(other, generator, 2.0))
+    sampler.set_frame(scenes.grey(other, generator, 2.0))
     before = discriminator.respond(sampler, window)
     for _ in range(30):
         discriminator.learn(sampler, discriminator.read(sampler, window))
@@ -79,7 +79,7 @@ def test_learning_follows_a_new_look(scenes: ModuleType):
 def test_a_flat_patch_gives_no_peak():
     """Nothing divides by the contrast of a constant."""
     sampler = WindowSampler()
-    sampler.look_at(np.full((60, 80), 90, np.uint8))
+    sampler.set_frame(np.full((60, 80), 90, np.uint8))
     window = np.array([40.0, 30, 20, 10, 0])
     response = CorrelationFilter(sampler, window).respond(sampler, window)
     assert abs(response.peak) < 1e-4

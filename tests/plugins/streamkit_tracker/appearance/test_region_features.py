@@ -17,7 +17,7 @@ def sampler_of(shift: tuple[int, int] = (0, 0), red: int = 200, light: float = 1
     row, column = 90 + shift[1] - 15, 120 + shift[0] - 20
     v[row // 2 : row // 2 + 15, column // 2 : column // 2 + 20] = red
     sampler = WindowSampler()
-    sampler.look_at((light * levels).astype(np.uint8), (u, v))
+    sampler.set_frame((light * levels).astype(np.uint8), (u, v))
     return sampler
 
 
@@ -55,7 +55,7 @@ def test_a_grey_frame_has_no_hue():
     spectra = []
     for chroma in (None, (neutral, neutral)):
         sampler = WindowSampler()
-        sampler.look_at(levels, chroma)
+        sampler.set_frame(levels, chroma)
         spectra.append(RegionFeatures(sampler, WINDOW).read(sampler, WINDOW).spectra)
     np.testing.assert_array_equal(spectra[0], spectra[1])
 

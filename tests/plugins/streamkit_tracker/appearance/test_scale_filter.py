@@ -17,12 +17,12 @@ def seen(scenes: ModuleType, grown: float) -> WindowSampler:
     ground, texture = scenes.ground(generator, 240, 320), scenes.blob_texture(generator)
     picture = scenes.paint(ground, texture, WINDOW * [1, 1, grown, grown, 1])
     sampler = WindowSampler()
-    sampler.look_at(scenes.grey(picture, generator, 2.0))
+    sampler.set_frame(scenes.grey(picture, generator, 2.0))
     return sampler
 
 
 @pytest.mark.parametrize("grown", [0.93, 0.97, 1.0, 1.03, 1.08])
-def test_a_growth_is_told(scenes: ModuleType, grown: float):
+def test_a_growth_is_measured(scenes: ModuleType, grown: float):
     """Within a step of 2 per cent."""
     sizes = ScaleFilter(seen(scenes, 1.0), WINDOW)
     assert sizes.growth(seen(scenes, grown), WINDOW) == pytest.approx(grown, rel=0.02)
@@ -31,7 +31,7 @@ def test_a_growth_is_told(scenes: ModuleType, grown: float):
 def test_a_target_of_few_pixels_has_a_size():
     """8 px wide, on a flat ground: a finite growth near 1."""
     sampler = WindowSampler()
-    sampler.look_at(np.full((60, 80), 90, np.uint8))
+    sampler.set_frame(np.full((60, 80), 90, np.uint8))
     tiny = np.array([40.0, 30, 8, 6, 0])
     assert 0.8 < ScaleFilter(sampler, tiny).growth(sampler, tiny) < 1.2
 

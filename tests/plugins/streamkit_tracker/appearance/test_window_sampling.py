@@ -20,7 +20,7 @@ def ramp(height: int = 80, width: int = 100) -> np.ndarray:
 def sampler_on(image: np.ndarray) -> WindowSampler:
     """A sampler that looks at an image."""
     sampler = WindowSampler()
-    sampler.look_at(image)
+    sampler.set_frame(image)
     return sampler
 
 
@@ -99,7 +99,7 @@ def test_nan_windows_are_refused():
 def test_colour_images_are_refused():
     """The sampler reads brightness only."""
     with pytest.raises(ValueError, match=r"grey image.*\(4, 4, 3\)"):
-        WindowSampler().look_at(np.zeros((4, 4, 3), np.uint8))
+        WindowSampler().set_frame(np.zeros((4, 4, 3), np.uint8))
 
 
 @pytest.mark.parametrize("patch", [(32, 32), (20, 12)])
@@ -107,7 +107,7 @@ def test_windows_are_compared_as_their_patches_are(patch: tuple[int, int]):
     """Distances read straight from the frame are those of the sampled patches, for each template its own."""
     random = np.random.default_rng(4)
     sampler = WindowSampler()
-    sampler.look_at(random.integers(0, 256, (120, 160), dtype=np.uint8))
+    sampler.set_frame(random.integers(0, 256, (120, 160), dtype=np.uint8))
     windows = np.empty((2, 40, 5))
     windows[..., :2] = random.uniform(30, 90, (2, 40, 2))
     windows[..., 2:] = [30, 20, 0.4]

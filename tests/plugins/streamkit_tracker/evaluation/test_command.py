@@ -36,6 +36,17 @@ def test_tracks_of_many_are_scored(tmp_path: Path):
     assert (scores["mota"], scores["idf1"], scores["truths"], scores["overlap"]) == (1.0, 1.0, 2, 1.0)
 
 
+def test_a_csv_file_is_scored_like_its_records(tmp_path: Path):
+    """As tracksink writes it; its boxes are those of the records."""
+    tracks, truth = tmp_path / "tracks.csv", tmp_path / "gt.txt"
+    tracks.write_text(
+        "source,seq,id,state,x0,y0,x1,y1\nf,0,4,confirmed,-0.5,-0.5,9.5,9.5\nf,0,5,tentative,-0.5,-0.5,9.5,9.5\n"
+    )
+    truth.write_text("1,1,1,1,10,10,1,-1,-1,-1\n")
+    scores = json.loads(run(tracks, truth, "--json").stdout)
+    assert (scores["mota"], scores["idf1"], scores["truths"], scores["overlap"]) == (1.0, 1.0, 1, 1.0)
+
+
 def test_one_target_is_scored_in_one_pass(tmp_path: Path):
     """Four columns are one target's truth; the track that is there longest is its track."""
     tracks, truth = tmp_path / "tracks.txt", tmp_path / "gt.txt"
@@ -65,9 +76,10 @@ def test_the_same_box_is_the_same_however_pixels_are_counted(tmp_path: Path, fir
         ("tracks.txt", "0,1,2,3,4,5\n", "tracks.txt:1: frames count from 1"),
         ("tracks.jsonl", '{"seq": 1}\n', "tracks.jsonl:1: not a record of tracks"),
         ("tracks.jsonl", "hello\n", "tracks.jsonl:1: not a record of tracks"),
+        ("tracks.csv", "seq,id\n1,2\n", "tracks.csv:2: not a row of tracks"),
     ],
 )
-def test_what_is_no_track_file_is_told_with_its_line(tmp_path: Path, name: str, text: str, error: str):
+def test_an_error_names_the_line_that_is_no_track(tmp_path: Path, name: str, text: str, error: str):
     """Exit code 1, the file, the line and the rule."""
     tracks, truth = tmp_path / name, tmp_path / "gt.txt"
     tracks.write_text(text)
@@ -77,7 +89,7 @@ def test_what_is_no_track_file_is_told_with_its_line(tmp_path: Path, name: str, 
     assert error in result.stderr
 
 
-def test_a_video_is_told_as_the_wrong_file(tmp_path: Path):
+def test_a_video_is_refused_as_the_wrong_file(tmp_path: Path):
     """What is no text names the file all the same."""
     video, boxes = tmp_path / "flight.mp4", tmp_path / "boxes.txt"
     video.write_bytes(bytes(range(256)))
@@ -110,13 +122,13 @@ def test_frames_narrow_one_target_too(tmp_path: Path):
 
 
 @pytest.mark.parametrize("text", ["5", "0:4", "4:2", "a:b", "1:2:3", "-1:2"])
-def test_a_wrong_range_of_frames_is_told(tmp_path: Path, text: str):
+def test_a_wrong_range_of_frames_is_refused(tmp_path: Path, text: str):
     """With an example."""
     tracks, truth = tmp_path / "tracks.txt", tmp_path / "gt.txt"
     tracks.write_text("1,3,1,1,10,10,1\n")
     truth.write_text("1,1,1,1,10,10,1\n")
     result = run(tracks, truth, f"--frames={text}")
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert "--frames" in result.stderr
 
 

@@ -72,6 +72,23 @@ def test_a_moment_is_explained(tmp_path: Path) -> None:
         assert part in result.stdout
 
 
+def test_runs_appended_to_a_file_are_kept_apart(tmp_path: Path) -> None:
+    """As by if-exists=continue: numbers of frames and tracks begin again."""
+    path = life(tmp_path / "t.jsonl")
+    first = path.read_text()
+    path.write_text(first + record(12) + record(13, target(8, "confirmed")) + first)
+    last = run(path, "7#12")
+    assert last.stderr.startswith(f"note: {path} has 3 runs, this is run 3")
+    assert last.stdout == run(life(tmp_path / "one.jsonl"), "7#12").stdout
+    assert run(path, "8#13").stderr.endswith("this is run 2; see --run\n")
+    absent = run(path, "7#12", "--run", 2)
+    assert (absent.exit_code, absent.stderr) == (
+        1,
+        f"error: {path}: no track 7 in 2 records; confirmed were 8\n",
+    )
+    assert run(path, "7#12", "--run", 4).stderr == f"error: {path}: no run 4, it has 3\n"
+
+
 def test_a_frame_without_a_detection_says_so(tmp_path: Path) -> None:
     """By its number; the stretch without a detection is named."""
     result = run(life(tmp_path / "t.jsonl"), "7#13")
@@ -120,14 +137,14 @@ def test_records_without_provenance_are_explained_as_far_as_they_go(tmp_path: Pa
         ("8@0.4", 1, "no track 8 in 6 records; confirmed were 7"),
     ],
 )
-def test_what_is_not_there_is_told(tmp_path: Path, question: str, code: int, error: str) -> None:
+def test_a_missing_target_or_frame_is_reported(tmp_path: Path, question: str, code: int, error: str) -> None:
     """With what could be asked instead."""
     result = run(life(tmp_path / "t.jsonl"), question)
     assert result.exit_code == code
     assert error in result.stderr
 
 
-def test_a_line_that_is_no_record_is_told(tmp_path: Path) -> None:
+def test_a_line_that_is_no_record_is_reported(tmp_path: Path) -> None:
     """File and line; but the half last line of a process that was killed is left out."""
     path = tmp_path / "t.jsonl"
     path.write_text(record(0, target(1, "confirmed")) + "hello\n" + record(1))

@@ -28,7 +28,7 @@ class Film:
     def show(self, window: np.ndarray | None) -> None:
         """The next frame: the target at a window, or the ground alone."""
         picture = self._ground if window is None else self._scenes.paint(self._ground, self._texture, window)
-        self.sampler.look_at(self._scenes.grey(picture, self._generator, 2.0))
+        self.sampler.set_frame(self._scenes.grey(picture, self._generator, 2.0))
 
     def follow(self, window: np.ndarray, *, seen: bool = True) -> None:
         """What the tracker does with a window in a frame: the filter learns whatever is there."""

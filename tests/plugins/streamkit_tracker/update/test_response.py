@@ -46,14 +46,14 @@ def found(scenes: ModuleType, drawn: np.ndarray, now: np.ndarray, predicted: np.
     generator = np.random.default_rng(4)
     backdrop, texture = scenes.ground(generator, 240, 320), scenes.blob_texture(generator)
     sampler, evidence = WindowSampler(), Evidence(lost_threshold=0.6, update_threshold=0.85)
-    sampler.look_at(scenes.grey(scenes.paint(backdrop, texture, drawn), generator, 2.0))
+    sampler.set_frame(scenes.grey(scenes.paint(backdrop, texture, drawn), generator, 2.0))
     discriminator = CorrelationFilter(sampler, drawn)
     for _ in range(10):
         near = drawn + generator.normal(0, 2, 5) * [1, 1, 0, 0, 0]
-        sampler.look_at(scenes.grey(scenes.paint(backdrop, texture, near), generator, 2.0))
+        sampler.set_frame(scenes.grey(scenes.paint(backdrop, texture, near), generator, 2.0))
         usual = discriminator.respond(sampler, drawn)
         evidence.judge(0.02, (usual.peak, usual.sharpness), informative=True, unseen=False)
-    sampler.look_at(scenes.grey(scenes.paint(backdrop, texture, now), generator, 2.0))
+    sampler.set_frame(scenes.grey(scenes.paint(backdrop, texture, now), generator, 2.0))
     return find_response(discriminator, evidence, sampler, predicted, 0)
 
 

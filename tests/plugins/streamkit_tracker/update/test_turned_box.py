@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from streamkit_tracker.update.detected_box import window_shape, window_turn
+from streamkit_tracker.update.turned_box import window_shape, window_turn
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, 0.7, math.pi / 4, 1.2, math.pi / 2, 2.6, -0.8])

@@ -10,9 +10,9 @@ from streamkit_tracker.update.detected_box import (
     KEEP,
     RESTART,
     RESTART_MOVED,
+    check_windows,
     correct_window,
     follow_detections,
-    settle_windows,
 )
 from streamkit_tracker.window_geometry import FloatArray
 
@@ -137,13 +137,13 @@ def test_many_targets_are_judged_as_each_alone():
     targets["covariance"], targets["similarity"] = np.eye(4), 0.5
     targets["recognised"], targets["detection"] = [True, False, True], [0, 1, 2]
     seen = np.array([sighting(100, 100), sighting(100, 100), sighting(130, 100)])
-    settle_windows(targets, seen)
+    check_windows(targets, seen)
     assert targets["restart"].tolist() == [KEEP, KEEP, RESTART_MOVED]
     np.testing.assert_allclose(targets["restart_window"][2, :2], (130, 100))
     still = targets[:2]
     for compared in (True, False, True):
         still["similarity"] = 0.5 if compared else np.nan
-        settle_windows(still, seen)
+        check_windows(still, seen)
         # a frame in which the target was not compared says nothing
         assert still["restart"][1] == KEEP or compared
     assert still["restart"].tolist() == [KEEP, RESTART]
