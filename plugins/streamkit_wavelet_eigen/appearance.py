@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 
 from streamkit.settings import setting
-from streamkit_kernels import prepare as prepare_kernels
 from streamkit_wavelet_eigen.feature_space import Projection, WaveletEigenSpace
 from streamkit_wavelet_eigen.gallery import Gallery, Matches, Recogniser, prepare_gallery
 from streamkit_wavelet_eigen.learner import FIRST_BATCH, SpaceLearner
@@ -100,8 +99,3 @@ class AppearanceModel:
         if current is None or current.space is not space or current.gallery is not self._prepared_gallery:
             current = self._recogniser = Recogniser(space, self._prepared_gallery)
         return current.recognise(vectors)
-
-
-def warm_up() -> None:
-    """Compiles the kernels of this package or reads them from the cache, before the first frame."""
-    prepare_kernels("streamkit_wavelet_eigen")

@@ -27,8 +27,7 @@ from streamkit import (
     luma,
     write_remedy,
 )
-from streamkit_kernels import COMPILING, on_compilation
-from streamkit_wavelet_eigen.appearance import AppearanceModel, AppearanceSettings, warm_up
+from streamkit_wavelet_eigen.appearance import AppearanceModel, AppearanceSettings
 from streamkit_wavelet_eigen.gallery import empty_gallery, read_gallery
 from streamkit_wavelet_eigen.learner import learn_space
 from streamkit_wavelet_eigen.model_file import Model, load_model, save_model
@@ -101,8 +100,6 @@ class WaveletEigen(Transform):
 
     @override
     def start(self) -> None:
-        with on_compilation(lambda: self.post_warning(COMPILING)):
-            warm_up()
         self._counts: Counter[str] = Counter()
         self._appearance = None
         try:

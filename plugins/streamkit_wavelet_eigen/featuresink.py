@@ -48,7 +48,7 @@ class FeatureSink(OutputFileSink):
         super().start()
         try:
             if self.location.lower().endswith(".parquet"):
-                import pyarrow  # noqa: F401
+                import pyarrow.parquet  # noqa: F401  here, as it would delay the first save
         except ImportError as error:
             raise ResourceError(
                 f"location={self.location}: parquet needs pyarrow; install streamkit[parquet] or write .npz"

@@ -3,20 +3,20 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from streamkit.settings import setting
-from streamkit_wavelet_eigen.preprocessing_kernels import (
-    equalise,
-    equalise_own_range,
-    noise_deviations,
-    shrink_details,
-)
 from streamkit_wavelet_eigen.wavelet import FloatBatch, decompose, reconstruct, sub_bands, transform_matrix
 
 # Pixels per chunk: intermediate arrays fit the cache, and memory does not grow with the batch.
 CHUNK_PIXELS = 64 * 32 * 32
+HIGHEST_LEVEL = np.float32(255.0)
+# The LL band of a constant patch varies by float32 rounding, up to about 1e-4.
+CONSTANT_SPAN = np.float32(1e-3)
+# The median of |x| of a normal variable is 0.6745 standard deviations.
+MEDIAN_TO_SIGMA = np.float32(0.6745)
 
 
 class Mode(StrEnum):
@@ -98,12 +98,30 @@ def _prepare_chunk(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
     if how.mode is not Mode.PAPER:
         return np.clip(reconstruct(denoised, how.wavelet), 0.0, 255.0)
     height, width = patches.shape[1:]
-    low = np.empty((len(patches), height // 2, width // 2), np.float32)
-    equalise_own_range(coefficients[:, : height // 2, : width // 2], low)
-    denoised[:, : height // 2, : width // 2] = low
-    restored = reconstruct(denoised, how.wavelet)
-    equalise(restored)
-    return restored
+    low = coefficients[:, : height // 2, : width // 2]
+    denoised[:, : height // 2, : width // 2] = equalised_in_own_range(low)
+    return equalised(reconstruct(denoised, how.wavelet))
+
+
+def equalised(patches: FloatBatch) -> FloatBatch:
+    """Patches float32[n, h, w] with equal grey histograms; levels are rounded, and clipped to 0..255."""
+    levels = np.clip(np.rint(patches), 0, HIGHEST_LEVEL).astype(np.uint8)
+    result = np.empty_like(patches)
+    for patch, level in zip(result, levels, strict=True):
+        patch[:] = cv2.equalizeHist(level)
+    return result
+
+
+def equalised_in_own_range(bands: FloatBatch) -> FloatBatch:
+    """Bands float32[n, h, w], each equalised within its own minimum and maximum."""
+    lowest = bands.min(axis=(1, 2), keepdims=True)
+    span = bands.max(axis=(1, 2), keepdims=True) - lowest
+    scale = np.zeros_like(span)
+    np.divide(HIGHEST_LEVEL, span, out=scale, where=span > CONSTANT_SPAN)
+    levels = equalised((bands - lowest) * scale)
+    levels *= span / HIGHEST_LEVEL
+    levels += lowest
+    return levels
 
 
 def _approximation(patches: FloatBatch, wavelet: str) -> FloatBatch:
@@ -133,16 +151,13 @@ def threshold_details(coefficients: FloatBatch, rule: Threshold) -> FloatBatch:
     """
     if rule is Threshold.NONE or not coefficients.size:
         return coefficients.copy()
-    coefficients = np.ascontiguousarray(coefficients)
-    sigma = np.empty(len(coefficients), np.float32)
-    noise_deviations(coefficients, sigma)
-    if rule is Threshold.VISU:
-        shrunk = np.empty_like(coefficients)
-        limits = sigma * np.float32(np.sqrt(2.0 * np.log(coefficients[0].size)))
-        shrink_details(coefficients, limits, shrunk)
-        return shrunk
     bands = sub_bands(coefficients)
-    limits = _bayes_limits(bands, sigma[:, None, None, None, None])
+    median = np.median(np.abs(bands[:, 1, :, 1]), axis=(1, 2)).astype(np.float32)
+    sigma = (median / MEDIAN_TO_SIGMA)[:, None, None, None, None]
+    if rule is Threshold.VISU:
+        limits = sigma * np.float32(np.sqrt(2.0 * np.log(coefficients[0].size)))
+    else:
+        limits = _bayes_limits(bands, sigma)
     # x - clip(x, -t, t) is the soft threshold, in two passes over the data instead of five.
     shrunk = bands - np.clip(bands, -limits, limits)
     shrunk[:, 0, :, 0] = bands[:, 0, :, 0]

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit_wavelet_eigen.feature_space import FLAT_DEVIATION
-from streamkit_wavelet_eigen.square_windows import ANGLE, CLIPPED, DEVIATION, TARGET_SIDE, cut_squares
 
 # px; a smaller target is mostly blur and compression.
 TINY_SIDE = 8
@@ -87,16 +86,54 @@ def cut_windows(
         The windows; a box that is not finite gives an all-zero patch, flat and fully clipped.
     """
     height, width = image.shape
-    boxes = np.ascontiguousarray(boxes, np.float64).reshape(-1, 5)
-    patches, squares = np.zeros((len(boxes), patch, patch), np.float32), np.empty((len(boxes), 7))
-    cut_squares(image, boxes, margin, patches, squares)
-    for index in np.flatnonzero(squares[:, ANGLE]).tolist():
-        _, x, y, side, angle, _, _ = squares[index].tolist()
-        patches[index] = _cut_rotated(image, x, y, int(side), angle, patch)
-        squares[index, DEVIATION] = patches[index].std()
-        squares[index, CLIPPED] = _clipped_share(x, y, int(side), angle, width, height)
-    flat, tiny = squares[:, DEVIATION] < FLAT_DEVIATION, squares[:, TARGET_SIDE] < TINY_SIDE
-    return Windows(patches, flat, squares[:, CLIPPED].copy(), tiny)
+    boxes = np.asarray(boxes, np.float64).reshape(-1, 5)
+    is_finite = np.isfinite(boxes).all(axis=1, keepdims=True)
+    boxes = np.where(is_finite, boxes, 0.0)
+    patches, clipped = np.zeros((len(boxes), patch, patch), np.float32), np.ones(len(boxes))
+    for index in np.flatnonzero(is_finite):
+        x, y, side, angle = _square(boxes[index], margin, height, width)
+        if angle:
+            patches[index] = _cut_rotated(image, x, y, side, angle, patch)
+        else:
+            patches[index] = _cut_upright(image, x, y, side, patch)
+        clipped[index] = _clipped_share(x, y, side, angle, width, height)
+    flat = patches.std(axis=(1, 2), dtype=np.float64) < FLAT_DEVIATION
+    return Windows(patches, flat, clipped, boxes[:, 2:4].max(axis=1) < TINY_SIDE)
+
+
+def _square(
+    box: NDArray[np.float64], margin: float, height: int, width: int
+) -> tuple[float, float, int, float]:
+    """Centre x and y, side and angle of a target's square; at most as wide as the image, and near it."""
+    x, y, length, breadth, angle = box.tolist()
+    longest = max(height, width)
+    # Limited before the margin is applied: a box may be as large as a float.
+    side = round(min(max(min(max(length, breadth), 4.0 * longest) * margin, 1.0), longest))
+    # Farther out every window has the same edge pixels.
+    x, y = min(max(x, -side), width + side), min(max(y, -side), height + side)
+    return x, y, side, angle % (2 * math.pi)
+
+
+def _cut_upright(image: NDArray[np.uint8], x: float, y: float, side: int, patch: int) -> NDArray[np.float32]:
+    """Shifted by part of a pixel, then scaled, then rounded; without rotation that is sharper than a warp."""
+    height, width = image.shape
+    left, top = x - (side - 1) / 2, y - (side - 1) / 2
+    columns, before, after = _padded_span(math.floor(left), side + 1, width)
+    rows, above, below = _padded_span(math.floor(top), side + 1, height)
+    part = image[rows, columns]
+    square = cv2.copyMakeBorder(part, above, below, before, after, cv2.BORDER_REPLICATE)
+    across, down = np.array([1 - left % 1, left % 1]), np.array([1 - top % 1, top % 1])
+    shifted = cv2.sepFilter2D(square, cv2.CV_32F, across, down, anchor=(0, 0))[:side, :side]
+    scaling = cv2.INTER_AREA if side > patch else cv2.INTER_LINEAR
+    return np.rint(np.asarray(cv2.resize(shifted, (patch, patch), interpolation=scaling), np.float32))
+
+
+def _padded_span(first: int, count: int, length: int) -> tuple[slice, int, int]:
+    """The part of `count` pixels within 0 .. length - 1, at least one, and how many are to be replicated."""
+    start = min(max(first, 0), length - 1)
+    stop = max(min(first + count, length), start + 1)
+    before = min(max(-first, 0), count - 1)
+    return slice(start, stop), before, count - before - (stop - start)
 
 
 def _cut_rotated(
@@ -126,7 +163,13 @@ def _cut_rotated(
 
 
 def _clipped_share(x: float, y: float, side: int, angle: float, width: int, height: int) -> float:
-    """Share of a rotated square outside the image, by a grid of samples."""
+    """Share of a square outside the image; of a rotated one by a grid of samples."""
+    if not angle:
+        spans = [
+            min(centre + side / 2, length - 0.5) - max(centre - side / 2, -0.5)
+            for centre, length in ((x, width), (y, height))
+        ]
+        return 1.0 - max(spans[0], 0.0) * max(spans[1], 0.0) / side**2
     steps = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5) * side
     along, across = np.meshgrid(steps, steps)
     columns = x + math.cos(angle) * along - math.sin(angle) * across

@@ -186,3 +186,27 @@ def test_a_target_of_one_pixel(angle: float) -> None:
     result = cut_windows(_ramp(), np.array([[20.0, 20.0, 1.0, 1.0, angle]]), 16)
     assert result.tiny[0]
     assert np.isfinite(result.patches).all()
+
+
+def _in_two_steps(image: np.ndarray, x: float, y: float, side: int, patch: int) -> np.ndarray:
+    """The square between the pixels, then its scaled copy, without any rounding."""
+    height, width = image.shape
+    left, top = x - (side - 1) / 2, y - (side - 1) / 2
+    columns = np.clip(np.floor(left) + np.arange(side + 1), 0, width - 1).astype(int)
+    rows = np.clip(np.floor(top) + np.arange(side + 1), 0, height - 1).astype(int)
+    square = image[np.ix_(rows, columns)].astype(np.float64)
+    square = square[:, :-1] * (1 - left % 1) + square[:, 1:] * (left % 1)
+    square = square[:-1] * (1 - top % 1) + square[1:] * (top % 1)
+    interpolation = cv2.INTER_AREA if side > patch else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(square, (patch, patch), interpolation=interpolation))
+
+
+@pytest.mark.parametrize("side", [1, 7, 16, 17, 40, 63, 100])
+def test_a_square_is_shifted_and_scaled_and_only_then_rounded(side: int) -> None:
+    """A patch is within half a grey level of both steps one by one, between pixels and beyond borders."""
+    image = np.random.default_rng(1).integers(0, 256, (120, 160), np.uint8)
+    middles = np.random.default_rng(side).uniform((-10, -10), (170, 130), (30, 2))
+    boxes = np.column_stack([middles, np.full((30, 2), float(side)), np.zeros(30)])
+    patches = cut_windows(image, boxes, 16, 1.0).patches
+    expected = np.stack([_in_two_steps(image, x, y, side, 16) for x, y in middles.tolist()])
+    assert np.abs(patches - expected).max() < 0.51
