@@ -28,7 +28,7 @@ class CotSink(Sink):
     stale_s: float = Property(5.0, min=0.1, unit="s", doc="How long an event is valid.")
     interval_s: float = Property(1.0, min=0.0, unit="s", doc="Shortest time between two events of a target.")
     ground_altitude: float | None = Property(
-        None, unit="m", doc="Altitude of the ground, with the datum of the poses."
+        None, unit="m", doc="Altitude of the ground with the datum of the poses; by default as reported."
     )
     max_queue: int = Property(64, min=1, doc="Records that may wait to be sent.")
 
@@ -49,7 +49,7 @@ class CotSink(Sink):
             raise ResourceError(
                 f"address={self.address}: {error}; start the server or name another"
             ) from error
-        self._executor = BackgroundExecutor(f"{self.name} sender", 0, self._failed, capacity=self.max_queue)
+        self._executor = BackgroundExecutor(f"{self.name} sender", self._failed, capacity=self.max_queue)
 
     @override
     def render(self, frame: Frame) -> None:
@@ -65,13 +65,14 @@ class CotSink(Sink):
             published_ns=self.clock.utc_ns(),
             ground_altitude_m=self.ground_altitude,
         )
-        self._tally.note(frame, has_position=any(target.geo is not None for target in record.tracks))
+        has_position = any(target.geo is not None for target in record.tracks)
+        self._tally.note(frame, has_position=has_position, ground_altitude_m=self.ground_altitude)
         found = list(events(msgspec.to_builtins(record), self.cot_type, self.stale_s))
         if not found:
             self.count_drop("no target with a place")
             return
         self._next_ns = now_ns + round(self.interval_s * 1e9)
-        dropped = self._executor.offer(lambda: sender.send(found))
+        dropped = self._executor.submit_dropping(lambda: sender.send(found))
         if dropped:
             self.count_drop("queue full", dropped)
 
@@ -86,10 +87,7 @@ class CotSink(Sink):
     def stop(self) -> None:
         executor, sender = self._executor, self._sender
         self._executor = self._sender = None
-        has_altitude = self.ground_altitude is not None
-        if sender is not None and (
-            text := self._tally.shortfall(needs_positions=True, has_altitude=has_altitude)
-        ):
+        if sender is not None and (text := self._tally.shortfall(needs_positions=True)):
             self.post_warning(f"{self.address}: {text}", "shortfall")
         if executor is not None:
             executor.close(STOP_LIMIT_S)

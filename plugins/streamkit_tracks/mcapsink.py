@@ -33,6 +33,7 @@ class McapSink(RecordFileSink):
 
     @override
     def start(self) -> None:
+        super().start()
         try:
             from mcap.writer import Writer
         except ImportError:
@@ -41,7 +42,6 @@ class McapSink(RecordFileSink):
                 "install it with: pip install 'streamkit[mcap]'"
             ) from None
         self._writer_class = Writer
-        super().start()
 
     @override
     def begin(self) -> None:

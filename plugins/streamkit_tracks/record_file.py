@@ -13,7 +13,7 @@ class RecordFileSink(OutputFileSink):
         None, doc="Source named in the records; the file's name without its suffix if unset."
     )
     ground_altitude: float | None = Property(
-        None, unit="m", doc="Altitude of the ground, with the datum of the poses; adds ground coordinates."
+        None, unit="m", doc="Altitude of the ground with the datum of the poses; by default as reported."
     )
 
     needs_positions = False
@@ -25,9 +25,7 @@ class RecordFileSink(OutputFileSink):
 
     def shortfall(self) -> str:
         """Why no record has a target, or a position where that is needed."""
-        return self._tally.shortfall(
-            needs_positions=self.needs_positions, has_altitude=self.ground_altitude is not None
-        )
+        return self._tally.shortfall(needs_positions=self.needs_positions)
 
     def record(self, frame: Frame, published_ns: int | None, *, provenance: bool = False) -> TrackRecord:
         """The record of a frame, as the properties say."""
@@ -38,5 +36,6 @@ class RecordFileSink(OutputFileSink):
             ground_altitude_m=self.ground_altitude,
             provenance=provenance,
         )
-        self._tally.note(frame, has_position=any(target.geo is not None for target in record.tracks))
+        has_position = any(target.geo is not None for target in record.tracks)
+        self._tally.note(frame, has_position=has_position, ground_altitude_m=self.ground_altitude)
         return record

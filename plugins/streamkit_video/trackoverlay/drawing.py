@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 ByteArray = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
 Colour = tuple[int, int, int]
+Rectangle = tuple[int, int, int, int]
 
 SHIFT = 4
 """Fractional bits of the coordinates given to OpenCV."""
@@ -85,17 +86,44 @@ def draw_trail(image: ByteArray, points: FloatArray, colour: Colour) -> None:
             cv2.polylines(image, [_fixed_point(part)], False, colour, thickness, cv2.LINE_AA, SHIFT)
 
 
-def draw_label(image: ByteArray, text: str, corners: FloatArray, colour: Colour) -> None:
-    """Writes text to the upper right of an outline, in its colour with a dark border."""
+def draw_label(
+    image: ByteArray, text: str, corners: FloatArray, colour: Colour, others: list[Rectangle]
+) -> None:
+    """Writes text at a corner of an outline, in its colour with a dark border.
+
+    It is the first of upper right, upper left, lower right, lower left where the text is inside the image and
+    covers no other label; upper right if none is.
+
+    Args:
+        image: uint8[height, width, 3], BGR.
+        text: a few characters.
+        corners: float64[n, 2], of the outline, px.
+        colour: BGR.
+        others: left, top, right and bottom of the labels drawn so far, px; this one is added.
+    """
     if not np.isfinite(corners).all():
         return
     limit = float(max(image.shape[:2]))
-    right, top = np.clip([corners[:, 0].max(), corners[:, 1].min()], -limit, 2.0 * limit)
-    x, y = round(float(right)) + 2, round(float(top)) - 2
+    left, top = (round(float(side)) for side in np.clip(corners.min(axis=0), -limit, 2.0 * limit))
+    right, bottom = (round(float(side)) for side in np.clip(corners.max(axis=0), -limit, 2.0 * limit))
+    (width, height), _ = cv2.getTextSize(text, FONT, LABEL_SCALE, 1)
+    places = [(x, y) for y in (top - 2, bottom + 2 + height) for x in (right + 2, left - 2 - width)]
+    rectangles = [(x, y - height, x + width, y) for x, y in places]
+    chosen = next((area for area in rectangles if _is_free(area, image, others)), rectangles[0])
+    others.append(chosen)
+    x, y = chosen[0], chosen[3]
     # Not one thicker black text below: OpenCV's letters get wider as they get thicker.
     for right_px, down_px in BORDER_OFFSETS:
         cv2.putText(image, text, (x + right_px, y + down_px), FONT, LABEL_SCALE, BLACK, 1, cv2.LINE_AA)
     cv2.putText(image, text, (x, y), FONT, LABEL_SCALE, colour, 1, cv2.LINE_AA)
+
+
+def _is_free(area: Rectangle, image: ByteArray, others: list[Rectangle]) -> bool:
+    left, top, right, bottom = area
+    is_inside = min(left, top) >= 0 and right <= image.shape[1] and bottom <= image.shape[0]
+    return is_inside and not any(
+        left < other[2] and other[0] < right and top < other[3] and other[1] < bottom for other in others
+    )
 
 
 def draw_status(image: ByteArray, text: str) -> None:

@@ -95,8 +95,9 @@ class TrackOverlay(Transform):
             self._draw_trails(image, tracks)
         if self.detections:
             self._draw_detections(image, frame.get(Detections))
+        labels: list[drawing.Rectangle] = []
         for track in tracks:
-            self._draw_track(image, track)
+            self._draw_track(image, track, labels)
         if self.status:
             drawing.draw_status(image, _status_text(frame, registration, frame.get(Tracks)))
         image.flags.writeable = False
@@ -150,7 +151,7 @@ class TrackOverlay(Transform):
                 outside = np.hypot(points[:, 0] - track.x, points[:, 1] - track.y) > track.length / 2.0
             drawing.draw_trail(image, points[outside], drawing.identity_colour(identity))
 
-    def _draw_track(self, image: NDArray[np.uint8], track: Track) -> None:
+    def _draw_track(self, image: NDArray[np.uint8], track: Track, labels: list[drawing.Rectangle]) -> None:
         colour = drawing.identity_colour(track.id)
         corners = drawing.box_corners(track.x, track.y, track.length, track.width, track.angle)
         drawing.draw_outline(image, corners, colour, STYLES[track.state])
@@ -158,7 +159,7 @@ class TrackOverlay(Transform):
             ellipse = drawing.ellipse_points(track.x, track.y, track.covariance, self.covariance)
             drawing.draw_outline(image, ellipse, colour, drawing.LineStyle.THIN)
         if self.labels:
-            drawing.draw_label(image, str(track.id), corners, colour)
+            drawing.draw_label(image, str(track.id), corners, colour, labels)
 
     def _draw_detections(self, image: NDArray[np.uint8], detections: Detections | None) -> None:
         for x0, y0, x1, y1 in () if detections is None else detections.boxes:

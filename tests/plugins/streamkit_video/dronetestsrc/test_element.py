@@ -1,5 +1,6 @@
 """Tests of dronetestsrc in pipelines."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -85,9 +86,10 @@ def test_a_missing_image_names_the_element(tmp_path: Path) -> None:
 
 
 def test_a_live_source_keeps_real_time() -> None:
-    """Four frames at 20 a second take no less than three of their intervals."""
+    """The fourth frame at 20 a second comes no earlier than three intervals after the start."""
+    began_ns = time.monotonic_ns()
     frames = frames_of(f"dronetestsrc num-buffers=4 is-live=true ! {SMALL}, framerate=20/1")
-    assert frames[-1].arrival_ns - frames[0].arrival_ns >= 100_000_000
+    assert frames[-1].arrival_ns - began_ns >= 150_000_000
 
 
 def test_an_endless_live_source_stops_at_once() -> None:

@@ -61,7 +61,7 @@ def test_anything_can_be_drawn_anywhere(style: LineStyle, place: tuple[float, fl
     image = black()
     corners = box_corners(*place, 20.0, 10.0, 0.3)
     draw_outline(image, corners, GREEN, style)
-    draw_label(image, "17", corners, GREEN)
+    draw_label(image, "17", corners, GREEN, [])
     draw_trail(image, corners, GREEN)
     assert image.any() == (place == (0.0, 0.0))
 
@@ -80,10 +80,23 @@ def test_a_trail_is_thick_at_its_new_end() -> None:
 def test_a_label_stands_beside_its_box() -> None:
     """The label is to the upper right of the box, in its colour."""
     image = np.full((100, 140, 3), 128, np.uint8)
-    draw_label(image, "8", box_corners(60.0, 50.0, 20.0, 10.0, 0.0), GREEN)
+    draw_label(image, "8", box_corners(60.0, 50.0, 20.0, 10.0, 0.0), GREEN, [])
     rows, columns = np.nonzero((image[:, :, 1] > 200) & (image[:, :, 0] < 100))
     assert columns.min() >= 70
     assert rows.max() <= 46
+
+
+def test_labels_cover_neither_each_other_nor_the_border() -> None:
+    """Targets side by side, and one in each corner of the image."""
+    labels: list[tuple[int, int, int, int]] = []
+    for x, y in [(40, 50), (44, 50), (42, 54), (41, 48), (3, 3), (137, 3), (3, 97), (137, 97)]:
+        draw_label(black(), "12", box_corners(x, y, 20.0, 10.0, 0.0), GREEN, labels)
+    for index, (left, top, right, bottom) in enumerate(labels):
+        assert min(left, top) >= 0
+        assert right <= 140
+        assert bottom <= 100
+        for other in labels[:index]:
+            assert left >= other[2] or other[0] >= right or top >= other[3] or other[1] >= bottom
 
 
 def test_status_darkens_a_strip_and_writes() -> None:

@@ -1,0 +1,41 @@
+"""tracksrc: what tracksink wrote comes back, line by line."""
+
+from pathlib import Path
+
+import pytest
+
+from streamkit import ElementFailure, Pipeline
+
+VIDEO = "videotestsrc num-buffers=12 ! video/x-raw, width=320, height=240, framerate=25/1"
+
+
+def test_records_come_back_as_they_were_written(tmp_path: Path) -> None:
+    """A copy made of them is the same file; frames have the times of their records."""
+    path, copy = tmp_path / "tracks.jsonl", tmp_path / "copy.jsonl"
+    Pipeline.parse(f"{VIDEO} ! tracksink location={path}").run(timeout_s=120)
+    Pipeline.parse(f"tracksrc location={path} ! tracksink location={copy}").run(timeout_s=30)
+    assert copy.read_bytes() == path.read_bytes()
+    with Pipeline.parse(f"tracksrc location={path} ! appsink name=out") as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    assert [frame.pts for frame in frames] == [number * 40_000_000 for number in range(12)]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "No such file or directory; name a file that tracksink wrote"),
+        (b"\n{}\n", "tracks.jsonl, line 2: not a track record"),
+        (b"\xff\xfe\n", "tracks.jsonl, line 1: not a track record"),
+        (b"[" * 100_000, "tracks.jsonl, line 1: not a track record"),
+    ],
+)
+def test_a_file_of_something_else_is_an_error_with_its_line(
+    tmp_path: Path, content: bytes | None, message: str
+) -> None:
+    """Without a line of a record, nothing is guessed."""
+    path = tmp_path / "tracks.jsonl"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ElementFailure, match=message):
+        Pipeline.parse(f"tracksrc location={path} ! fakesink").run(timeout_s=30)
