@@ -12,6 +12,7 @@ VIDEO = "video"
 STATUS = "status"
 SCHEMA = "schema"
 ALIVE = "alive"
+CONTROL = "control"
 STREAMS = (TRACKS, FRAME, MOSAIC, VIDEO, STATUS)
 # Receivers' tokens lie outside the users' keys: a receiver's key may have wildcards, a token may not.
 LISTENING = "streamkit/listening"

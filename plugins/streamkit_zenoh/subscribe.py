@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
@@ -39,7 +39,7 @@ def subscribe(
     key: Annotated[str, typer.Argument(help="The key of zenohsink, for example uav/1.")],
     connect: Annotated[str | None, typer.Option(help="Endpoint to connect to, tcp/HOST:PORT.")] = None,
     listen: Annotated[str | None, typer.Option(help="Endpoint to listen on, tcp/0.0.0.0:7447.")] = None,
-    mode: Annotated[str, typer.Option(help="auto, peer or client.")] = "auto",
+    mode: Annotated[Literal["auto", "peer", "client"], typer.Option(help="Role of the session.")] = "auto",
     config: Annotated[
         str | None, typer.Option(help="zenoh configuration file, for TLS and passwords.")
     ] = None,
@@ -78,8 +78,10 @@ def subscribe(
             ring=1 if newest else MAX_RECORDS,
             ends_with_publisher=not stay,
         )
-    except (OSError, ValueError) as error:
-        _fail(str(error))
+    except ValueError as error:
+        _fail(str(error), 2)
+    except OSError as error:
+        _fail(str(error), 1)
     code, message = 0, ""
     try:
         with printer_for(form.value, subscriber, gaps, age) as printer:
@@ -135,9 +137,9 @@ def _remedy(subscriber: TrackSubscriber) -> str:
     return ": no publisher is there; start it, or give both sides endpoints that meet (--connect, --listen)"
 
 
-def _fail(message: str) -> NoReturn:
+def _fail(message: str, code: int) -> NoReturn:
     typer.echo(f"error: {message}", err=True)
-    raise typer.Exit(1)
+    raise typer.Exit(code)
 
 
 def _leave(code: int) -> NoReturn:

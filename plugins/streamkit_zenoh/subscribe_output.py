@@ -158,8 +158,8 @@ def printer_for(form: str, subscriber: TrackSubscriber, gaps: bool, age: bool) -
 
 
 def arrival_age_ms(record: TrackRecord, now_ns: int) -> float | None:
-    """Time since the frame's capture, else since publishing; None if the record has neither."""
-    began_ns = record.published_ns if record.capture_ns is None else record.capture_ns
+    """Time since the capture of a live frame, else since publishing; None if the record has neither."""
+    began_ns = record.published_ns if record.age_ms is None else record.capture_ns
     return None if began_ns is None else (now_ns - began_ns) / 1e6
 
 
@@ -176,24 +176,24 @@ def as_text(record: TrackRecord, age_ms: float | None = None) -> str:
 
 
 def as_table(record: TrackRecord, age_ms: float | None = None, missed: int | None = None) -> Table:
-    """A record as a table with a row per target, without tentative targets."""
-    from rich.box import SIMPLE_HEAD
+    """A record as a table of 80 columns with a row per target, without tentative targets: px, px/s, s."""
     from rich.table import Table
+
+    shown = [track for track in record.tracks if track.state not in HIDDEN]
 
     title = f"{record.source}  seq {record.seq}"
     title += "" if record.pts_ns is None else f"  {record.pts_ns / 1e9:.3f} s"
     title += "" if age_ms is None else f"  age {age_ms:.1f} ms"
     title += "" if missed is None else f"  missed {missed}"
-    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", pad_edge=False)
-    for name in ("id", "state", "x px", "y px", "size px", "vx px/s", "vy px/s", "score", "age s", "place"):
+    title += f"  {len(shown)} tracks"
+    table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 1, 0, 0))
+    for name in ("id", "state", "x", "y", "size", "vx", "vy", "score", "age", "place"):
         table.add_column(name, justify="left" if name == "state" else "right", no_wrap=True)
-    for track in record.tracks:
-        if track.state in HIDDEN:
-            continue
-        speeds = ("" if speed is None else f"{speed:.1f}" for speed in (track.vx, track.vy))
-        geo = "" if track.geo is None else f"{track.geo.lat:.6f} {track.geo.lon:.6f}"
-        place = f"{track.x:.1f}", f"{track.y:.1f}", f"{track.length:.0f}x{track.width:.0f}", *speeds
+    for track in shown:
+        speeds = ("" if speed is None else f"{speed:.0f}" for speed in (track.vx, track.vy))
+        geo = "" if track.geo is None else f"{track.geo.lat:.5f} {track.geo.lon:.5f}"
+        place = f"{track.x:.0f}", f"{track.y:.0f}", f"{track.length:.0f}x{track.width:.0f}", *speeds
         table.add_row(
-            str(track.id), str(track.state), *place, f"{track.score:.2f}", f"{track.age_ns / 1e9:.1f}", geo
+            str(track.id), str(track.state), *place, f"{track.score:.2f}", f"{track.age_ns / 1e9:.0f}", geo
         )
     return table

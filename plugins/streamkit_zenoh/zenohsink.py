@@ -43,8 +43,9 @@ class ZenohSink(Connection, Sink):
     KEY/frame and KEY/mosaic; coded packets of the pad `video`, unchanged, at KEY/video. A slow network does
     not delay the pipeline: the queue is bounded, the oldest message is dropped and counted, and receivers see
     a gap in the numbers. Queries are answered with the last message of each key, and at KEY/schema with the
-    schemas. The liveliness token KEY/alive ends after the last record. Without connect and listen, receivers
-    on this machine find the publisher by themselves.
+    schemas; with control=true queries at KEY/control set live properties. The liveliness token KEY/alive ends
+    after the last record. Without connect and listen, receivers on this machine find the publisher by
+    themselves.
 
     A second publisher at a key is refused, unless takeover or shared says otherwise.
 
@@ -86,8 +87,9 @@ class ZenohSink(Connection, Sink):
         session = self.open_zenoh(settings.cut_off_s)
         try:
             self._publication = Publication(
-                session, root, settings, streams, self.clock.utc_ns, self._failed, self.stopping
-            )
+                session, root, settings, streams, self.clock.utc_ns, self._failed, self.stopping,
+                lambda: () if self.host is None else self.host.elements(),
+            )  # fmt: skip
         except (InvalidQos, MissingLibrary, KeyInUse) as error:
             close_session(session, STOP_LIMIT_S)
             raise ResourceError(str(error)) from None

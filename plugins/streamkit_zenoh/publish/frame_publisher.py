@@ -49,7 +49,7 @@ class FramePublisher:
         self._last: tuple[Frame, Stamp] | None = None
         self._due: tuple[int, int] | None = None
         self._checksum: int | None = None
-        self.executor = BackgroundExecutor(f"zenoh {publisher.name}", 0, self._not_sent, capacity=1)
+        self.executor = BackgroundExecutor(f"zenoh {publisher.name}", self._not_sent, capacity=1)
 
     def submit(self, frame: Frame, now_ns: int) -> None:
         """Queues a frame if it is due, replacing a queued one; `now_ns` stands in for a missing pts."""
@@ -58,7 +58,7 @@ class FramePublisher:
         stamp = self.publisher.stamp()
         if not self.publisher.has_subscriber:
             self._settle(frame, stamp)
-        elif replaced := self.executor.offer(lambda: self._send(frame, stamp)):
+        elif replaced := self.executor.submit_dropping(lambda: self._send(frame, stamp)):
             self.publisher.count_drop("replaced by a newer one", replaced)
 
     def replies(self, asked: zenoh.KeyExpr) -> Iterable[Reply]:

@@ -2,14 +2,15 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Literal
 
 import zenoh
 
-from streamkit import ResourceError, TrackRecord
+from streamkit import Element, ResourceError, TrackRecord
 from streamkit_zenoh.keys import LISTENING, MOSAIC, RECEIVER, SCHEMA, STATUS, TRACKS, VIDEO, listens_to
 from streamkit_zenoh.presence import declare_publisher_token, wait_until_delivered, watch_receivers
+from streamkit_zenoh.publish.control import Control
 from streamkit_zenoh.publish.frame_publisher import FramePublisher
 from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher, Reply
 from streamkit_zenoh.publish.record_publisher import RecordPublisher
@@ -38,6 +39,7 @@ class Publication:
         utc_ns: the clock.
         failed: called with what went wrong, from any thread.
         cancelled: ends a wait for another publisher at the key.
+        elements: gives the elements that can be controlled.
 
     Attributes:
         tracks: publisher of the records.
@@ -60,6 +62,7 @@ class Publication:
         utc_ns: Callable[[], int],
         failed: Callable[[Exception], None],
         cancelled: threading.Event,
+        elements: Callable[[], Sequence[Element]],
     ) -> None:
         self._qos = settings.qos()
         codec = Codec(TrackRecord, TRACKS_SCHEMA, settings.encoding)
@@ -81,6 +84,9 @@ class Publication:
         )
         self.images = {name: self._picture_publisher(name) for name in image_streams}
         self._executors = [self.records.executor, *(images.executor for images in self.images.values())]
+        self._control = Control(session, root, elements, failed) if settings.control else None
+        if self._control is not None:
+            self._executors.append(self._control.executor)
         self.receivers = watch_receivers(session, self._receiver_appeared)
         handler = zenoh.handlers.Callback(self._reply, indirect=False)
         self._queryable = session.declare_queryable(f"{root}/**", handler)
@@ -108,6 +114,7 @@ class Publication:
             self.receivers.close,
             self._rivals.close,
             self._queryable.undeclare,
+            *([] if self._control is None else [self._control.close]),
             *(publisher.close for publisher in publishers),
         ]
         is_closed = close_session(self._session, limit_s, cancelled, undeclare)
@@ -200,6 +207,8 @@ class Publication:
             age_ms=self.records.age_ms,
             streams=tuple(publisher.status(receiver) for publisher in self._publishers()),
             drops=tuple(drop for publisher in self._publishers() for drop in publisher.drop_counts()),
+            control=self._control is not None,
+            changes=() if self._control is None else self._control.changes(),
         )
 
 

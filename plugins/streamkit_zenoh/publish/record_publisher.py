@@ -87,7 +87,7 @@ class RecordPublisher:
         self._publish_status = publish_status
         self._has_begun = False
         self.executor = BackgroundExecutor(
-            "zenoh records", 0, self._not_sent, capacity=settings.max_queue, periodic=publish_status
+            "zenoh records", self._not_sent, capacity=settings.max_queue, periodic=publish_status
         )
 
     def submit(self, frame: Frame, cancelled: threading.Event) -> int:
@@ -104,7 +104,7 @@ class RecordPublisher:
             self._last_settled = item
             self._publisher.settle(item.stamp)
             return 0
-        return self.executor.offer(lambda: self._send(item), self._settings.patience_s, cancelled)
+        return self.executor.submit_dropping(lambda: self._send(item), self._settings.patience_s, cancelled)
 
     @property
     def last_frame(self) -> Frame | None:
@@ -206,6 +206,7 @@ class RecordPublisher:
             published_ns=published_ns,
             dropped=self._lost,
             ground_altitude_m=self._settings.ground_altitude,
+            provenance=self._settings.provenance,
         )
 
     def _payload(self, item: Outgoing, record: TrackRecord) -> bytes:

@@ -75,10 +75,14 @@ class PublicationSettings:
     takeover: bool = setting(False, doc="Make another publisher at the key end.")
     encoding: Encoding = setting(Encoding.JSON, doc="Encoding of records and status.")
     tracks: bool = setting(True, doc="Publish a record per frame at KEY/tracks.")
+    provenance: bool = setting(False, doc="Say in the records how each row was computed.")
     track: bool = setting(
         True, doc="Publish each confirmed target at KEY/track/ID, and delete it when it ends."
     )
     status: bool = setting(True, doc="Publish state, counters and age at KEY/status, once a second.")
+    control: bool = setting(
+        False, doc="Let queries at KEY/control set live properties of this pipeline's elements."
+    )
     frame_rate: float = setting(
         0.0, min=0.0, max=1000.0, unit="/s", doc="Frames published at KEY/frame; 0 publishes none."
     )
@@ -100,7 +104,7 @@ class PublicationSettings:
         5.0, min=1.0, max=3600.0, unit="s", doc="A receiver that takes nothing for so long is cut off."
     )
     ground_altitude: float | None = setting(
-        None, unit="m", doc="Altitude of the ground, with the datum of the poses; adds ground coordinates."
+        None, unit="m", doc="Altitude of the ground with the datum of the poses; by default as reported."
     )
     tracks_qos: str = setting(
         "block,data-high",

@@ -38,14 +38,14 @@ class VideoPublisher:
         self._source = source
         self._utc_ns = utc_ns
         self._failed = failed
-        self.executor = BackgroundExecutor("zenoh video", 0, self._not_sent, capacity=CAPACITY)
+        self.executor = BackgroundExecutor("zenoh video", self._not_sent, capacity=CAPACITY)
 
     def submit(self, frame: Frame, now_ns: int) -> None:
         """Queues a packet; a full queue drops the oldest one."""
         stamp = self.publisher.stamp()
         if not self.publisher.has_subscriber:
             self.publisher.settle(stamp)
-        elif dropped := self.executor.offer(lambda: self._send(frame, stamp)):
+        elif dropped := self.executor.submit_dropping(lambda: self._send(frame, stamp)):
             self.publisher.count_drop("queue full", dropped)
 
     def replies(self, asked: zenoh.KeyExpr) -> Iterable[Reply]:

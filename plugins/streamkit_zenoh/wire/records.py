@@ -10,6 +10,7 @@ from streamkit import (
     TRACKS_CAPS,
     Caps,
     Capture,
+    Detections,
     Frame,
     Pose,
     Registration,
@@ -29,7 +30,9 @@ def without_pixels(frame: Frame) -> Frame:
     if frame.caps.name == TRACKS_CAPS.name:
         return frame
     found = frame.metadata
-    kept: dict[type, object] = {kind: found[kind] for kind in (Tracks, Registration, Pose) if kind in found}
+    kept: dict[type, object] = {
+        kind: found[kind] for kind in (Tracks, Registration, Pose, Detections) if kind in found
+    }
     return Frame(
         b"", frame.caps, pts=frame.pts, epoch=frame.epoch, seq=frame.seq, capture=frame.capture, metadata=kept
     )

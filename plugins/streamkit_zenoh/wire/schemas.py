@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from streamkit import TrackRecord
+from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest
 from streamkit_zenoh.wire.frame_header import FRAME_SCHEMA, FrameHeader
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
@@ -15,6 +16,8 @@ from streamkit_zenoh.wire.video_header import VIDEO_SCHEMA, VideoHeader
 
 PROTO_FILE = Path(__file__).with_name("streamkit.proto")
 RECORD_TYPES: dict[str, type[msgspec.Struct]] = {
+    CONTROL_SCHEMA: ControlReply,
+    f"{CONTROL_SCHEMA}/request": ControlRequest,
     FRAME_SCHEMA: FrameHeader,
     STATUS_SCHEMA: StatusRecord,
     TRACKS_SCHEMA: TrackRecord,

@@ -41,6 +41,14 @@ class DropCount(msgspec.Struct, frozen=True, kw_only=True):
     count: int
 
 
+class PropertyChange(msgspec.Struct, frozen=True, kw_only=True):
+    """A property that was set over KEY/control, with its value as text."""
+
+    element: str
+    property: str
+    value: str
+
+
 class StatusRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """State and counters of a publisher; unknown values are left out.
 
@@ -58,6 +66,8 @@ class StatusRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
         age_ms: from capture to publishing, of the last record.
         streams: its streams but this one.
         drops: messages it dropped, by stream and reason.
+        control: whether live properties can be set at KEY/control.
+        changes: properties that were set there, each with its last value.
     """
 
     schema: Literal["streamkit.status/1"]
@@ -73,3 +83,5 @@ class StatusRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     age_ms: float | None = None
     streams: tuple[StreamStatus, ...]
     drops: tuple[DropCount, ...]
+    control: bool = False
+    changes: tuple[PropertyChange, ...] = ()

@@ -14,9 +14,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from msgspec import structs
 from rich.console import Console
 
 from streamkit import Frame, Track, TrackRecord, Tracks, TrackState, raw_video_caps, track_record
+from streamkit.flow.record import GeoRecord
 from streamkit.testing import Harness
 from streamkit_zenoh import subscribe as command
 from streamkit_zenoh.subscribe_output import as_table, as_text
@@ -161,11 +163,11 @@ def test_a_full_disk_is_reported_once(subscribe: Starter, key: str, endpoint: st
     [(("/uav",), "for example uav/1"), (("uav/1", "--connect", "here"), "PROTOCOL/HOST:PORT")],
 )
 def test_invalid_arguments_are_an_error(arguments: tuple[str, ...], text: str) -> None:
-    """Exit code 1 and a remedy, at once."""
+    """Exit code 2 and a remedy, at once."""
     done = subprocess.run(
         [str(BINARY), "subscribe", *arguments], capture_output=True, text=True, timeout=30, check=False
     )
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert text in done.stderr
 
 
@@ -178,7 +180,21 @@ def test_the_table_has_a_row_per_target() -> None:
     text = captured.get()
     assert "uav/1  seq 5  0.200 s  age 12.3 ms  missed 3" in text
     (row,) = [line for line in text.splitlines() if "confirmed" in line]
-    assert row.split() == ["7", "confirmed", "1.5", "2.5", "30x14", "1.0", "2.0", "0.50", "7.0"]
+    assert row.split() == ["7", "confirmed", "2", "2", "30x14", "1", "2", "0.50", "7"]
+
+
+def test_the_table_fits_80_columns() -> None:
+    """With the largest numbers of a 4K frame and a place on the ground."""
+    record = track_record(_frame(5), source="uav/1", published_ns=1)
+    target = structs.replace(
+        record.tracks[0], id=1234, x=3812.4, y=2077.0, length=131.2, width=114.8, vx=-161.0, vy=-104.2,
+        age_ns=3120 * 10**9, geo=GeoRecord(lat=-46.842778, lon=-171.994299, error_m=3.0),
+    )  # fmt: skip
+    console = Console(width=80, file=None, force_terminal=False)
+    with console.capture() as captured:
+        console.print(as_table(structs.replace(record, tracks=(target,))))
+    words = "1234 confirmed 3812 2077 131x115 -161 -104 0.50 3120 -46.84278 -171.99430"
+    assert captured.get().splitlines()[-1].split() == words.split()
 
 
 def test_a_record_without_time_as_text() -> None:

@@ -12,17 +12,21 @@ from streamkit_zenoh.wire.schemas import RECORD_TYPES, json_schemas, schema_file
 # Fields of the published schemas, optional ones with a question mark. A field may be added as an optional one
 # at the end; any other change needs a new schema number, `streamkit.tracks/2`.
 FIELDS = {
+    "ControlReply": "schema error? properties?",
+    "ControlRequest": "element property value",
     "DetectionRecord": "centroid bbox area score label?",
     "DropCount": "stream reason count",
     "FrameHeader": "schema record format picture_width picture_height duration_ns? motion? detections? pose?",
     "GeoRecord": "lat lon error_m?",
+    "LiveProperty": "element factory property type value? choices? minimum? maximum? unit? doc?",
     "MatchRecord": "row gate? centroid bbox area score label?",
     "MotionRecord": "reference status to_previous? to_reference? reference_change? keyframe? matches? "
     "inliers? rmse? corner_std?",
+    "PropertyChange": "element property value",
     "ProvenanceRecord": "predicted? detection? shared? similarity? learnt? cause?",
     "RegistrationRecord": "reference to_reference? status matches? inliers? rmse? corner_std?",
     "StatusRecord": "schema source state run published_ns uptime_s frames seq? epoch? tracks age_ms? streams "
-    "drops",
+    "drops control? changes?",
     "StreamStatus": "name run settled_number published bytes has_subscriber next_number? first_number?",
     "TargetRecord": "id state x y length width angle bbox vx? vy? position_covariance? score age_ns geo? "
     "provenance?",
