@@ -6,6 +6,7 @@ import hmac
 import ipaddress
 import logging
 import socket
+from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
@@ -14,7 +15,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOG = logging.getLogger("streamkit.view")
-COOKIE = "streamkit_view"
+COOKIE = "streamkit_view"  # and the port: browsers send a cookie to all ports of a host
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -46,20 +47,38 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
+@dataclass(frozen=True)
+class Access:
+    """Who may see the page.
+
+    Attributes:
+        token: what a browser must show to control a pipeline.
+        is_local: whether only this machine can connect; else each request needs the token.
+    """
+
+    token: str
+    is_local: bool
+
+    def is_token(self, given: str) -> bool:
+        """Compares a token in constant time."""
+        return hmac.compare_digest(given.encode(), self.token.encode())
+
+
 class AccessControl:
     """ASGI middleware that refuses requests of strangers.
 
     A page of another site must not read this one: it can send neither this `Host`, after DNS rebinding, nor
-    this `Origin`. The token is in the address that is printed; the first response moves it into a cookie.
+    this `Origin`. The token is in the address that is printed; the first response moves it into a cookie. A
+    scope's `may_control` says whether its request has the token.
 
     Args:
         app: the application.
-        token: what a browser must show; "" where only this machine can connect.
+        access: who may see the page.
     """
 
-    def __init__(self, app: ASGIApp, token: str) -> None:
+    def __init__(self, app: ASGIApp, access: Access) -> None:
         self._app = app
-        self._token = token
+        self._access = access
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Passes a request on, or refuses it."""
@@ -75,6 +94,9 @@ class AccessControl:
         refusal = self._refusal(scope)
         if refusal is None:
             await self._app(scope, receive, send_with_headers)
+        elif scope["type"] == "websocket":
+            # Answered with 403. After another response uvicorn logs an error each time.
+            await send({"type": "websocket.close"})
         else:
             await refusal(scope, receive, send_with_headers)
 
@@ -87,19 +109,18 @@ class AccessControl:
             return _refuse(403, "a websocket without Origin")
         if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
             return _refuse(403, "another site's Origin")
-        if not self._token or self._is_token(_cookie(headers)):
-            return None
+        name = f"{COOKIE}_{(scope.get('server') or ('', 0))[1]}"
+        scope["may_control"] = self._access.is_token(_cookie(headers, name))
         given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
         if scope["type"] == "http" and given:
-            if not self._is_token(given[0]):
+            if not self._access.is_token(given[0]):
                 return _refuse(403, "a wrong token")
             response = RedirectResponse("/", status_code=303)
-            response.set_cookie(COOKIE, self._token, httponly=True, samesite="strict")
+            response.set_cookie(name, self._access.token, httponly=True, samesite="strict")
             return response
+        if scope["may_control"] or self._access.is_local:
+            return None
         return _refuse(401, "a request without token: open the address that `streamkit view` printed")
-
-    def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), self._token.encode())
 
     def _is_own_host(self, host: str) -> bool:
         """A loopback name; beyond loopback also any address, and the name of this machine."""
@@ -110,7 +131,7 @@ class AccessControl:
             return False
         if is_loopback(name):
             return True
-        if not self._token:
+        if self._access.is_local:
             return False
         try:
             ipaddress.ip_address(name)
@@ -119,9 +140,9 @@ class AccessControl:
         return True
 
 
-def _cookie(headers: Headers) -> str:
+def _cookie(headers: Headers, name: str) -> str:
     try:
-        morsel = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        morsel = SimpleCookie(headers.get("cookie", "")).get(name)
     except CookieError:
         return ""
     return "" if morsel is None else morsel.value

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import secrets
+import signal
 import socket
+import sys
 import webbrowser
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,19 +18,23 @@ if TYPE_CHECKING:
     from streamkit_view.playback import Playback
 
 BACKLOG = 64
-VIDEO_SUFFIXES = {".mp4", ".mov", ".mkv", ".ts", ".avi", ".m4v", ".mpg"}
+FILE_SUFFIXES = {".jsonl", ".mp4", ".mov", ".mkv", ".ts", ".avi", ".m4v", ".mpg"}
 CLOSE_LIMIT_S = 2.0
 
 
 def view(
     what: Annotated[
         list[str],
-        typer.Argument(help="Keys of zenohsink, for example uav/1; or one video file or rtsp:// URL."),
+        typer.Argument(
+            help="Keys of zenohsink, for example uav/1; or one video file, rtsp:// URL, or the records of a "
+            "finished run, tracks.jsonl."
+        ),
     ],
     listen: Annotated[
         str, typer.Option(help="Address of the page; beyond this machine it needs a token.")
     ] = "127.0.0.1:8090",
     connect: Annotated[str | None, typer.Option(help="zenoh endpoint to connect to, tcp/HOST:PORT.")] = None,
+    video: Annotated[str, typer.Option(help="Video file of a finished run, whose records are given.")] = "",
     config: Annotated[
         str | None, typer.Option(help="zenoh configuration file, for TLS and passwords.")
     ] = None,
@@ -36,36 +42,41 @@ def view(
 ) -> None:
     """Shows video, tracks and mosaic of one or more publishers in a browser, until Ctrl-C.
 
-    A video file or a camera's URL is played by the ready pipeline, in a process of its own, from the moment
-    when the page is opened.
+    A video file, a camera's URL or a finished run is played by the ready pipeline, in a process of its own,
+    from the moment when the page is opened.
     """
     try:
         from streamkit_view.session import run_server
     except ImportError as error:
         _fail(f"the page needs {error.name}, which is not installed: pip install 'streamkit[view]'")
-    from streamkit_view.access import is_loopback
-    from streamkit_view.playback import is_source, playing
+    from streamkit_view.access import Access, is_loopback
+    from streamkit_view.playback import is_run, is_source, playing
 
     sources = [text for text in what if is_source(text)]
     if sources and len(what) > 1:
         _fail(f"give keys, or one file or URL, got {sources[0]} and {len(what) - 1} more")
-    for text in what:
-        if not sources and Path(text).suffix.lower() in VIDEO_SUFFIXES:
+    for text in [*what, video]:
+        if Path(text).suffix.lower() in FILE_SUFFIXES and not is_source(text):
             _fail(f"{text}: there is no such file")
+    if any(map(is_run, sources)) != bool(video):
+        _fail("records and their video go together: streamkit view tracks.jsonl --video flight.mp4")
     host, bound = _bind(listen)
-    token = "" if is_loopback(host) else secrets.token_urlsafe(24)
+    token = secrets.token_urlsafe(24)
+    # Until the server handles signals itself: what was started is ended by this process only.
+    signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
     with ExitStack() as stack:
         stack.enter_context(bound)
         playback: Playback | None = None
         if sources:
             key = f"view/{os.getpid()}"
-            playback, what = stack.enter_context(playing(sources[0], key)), [key]
+            playback, what = stack.enter_context(playing(sources[0], key, video)), [key]
         url = _url(host, bound.getsockname()[1], token)
         typer.echo(f"open {url}")
         if open_page:
             webbrowser.open(url)
         try:
-            run_server(what, bound, token, connect, config, playback)
+            access = Access(token, is_local=is_loopback(host))
+            run_server(what, bound, access, connect, config, playback)
         except (OSError, ValueError) as error:
             _fail(str(error))
 
@@ -85,7 +96,7 @@ def _bind(listen: str) -> tuple[str, socket.socket]:
 
 def _url(host: str, port: int, token: str) -> str:
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else f"[{host}]" if ":" in host else host
-    return f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
+    return f"http://{shown}:{port}/?token={token}"
 
 
 def _fail(message: str) -> NoReturn:

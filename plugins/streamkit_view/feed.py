@@ -139,7 +139,7 @@ class Feed:
             state = "silent"
             reason = f"No frame for {silent_s:.0f} s: the feed is lost, or the pipeline stands still."
         elif not self._last_record_s:
-            state, reason = "waiting", "The publisher is there; no frame has come yet."
+            state, reason = "waiting", waiting or "The publisher is there; no frame has come yet."
         return FeedState(
             key=self._title,
             state=state,

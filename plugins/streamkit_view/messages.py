@@ -6,7 +6,8 @@ import json
 import struct
 from dataclasses import dataclass
 
-VIDEO, TRACKS, FRAME, MOSAIC, STATE, SKIPPED = "video", "tracks", "frame", "mosaic", "state", "skipped"
+VIDEO, TRACKS, FRAME, MOSAIC = "video", "tracks", "frame", "mosaic"
+HELLO, STATE, SKIPPED, CONTROL = "hello", "state", "skipped", "control"
 
 
 @dataclass(frozen=True, slots=True)

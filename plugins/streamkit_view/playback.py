@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +15,7 @@ from urllib.parse import urlsplit
 from streamkit import mask_secrets
 
 STOP_LIMIT_S = 5.0
-ERROR_LIMIT_BYTES = 2000
+LINE_LIMIT_BYTES = 2000
 COMMAND = (sys.executable, "-c", "from streamkit.cli.main import main; main()")
 
 
@@ -25,8 +24,15 @@ def is_source(text: str) -> bool:
     return "://" in text or Path(text).is_file()
 
 
+def is_run(text: str) -> bool:
+    """Whether an argument is the records of a finished run."""
+    return Path(text).suffix.lower() == ".jsonl"
+
+
 def pipeline_for(location: str) -> str:
     """The name of the pipeline for a location."""
+    if is_run(location):
+        return "run.pipe"
     return "camera.pipe" if urlsplit(location).scheme in ("rtsp", "rtsps") else "file.pipe"
 
 
@@ -37,12 +43,14 @@ class Playback:
         location: a file, or a URL.
         key: where it publishes.
         command: of streamkit; the process gets `launch` and its arguments.
+        video: the file of a finished run's video, or "".
     """
 
-    def __init__(self, location: str, key: str, command: tuple[str, ...]) -> None:
-        self._location, self._key, self._command = location, key, command
+    def __init__(self, location: str, key: str, command: tuple[str, ...], video: str = "") -> None:
+        self._location, self._command = location, command
+        self._variables = {"location": location, "key": key} | ({"video": video} if video else {})
         self._process: subprocess.Popen[bytes] | None = None
-        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close()
+        self._last_line = ""
         self._lock = threading.Lock()
         self._is_closed = False
 
@@ -51,17 +59,18 @@ class Playback:
         with self._lock, as_file(files("streamkit_view") / "pipelines") as folder:
             if self._is_closed or (self._process is not None and self._process.poll() is None):
                 return
-            self._errors.seek(0)
-            self._errors.truncate()
-            arguments = ["launch", "-q", "-f", str(folder / pipeline_for(self._location))]
-            arguments += ["--set", f"location={self._location}", "--set", f"key={self._key}"]
+            self._last_line = ""
+            arguments = ["launch", "-f", str(folder / pipeline_for(self._location))]
+            for name, value in self._variables.items():
+                arguments += ["--set", f"{name}={value}"]
             self._process = subprocess.Popen(
                 [*self._command, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                stderr=self._errors,
+                stderr=subprocess.PIPE,
                 start_new_session=True,  # Ctrl-C is for the server, which ends the pipeline
             )
+            threading.Thread(target=self._read, args=(self._process,), name="view playback").start()
 
     @property
     def title(self) -> str:
@@ -74,10 +83,21 @@ class Playback:
         with self._lock:
             if self._is_closed or self._process is None or not self._process.poll():
                 return ""
-            size = self._errors.seek(0, 2)
-            self._errors.seek(max(0, size - ERROR_LIMIT_BYTES))
-            lines = self._errors.read().decode(errors="replace").strip().splitlines()
-            return mask_secrets(lines[-1] if lines else f"the pipeline ended with {self._process.returncode}")
+            return self._last_line or f"the pipeline ended with {self._process.returncode}"
+
+    @property
+    def progress(self) -> str:
+        """What the starting pipeline waits for: its last warning, for example of an element that compiles."""
+        return f"The pipeline is starting. {self._last_line}".rstrip()
+
+    def _read(self, process: subprocess.Popen[bytes]) -> None:
+        """Shows what the pipeline prints in this terminal, too; ends with the pipeline."""
+        assert process.stderr is not None
+        with process.stderr as lines:
+            while line := lines.readline(LINE_LIMIT_BYTES):
+                text = mask_secrets(line.decode(errors="replace").strip())
+                self._last_line = text.removeprefix("warning: ") or self._last_line
+                print(text, file=sys.stderr, flush=True)
 
     def close(self) -> None:
         """Ends the pipeline: asks, waits, kills."""
@@ -90,13 +110,12 @@ class Playback:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait(STOP_LIMIT_S)
-        self._errors.close()
 
 
 @contextmanager
-def playing(location: str, key: str) -> Iterator[Playback]:
+def playing(location: str, key: str, video: str = "") -> Iterator[Playback]:
     """A playback that is ended with the block."""
-    playback = Playback(location, key, COMMAND)
+    playback = Playback(location, key, COMMAND, video)
     try:
         yield playback
     finally:

@@ -11,7 +11,8 @@ import sys
 import msgspec
 
 from streamkit import mask_secrets
-from streamkit_view.access import LOG
+from streamkit_view.access import LOG, Access
+from streamkit_view.control import ask_control
 from streamkit_view.feed import Feed
 from streamkit_view.hub import Hub
 from streamkit_view.messages import STATE, Message, text_message
@@ -19,18 +20,15 @@ from streamkit_view.playback import Playback
 from streamkit_view.server import ViewServer
 from streamkit_zenoh.configuration import SessionSettings
 from streamkit_zenoh.session import close_session, open_session
+from streamkit_zenoh.wire.control import ControlReply, ControlRequest
 
 CLOSE_LIMIT_S = 2.0
-STARTING = (
-    "The pipeline is starting. The first time, its loops are compiled for this machine, which takes up to "
-    "some minutes."
-)
 
 
 def run_server(
     keys: list[str],
     bound: socket.socket,
-    token: str,
+    access: Access,
     connect: str | None,
     config: str | None,
     playback: Playback | None = None,
@@ -42,15 +40,11 @@ def run_server(
         ValueError: a key or an endpoint is malformed.
     """
     LOG.addHandler(logging.StreamHandler(sys.stderr))
-    for number in (signal.SIGINT, signal.SIGTERM):
-        # The server ends at these signals and raises them again, which is then without effect.
-        signal.signal(number, lambda _number, _frame: None)
-    zenoh_session = open_session(SessionSettings(connect=connect, config=config))
     hub = Hub(len(keys), playback.start if playback else lambda: None)
     feeds: list[Feed] = []
 
     def states() -> list[Message]:
-        failure, waiting = (playback.failure, STARTING) if playback else ("", "")
+        failure, waiting = (playback.failure, playback.progress) if playback else ("", "")
         is_alone = connect is not None and not list(zenoh_session.info.transports())
         if is_alone:
             failure = f"No connection to {mask_secrets(connect or '')}; retrying."
@@ -59,10 +53,18 @@ def run_server(
             for index, feed in enumerate(feeds)
         ]
 
+    def ask(feed: int, request: ControlRequest | None) -> ControlReply:
+        return ask_control(zenoh_session, feeds[feed].key, request)
+
+    server = ViewServer(hub, len(keys), states, ask, access)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # A signal may come before the server handles signals itself; it raises them again at its end.
+        signal.signal(number, lambda _number, _frame: server.stop())
+    zenoh_session = open_session(SessionSettings(connect=connect, config=config))
     try:
         for index, key in enumerate(keys):
             feeds.append(Feed(zenoh_session, key, index, hub.deliver, playback.title if playback else ""))
-        asyncio.run(ViewServer(hub, len(feeds), states, token).serve(bound))
+        asyncio.run(server.serve(bound))
     finally:
         undeclare = [call for feed in feeds for call in feed.close()]
         close_session(zenoh_session, CLOSE_LIMIT_S, undeclare=undeclare)

@@ -6,16 +6,13 @@ import json
 import time
 from collections import Counter, deque
 
-from streamkit_view.messages import SKIPPED, TRACKS, VIDEO, Message
+from streamkit_view.answers import InvalidAnswer
+from streamkit_view.messages import CONTROL, SKIPPED, TRACKS, VIDEO, Message
 
 # What may be under way to a page that has not confirmed it, and what may wait for that.
 WINDOW_MESSAGES, WINDOW_BYTES = 100, 3 << 20
 WAITING_MESSAGES, WAITING_BYTES = 600, 12 << 20
 ANSWER_LIMIT_S = 10.0
-
-
-class InvalidAnswer(ValueError):
-    """A page sent something that pages do not send."""
 
 
 class Viewer:
@@ -46,7 +43,7 @@ class Viewer:
             elif message.feed in self._needs_keyframe:
                 self._skipped[message.feed] += 1
                 return
-        elif message.kind != TRACKS:
+        elif message.kind not in (TRACKS, CONTROL):
             self._remove(lambda held: (held.kind, held.feed) == (message.kind, message.feed))
         self._append(message)
         if self._is_full():

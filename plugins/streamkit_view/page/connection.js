@@ -52,6 +52,10 @@ export class Connection {
     this.send({ select: feed });
   }
 
+  control(request) {
+    this.send({ control: request });
+  }
+
   send(answer) {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(answer));
   }

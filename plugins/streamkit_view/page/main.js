@@ -1,10 +1,16 @@
 // The page: takes messages, keeps what is shown of one feed, and draws it once per screen refresh.
 
 import { Connection } from "./connection.js";
-import { Mosaic } from "./mosaic.js";
-import { drawTracks, fitCanvas, placement } from "./overlay.js";
-import { drawSeries, showFeeds, showFigures, showNote, showState, showTracks } from "./panel.js";
+import { Control } from "./control.js";
+import { Followed } from "./followed.js";
+import { GeoFit } from "./geo.js";
+import { project } from "./geometry.js";
+import { GroundMap } from "./map.js";
+import { drawBox, drawTracks, fitCanvas } from "./overlay.js";
+import { place, showFeeds, showFigures, showNote, showState, showTracks } from "./panel.js";
 import { Player } from "./player.js";
+import { carried, Pointer } from "./pointer.js";
+import { Series } from "./series.js";
 import { Trails } from "./trails.js";
 
 const RECORDS_LIMIT = 400;
@@ -13,18 +19,35 @@ const PLAUSIBLE_AGE_MS = 600_000;
 
 const picture = document.getElementById("video");
 const overlay = document.getElementById("overlay");
-const mosaic = new Mosaic(document.getElementById("mosaic"), document.getElementById("ground"));
+const geo = new GeoFit();
+const series = new Series(document.getElementById("series"));
+const followed = new Followed();
+const map = new GroundMap(document.getElementById("map"), document.getElementById("ground"), {
+  geo, chosen: (id) => follow(id), changed: () => { page.needsDrawing = true; },
+});
 const player = new Player({ show: showVideo, cannot: (reason) => { page.reason = reason; } });
-const page = { feed: 0, states: [], isOnline: false, clockMs: null, series: [] };
+const control = new Control({ send: (request) => connection.control(request) });
+const pointer = new Pointer(overlay, {
+  shown: shownSize,
+  isDrawing: () => control.isDrawing,
+  changed: () => { page.needsDrawing = true; },
+  chosen: (id) => follow(id),
+  drawn: (box, record) => control.draw(carried(box, record, page.newest)),
+});
+const page = { feed: 0, states: [], isOnline: false, clockMs: null };
 resetFeed();
 
 function resetFeed() {
   page.next?.image.close();
   player.reset();
-  mosaic.clear();
+  map.clear();
+  series.clear();
+  followed.clear();
+  geo.clear();
+  control.clear();
   Object.assign(page, {
     records: new Map(), trails: new Trails(), newest: null, run: null, shown: null, next: null, followed: null,
-    frames: 0, rate: 0, skipped: 0, counted: performance.now(), delays: [], reason: "", video: false, lastDrawn: null,
+    frames: 0, rate: 0, skipped: 0, counted: performance.now(), delays: [], reason: "", video: false, lastDrawn: null, lost: undefined,
   });
   page.needsDrawing = true;
   document.getElementById("empty").hidden = false;
@@ -46,8 +69,10 @@ const connection = new Connection({
     refresh();
   },
   receive: async (message, payload) => {
+    if (message.type === "hello") return void (control.mayControl = message.body.control);
     if (message.type === "state") return takeState(message.feed, message.body);
     if (message.feed !== page.feed) return undefined;
+    if (message.type === "control") return control.take(message.body);
     if (message.type === "tracks") return takeRecord(message.body);
     if (message.type === "skipped") return void (page.skipped += message.body.frames);
     if (message.type === "video") return takePacket(message, payload);
@@ -65,6 +90,7 @@ function takeState(feed, state) {
   const run = state.status?.run;
   if (page.run !== null && run !== undefined && run !== page.run) page.trails.clear();
   page.run = run ?? page.run;
+  control.note(state.status);
 }
 
 function takeRecord(record) {
@@ -72,8 +98,19 @@ function takeRecord(record) {
   if (page.records.size > RECORDS_LIMIT) page.records.delete(page.records.keys().next().value);
   page.newest = record;
   page.trails.note(record);
+  noteGround(record);
   page.needsDrawing = true;
   if (record.pts_ns !== undefined) player.recordCame(record.epoch, record.pts_ns);
+}
+
+function noteGround(record) {
+  const { reference, to_reference: toPlane } = record.registration ?? {};
+  if (reference !== page.reference) geo.clear();
+  page.reference = reference;
+  if (!toPlane) return;
+  geo.note(record.tracks.filter((track) => track.geo).map((track) => ({
+    point: project(toPlane, [track.x, track.y]), lat: track.geo.lat, lon: track.geo.lon, error: track.geo.error_m,
+  })).filter(({ point }) => point !== null));
 }
 
 async function takePacket({ body, extra }, payload) {
@@ -87,7 +124,7 @@ async function takeImage({ type, body, extra }, payload) {
   const feed = page.feed;
   const image = await createImageBitmap(new Blob([payload], { type: extra.png ? "image/png" : "image/jpeg" }));
   if (feed !== page.feed) image.close();
-  else if (type === "mosaic") mosaic.show(image, body);
+  else if (type === "mosaic") map.show(image, body);
   else if (!page.video || player.isRefused) present(image, body.record, image.width, image.height);
   else image.close();
   page.needsDrawing = true;
@@ -121,7 +158,8 @@ function draw() {
   requestAnimationFrame(draw);
   if (!page.needsDrawing) return;
   page.needsDrawing = false;
-  if (page.next) {
+  // The frame on which a box is being drawn stays.
+  if (page.next && !pointer.box) {
     const { image, header, width, height } = page.next;
     if (picture.width !== width || picture.height !== height) [picture.width, picture.height] = [width, height];
     picture.getContext("2d").drawImage(image, 0, 0, width, height);
@@ -135,8 +173,17 @@ function draw() {
     const { record, isExact } = page.shown;
     drawTracks(overlay, page.shown, record, page.trails, page.followed, isExact);
     page.lastDrawn = record;
+    const track = record?.tracks.find(({ id }) => id === page.followed);
+    followed.show(picture, record, page.followed, place(track?.geo));
   } else fitCanvas(overlay);
-  mosaic.draw(page.shown?.record ?? page.newest, page.trails, page.followed);
+  if (pointer.box) drawBox(overlay, shownSize().size, pointer.box.from, pointer.box.to);
+  map.draw(page.shown?.record ?? page.newest, page.trails, page.followed);
+}
+
+// The frame on the screen, in pixels of its record: stills may be smaller.
+function shownSize() {
+  const record = page.shown && page.lastDrawn;
+  return { size: record?.width ? { width: record.width, height: record.height } : page.shown, record };
 }
 
 function noteDelay(header) {
@@ -153,11 +200,9 @@ function refresh() {
   const seconds = (now - page.counted) / 1000;
   if (seconds >= 1) {
     page.rate = page.frames / seconds;
-    page.series.push(page.frames && isPlausible(page.ageMs) ? page.ageMs : page.frames ? medianDelay() : null);
-    if (page.series.length > 60) page.series.shift();
+    series.push(sample(state));
     page.frames = 0;
     page.counted = now;
-    drawSeries(page.series);
   }
   if (!page.isOnline) showState("offline", "This page has lost its connection to streamkit view; it tries again.");
   else if (state) showState(state.state, state.reason);
@@ -166,7 +211,24 @@ function refresh() {
   showNote([page.reason, reason, skipped].filter((text) => text).join(" "));
   showFeeds(page.states, page.feed, selectFeed);
   showFigures(figures(state));
-  showTracks(page.newest?.tracks ?? [], page.followed, follow);
+  showTracks(page.newest?.tracks ?? [], page.followed, follow, (track) => geo.length([track.vx, track.vy]));
+}
+
+// What happened since the last sample, a second ago.
+function sample(state) {
+  const { drops = [] } = state?.status ?? {};
+  const counts = [...drops.map((drop) => drop.count), ...Object.values(state?.lost ?? {}), page.skipped];
+  const lost = counts.reduce((sum, count) => sum + count, 0);
+  const before = page.lost ?? lost;
+  page.lost = lost;
+  return {
+    age: page.frames ? [page.ageMs, medianDelay()].find(isPlausible) ?? null : null,
+    rate: page.rate,
+    lost: Math.max(0, lost - before),
+    targets: page.newest?.tracks.filter((track) => track.state === "confirmed").length ?? null,
+    registration: page.frames ? page.newest?.registration?.status : undefined,
+    epoch: page.newest?.epoch,
+  };
 }
 
 const isPlausible = (age) => age !== null && age !== undefined && age > -1000 && age < PLAUSIBLE_AGE_MS;
@@ -213,21 +275,8 @@ function follow(id) {
   refresh();
 }
 
-overlay.addEventListener("click", (event) => {
-  const record = page.lastDrawn;
-  if (!record) return;
-  const box = overlay.getBoundingClientRect();
-  const ratio = overlay.width / box.width;
-  const place = placement(overlay, record.width, record.height);
-  const x = ((event.clientX - box.left) * ratio - place.left) / place.scale;
-  const y = ((event.clientY - box.top) * ratio - place.top) / place.scale;
-  const near = record.tracks
-    .filter((track) => track.state !== "lost" && track.state !== "tentative")
-    .map((track) => ({ id: track.id, apart: Math.hypot(track.x - x, track.y - y) - track.length / 2 }))
-    .sort((a, b) => a.apart - b.apart)[0];
-  if (near && near.apart * place.scale < 24 * ratio) follow(near.id);
-});
-new ResizeObserver(() => { page.needsDrawing = true; }).observe(overlay);
+const resized = new ResizeObserver(() => { page.needsDrawing = true; });
+for (const id of ["overlay", "map"]) resized.observe(document.getElementById(id));
 setInterval(refresh, 250);
 requestAnimationFrame(draw);
 

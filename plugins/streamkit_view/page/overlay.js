@@ -42,6 +42,14 @@ export function drawTracks(canvas, size, record, trails, followed, isExact) {
   context.globalAlpha = 1;
 }
 
+// The box that is being drawn, between two points of the frame.
+export function drawBox(canvas, size, [x0, y0], [x1, y1]) {
+  const place = placement(canvas, size.width, size.height);
+  const at = ([x, y]) => [place.left + x * place.scale, place.top + y * place.scale];
+  const points = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]].map(at);
+  outline(canvas.getContext("2d"), points, COLOURS.followed, 2 * (window.devicePixelRatio || 1));
+}
+
 export function outline(context, points, colour, thickness, isDashed = false) {
   context.beginPath();
   for (const [x, y] of points) context.lineTo(x, y);

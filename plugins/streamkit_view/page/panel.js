@@ -1,10 +1,8 @@
 // Text of the page: figures, list of tracks, feeds. What comes from the network is only ever set as text.
 
-import { fitCanvas } from "./overlay.js";
+export const byId = (id) => document.getElementById(id);
 
-const byId = (id) => document.getElementById(id);
-
-function element(name, text, attributes = {}) {
+export function element(name, text, attributes = {}) {
   const made = document.createElement(name);
   if (text !== null) made.textContent = text;
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
@@ -57,7 +55,8 @@ export function showFeeds(states, selected, select) {
 }
 
 // Rows are kept, so that the keyboard's focus stays where it is.
-export function showTracks(tracks, followed, follow) {
+// `metres(track)` is its speed in m/s, or null.
+export function showTracks(tracks, followed, follow, metres) {
   const rows = byId("rows");
   const shown = tracks.filter((track) => track.state !== "lost" && track.state !== "tentative");
   byId("count").textContent = String(shown.length);
@@ -72,7 +71,7 @@ export function showTracks(tracks, followed, follow) {
     row.className = track.state;
     const isFollowed = track.id === followed;
     row.querySelector("button").setAttribute("aria-pressed", String(isFollowed));
-    const speed = track.vx === undefined ? "unknown" : `${Math.hypot(track.vx, track.vy).toFixed(0)} px/s`;
+    const speed = speedText(track, metres(track));
     const texts = [track.state, speed, `${(track.age_ns / 1e9).toFixed(0)} s`, place(track.geo)];
     texts.forEach((text, index) => {
       const cell = row.children[index + 1];
@@ -80,6 +79,11 @@ export function showTracks(tracks, followed, follow) {
     });
   }
   for (const row of kept.values()) row.remove();
+}
+
+function speedText(track, metres) {
+  if (track.vx === undefined) return "unknown";
+  return metres === null ? `${Math.hypot(track.vx, track.vy).toFixed(0)} px/s` : `${metres.toFixed(1)} m/s`;
 }
 
 function trackRow(id, follow) {
@@ -94,33 +98,4 @@ function trackRow(id, follow) {
   return row;
 }
 
-const place = (geo) => (geo ? `${geo.lat.toFixed(5)}, ${geo.lon.toFixed(5)}` : "");
-
-// A line of the last minute: one value a second, milliseconds.
-export function drawSeries(values) {
-  const canvas = byId("series");
-  const ratio = fitCanvas(canvas);
-  const context = canvas.getContext("2d");
-  const style = getComputedStyle(document.documentElement);
-  context.clearRect(0, 0, canvas.width, canvas.height);
-  const top = Math.max(50, ...values.filter((value) => value !== null)) * 1.1;
-  const [head, width] = [14 * ratio, canvas.width / 59];
-  context.fillStyle = style.getPropertyValue("--muted");
-  context.font = `${11 * ratio}px system-ui, sans-serif`;
-  context.fillText(`age, last minute (top ${top.toFixed(0)} ms)`, 0, 10 * ratio);
-  context.strokeStyle = style.getPropertyValue("--accent");
-  context.lineWidth = 1.5 * ratio;
-  context.beginPath();
-  let isDrawing = false;
-  values.forEach((value, index) => {
-    if (value === null) {
-      isDrawing = false;
-      return;
-    }
-    const point = [(60 - values.length + index) * width, canvas.height - 1 - (value / top) * (canvas.height - head - 2)];
-    if (isDrawing) context.lineTo(...point);
-    else context.moveTo(...point);
-    isDrawing = true;
-  });
-  context.stroke();
-}
+export const place = (geo) => (geo ? `${geo.lat.toFixed(5)}, ${geo.lon.toFixed(5)}` : "");

@@ -37,9 +37,14 @@ export class Trails {
     for (const [id, trail] of this.points) if (this.count - trail.at > SILENT_RECORDS) this.points.delete(id);
   }
 
+  // The trail of a track on the reference plane.
+  onPlane(id) {
+    return this.points.get(id)?.points ?? [];
+  }
+
   // The trail of a track in pixels of the frame of a record.
   inFrame(record, id) {
-    const points = this.points.get(id)?.points ?? [];
+    const points = this.onPlane(id);
     if (!record.registration) return points;
     const fromPlane = record.registration.to_reference ? inverse(record.registration.to_reference) : null;
     return fromPlane ? points.map((point) => project(fromPlane, point)).filter((point) => point !== null) : [];

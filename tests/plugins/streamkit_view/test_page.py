@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import itertools
+import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -15,8 +16,9 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from selenium.webdriver import Chrome
+from selenium.webdriver import ActionChains, Chrome
 from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
 
 from streamkit import Pipeline
 from streamkit_video import TrueTargets
@@ -45,6 +47,12 @@ def canvas(browser: Chrome, name: str) -> np.ndarray[Any, Any]:
 def text(browser: Chrome, name: str) -> str:
     """What is written in an element; "" where it is hidden."""
     return browser.find_element(By.ID, name).text
+
+
+def set_screen(browser: Chrome, width: int, height: int, scale: int = 1) -> None:
+    """The size of the window, px; a phone where the scale is 2."""
+    metrics = {"width": width, "height": height, "deviceScaleFactor": scale, "mobile": scale > 1}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
 
 
 @contextmanager
@@ -81,10 +89,7 @@ def test_a_file_is_shown_with_boxes_on_the_cars(
     """The picture moves; at the end it is the file's last frame, with boxes within 4 px of the true cars."""
     flight = tmp_path / "flight.mp4"
     Pipeline.parse(f"{FLIGHT} ! videofilesink location={flight}").run(timeout_s=60)
-    browser.execute_cdp_cmd(
-        "Emulation.setDeviceMetricsOverride",
-        {"width": 1800, "height": 1100, "deviceScaleFactor": 1, "mobile": False},
-    )
+    set_screen(browser, 1800, 1100)
     server = start_view(str(flight))
     browser.get(server.url)
     wait_for(lambda: text(browser, "state") == "playing", 100)
@@ -107,9 +112,41 @@ def test_a_file_is_shown_with_boxes_on_the_cars(
     assert len(inside) >= 5
     apart = np.linalg.norm(inside[:, None] - cars[None], axis=2).min(1)
     assert np.sort(apart)[int(0.8 * len(apart))] <= 4
-    assert browser.find_element(By.ID, "mosaic").is_displayed()
+    browser.find_element(By.CSS_SELECTOR, "#rows button").click()
+    wait_for(lambda: "It is" in text(browser, "explain"))
+    assert canvas(browser, "crops")[:, -60:, :3].std() > 5
+    ground = browser.find_element(By.ID, "map")
+    before = canvas(browser, "map")
+    assert before[:, :, :3].std() > 20
+    ground.send_keys(Keys.ARROW_RIGHT)
+    wait_for(lambda: not np.array_equal(canvas(browser, "map"), before))
+    ground.send_keys("0")
+    wait_for(lambda: np.array_equal(canvas(browser, "map"), before))
+    ActionChains(browser).move_to_element(ground).perform()
+    wait_for(lambda: "plane" in text(browser, "cursor"))
     assert text(browser, "feeds") == "flight.mp4"
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
+
+
+@pytest.mark.timeout(180)
+def test_a_finished_run_is_shown_with_its_video(
+    browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], tmp_path: Path
+) -> None:
+    """The records of the file belong to the frames with their times."""
+    flight, tracks = tmp_path / "flight.mp4", tmp_path / "tracks.jsonl"
+    launch = (
+        "videotestsrc num-buffers=75 ! video/x-raw, width=320, height=240, framerate=25/1 ! tee name=t "
+        f"! videofilesink location={flight}  t. ! queue ! particletrack window=100,80,40,40 "
+        f"! tracksink location={tracks}"
+    )
+    Pipeline.parse(launch).run(timeout_s=120)
+    browser.get(start_view(str(tracks), "--video", str(flight)).url)
+    wait_for(lambda: browser.execute_script("return streamkit.page.video && streamkit.page.shown?.isExact"))
+    wait_for(lambda: text(browser, "state") == "ended")
+    assert text(browser, "feeds") == "tracks.jsonl"
+    shown = browser.execute_script("return streamkit.page.shown.record")
+    (line,) = [line for line in tracks.read_text().splitlines() if json.loads(line)["seq"] == shown["seq"]]
+    assert [track["x"] for track in json.loads(line)["tracks"]] == [track["x"] for track in shown["tracks"]]
 
 
 @pytest.mark.timeout(180)
@@ -134,6 +171,42 @@ def test_loss_and_return_are_shown(
         )
         server.process.terminate()
         wait_for(lambda: "lost its connection" in text(browser, "fault"))
+        assert server.process.wait(20) == 0
+
+
+@pytest.mark.timeout(240)
+def test_a_drawn_box_becomes_a_track_and_a_refused_value_is_told(
+    browser: Chrome, start_view: Callable[..., Any], key: str, wait_for: Callable[..., Any]
+) -> None:
+    """The box is drawn on the video; without the token the page offers no button."""
+    server = start_view(key)
+    launch = (
+        "videotestsrc is-live=true pattern=smpte ! video/x-raw, width=320, height=240, framerate=10/1 "
+        f"! particletrack name=tracker ! zenohsink key={key} control=true frame-rate=10"
+    )
+    set_screen(browser, 1280, 1100)
+    with Pipeline.parse(launch) as pipeline:
+        pipeline.play()
+        browser.get(server.url.partition("?")[0])
+        wait_for(lambda: "open the address" in text(browser, "answer"))
+        assert not browser.find_element(By.ID, "draw").is_displayed()
+        browser.get(server.url)
+        button = wait_for(lambda: browser.find_element(By.ID, "draw"))
+        wait_for(lambda: button.is_displayed() and browser.execute_script("return streamkit.page.shown"))
+        button.click()
+        video = browser.find_element(By.ID, "overlay")
+        scale = min(video.size["width"] / 320, video.size["height"] / 240)
+        box = ActionChains(browser).move_to_element_with_offset(video, round(-30 * scale), round(20 * scale))
+        box.click_and_hold().move_by_offset(round(60 * scale), round(40 * scale)).release().perform()
+        wait_for(lambda: "window is" in text(browser, "answer"))
+        track = wait_for(lambda: browser.execute_script("return streamkit.page.newest.tracks[0]"))
+        assert abs(track["x"] - 160) < 3
+        assert abs(track["y"] - 160) < 3
+        browser.find_element(By.CSS_SELECTOR, "details[data-element=tracker] summary").click()
+        window = browser.find_element(By.CSS_SELECTOR, "details[data-element=tracker] input")
+        window.send_keys(Keys.CONTROL + "a" + Keys.NULL + "1,2\n")
+        wait_for(lambda: "property window must be" in text(browser, "answer"))
+        wait_for(lambda: window.get_attribute("value") == pipeline["tracker"].window)
 
 
 @pytest.mark.timeout(120)
@@ -148,6 +221,43 @@ def test_stills_are_shown_without_coded_video(
         wait_for(lambda: "stills" in text(browser, "figures"))
         first = canvas(browser, "video")
         wait_for(lambda: not np.array_equal(canvas(browser, "video"), first))
+
+
+FIT = """
+const [points, asked, done] = [...arguments];
+import("./geo.js").then(({ GeoFit }) => {
+  const fit = new GeoFit();
+  fit.note(points.map(([x, y, lat, lon]) => ({ point: [x, y], lat, lon, error: 3 })));
+  done([fit.locate(asked), fit.length([10, 0])]);
+});
+"""
+
+
+@pytest.mark.timeout(120)
+def test_coordinates_follow_from_those_of_targets_and_only_where_these_suffice(
+    browser: Chrome, server: Any
+) -> None:
+    """A plane of 0.1 m per pixel, north up; targets on one line say nothing of what lies beside it."""
+    browser.get(server.url)
+    numbers = np.random.default_rng(1)
+    plane = numbers.uniform(0, 1000, (20, 2))
+
+    def located(points: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        latitudes = 47 - points[:, 1] * 0.1 / 111_320
+        longitudes = 8 + points[:, 0] * 0.1 / (111_320 * np.cos(np.radians(47)))
+        return np.column_stack([points, latitudes, longitudes])
+
+    asked = np.array([[2000.0, 500.0]])
+    found, metres = browser.execute_async_script(FIT, located(plane).tolist(), asked[0].tolist())
+    _, _, latitude, longitude = located(asked)[0]
+    assert found["lat"] == pytest.approx(latitude, abs=1e-6)
+    assert found["lon"] == pytest.approx(longitude, abs=1e-6)
+    assert found["error"] == pytest.approx(3, abs=0.1)
+    assert metres == pytest.approx(1, abs=1e-3)
+    plane[:, 1] = plane[:, 0]
+    assert browser.execute_async_script(FIT, located(plane).tolist(), asked[0].tolist()) == [None, None]
+    few = located(plane[:5]).tolist()
+    assert browser.execute_async_script(FIT, few, asked[0].tolist())[0] is None
 
 
 @pytest.mark.timeout(120)
@@ -177,16 +287,62 @@ def test_text_from_the_network_stays_text(
         close_session(session, 5.0)
 
 
+def written_record(number: int) -> dict[str, Any]:
+    """A record with a target, markup in its texts, at five a second."""
+    box = [140, 110, 180, 130]
+    detection = {"row": 0, "centroid": [160, 120], "bbox": box, "area": 800, "score": 1, "label": SCRIPT}
+    provenance = {"predicted": [160, 121], "detection": detection, "similarity": 0.9, "cause": SCRIPT}
+    track = {
+        "id": 1, "state": "confirmed", "x": 160, "y": 120, "length": 40, "width": 20, "angle": 0.1, "vx": 3,
+        "vy": 4, "bbox": box, "score": 0.9, "age_ns": 10**9 * number, "provenance": provenance,
+    }  # fmt: skip
+    return {
+        "schema": "streamkit.tracks/1", "source": SCRIPT, "seq": number, "epoch": 0,
+        "pts_ns": number * 200_000_000, "width": 320, "height": 240, "tracks": [track], "dropped": 0,
+        "registration": {"reference": 0, "status": "ok", "to_reference": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]},
+    }  # fmt: skip
+
+
+@pytest.mark.timeout(240)
+def test_axe_finds_nothing_serious(
+    browser: Chrome, start_view: Callable[..., Any], key: str, wait_for: Callable[..., Any], tmp_path: Path
+) -> None:
+    """axe-core 4.14.1, which the folder axe holds with its licence, on a full page, light and dark."""
+    server = start_view(key, f"{key}/second")
+    run = tmp_path / "tracks.jsonl"
+    run.write_text("".join(json.dumps(written_record(number)) + "\n" for number in range(1000)))
+    launch = (
+        f"tracksrc location={run} ! identity sync=true ! zenohsink name=z key={key} control=true "
+        "videotestsrc is-live=true ! video/x-raw, width=320, height=240, framerate=5/1 "
+        "! framediff name=moving ! z.frame"
+    )
+    with Pipeline.parse(launch) as pipeline:
+        pipeline.play()
+        browser.get(server.url)
+        wait_for(lambda: browser.find_elements(By.CSS_SELECTOR, "#rows button"))[0].click()
+        wait_for(lambda: "It is" in text(browser, "explain"))
+        assert SCRIPT in text(browser, "explain")
+        assert browser.execute_script("return window.hacked === undefined")
+        assert browser.find_element(By.ID, "map").is_displayed()
+        wait_for(lambda: browser.find_elements(By.CSS_SELECTOR, "details[data-element=moving]"))
+        browser.execute_script("for (const item of document.querySelectorAll('details')) item.open = true")
+        browser.execute_script((Path(__file__).parent / "axe" / "axe.min.js").read_text())
+        for scheme in ("light", "dark"):
+            feature = {"name": "prefers-color-scheme", "value": scheme}
+            browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
+            found = browser.execute_async_script("axe.run().then(arguments[0])")
+            assert len(found["passes"]) > 15
+            serious = [item for item in found["violations"] if item["impact"] in ("serious", "critical")]
+            assert [(item["id"], [node["html"] for node in item["nodes"]]) for item in serious] == []
+
+
 @pytest.mark.timeout(120)
 def test_everything_can_be_reached_and_has_a_name(
     browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], key: str
 ) -> None:
     """Feeds are buttons with a state; canvases have names; nothing is wider than a phone's screen."""
     browser.get(start_view(key, f"{key}/second").url)
-    browser.execute_cdp_cmd(
-        "Emulation.setDeviceMetricsOverride",
-        {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True},
-    )
+    set_screen(browser, 390, 844, scale=2)
     buttons = wait_for(lambda: browser.find_elements(By.CSS_SELECTOR, "#feeds button"))
     assert [button.get_attribute("aria-pressed") for button in buttons] == ["true", "false"]
     buttons[1].send_keys("\n")

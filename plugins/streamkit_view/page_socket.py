@@ -1,0 +1,120 @@
+"""The websocket of one page: messages to it, its answers, and its requests to pipelines."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+
+import msgspec
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from streamkit_view.access import log_once
+from streamkit_view.answers import InvalidAnswer, read_answer
+from streamkit_view.hub import Hub
+from streamkit_view.messages import CONTROL, HELLO, text_message
+from streamkit_view.viewer import Viewer
+from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest
+
+LOOK_S = 1.0
+REQUEST_LIMIT = 16
+POLICY_VIOLATION = 1008
+NO_TOKEN = "changes need the token: open the address that `streamkit view` printed"
+
+Ask = Callable[[int, ControlRequest | None], ControlReply]
+
+
+class PageSocket:
+    """Serves one page until it leaves, sends nonsense or is stuck.
+
+    Args:
+        websocket: accepted.
+        hub: has the messages for pages.
+        feeds: how many feeds there are.
+        ask: passes a request to the pipeline of a feed, and gives its reply within some seconds.
+    """
+
+    def __init__(self, websocket: WebSocket, hub: Hub, feeds: int, ask: Ask) -> None:
+        self._websocket = websocket
+        self._hub = hub
+        self._feeds = feeds
+        self._ask = ask
+        self._may_control = bool(websocket.scope.get("may_control"))
+        self._viewer = Viewer()
+        self._requests: asyncio.Queue[tuple[int, ControlRequest | None]] = asyncio.Queue(REQUEST_LIMIT)
+
+    async def serve(self) -> bool:
+        """Returns at the end; True if the page reads nothing, so that its connection must be dropped."""
+        viewer = self._viewer
+        self._changed = self._hub.add(viewer)
+        self._offer(HELLO, 0, {"control": self._may_control})
+        tasks = [
+            asyncio.create_task(work())
+            for work in (self._take_answers, self._send_messages, self._reply_to_requests, self._become_stuck)
+        ]
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            failures = [task.exception() for task in done]
+        finally:
+            self._hub.remove(viewer)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+        failure = next((failure for failure in failures if failure is not None), None)
+        if isinstance(failure, InvalidAnswer):
+            log_once(f"a page's message: {failure}")
+            with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # the page may be gone already
+                await self._websocket.close(POLICY_VIOLATION)
+        return failure is None and viewer.is_stuck
+
+    async def _take_answers(self) -> None:
+        with contextlib.suppress(WebSocketDisconnect):
+            while True:
+                received = await self._websocket.receive()
+                if received["type"] != "websocket.receive":
+                    return
+                name, value = read_answer(received.get("text"))
+                if name == "taken":
+                    self._viewer.confirm(value)
+                elif name == "control":
+                    self._queue(value)
+                elif value < self._feeds:
+                    self._hub.select(self._viewer, value)
+                else:
+                    raise InvalidAnswer("it selects a feed that does not exist")
+                self._changed.set()
+
+    def _queue(self, request: ControlRequest | None) -> None:
+        if self._requests.full():
+            raise InvalidAnswer(f"it makes more than {REQUEST_LIMIT} requests without waiting")
+        self._requests.put_nowait((self._viewer.feed, request))
+
+    async def _reply_to_requests(self) -> None:
+        while True:
+            feed, request = await self._requests.get()
+            if self._may_control:
+                reply = await asyncio.to_thread(self._ask, feed, request)
+            else:
+                log_once("a request to control without the token")
+                reply = ControlReply(schema=CONTROL_SCHEMA, error=NO_TOKEN)
+            self._offer(CONTROL, feed, {"request": request, "reply": reply})
+
+    def _offer(self, kind: str, feed: int, body: object) -> None:
+        self._viewer.offer(text_message(kind, feed, msgspec.json.encode(body)))
+        self._changed.set()
+
+    async def _send_messages(self) -> None:
+        with contextlib.suppress(WebSocketDisconnect):
+            while True:
+                self._changed.clear()
+                while (message := self._viewer.next()) is not None:
+                    data = message.data
+                    if isinstance(data, str):
+                        await self._websocket.send_text(data)
+                    else:
+                        await self._websocket.send_bytes(data)
+                await self._changed.wait()
+
+    async def _become_stuck(self) -> None:
+        while not self._viewer.is_stuck:
+            await asyncio.sleep(LOOK_S)
