@@ -1,5 +1,6 @@
 """Files of feature vectors, npz or parquet, in memory that does not grow with the stream."""
 
+import io
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -102,7 +103,12 @@ class FeatureWriter:
         self._file.close()
 
 
-def _write_parquet(file: OutputFile, rows: Rows) -> None:
+def load_parquet() -> None:
+    """Loads what parquet files need, by writing one row; raises ImportError without pyarrow."""
+    _write_parquet(io.BytesIO(), empty_rows(1, 1))
+
+
+def _write_parquet(file: io.IOBase, rows: Rows) -> None:
     """Needs pyarrow, from the extra `parquet`."""
     import pyarrow.parquet
 

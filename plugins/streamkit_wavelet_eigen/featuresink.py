@@ -15,7 +15,13 @@ from streamkit import (
     ResourceError,
     StreamError,
 )
-from streamkit_wavelet_eigen.feature_file import FeatureWriter, Rows, VectorLengthChanged, empty_rows
+from streamkit_wavelet_eigen.feature_file import (
+    FeatureWriter,
+    Rows,
+    VectorLengthChanged,
+    empty_rows,
+    load_parquet,
+)
 from streamkit_wavelet_eigen.target_features import TargetFeatures
 from streamkit_wavelet_eigen.windows import rotated_boxes
 
@@ -48,7 +54,7 @@ class FeatureSink(OutputFileSink):
         super().start()
         try:
             if self.location.lower().endswith(".parquet"):
-                import pyarrow.parquet  # noqa: F401  here, as it would delay the first save
+                load_parquet()  # here, as it would delay the first save
         except ImportError as error:
             raise ResourceError(
                 f"location={self.location}: parquet needs pyarrow; install streamkit[parquet] or write .npz"
