@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 BACKLOG = 64
 FILE_SUFFIXES = {".jsonl", ".mp4", ".mov", ".mkv", ".ts", ".avi", ".m4v", ".mpg"}
-CLOSE_LIMIT_S = 2.0
 
 
 def view(

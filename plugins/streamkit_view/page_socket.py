@@ -46,8 +46,9 @@ class PageSocket:
     async def serve(self) -> bool:
         """Returns at the end; True if the page reads nothing, so that its connection must be dropped."""
         viewer = self._viewer
+        hello = msgspec.json.encode({"control": self._may_control})
+        viewer.offer(text_message(HELLO, 0, hello))  # before what the hub has for a new page
         self._changed = self._hub.add(viewer)
-        self._offer(HELLO, 0, {"control": self._may_control})
         tasks = [
             asyncio.create_task(work())
             for work in (self._take_answers, self._send_messages, self._reply_to_requests, self._become_stuck)

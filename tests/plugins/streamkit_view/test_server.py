@@ -134,13 +134,15 @@ def reply_to(page: ClientConnection, request_: object) -> dict[str, Any]:
 def test_control_needs_the_token_also_on_loopback(
     start_view: Callable[..., Any], key: str, wait_for: Callable[..., Any]
 ) -> None:
-    """Without it a page only looks; with it a live property is set, or the property's error is told."""
+    """Without it a page only looks; with it a live property is set, or the property's error shown."""
     server = start_view(key)
     cookie = request(server, server.url[server.url.index("/?") :]).headers["Set-Cookie"].partition(";")[0]
     change = {"element": "moving", "property": "min-score", "value": 0.5}
     text = f"videotestsrc is-live=true ! framediff name=moving ! zenohsink key={key} control=true"
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
+        with open_page(server) as page:  # later pages begin with the last record, behind the greeting
+            wait_for(lambda: isinstance(data := page.recv(10), str) and json.loads(data)["type"] == "tracks")
         for headers in ({}, {"Cookie": f"streamkit_view_{server.address[1]}=wrong"}):
             with open_page(server, additional_headers=headers) as page:
                 assert json.loads(page.recv(10))["body"] == {"control": False}
