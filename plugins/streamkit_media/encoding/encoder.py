@@ -173,10 +173,12 @@ def _usual_scheduling() -> Iterator[None]:
         return
     policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     earlier = set(os.listdir("/proc/self/task")) - {str(threading.get_native_id())}
-    yield
-    for thread in set(os.listdir("/proc/self/task")) - earlier:
-        with suppress(ProcessLookupError):
-            os.sched_setscheduler(int(thread), policy, parameters)
+    try:
+        yield
+    finally:
+        for thread in set(os.listdir("/proc/self/task")) - earlier:
+            with suppress(ProcessLookupError):
+                os.sched_setscheduler(int(thread), policy, parameters)
 
 
 def _options(settings: EncoderSettings) -> dict[str, str]:
