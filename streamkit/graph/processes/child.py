@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import faulthandler
 import functools
 import os
@@ -37,7 +36,7 @@ from streamkit.graph.processes.orders import (
     encode_message,
 )
 from streamkit.graph.processes.process_link import ProcessLink
-from streamkit.graph.processes.sandbox import enter_sandbox
+from streamkit.graph.processes.sandbox import LIBC, enter_sandbox
 from streamkit.graph.processes.work_marks import WorkMarks
 from streamkit.handoff.bounded_queue import BoundedQueue
 
@@ -196,7 +195,7 @@ def end_with_parent(parent: int) -> None:
     Raises:
         StateError: it has died already.
     """
-    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:
         raise StateError("the parent has ended")
 

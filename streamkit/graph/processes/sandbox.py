@@ -22,8 +22,10 @@ PR_SET_NO_NEW_PRIVS, PR_SET_SECCOMP, SECCOMP_MODE_FILTER = 38, 22, 2
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # system calls, the same on every machine
 RULE_PATH_BENEATH, RULESET_VERSION = 1, 1
 LEAST_VERSION, VERSION_WITH_SCOPES = 3, 6  # Linux 6.2 and 6.12
-EXECUTE, WRITE_FILE, READ_FILE, READ_DIR = 1 << 0, 1 << 1, 1 << 2, 1 << 3
-EVERY_ACCESS = (1 << 15) - 1  # of version 3: the above, making and removing entries, renaming, truncating
+WRITE_FILE, READ_FILE, READ_DIR = 1 << 1, 1 << 2, 1 << 3
+EVERY_ACCESS = (
+    1 << 15
+) - 1  # of version 3: the above, executing, making and removing entries, renaming, truncating
 SCOPES = 0b11  # abstract sockets and signals of other processes
 READABLE = (
     "/usr", "/lib", "/lib64", "/etc", "/proc", "/sys", "/dev", "/run/systemd/resolve", "/opt",
