@@ -203,7 +203,7 @@ class PlaneTracker:
             return self._accept(images, anchored, None)
         # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
         likeness = float(np.corrcoef(earlier.thumbnail.ravel(), image.thumbnail.ravel())[0, 1])
-        is_near = known and corner_shift(motion.matrix, self._shape) < _JUMP * self._shape[1]
+        is_near = known and not self._is_far(motion.matrix)
         is_photograph = not self._followed and likeness < _LIKE and not is_near
         due = due or is_photograph
         recognised = None
@@ -262,6 +262,9 @@ class PlaneTracker:
         if active is None:
             return False
         step = normalised(inverse(self._planes.before) @ active.to_reference @ match.fit.matrix)
+        return self._is_far(step)
+
+    def _is_far(self, step: FloatArray) -> bool:
         return corner_shift(step, self._shape) > _JUMP * self._shape[1]
 
     @property
