@@ -11,16 +11,16 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import random
-import re
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from xml.etree import ElementTree
@@ -159,7 +159,14 @@ SINKS: dict[str, tuple[str, str, Reader]] = {
 class Run:
     """One run of `launch` with all sinks, or one of them."""
 
-    def __init__(self, folder: Path, names: list[str], count: int = 100_000, rate: float = RATE) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        names: list[str],
+        count: int = 100_000,
+        rate: float = RATE,
+        options: Sequence[str] = (),
+    ) -> None:
         self.folder = folder
         plugin = Path(tempfile.mkdtemp(prefix="endings-"))
         self.seen_path = plugin / "seen"
@@ -174,7 +181,7 @@ class Run:
         self.log = (plugin / "log").open("w+")
         paths = os.pathsep.join([str(plugin), os.environ.get("PYTHONPATH", "")])
         self.process = subprocess.Popen(
-            [BINARY, "launch", text], stderr=self.log, env={**os.environ, "PYTHONPATH": paths}
+            [BINARY, "launch", *options, text], stderr=self.log, env={**os.environ, "PYTHONPATH": paths}
         )
 
     def _branch(self, name: str) -> str:
@@ -214,14 +221,11 @@ def lost(name: str, folder: Path, seen: int) -> str:
     return "nothing" if seconds <= 2 / RATE else f"{seconds:.1f} s"
 
 
-def worst(cells: list[str]) -> str:
-    """The largest loss of several runs."""
-
-    def size(cell: str) -> float:
-        number = re.match(r"[\d.]+", cell)
-        return float(number[0]) if number else float(cell.startswith("everything")) * 1e9
-
-    return max(cells, key=size)
+def lost_seconds(loss: str) -> float:
+    """The length of a loss in s; infinite where everything is lost."""
+    if loss == "nothing":
+        return 0.0
+    return math.inf if loss.startswith("everything") else float(loss.removesuffix(" s"))
 
 
 @contextmanager
@@ -235,18 +239,18 @@ def mounted(options: str) -> Iterator[Path]:
         subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
-def by_signal(number: signal.Signals, times: int) -> dict[str, str]:
-    """The largest loss of each sink over runs that end with a signal at random moments."""
+def by_signal(number: signal.Signals, times: int, *options: str) -> dict[str, str]:
+    """The largest loss of each sink over runs of `launch` that end with a signal at random moments."""
     found: dict[str, list[str]] = {name: [] for name in SINKS}
     for _ in range(times):
         with tempfile.TemporaryDirectory() as text:
-            run = Run(Path(text) / "new" / "folder", list(SINKS))
+            run = Run(Path(text) / "new" / "folder", list(SINKS), options=options)
             run.play_for(random.uniform(*MOMENTS_S))
             seen = run.seen()
             run.end(number)
             for name, cells in found.items():
                 cells.append(lost(name, Path(text) / "new" / "folder", seen))
-    return {name: worst(cells) for name, cells in found.items()}
+    return {name: max(cells, key=lost_seconds) for name, cells in found.items()}
 
 
 def on_a_full_disk(name: str) -> str:
