@@ -5,7 +5,7 @@
 Every tracker gets the same det.txt, without its lowest 0, 25 or 50 % of scores; boxes and ids are scored by
 `streamkit trackeval`'s own functions. `--peers` names a Python with norfair and roboflow's trackers, each at
 its defaults; ByteTrack, which wants scores of 0 to 1, gets them scaled as `detectionsrc` scales them.
-The videos are stamped 25 frames a second; ours gets copies with the rate that the peers are told.
+The videos are stamped 25 frames a second; ours gets copies with the rate that the peers get.
 """
 
 import argparse

@@ -271,7 +271,7 @@ def test_a_failed_start_is_code_1(launch: Callable[..., Result], register: Regis
 def test_a_connection_that_is_back_is_told(
     launch: Callable[..., Result], register: Callable[..., None]
 ) -> None:
-    """Without -v: the warning that it was lost was told, too. With -v every state is."""
+    """Without -v: the warning of the loss was printed, too. With -v every state is."""
 
     class Flaky(Source):
         src = "a/b"

@@ -115,7 +115,7 @@ def test_what_does_not_decode_is_reported(make_video: Callable[..., Path], tmp_p
 
 
 def test_a_file_without_a_key_frame(small_video: Path, tmp_path: Path) -> None:
-    """It is told, not counted as one."""
+    """It is reported, not counted as one."""
     cut = tmp_path / "cut.mkv"
     with av.open(str(small_video)) as container, av.open(str(cut), "w") as output:
         stream = output.add_stream_from_template(container.streams.video[0])
