@@ -15,6 +15,7 @@ import pytest
 
 from streamkit import Element
 from streamkit.element import registry
+from tests.slowness import patience, slowness
 
 ROOT = Path(__file__).parents[1]
 MODULE = "elements_of_a_test"
@@ -28,6 +29,15 @@ COMMANDS = {
     "pip": 'verb=$1; shift; exec {python} -m pip "$verb" --quiet --disable-pip-version-check '
     '--no-index --no-deps --no-build-isolation "$@"',
 }
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Each test's limit of time is one for an idle machine; a slow one gets as many times longer."""
+    factor = slowness()
+    for item in items:
+        marker = item.get_closest_marker("timeout")
+        limit_s = float(marker.args[0] if marker else config.getini("timeout"))
+        item.add_marker(pytest.mark.timeout(limit_s * factor), append=False)
 
 
 @pytest.fixture(scope="session")
@@ -69,8 +79,8 @@ class FreshEnvironment:
     def run(self, *command: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
         """Runs a command in it."""
         return subprocess.run(
-            command, cwd=cwd or self.folder, env=self.variables, capture_output=True, text=True, timeout=80,
-            check=False,
+            command, cwd=cwd or self.folder, env=self.variables, capture_output=True, text=True,
+            timeout=patience(80), check=False,
         )  # fmt: skip
 
 

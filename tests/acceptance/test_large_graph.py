@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 
 from streamkit import Pipeline
+from tests.slowness import patience
 
 BRANCHES, QUEUES, ELEMENTS, FRAMES = 8, 50, 200, 100
 LIMIT_S = 6.0  # on an idle machine it is a small part of one
@@ -44,7 +45,7 @@ def test_a_large_graph_starts_and_stops_quickly(record_property: Callable[[str, 
     assert set(threading.enumerate()) <= before
     record_property("start_s", started_s - began_s)
     record_property("stop_s", stopped_s - ended_s)
-    assert started_s - began_s + stopped_s - ended_s < LIMIT_S
+    assert started_s - began_s + stopped_s - ended_s < patience(LIMIT_S)
 
 
 def test_a_large_graph_is_stopped_in_the_middle() -> None:
@@ -56,5 +57,5 @@ def test_a_large_graph_is_stopped_in_the_middle() -> None:
         while min(row.frames_in for row in pipeline.statistics() if row.factory == "fakesink") < 5:
             assert pipeline.error is None
         began_s = time.monotonic()
-    assert time.monotonic() - began_s < LIMIT_S
+    assert time.monotonic() - began_s < patience(LIMIT_S)
     assert set(threading.enumerate()) <= before

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.slowness import patience
+
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", README, re.DOTALL)
@@ -34,7 +36,7 @@ def run(command: str, folder: Path, limit_s: float = 100) -> subprocess.Complete
     """Runs one streamkit command in a folder that holds the pipelines."""
     arguments = [str(BINARY), *shlex.split(command)[1:]]
     return subprocess.run(
-        arguments, cwd=folder, timeout=limit_s, capture_output=True, text=True, check=False,
+        arguments, cwd=folder, timeout=patience(limit_s), capture_output=True, text=True, check=False,
         env={**os.environ, "COLUMNS": "200"},
     )  # fmt: skip
 

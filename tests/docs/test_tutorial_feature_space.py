@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.slowness import patience
+
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "tutorial-feature-space.md"
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -39,7 +41,7 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     subprocess.run(
         [str(folder / "bin" / "python"), "-m", "pip", "install", "--no-index", "--no-deps",
          "--no-build-isolation", "--quiet", "--disable-pip-version-check", str(package)],
-        check=True, capture_output=True, text=True, timeout=100, cwd=folder,
+        check=True, capture_output=True, text=True, timeout=patience(100), cwd=folder,
     )  # fmt: skip
     return folder
 
@@ -51,7 +53,7 @@ def python(environment: Path) -> Run:
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
         command = [str(environment / "bin" / "python"), *arguments]
         return subprocess.run(
-            command, capture_output=True, text=True, timeout=80, check=False, cwd=environment
+            command, capture_output=True, text=True, timeout=patience(80), check=False, cwd=environment
         )
 
     return run

@@ -25,6 +25,7 @@ from streamkit_video import TrueTargets
 from streamkit_zenoh.configuration import SessionSettings
 from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.wire.status import DropCount, StatusRecord
+from tests.slowness import patience
 
 STREAMKIT = str(Path(sys.executable).with_name("streamkit"))
 FLIGHT = "dronetestsrc num-buffers=120 seed=1 ! video/x-raw, format=BGR, width=1280, height=720"
@@ -88,7 +89,7 @@ def test_a_file_is_shown_with_boxes_on_the_cars(
 ) -> None:
     """The picture moves; at the end it is the file's last frame, with boxes within 4 px of the true cars."""
     flight = tmp_path / "flight.mp4"
-    Pipeline.parse(f"{FLIGHT} ! videofilesink location={flight}").run(timeout_s=60)
+    Pipeline.parse(f"{FLIGHT} ! videofilesink location={flight}").run(timeout_s=patience(60))
     set_screen(browser, 1800, 1100)
     server = start_view(str(flight))
     browser.get(server.url)
@@ -139,7 +140,7 @@ def test_a_finished_run_is_shown_with_its_video(
         f"! videofilesink location={flight}  t. ! queue ! particletrack window=100,80,40,40 "
         f"! tracksink location={tracks}"
     )
-    Pipeline.parse(launch).run(timeout_s=120)
+    Pipeline.parse(launch).run(timeout_s=patience(120))
     browser.get(start_view(str(tracks), "--video", str(flight)).url)
     wait_for(lambda: browser.execute_script("return streamkit.page.video && streamkit.page.shown?.isExact"))
     wait_for(lambda: text(browser, "state") == "ended")
@@ -171,7 +172,7 @@ def test_loss_and_return_are_shown(
         )
         server.process.terminate()
         wait_for(lambda: "lost its connection" in text(browser, "fault"))
-        assert server.process.wait(20) == 0
+        assert server.process.wait(patience(20)) == 0
 
 
 @pytest.mark.timeout(240)

@@ -23,6 +23,7 @@ from streamkit.testing import Harness
 from streamkit_zenoh import subscribe as command
 from streamkit_zenoh.subscribe_output import as_table, as_text
 from streamkit_zenoh.subscriber import Update
+from tests.slowness import patience
 
 BINARY = Path(sys.executable).with_name("streamkit")
 PUBLISHER = Path(__file__).with_name("endless_publisher.py")
@@ -100,7 +101,7 @@ def test_a_killed_publisher_is_an_error_within_three_seconds(
         publisher.wait(10)
     killed_s = time.monotonic()
     _, err = process.communicate(timeout=20)
-    assert time.monotonic() - killed_s < 3.0
+    assert time.monotonic() - killed_s < patience(3.0)
     assert process.returncode == 1
     assert "has gone without ending its stream" in err
 
@@ -117,7 +118,7 @@ def test_an_interrupt_ends_it_within_three_seconds(
     process.send_signal(number)
     began_s = time.monotonic()
     _, err = process.communicate(timeout=20)
-    assert time.monotonic() - began_s < 3.0
+    assert time.monotonic() - began_s < patience(3.0)
     assert (process.returncode, err) == (0, "")
 
 
