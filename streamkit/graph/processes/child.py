@@ -18,6 +18,7 @@ from typing import Any
 import msgspec
 
 from streamkit.crossing.channel import Channel, ChannelClosed
+from streamkit.crossing.shared_memory import LIBC
 from streamkit.crossing.values import ValueDecoder, ValueEncoder, packages_of
 from streamkit.errors import StateError
 from streamkit.flow.messages import Message, MessageKind
@@ -36,7 +37,7 @@ from streamkit.graph.processes.orders import (
     encode_message,
 )
 from streamkit.graph.processes.process_link import ProcessLink
-from streamkit.graph.processes.sandbox import LIBC, enter_sandbox
+from streamkit.graph.processes.sandbox import enter_sandbox
 from streamkit.graph.processes.work_marks import WorkMarks
 from streamkit.handoff.bounded_queue import BoundedQueue
 

@@ -103,6 +103,7 @@ class ProcessLink(Element):
         with self.changed:
             channels, self._channels, self._channel = self._channels, [], None
             self._has_sent_eos = False
+        self._encoder = StreamEncoder()  # the shared memory of the one before is unmapped
         for channel in channels:
             channel.close()
 

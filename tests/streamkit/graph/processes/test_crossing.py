@@ -1,6 +1,8 @@
 """A bin in a process of its own: the same output as without, for anything that flows."""
 
+import gc
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -164,3 +166,20 @@ def test_start_again_after_a_stop() -> None:
             pipeline.play()
             assert len(list(pipeline["out"])) == 40
             pipeline.stop()
+
+
+def test_shared_memory_is_given_back_at_the_stop() -> None:
+    """Neither half keeps buffers mapped while the pipeline object lives."""
+    pipeline = Pipeline.parse(f"{VIDEO} ! ( process=true identity ) ! fakesink enable-last-sample=false")
+    gc.collect()
+    before = shared_buffers()  # of frames that earlier tests keep
+    with pipeline:
+        pipeline.play()
+        pipeline.wait(LIMIT_S)
+        assert shared_buffers() > before
+    assert shared_buffers() <= before
+
+
+def shared_buffers() -> int:
+    """How many buffers for frames this process has mapped."""
+    return Path("/proc/self/maps").read_text().count("streamkit-frame")
