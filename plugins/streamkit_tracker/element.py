@@ -123,6 +123,7 @@ class ParticleTrack(Transform):
                 reports = (*reports, self._tracker.start_target(image, window, observation))
             except ValueError as error:
                 self.post_warning(f"window={self.window}: {error}")
+        self.results["tracks"] = self._tracker.targets.confirmed
         return frame.attach(Tracks(tuple(track(report) for report in reports)))
 
     def _evicted(self) -> int:

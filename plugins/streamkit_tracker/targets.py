@@ -135,12 +135,14 @@ class TargetTable:
         rows: structured array of `TARGET`, one for each.
         models: their objects, in the same order.
         causes: by id, why targets began, were confirmed or ended in this frame.
+        confirmed: number of targets that were ever confirmed.
     """
 
     rows: TargetRows = field(default_factory=lambda: np.zeros(0, TARGET))
     models: list[TargetModel] = field(default_factory=list)
     causes: dict[int, str] = field(default_factory=dict)
     next_id: int = 1
+    confirmed: int = 0
 
     def add(self, window: FloatArray, settings: TrackerSettings, *, manual: bool, cause: str) -> int:
         """Appends a tentative target at a window, float64[5]; returns its row."""
@@ -165,6 +167,11 @@ class TargetTable:
         )
         self.next_id += 1
         return len(self.models) - 1
+
+    def confirm(self, index: int) -> None:
+        """Confirms the target in a row for the first time."""
+        self.rows["state"][index] = CONFIRMED
+        self.confirmed += 1
 
     def lose(self, index: int, cause: str) -> None:
         """Ends the target in a row."""

@@ -18,7 +18,7 @@ from streamkit_tracker.observation import Continuity, Observation
 from streamkit_tracker.predict.constant_velocity import correct, predict
 from streamkit_tracker.report.reports import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import CONFIRMED, BoolArray, TargetTable, dormant, followed
+from streamkit_tracker.targets import BoolArray, TargetTable, dormant, followed
 from streamkit_tracker.update.detected_box import check_windows, follow_detections, follow_objects
 from streamkit_tracker.update.measurement import learn_appearances, measure
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction
@@ -69,7 +69,7 @@ class MultiTargetTracker:
         self.targets.drop_lost()
         count = int(np.count_nonzero(followed(self.targets.rows)))
         row = self.targets.add(window, self.settings, manual=True, cause="drawn by hand")
-        self.targets.rows["state"][row] = CONFIRMED
+        self.targets.confirm(row)
         start_appearance(self.targets, row, observation.space, self._sampler, self.settings, count)
         return report(self.targets, observation, self.settings)[-1]
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 from typing_extensions import override
 
+from streamkit.cli.summary import results_text, summarise
 from streamkit.cli.table import age_text, as_line, as_table, measure_rows
 from streamkit.graph.statistics import RunStatistics
 from streamkit.masking import presentable
@@ -115,7 +116,7 @@ class Progress(Display):
         """Prints the whole run in one line."""
         if self.last is not None:
             self._write(self.last, is_last=True)
-            sys.stderr.write("\n")
+            sys.stderr.write(f"{presentable(results_text(summarise(self.last)))}\n")
 
 
 class Lines(Display):

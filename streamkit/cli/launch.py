@@ -28,6 +28,8 @@ from streamkit.errors import DescriptionError
 from streamkit.masking import mask_secrets, presentable, presentable_value
 
 if TYPE_CHECKING:
+    from msgspec import Struct
+
     from streamkit.cli.display import Display
     from streamkit.graph.pipeline import Pipeline
     from streamkit.graph.statistics import RunStatistics
@@ -44,12 +46,12 @@ class StatisticsFormat(enum.StrEnum):
 
 
 class LaunchCommand(TyperCommand):
-    """Reads `--stats` without a value as `--stats=text`, which typer does not support."""
+    """Reads `--stats` and `--summary` without a value as `=text`, which typer does not support."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Adds the default value of `--stats`, up to `--`."""
+        """Adds the default value, up to `--`."""
         end = args.index("--") if "--" in args else len(args)
-        bare = ["--stats=text" if argument == "--stats" else argument for argument in args[:end]]
+        bare = [f"{arg}=text" if arg in ("--stats", "--summary") else arg for arg in args[:end]]
         return super().parse_args(ctx, [*bare, *args[end:]])
 
 
@@ -76,6 +78,14 @@ def launch(
     ] = None,
     stats_file: Annotated[
         Path | None, typer.Option("--stats-file", help="Write the counters into a JSON file at the end.")
+    ] = None,
+    summary: Annotated[
+        StatisticsFormat | None,
+        typer.Option(
+            "--summary",
+            metavar="[=json]",
+            help="Print one line at the end: frames, drops, tracks, files written.",
+        ),
     ] = None,
     json_errors: Annotated[
         bool, typer.Option("--json-errors", help="Print a bad description as JSON.")
@@ -113,6 +123,8 @@ def launch(
     code = code or int(strict and bool(run.shortfalls))
     if stats is StatisticsFormat.JSON:
         typer.echo(to_json(statistics))
+    if summary is not None:
+        _print_summary(statistics, summary)
     if stats_file is not None:
         try:
             _write_whole(stats_file, to_json(statistics) + "\n")
@@ -164,11 +176,22 @@ def choose_display(pipeline: Pipeline, stats: StatisticsFormat | None, *, quiet:
     return Progress(pipeline) if is_terminal and not quiet else Display(pipeline)
 
 
-def to_json(statistics: RunStatistics) -> str:
-    """The counters as one JSON object, on one line."""
+def _print_summary(statistics: RunStatistics, form: StatisticsFormat) -> None:
+    """Prints the run in one line: JSON on stdout, text on stderr."""
+    from streamkit.cli.summary import as_text, summarise
+
+    found = summarise(statistics)
+    if form is StatisticsFormat.JSON:
+        typer.echo(to_json(found))
+    else:
+        typer.echo(presentable(as_text(found)), err=True)
+
+
+def to_json(value: Struct) -> str:
+    """Counters as one JSON object, on one line."""
     import msgspec
 
-    plain = presentable_value(msgspec.to_builtins(statistics), mask_secrets)
+    plain = presentable_value(msgspec.to_builtins(value), mask_secrets)
     return msgspec.json.encode(plain).decode()
 
 

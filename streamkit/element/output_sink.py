@@ -110,11 +110,13 @@ class OutputFileSink(Sink):
         else:
             self._protect(path)
         self.number += 1
+        self.results["files"] += 1
         return path
 
     def take_back(self) -> None:
         """The last path was not written: the next file gets its number."""
         self.number -= 1
+        self.results["files"] -= 1
 
     # Called by the engine.
 

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import msgspec
 
 from streamkit.element.base import Element
+from streamkit.element.output_sink import OutputFileSink
 from streamkit.element.pad import Pad
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
@@ -70,6 +71,8 @@ class ElementStatistics(msgspec.Struct, frozen=True):
         frames_in: frames over all sink pads.
         frames_out: frames over all src pads.
         dropped: frames not delivered, by reason.
+        results: things made, such as tracks or files, by name.
+        location: the file or pattern of a sink that writes files, else "".
         errors, warnings: messages posted.
         busy_ns: working time, ns. Of a source: time to produce frames, 0 for a live one. Of a queue: time of
             upstream to push frames, including waits.
@@ -84,6 +87,8 @@ class ElementStatistics(msgspec.Struct, frozen=True):
     frames_in: int
     frames_out: int
     dropped: dict[str, int]
+    results: dict[str, int]
+    location: str
     errors: int
     warnings: int
     busy_ns: int
@@ -196,6 +201,8 @@ def collect_statistics(
             frames_in=totals.frames_in[element],
             frames_out=totals.frames_out[element],
             dropped=dict(element.drops),
+            results=dict(element.results),
+            location=element.location if isinstance(element, OutputFileSink) else "",
             errors=counts[name, MessageKind.ERROR],
             warnings=counts[name, MessageKind.WARNING],
             busy_ns=max(0, totals.busy_ns[element] - waited_ns),

@@ -64,7 +64,7 @@ def start_appearances(
             if not observation.are_objects:
                 _turn_window(table, index)
             start_appearance(table, index, observation.space, sampler, settings, kept)
-            rows["state"][index] = CONFIRMED
+            table.confirm(index)
             table.causes[int(rows["id"][index])] = "confirmed"
             kept += 1
 

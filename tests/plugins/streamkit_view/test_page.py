@@ -347,8 +347,8 @@ def test_everything_can_be_reached_and_has_a_name(
     browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], key: str
 ) -> None:
     """Feeds are buttons with a state; canvases have names; nothing is wider than a phone's screen."""
-    browser.get(start_view(key, f"{key}/second").url)
     set_screen(browser, 390, 844, scale=2)
+    browser.get(start_view(key, f"{key}/second").url)
     buttons = wait_for(lambda: browser.find_elements(By.CSS_SELECTOR, "#feeds button"))
     assert [button.get_attribute("aria-pressed") for button in buttons] == ["true", "false"]
     buttons[1].send_keys("\n")
@@ -359,3 +359,5 @@ def test_everything_can_be_reached_and_has_a_name(
         if found.is_displayed() and found.tag_name != "table":
             assert found.accessible_name, found.get_attribute("outerHTML")
     assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+    note = wait_for(lambda: browser.find_element(By.ID, "note"))
+    assert note.rect["x"] + note.rect["width"] <= 390  # also with a long key in it

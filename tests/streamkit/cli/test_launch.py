@@ -11,31 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from streamkit import Caps, Frame, Property, Sink, Source
-from streamkit.cli import launch as module
 from streamkit.cli.description import join_arguments
-from streamkit.cli.main import make_app
 
 Register = Callable[..., None]
 COMMAND = [str(Path(sys.executable).with_name("streamkit")), "launch"]
-
-
-@pytest.fixture
-def launch(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
-    """Runs the command in this process, without leaving it."""
-
-    def leave(code: int) -> None:
-        raise typer.Exit(code)
-
-    monkeypatch.setattr(module, "_exit", leave)
-
-    def run(*arguments: str, **options: Any) -> Result:
-        return CliRunner().invoke(make_app(), ["launch", *arguments], **options)
-
-    return run
 
 
 def test_eos_is_exit_code_0(launch: Callable[..., Result]) -> None:

@@ -1,0 +1,65 @@
+"""What a run has made, in one line: frames, tracks, drops, files."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Literal
+
+import msgspec
+
+if TYPE_CHECKING:
+    from streamkit.graph.statistics import RunStatistics
+
+
+class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """A run in short: the JSON of `launch --summary=json`.
+
+    Attributes:
+        schema: name and version of the format.
+        elapsed_s: since the run began, s.
+        frames: most that any element took in.
+        dropped: frames not delivered, over all elements.
+        results: what elements have made, such as tracks, by name.
+        files: locations of the files written; a pattern where there are several.
+    """
+
+    schema: Literal["streamkit.summary/1"] = "streamkit.summary/1"
+    elapsed_s: float
+    frames: int
+    dropped: int
+    results: dict[str, int]
+    files: list[str]
+
+
+def summarise(statistics: RunStatistics) -> RunSummary:
+    """The summary of counters."""
+    results: Counter[str] = Counter()
+    for row in statistics.elements:
+        results.update(row.results)
+    return RunSummary(
+        elapsed_s=statistics.elapsed_s,
+        frames=max((row.frames_in for row in statistics.elements), default=0),
+        dropped=sum(sum(row.dropped.values()) for row in statistics.elements),
+        results=dict(results),
+        files=[row.location for row in statistics.elements if row.results.get("files")],
+    )
+
+
+def results_text(summary: RunSummary) -> str:
+    """What was made: ", 3 tracks, wrote tracks.jsonl", or "" where no element tells."""
+    words = [
+        f"{count} {name.removesuffix('s') if count == 1 else name}"
+        for name, count in summary.results.items()
+        if name != "files"
+    ]
+    if summary.files:
+        words.append(f"wrote {' and '.join(summary.files)}")
+    return "".join(f", {word}" for word in words)
+
+
+def as_text(summary: RunSummary) -> str:
+    """The whole summary in one line."""
+    rate = summary.frames / summary.elapsed_s if summary.elapsed_s else 0.0
+    dropped = f", {summary.dropped} dropped" if summary.dropped else ""
+    head = f"{summary.frames} frames in {summary.elapsed_s:.1f} s, {rate:.1f}/s"
+    return f"{head}{dropped}{results_text(summary)}"

@@ -1,0 +1,53 @@
+"""The one line at the end of a run says what it has made."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+
+from streamkit.cli.summary import RunSummary, as_text
+
+TRACKING = (
+    "dronetestsrc num-buffers=30 seed=1 ! video/x-raw, width=320, height=240 "
+    "! particletrack window=100,80,40,40 ! tee name=t ! tracksink location={0}/tracks.jsonl  "
+    "t. ! queue ! jpegsink location={0}/image-%05d.jpg"
+)
+
+
+@pytest.mark.timeout(150)
+def test_frames_tracks_and_files_as_json(launch: Callable[..., Result], tmp_path: Path) -> None:
+    """One object on stdout; several files of one sink are named by their pattern."""
+    done = launch("--summary=json", TRACKING.format(tmp_path))
+    assert done.exit_code == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found.pop("elapsed_s") > 0
+    assert found == {
+        "schema": "streamkit.summary/1",
+        "frames": 30,
+        "dropped": 0,
+        "results": {"tracks": 1, "files": 31},
+        "files": [f"{tmp_path}/tracks.jsonl", f"{tmp_path}/image-%05d.jpg"],
+    }
+
+
+def test_text_is_one_line_on_stderr(launch: Callable[..., Result], tmp_path: Path) -> None:
+    """Also if the run failed; stdout stays empty."""
+    done = launch("--summary", f"videotestsrc num-buffers=4 ! filesink location={tmp_path}/out.raw")
+    assert (done.exit_code, done.stdout) == (0, "")
+    assert done.stderr.startswith("4 frames in ")
+    assert done.stderr.endswith(f"/s, wrote {tmp_path}/out.raw\n")
+    failed = launch("--summary", "fakesrc ! identity error-after=3 ! fakesink")
+    assert failed.exit_code == 1
+    assert failed.stderr.splitlines()[-1].startswith("3 frames in ")
+
+
+def test_words() -> None:
+    """One track, two tracks; drops only where there are some."""
+    made = RunSummary(elapsed_s=2.0, frames=10, dropped=0, results={"tracks": 1}, files=[])
+    assert as_text(made) == "10 frames in 2.0 s, 5.0/s, 1 track"
+    made = RunSummary(
+        elapsed_s=2.0, frames=10, dropped=3, results={"tracks": 2, "files": 2}, files=["a", "b"]
+    )
+    assert as_text(made) == "10 frames in 2.0 s, 5.0/s, 3 dropped, 2 tracks, wrote a and b"
