@@ -64,11 +64,14 @@ from streamkit.flow.metadata import Track as Track
 from streamkit.flow.metadata import Tracks as Tracks
 from streamkit.flow.metadata import TrackState as TrackState
 from streamkit.flow.record import TRACKS_CAPS as TRACKS_CAPS
+from streamkit.flow.record import TargetRecord as TargetRecord
 from streamkit.flow.record import TrackRecord as TrackRecord
 from streamkit.flow.record import decode_record as decode_record
 from streamkit.flow.record import encode_record as encode_record
 from streamkit.flow.record import record_line as record_line
 from streamkit.flow.record import track_record as track_record
+from streamkit.flow.record_file import RecordFile as RecordFile
+from streamkit.flow.record_file import read_tracks as read_tracks
 from streamkit.flow.record_tally import RecordTally as RecordTally
 from streamkit.flow.scaling import scale_metadata as scale_metadata
 from streamkit.flow.video import LUMA_CAPS as LUMA_CAPS

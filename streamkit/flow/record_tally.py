@@ -17,7 +17,7 @@ class RecordTally:
     """Counts frames, and those with each kind of metadata."""
 
     def __init__(self) -> None:
-        self._frames = 0
+        self._frames = self._records = 0
         self._with: Counter[type] = Counter()
         self._targets = self._positions = 0
         self._unlocated: Counter[str] = Counter()
@@ -27,10 +27,11 @@ class RecordTally:
     ) -> None:
         """Notes a frame, and whether a target of it has ground coordinates."""
         tracks = frame.get(Tracks)
-        if tracks is None and frame.caps.name == TRACKS_CAPS.name:
-            return  # a record that another tracker made
-        self._frames += 1
         self._positions += has_position
+        if tracks is None and frame.caps.name == TRACKS_CAPS.name:
+            self._records += 1  # of an earlier run: its tracker has said what was missing
+            return
+        self._frames += 1
         for kind in (Detections, Pose):
             self._with[kind] += kind in frame.metadata
         if tracks is not None:
@@ -41,6 +42,8 @@ class RecordTally:
 
     def shortfall(self, *, needs_positions: bool = False) -> str:
         """Why no record of the run has a target (with ground coordinates, if needed), or ""."""
+        if self._records and needs_positions and not self._positions:
+            return f"no target in {self._records} records has a position"
         frames = f"of {self._frames} frames"
         if not self._frames or self._positions or (self._targets and not needs_positions):
             return ""

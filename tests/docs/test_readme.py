@@ -22,7 +22,9 @@ COMMANDS = [
     for command in block.replace("\\\n", " ").splitlines()
     if command.strip() and not command.strip().startswith("#")
 ]
-LAUNCHES = [command for command in COMMANDS if command.startswith(("streamkit launch", "streamkit explain"))]
+LAUNCHES = [
+    command for command in COMMANDS if re.match(r"streamkit (launch|explain|tracks|convert)\b", command)
+]
 BINARY = Path(sys.executable).with_name("streamkit")
 NEEDS_PEER = ("rtsp://",)
 

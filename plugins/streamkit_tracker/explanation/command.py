@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple, NoReturn
 import msgspec
 import typer
 
-from streamkit import StreamError, TrackRecord, decode_record
+from streamkit import RecordFile, StreamError, TrackRecord
 from streamkit_tracker.associate.gated_pairs import GATE
 from streamkit_tracker.explanation.life import life, moment_at
 from streamkit_tracker.explanation.moment import FramePlace, Moment, Target
@@ -22,7 +22,7 @@ MOST_NAMED = 12
 
 
 class Question(NamedTuple):
-    """Which track, and when: at seconds, or in a frame."""
+    """Which track, and when: at seconds, in a frame, or in its last frame."""
 
     track: int
     seconds: float | None
@@ -34,7 +34,11 @@ def explain(
         Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
     ],
     moment: Annotated[
-        str, typer.Argument(metavar="ID@SECONDS", help="Track and time, 7@2.4; or track and frame, 7#60.")
+        str,
+        typer.Argument(
+            metavar="ID@SECONDS",
+            help="Track and time, 7@2.4; or track and frame, 7#60; or its whole life, 7.",
+        ),
     ],
     before: Annotated[int, typer.Option(min=0, help="Frames up to then that are listed one by one.")] = 10,
     epoch: Annotated[
@@ -49,10 +53,10 @@ def explain(
     """Explains where a track came from: its detections, their distance, its similarity, the registration."""
     question = read_question(moment)
     if question is None:
-        _fail(f"{moment!r} must be ID@SECONDS or ID#FRAME, for example 7@2.4 or 7#60", code=2)
+        _fail(f"{moment!r} must be ID@SECONDS or ID#FRAME, for example 7@2.4 or 7#60, or ID", code=2)
     try:
         file = read_track(tracks, question.track, run)
-    except (OSError, ValueError) as error:
+    except (OSError, StreamError, ValueError) as error:
         _fail(str(error))
     if run is None and file.runs > 1:
         typer.echo(f"note: {tracks} has {file.runs} runs, this is run {file.run}; see --run", err=True)
@@ -69,12 +73,12 @@ def explain(
 
 
 def read_question(text: str) -> Question | None:
-    """Track and time of "7@2.4" or "7#60"; None where it is neither."""
-    parts = re.fullmatch(r"(\d+)(?:@(\d*\.?\d+)s?|#(\d+))", text, re.ASCII)
+    """Track and time of "7@2.4", "7#60" or "7"; None where it is none of these."""
+    parts = re.fullmatch(r"(\d+)(?:@(\d*\.?\d+)s?|#(\d+))?", text, re.ASCII)
     if parts is None:
         return None
     track, seconds, frame = parts.groups()
-    return Question(int(track), float(seconds), None) if seconds else Question(int(track), None, int(frame))
+    return Question(int(track), float(seconds) if seconds else None, int(frame) if frame else None)
 
 
 def absence(path: Path, file: TrackFile, question: Question) -> str:
@@ -117,8 +121,6 @@ class TrackFile:
 def read_track(path: Path, number: int, run: int | None = None) -> TrackFile:
     """Reads a file of JSON lines as `tracksink` writes it.
 
-    A run begins where epoch and frame number do not go up: ids of another run are other targets.
-
     Args:
         path: the file.
         number: id of the track.
@@ -126,34 +128,22 @@ def read_track(path: Path, number: int, run: int | None = None) -> TrackFile:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: a line is no track record; names file and line.
+        StreamError: a line is no track record; names file and line.
+        ValueError: there is no such run.
     """
-    runs = [TrackFile()]
-    newest, cut_off = (-1, -1), False
-    with path.open("rb") as lines:
-        for line_number, line in enumerate(lines, 1):
-            if not line.strip():
-                continue
-            try:
-                record = decode_record(line)
-            except StreamError as error:
-                if not line.endswith(b"\n") and runs[-1].frames:
-                    cut_off = True
-                    break
-                place = f"{path}:{line_number}"
-                raise ValueError(f"{place}: {error}; give a .jsonl file that tracksink wrote") from None
-            if (record.epoch, record.seq) <= newest:
-                runs.append(TrackFile(run=len(runs) + 1))
-            newest = record.epoch, record.seq
-            found = runs[-1]
-            found.frames += 1
-            found.others |= {target.id for target in record.tracks if target.state == "confirmed"}
-            found.moments += [_moment(record, target) for target in record.tracks if target.id == number]
+    runs, records = [TrackFile()], RecordFile(path)
+    for of_run, record in records:
+        if of_run > len(runs):
+            runs.append(TrackFile(run=of_run))
+        found = runs[-1]
+        found.frames += 1
+        found.others |= {target.id for target in record.tracks if target.state == "confirmed"}
+        found.moments += [_moment(record, target) for target in record.tracks if target.id == number]
     if run is not None and run > len(runs):
         raise ValueError(f"{path}: no run {run}, it has {len(runs)}")
     with_track = [found for found in runs if found.moments]
     chosen = runs[run - 1] if run is not None else (with_track or runs)[-1]
-    return replace(chosen, runs=len(runs), cut_off=cut_off)
+    return replace(chosen, runs=len(runs), cut_off=records.is_cut_off)
 
 
 def _moment(record: TrackRecord, target: object) -> Moment:
@@ -169,6 +159,8 @@ def _moment(record: TrackRecord, target: object) -> Moment:
 def _index(file: TrackFile, question: Question, epoch: int | None) -> int | None:
     if question.seconds is not None:
         return moment_at(file.moments, question.seconds, epoch)
+    if question.frame is None:
+        return len(file.moments) - 1 if file.moments else None
     return next((i for i, moment in enumerate(file.moments) if moment.frame == question.frame), None)
 
 

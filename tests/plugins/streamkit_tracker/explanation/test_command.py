@@ -129,7 +129,7 @@ def test_records_without_provenance_are_explained_as_far_as_they_go(tmp_path: Pa
 @pytest.mark.parametrize(
     ("question", "code", "error"),
     [
-        ("7", 2, "must be ID@SECONDS or ID#FRAME"),
+        ("7@", 2, "must be ID@SECONDS or ID#FRAME"),
         ("7@soon", 2, "must be ID@SECONDS or ID#FRAME"),
         ("x@1", 2, "must be ID@SECONDS or ID#FRAME"),
         ("7@nan", 2, "must be ID@SECONDS or ID#FRAME"),

@@ -1,0 +1,123 @@
+"""The commands `streamkit tracks` and `streamkit convert`, for files of finished runs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Annotated, NoReturn
+
+import msgspec
+import typer
+
+from streamkit import Message, MessageKind, Pipeline, RecordFile, StreamkitError, TargetRecord, TrackRecord
+
+RecordsArgument = Annotated[
+    Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
+]
+
+
+@dataclass
+class Target:
+    """One target of a file.
+
+    Attributes:
+        run: of the file, from 1.
+        id: in that run.
+        first_s, last_s: time of its first and last frame in the stream, s; None if unknown.
+        states: its frames by state, in the order in which they came.
+        length_px, width_px: medians over its frames.
+    """
+
+    run: int
+    id: int
+    first_s: float | None = None
+    last_s: float | None = None
+    states: Counter[str] = field(default_factory=Counter)
+    length_px: float = 0.0
+    width_px: float = 0.0
+
+
+def tracks(
+    file: RecordsArgument,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON object for each target.")] = False,
+) -> None:
+    """Lists the targets of a finished run: when they were there, in which states, their size."""
+    records = RecordFile(file)
+    try:
+        found = list_targets(records)
+    except (OSError, StreamkitError) as error:
+        _fail(str(error))
+    if records.is_cut_off:
+        typer.echo(f"note: the last line of {file} is only half written and left out", err=True)
+    for line in map(_json_line, found) if as_json else table_lines(found):
+        typer.echo(line)
+    if not found:
+        typer.echo(f"note: {file} has no target", err=True)
+
+
+def convert(
+    file: RecordsArgument,
+    output: Annotated[Path, typer.Argument(help="File to write: .csv, .txt (MOT), .geojson, .kml, .mcap.")],
+) -> None:
+    """Converts the tracks of a finished run to another format, by the suffix of the output."""
+    sink = "mcapsink" if output.suffix.lower() == ".mcap" else "tracksink"
+    try:
+        with Pipeline.parse(f"tracksrc name=records ! {sink} name=output") as pipeline:
+            pipeline["records"].location, pipeline["output"].location = str(file), str(output)
+            pipeline.bus.watch(_print_warning)
+            pipeline.run()
+    except (OSError, StreamkitError) as error:
+        _fail(str(error))
+
+
+def list_targets(records: RecordFile) -> list[Target]:
+    """The targets, by run and id."""
+    found: dict[tuple[int, int], Target] = {}
+    sizes: dict[tuple[int, int], list[tuple[float, float]]] = {}
+    for run, record in records:
+        for target in record.tracks:
+            key = run, target.id
+            _note(found.setdefault(key, Target(*key)), record, target)
+            sizes.setdefault(key, []).append((target.length, target.width))
+    for key, row in found.items():
+        row.length_px, row.width_px = map(median, zip(*sizes[key], strict=True))
+    return [found[key] for key in sorted(found)]
+
+
+def _note(row: Target, record: TrackRecord, target: TargetRecord) -> None:
+    row.states[target.state.value] += 1
+    if record.pts_ns is not None:
+        row.last_s = record.pts_ns / 1e9
+        row.first_s = row.last_s if row.first_s is None else row.first_s
+
+
+def table_lines(found: list[Target]) -> list[str]:
+    """Lines of the table, at most 80 columns wide; with the run where there are several."""
+    several = any(target.run > 1 for target in found)
+    head = f"{'id':>6} {'from s':>9} {'to s':>9} {'frames':>7}  {'size px':>13}  states"
+    lines = [f"{'run':>4} {head}" if several else head]
+    for target in found:
+        first, last = (
+            "-" if seconds is None else f"{seconds:.2f}" for seconds in (target.first_s, target.last_s)
+        )
+        states = ", ".join(f"{count} {state}" for state, count in target.states.items())
+        size = f"{target.length_px:.1f} x {target.width_px:.1f}"
+        line = f"{target.id:>6} {first:>9} {last:>9} {target.states.total():>7}  {size:>13}  {states}"
+        lines.append(f"{target.run:>4} {line}" if several else line)
+    return lines
+
+
+def _json_line(target: Target) -> str:
+    return msgspec.json.encode(target).decode()
+
+
+def _print_warning(message: Message) -> None:
+    if message.kind is MessageKind.WARNING:
+        typer.echo(f"warning: {message.text}", err=True)
+
+
+def _fail(text: str) -> NoReturn:
+    typer.echo(f"error: {text}", err=True)
+    raise typer.Exit(1)

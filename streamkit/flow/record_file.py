@@ -1,0 +1,96 @@
+"""Files of track records, one JSON object a line, as tracksink writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from streamkit.errors import StreamError
+from streamkit.flow.record import TargetRecord, TrackRecord, decode_record
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+COLUMNS = {
+    "run": "i8", "epoch": "i8", "seq": "i8", "pts_ns": "i8", "id": "i8", "state": "U16", "x": "f8", "y": "f8",
+    "length": "f8", "width": "f8", "angle": "f8", "vx": "f8", "vy": "f8", "score": "f8", "age_ns": "i8",
+    "lat": "f8", "lon": "f8", "error_m": "f8",
+}  # fmt: skip
+NO_TIME = -(2**63)  # `pts_ns` of a frame without a time
+
+
+class RecordFile:
+    """The records of a file, in order.
+
+    Iterating yields each with the number of its run, from 1: another run was appended where epoch and frame
+    number do not go up, and its ids are other targets.
+
+    Args:
+        path: the file.
+
+    Attributes:
+        is_cut_off: whether the last line was only half written, as by a process that was killed; it is left
+            out.
+
+    Raises:
+        OSError: the file cannot be read.
+        StreamError: a line is no track record; names file and line.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.is_cut_off = False
+
+    def __iter__(self) -> Iterator[tuple[int, TrackRecord]]:
+        run, newest = 1, (-1, -1)
+        with self.path.open("rb") as lines:
+            for number, line in enumerate(lines, 1):
+                if not line.strip():
+                    continue
+                try:
+                    record = decode_record(line)
+                except StreamError as error:
+                    if not line.endswith(b"\n") and newest != (-1, -1):
+                        self.is_cut_off = True
+                        return
+                    remedy = "give a .jsonl file that tracksink wrote"
+                    raise StreamError(f"{self.path}:{number}: {error}; {remedy}") from None
+                run += (record.epoch, record.seq) <= newest
+                newest = record.epoch, record.seq
+                yield run, record
+
+
+def read_tracks(path: str | Path) -> NDArray[Any]:
+    """The targets of a file of track records as a table; `pandas.DataFrame(read_tracks(path))` takes it.
+
+    Args:
+        path: JSON lines from tracksink.
+
+    Returns:
+        A structured array with a row for each target and frame, in the order of the file: run (from 1),
+        epoch, seq, pts_ns (-2**63 if unknown), id, state, x y length width (px of the frame), angle (rad),
+        vx vy (px/s on the reference plane), score, age_ns, lat lon (WGS84 degrees), error_m. Unknown numbers
+        are NaN.
+
+    Raises:
+        OSError: the file cannot be read.
+        StreamError: a line is no track record; names file and line.
+    """
+    import numpy as np
+
+    rows = [_row(run, record, target) for run, record in RecordFile(Path(path)) for target in record.tracks]
+    return np.array(rows, list(COLUMNS.items()))
+
+
+def _row(run: int, record: TrackRecord, target: TargetRecord) -> tuple[object, ...]:
+    geo, nan = target.geo, float("nan")
+    place = (
+        (nan, nan, nan) if geo is None else (geo.lat, geo.lon, nan if geo.error_m is None else geo.error_m)
+    )
+    speed = (nan if target.vx is None else target.vx, nan if target.vy is None else target.vy)
+    pts_ns = NO_TIME if record.pts_ns is None else record.pts_ns
+    return (
+        run, record.epoch, record.seq, pts_ns, target.id, target.state.value, target.x, target.y,
+        target.length, target.width, target.angle, *speed, target.score, target.age_ns, *place,
+    )  # fmt: skip

@@ -1,0 +1,82 @@
+"""`streamkit tracks` and `streamkit convert` on the file of a finished run."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from streamkit import Pipeline
+from tests.slowness import patience
+
+BINARY = str(Path(sys.executable).with_name("streamkit"))
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Runs a command of streamkit."""
+    return subprocess.run(
+        [BINARY, *arguments], capture_output=True, text=True, timeout=patience(30), check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Records of one target that was drawn by hand."""
+    path = tmp_path_factory.mktemp("run") / "tracks.jsonl"
+    text = (
+        "videotestsrc num-buffers=20 ! video/x-raw, width=320, height=240, framerate=25/1 "
+        f"! particletrack window=100,80,40,30 ! tracksink location={path}"
+    )
+    Pipeline.parse(text).run(timeout_s=patience(120))
+    return path
+
+
+@pytest.mark.timeout(200)
+def test_targets_are_listed(records: Path) -> None:
+    """A line each: id, times, frames, size, states; as JSON the same."""
+    done = run("tracks", str(records))
+    assert (done.returncode, done.stderr) == (0, "")
+    head, line = done.stdout.splitlines()
+    assert head.split() == ["id", "from", "s", "to", "s", "frames", "size", "px", "states"]
+    assert line.split()[:4] == ["1", "0.00", "0.76", "20"]
+    (row,) = [json.loads(line) for line in run("tracks", "--json", str(records)).stdout.splitlines()]
+    assert (row["run"], row["id"], row["first_s"], row["last_s"]) == (1, 1, 0.0, 0.76)
+    assert sum(row["states"].values()) == 20
+
+
+@pytest.mark.timeout(200)
+def test_runs_are_told_apart(records: Path, tmp_path: Path) -> None:
+    """Where a file has several, each line begins with the number of its run; a cut line is noted."""
+    both = tmp_path / "both.jsonl"
+    both.write_bytes(2 * records.read_bytes() + b'{"schema":')
+    done = run("tracks", str(both))
+    assert done.returncode == 0
+    assert "only half written" in done.stderr
+    assert [line.split()[:2] for line in done.stdout.splitlines()[1:]] == [["1", "1"], ["2", "1"]]
+
+
+@pytest.mark.timeout(200)
+@pytest.mark.parametrize(
+    ("name", "words"), [("out.csv", "tracks,0,0"), ("out.txt", "1,1,"), ("out.mcap", "MCAP")]
+)
+def test_records_are_converted_by_suffix(records: Path, tmp_path: Path, name: str, words: str) -> None:
+    """The file is what the sink makes of it."""
+    done = run("convert", str(records), str(tmp_path / name))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert words in (tmp_path / name).read_bytes().decode("latin-1")
+
+
+@pytest.mark.timeout(200)
+def test_what_a_format_lacks_is_said(records: Path, tmp_path: Path) -> None:
+    """No positions for KML, no such format, no record."""
+    done = run("convert", str(records), str(tmp_path / "out.kml"))
+    assert done.returncode == 0
+    assert "no target in 20 records has a position" in done.stderr
+    refused = run("convert", str(records), str(tmp_path / "out.xyz"))
+    assert refused.returncode == 1
+    assert "the name must end in .jsonl, .txt, .csv, .geojson, .kml" in refused.stderr
+    for command in (["tracks", __file__], ["convert", __file__, str(tmp_path / "out.csv")]):
+        refused = run(*command)
+        assert refused.returncode == 1
+        assert "not a track record" in refused.stderr.splitlines()[-1]
