@@ -21,6 +21,7 @@ from streamkit.flow.messages import MessageKind
 from streamkit.graph.chain import Chain, RetiredChainTotals
 from streamkit.graph.graph import Graph
 from streamkit.handoff.frame_queue import FrameQueue
+from streamkit.masking import mask_secrets
 
 
 class PadStatistics(msgspec.Struct, frozen=True):
@@ -202,7 +203,7 @@ def collect_statistics(
             frames_out=totals.frames_out[element],
             dropped=dict(element.drops),
             results=dict(element.results),
-            location=element.location if isinstance(element, OutputFileSink) else "",
+            location=mask_secrets(element.location) if isinstance(element, OutputFileSink) else "",
             errors=counts[name, MessageKind.ERROR],
             warnings=counts[name, MessageKind.WARNING],
             busy_ns=max(0, totals.busy_ns[element] - waited_ns),
