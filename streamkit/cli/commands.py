@@ -104,7 +104,7 @@ def version(show: bool = typer.Option(False, "--version", help="Print the versio
 def application() -> typer.Typer:
     """The application with all commands."""
     app = typer.Typer(
-        name="streamkit", cls=CommandGroup, no_args_is_help=True, add_completion=False,
+        name="streamkit", cls=CommandGroup, no_args_is_help=True,
         pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]},
     )  # fmt: skip
     app.callback(invoke_without_command=True, help=SUMMARY)(version)

@@ -19,8 +19,16 @@ from streamkit.masking import presentable
 USAGE_EXIT = 2
 SIZE_LIMIT = 1_000_000
 
+
+def _complete(context: typer.Context, incomplete: str) -> list[str]:
+    from streamkit.cli.completion import complete_description
+
+    return complete_description(context.params.get("description") or (), incomplete)
+
+
 DescriptionArgument = Annotated[
-    list[str] | None, typer.Argument(help="The pipeline, in gst-launch's language.")
+    list[str] | None,
+    typer.Argument(help="The pipeline, in gst-launch's language.", autocompletion=_complete),
 ]
 FileOption = Annotated[
     Path | None, typer.Option("-f", "--file", help="Read the description from a .pipe file.")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from streamkit.cli.completion import complete_element
 from streamkit.cli.description import fail_usage
 from streamkit.errors import DescriptionError, PluginBroken
 
@@ -22,7 +23,10 @@ ATTRIBUTES = re.compile(r"^Attributes:\n(?:[ ]+.*\n?|\n(?=[ ]))*", re.MULTILINE)
 
 def inspect(
     element: Annotated[
-        str | None, typer.Argument(help="Name of an element; without it all are listed.")
+        str | None,
+        typer.Argument(
+            help="Name of an element; without it all are listed.", autocompletion=complete_element
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     everything: Annotated[

@@ -1,0 +1,77 @@
+"""What a shell offers for a word that is not complete: elements, properties and values of a description."""
+
+from __future__ import annotations
+
+import enum
+import re
+from collections.abc import Iterable, Sequence
+
+from streamkit.errors import DescriptionError, PluginBroken
+
+LINKS = frozenset("!(.")  # an element comes after these
+ELEMENT = re.compile(r"[a-z][\w-]*")
+
+
+def complete_element(incomplete: str) -> list[str]:
+    """Names of elements that begin with a word."""
+    from streamkit.element.registry import installed_elements
+
+    return _beginning_with(installed_elements(), incomplete)
+
+
+def complete_description(words: Sequence[str], incomplete: str) -> list[str]:
+    """The ways to complete the last word of a description.
+
+    Args:
+        words: of the shell, before the last one.
+        incomplete: the last word of the shell, with blanks where the description is in quotes.
+
+    Returns:
+        The last word of the shell with its last part complete: an element after a link or at the beginning,
+        a property after an element, a value of an enumeration or bool after `=`.
+    """
+    kept, blank, last = incomplete.rpartition(" ")
+    words = [*words, *kept.split()]
+    name, equals, value = last.partition("=")
+    if len(words) > 1 and words[-1] == "=":  # bash separates `name=value` into three words
+        found = _values(_element_of(words[:-2]), words[-2], last)
+    elif equals:
+        found = [f"{name}={word}" for word in _values(_element_of(words), name, value)]
+    elif not words or words[-1][-1:] in LINKS:
+        found = complete_element(last)
+    else:
+        found = _beginning_with(_properties(_element_of(words)), last)
+    return [f"{kept}{blank}{word}" for word in found]
+
+
+def _element_of(words: Sequence[str]) -> str:
+    """The last word that is an element's name; "" if there is none."""
+    parts = ["", *words, ""]
+    for before, word, after in reversed(list(zip(parts, parts[1:], parts[2:], strict=False))):
+        if "=" not in (before, after) and ELEMENT.fullmatch(word):
+            return word
+    return ""
+
+
+def _declarations(element: str) -> dict[str, object]:
+    from streamkit.element.registry import element_class
+
+    try:
+        return {item.spelling: item.kind for item in element_class(element).properties.values()}
+    except (DescriptionError, PluginBroken):
+        return {}
+
+
+def _properties(element: str) -> list[str]:
+    return [f"{name}=" for name in ("name", *_declarations(element))] if element else []
+
+
+def _values(element: str, name: str, value: str) -> list[str]:
+    kind = _declarations(element).get(name.replace("_", "-"))
+    if isinstance(kind, type) and issubclass(kind, enum.Enum):
+        return _beginning_with((str(member.value) for member in kind), value)
+    return _beginning_with(("true", "false"), value) if kind is bool else []
+
+
+def _beginning_with(words: Iterable[str], start: str) -> list[str]:
+    return [word for word in words if word.startswith(start)]
