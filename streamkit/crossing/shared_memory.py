@@ -17,6 +17,13 @@ LIBC.munmap.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
 FAILED = ctypes.c_void_p(-1).value
 
 
+def make_memory(name: str, size: int) -> int:
+    """The descriptor of new memory of `size` bytes, all zero, for the caller to close."""
+    descriptor = os.memfd_create(name, os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+    os.ftruncate(descriptor, size)
+    return descriptor
+
+
 def map_memory(descriptor: int, size: int, *, writable: bool) -> Any:
     """Maps memory that another process has, too; it is unmapped with the last object that uses it.
 

@@ -9,7 +9,7 @@ import weakref
 from collections import deque
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from streamkit.crossing.shared_memory import map_memory
+from streamkit.crossing.shared_memory import make_memory, map_memory
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -72,8 +72,7 @@ class SlotWriter:
     def _make(self) -> NewSlot:
         number, size = self._next, max(1, self._size)
         self._next += 1
-        descriptor = os.memfd_create("streamkit-frame", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
-        os.ftruncate(descriptor, size)
+        descriptor = make_memory("streamkit-frame", size)
         fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, SEALS)
         self._slots[number] = map_memory(descriptor, size, writable=True)
         return NewSlot(number, size, descriptor)

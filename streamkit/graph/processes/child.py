@@ -18,6 +18,7 @@ from typing import Any
 import msgspec
 
 from streamkit.crossing.channel import Channel, ChannelClosed
+from streamkit.crossing.link_counts import LinkCounts
 from streamkit.crossing.shared_memory import LIBC
 from streamkit.crossing.values import ValueDecoder, ValueEncoder, packages_of
 from streamkit.errors import StateError
@@ -165,7 +166,11 @@ class Child:
 
     def _connect(self, number: int) -> None:
         link = list(self._pipeline.graph.process_links)[number]
-        link.connect(socket.socket(fileno=self._control.take_descriptor()))
+        end, counts = self._control.take_descriptor(), self._control.take_descriptor()
+        try:
+            link.connect(socket.socket(fileno=end), LinkCounts(counts))
+        finally:
+            os.close(counts)
 
     def _set(self, number: int, name: str, value: Any) -> None:
         self._pipeline.graph.elements[number].set_property(name, self._values.decode(value))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from msgspec import structs
 
@@ -11,9 +11,11 @@ from streamkit.graph.processes.part import Part
 from streamkit.graph.processes.process_link import ProcessLink
 from streamkit.graph.statistics import ElementStatistics
 
+LOST = "lost with the process that had them"
+
 
 def merge_statistics(
-    graph: Graph, own: list[ElementStatistics], parts: Iterable[Part]
+    graph: Graph, own: list[ElementStatistics], parts: Iterable[Part], lost: Mapping[ProcessLink, int]
 ) -> list[ElementStatistics]:
     """Replaces the rows of elements by those of the processes that run them.
 
@@ -21,6 +23,7 @@ def merge_statistics(
         graph: the whole graph.
         own: a row for each of its elements, from the main process.
         parts: the other processes.
+        lost: by link, frames on the way through connections that were replaced.
 
     Returns:
         The rows; messages are counted by the main process. A process link has what its writing half took in
@@ -34,12 +37,13 @@ def merge_statistics(
         writer, reader = ends or (graph.homes.get(element),) * 2
         first = mine if writer is None else _at(reported[writer], index, mine)
         last = mine if reader is None else _at(reported[reader], index, mine)
-        if ends is None:
+        if not isinstance(element, ProcessLink) or ends is None:
             return structs.replace(first, errors=mine.errors, warnings=mine.warnings)
         pads = [first.pads[0], last.pads[1]]
+        dropped = mine.dropped | ({LOST: lost[element]} if lost.get(element) else {})
         return structs.replace(
             mine, frames_in=first.frames_in, frames_out=last.frames_out, busy_ns=first.busy_ns,
-            age_ns=last.age_ns, pads=pads,
+            age_ns=last.age_ns, pads=pads, dropped=dropped,
         )  # fmt: skip
 
     return [row(index, mine) for index, mine in enumerate(own)]

@@ -12,6 +12,7 @@ import msgspec
 from typing_extensions import override
 
 from streamkit.crossing.channel import Channel, ChannelClosed
+from streamkit.crossing.link_counts import LinkCounts
 from streamkit.crossing.stream_codec import Kind, StreamDecoder, StreamEncoder
 from streamkit.element.base import POLL_S, Element
 from streamkit.element.pad import Pad
@@ -57,7 +58,8 @@ class ProcessLink(Element):
         self.packages: set[str] = set()
         self.before_end: Callable[[], None] = lambda: None
         self.last_frame = memoryview(bytearray(8)).cast("q")
-        self._channel: Channel | None = None  # the newest, guarded by `changed`
+        self._channel: Channel | None = None  # the newest, guarded by `changed`, with its counts
+        self._newest_counts: LinkCounts | None = None
         self._channels: list[Channel] = []  # all that may be open
         self.prepare_run()
         super().__init__(name, **properties)
@@ -74,19 +76,19 @@ class ProcessLink(Element):
         """Resets the state of an earlier run; the connection stays."""
         self._encoder = StreamEncoder()
         self._refusal: type[FlowStop] | None = None
-        self._in_flight = 0  # frames sent and not taken
+        self._counts: LinkCounts | None = None  # of `_used`
         self._has_gap = self._is_given_up = self._has_sent_eos = False
         self._used: Channel | None = None  # the connection in use by the streaming thread
         self._epoch_offset = self._number_offset = 0
         self._highest_epoch, self._highest_number = 0, -1
         self.last_frame[0] = -1
 
-    def connect(self, end: socket.socket) -> None:
+    def connect(self, end: socket.socket, counts: LinkCounts) -> None:
         """Uses a new connection, the first one or one to a process that was started again."""
         with self.changed:
             for old in self._channels:
                 old.shut_down()
-            self._channel = Channel(end)
+            self._channel, self._newest_counts = Channel(end), counts
             self._channels.append(self._channel)
             self.changed.notify_all()
         if self._has_sent_eos:  # no thread is left to do it
@@ -125,12 +127,23 @@ class ProcessLink(Element):
                     self._wait_for_room(channel)
                     if self._has_gap:
                         frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-                    if self._encoder.send_frame(frame, channel, self.stopping.is_set):
-                        self._in_flight += 1
+                    if self._send(frame, channel):
                         self._has_gap = False
                         return
                 except ChannelClosed:
                     continue  # `Processes` decides whether there is another
+
+    def _send(self, frame: Frame, channel: Channel) -> bool:
+        """Sends a frame, and counts it; False if that was cancelled."""
+        assert self._counts is not None
+        is_sent = False
+        self._counts.count_sent()
+        try:
+            is_sent = self._encoder.send_frame(frame, channel, self.stopping.is_set)
+        finally:
+            if not is_sent:
+                self._counts.count_sent(-1)
+        return is_sent
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Sends an event in order with the frames."""
@@ -142,8 +155,8 @@ class ProcessLink(Element):
                         self._has_sent_eos = isinstance(event, EosEvent)
                         return
 
-    def _open_channel(self) -> Channel:
-        """Waits for a connection that is open.
+    def _open_channel(self) -> tuple[Channel, LinkCounts]:
+        """Waits for a connection that is open; returns it with its counts.
 
         Raises:
             FlowStop: there will be none.
@@ -153,7 +166,8 @@ class ProcessLink(Element):
             if self._is_given_up:
                 raise EndOfStream(self.name)
             assert self._channel is not None
-            return self._channel
+            assert self._newest_counts is not None
+            return self._channel, self._newest_counts
 
     def _writing_channel(self) -> Channel:
         """The open connection; a new reader gets caps and segment first.
@@ -164,22 +178,21 @@ class ProcessLink(Element):
         """
         if self._refusal is not None:
             raise self._refusal(self.name)
-        channel = self._open_channel()
+        channel, counts = self._open_channel()
         if channel is self._used:
             return channel
         if self._used is not None:
-            if self._in_flight:
-                self.count_drop("lost with the process that had them", self._in_flight)
             self._used.close()
-            self._encoder, self._in_flight, self._has_gap = StreamEncoder(), 0, True
+            self._encoder, self._has_gap = StreamEncoder(), True
             sink = self.pads["sink"]
             for event in (CapsEvent(sink.caps), SegmentEvent(sink.segment)) if sink.caps is not None else ():
                 channel.send(self._encoder.event(event), (), self.stopping.is_set)
-        self._used = channel
+        self._used, self._counts = channel, counts
         return channel
 
     def _wait_for_room(self, channel: Channel) -> None:
         """Reads what the reader has taken; waits while too much is on the way."""
+        assert self._counts is not None
         wait_s = 0.0
         while True:
             messages = channel.receive(wait_s)
@@ -187,7 +200,6 @@ class ProcessLink(Element):
                 kind, released, is_over = msgspec.msgpack.decode(message)
                 if kind != Kind.DONE:
                     raise ValueError("the reading process has sent something unreadable")
-                self._in_flight -= 1
                 for number in released:
                     self._encoder.slots.release(number)
                 if is_over:
@@ -195,9 +207,10 @@ class ProcessLink(Element):
                     raise EndOfStream(self.name)
             if self.stopping.is_set() or self.is_flushing:
                 raise Flushing(self.name)
-            if self._in_flight < self.capacity and not messages:
+            has_room = self._counts.on_the_way < self.capacity
+            if has_room and not messages:
                 return
-            wait_s = 0.0 if self._in_flight < self.capacity else POLL_S
+            wait_s = 0.0 if has_room else POLL_S
 
     # The reading half, in its own thread.
 
@@ -207,11 +220,11 @@ class ProcessLink(Element):
             return
         while True:
             try:
-                channel = self._open_channel()
+                channel, counts = self._open_channel()
                 if self._used is not None:
                     self._used.close()
                     self._begin_epoch()
-                self._used = channel
+                self._used, self._counts = channel, counts
                 self._forward(channel)
             except ChannelClosed:
                 continue  # `Processes` decides whether there is another
@@ -261,6 +274,8 @@ class ProcessLink(Element):
             raise
         finally:
             del frame  # its slot may be free now
+            assert self._counts is not None
+            self._counts.count_taken()
             with contextlib.suppress(ChannelClosed):
                 channel.send(decoder.done(is_over=is_over), (), self.stopping.is_set)
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import os
 import threading
 import time
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from streamkit.crossing.channel import Channel
+from streamkit.crossing.link_counts import LinkCounts
 from streamkit.crossing.values import ValueDecoder, packages_of
 from streamkit.element.timing import Timing
 from streamkit.errors import ElementFailure, HangDetected, ProcessDied, StartCancelled, StreamkitError
@@ -44,6 +46,8 @@ class Processes:
         self._post = post
         self._parts = [Part(graph, home) for home in graph.processes] if graph.here is None else []
         self._links = list(graph.process_links)
+        self._connecting = threading.Lock()
+        self._counts: dict[ProcessLink, list[LinkCounts]] = {}  # of each connection of this run
         self._values = ValueDecoder(packages_of(type(element) for element in graph.elements))
         self._playback: Playback | None = None
         self._stopping = threading.Event()
@@ -63,6 +67,7 @@ class Processes:
         """
         self._playback, self._timing, self._watchdog_s = playback, timing, watchdog_s
         self._is_playing = self._is_supervised = False
+        self._counts = {link: [] for link in self._links}
         self._stopping.clear()
         if not self._parts:
             return
@@ -120,7 +125,12 @@ class Processes:
 
     def merge(self, rows: list[ElementStatistics]) -> list[ElementStatistics]:
         """The counters of the main process with those of the others."""
-        return merge_statistics(self._graph, rows, self._parts) if self._parts else rows
+        if not self._parts:
+            return rows
+        lost = {
+            link: sum(earlier.on_the_way for earlier in counts[:-1]) for link, counts in self._counts.items()
+        }
+        return merge_statistics(self._graph, rows, self._parts, lost)
 
     def begin_stop(self) -> None:
         """Makes every child stop; `stop` waits for its end."""
@@ -148,15 +158,23 @@ class Processes:
             link.disconnect()
 
     def _connect(self, link: ProcessLink) -> None:
-        """Gives the two ends of a new connection to the processes that a link connects."""
-        for home, end in zip(self._graph.process_links[link], Channel.pair(), strict=True):
-            if home is None:
-                link.connect(end)
-                continue
-            with end:
+        """Gives the two ends of a new connection to the processes that a link connects.
+
+        One that has died gets none: its restart makes another connection.
+        """
+        counts, descriptor = LinkCounts.make()
+        with self._connecting:  # both ends get the connections of two restarts in the same order
+            self._counts[link].append(counts)
+            for home, end in zip(self._graph.process_links[link], Channel.pair(), strict=True):
+                if home is None:
+                    link.connect(end, counts)
+                    continue
                 child = self._part_of(home).child
                 assert child is not None
-                child.order("connect", self._links.index(link), descriptors=(end.fileno(),))
+                with end, contextlib.suppress(ProcessDied):
+                    number, descriptors = self._links.index(link), (end.fileno(), descriptor)
+                    child.order("connect", number, descriptors=descriptors)
+        os.close(descriptor)
 
     # Reports and the end of a child, in its thread.
 

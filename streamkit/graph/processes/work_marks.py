@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-
-from streamkit.crossing.shared_memory import map_memory
+from streamkit.crossing.shared_memory import make_memory, map_memory
 
 
 class WorkMarks:
@@ -26,8 +24,7 @@ class WorkMarks:
     @classmethod
     def make(cls, count: int) -> tuple[WorkMarks, int]:
         """New marks, and the descriptor to be sent to the child and then closed."""
-        descriptor = os.memfd_create("streamkit-marks")
-        os.ftruncate(descriptor, 8 + count)
+        descriptor = make_memory("streamkit-marks", 8 + count)
         marks = cls(count, descriptor)
         marks.last_frame[0] = -1
         return marks, descriptor

@@ -133,3 +133,21 @@ def children() -> list[int]:
         except (OSError, ValueError):
             continue
     return found
+
+
+def test_what_both_processes_of_a_link_had_is_counted() -> None:
+    """Both are killed at the same time, with frames on the way between them."""
+    sent = 100
+    text = (
+        f"fakesrc num-buffers={sent} sizetype=fixed sizemax=100 ! ( process=true restart=9 identity ) ! "
+        "( process=true restart=9 identity sleep-time=10000 ) ! appsink name=out"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = [pipeline["out"].pull(LIMIT_S) for _ in range(10)]
+        for victim in children():
+            os.kill(victim, signal.SIGKILL)
+        frames += list(pipeline["out"])
+        lost = sum(row.dropped.get(LOST, 0) for row in pipeline.statistics())
+    assert_accounted([frame for frame in frames if frame is not None], sent, lost, 2)
+    assert lost > 8
