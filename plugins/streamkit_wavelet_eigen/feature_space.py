@@ -84,35 +84,14 @@ class WaveletEigenSpace:
 
     def embed_prepared(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> FloatBatch:
         """Vectors float32[n, length] of prepared windows; zeros where `flat`, bool[n], is set."""
-        return self._embed(prepared, flat)[2]
+        return self.project(prepared, flat).vectors
 
     def project(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> Projection:
-        """Vectors of prepared windows with their residuals; vectors are zeros where `flat` is set."""
-        blocks, coordinates, vectors = self._embed(prepared, flat)
-        count, values = len(blocks), blocks.shape[1] * blocks.shape[2]
-        centred = (blocks - self._stacked[2]).reshape(count, values)
-        total = np.vecdot(centred, centred)
-        kept = np.vecdot(coordinates, coordinates)
-        residual = np.maximum(total - kept, 0.0) / max(values, 1)
-        energy = np.divide(kept, total, out=np.ones_like(total), where=total > 0)
-        return Projection(vectors, np.sqrt(residual), np.clip(energy, 0.0, 1.0))
-
-    def reconstruct(self, prepared: FloatBatch) -> FloatBatch:
-        """Prepared windows float32[n, h, w] reconstructed from their coordinates, in grey levels."""
-        blocks = cut_blocks(prepared, self.recipe.blocks).astype(np.float64)
-        for index in range(blocks.shape[1]):
-            space = self.spaces[index % len(self.spaces)]
-            blocks[:, index] = space.reconstruct(space.project(blocks[:, index]))
-        return join_blocks(blocks, self.recipe.prepared_size)
-
-    def _embed(
-        self, prepared: FloatBatch, flat: NDArray[np.bool_]
-    ) -> tuple[FloatBatch, FloatBatch, FloatBatch]:
-        """Blocks float32[n, b, d] of prepared windows, their coordinates float32[n, b * k], and the vectors.
+        """Vectors of prepared windows with their residuals; vectors are zeros where `flat` is set.
 
         A vector is the coordinates of all blocks, after the Fisher step if there is one.
         """
-        basis, offsets, _ = self._stacked
+        basis, offsets, means = self._stacked
         blocks = cut_blocks(prepared, self.recipe.blocks)
         count, parts, values = blocks.shape
         if len(basis) == 1:
@@ -124,7 +103,20 @@ class WaveletEigenSpace:
         axes = self.fisher_axes
         vectors = coordinates.copy() if axes is None else coordinates @ axes.astype(np.float32)
         vectors[flat] = 0.0
-        return blocks, coordinates, vectors
+        centred = (blocks - means).reshape(count, parts * values)
+        total = np.vecdot(centred, centred)
+        kept = np.vecdot(coordinates, coordinates)
+        residual = np.maximum(total - kept, 0.0) / max(parts * values, 1)
+        energy = np.divide(kept, total, out=np.ones_like(total), where=total > 0)
+        return Projection(vectors, np.sqrt(residual), np.clip(energy, 0.0, 1.0))
+
+    def reconstruct(self, prepared: FloatBatch) -> FloatBatch:
+        """Prepared windows float32[n, h, w] reconstructed from their coordinates, in grey levels."""
+        blocks = cut_blocks(prepared, self.recipe.blocks).astype(np.float64)
+        for index in range(blocks.shape[1]):
+            space = self.spaces[index % len(self.spaces)]
+            blocks[:, index] = space.reconstruct(space.project(blocks[:, index]))
+        return join_blocks(blocks, self.recipe.prepared_size)
 
     @cached_property
     def _stacked(self) -> tuple[FloatBatch, FloatBatch, FloatBatch]:

@@ -90,8 +90,14 @@ def cut_windows(
     is_finite = np.isfinite(boxes).all(axis=1, keepdims=True)
     boxes = np.where(is_finite, boxes, 0.0)
     patches, clipped = np.zeros((len(boxes), patch, patch), np.float32), np.ones(len(boxes))
+    # Limited before the margin is applied: a box may be as large as a float.
+    longest = max(height, width)
+    sides = np.minimum(boxes[:, 2:4].max(axis=1), 4.0 * longest) * margin
+    sides = np.rint(np.clip(sides, 1.0, longest)).astype(int)
+    # Farther out every window has the same edge pixels.
+    centres = np.clip(boxes[:, :2], -sides[:, None], sides[:, None] + (width, height))
     for index in np.flatnonzero(is_finite):
-        x, y, side, angle = _square(boxes[index], margin, height, width)
+        (x, y), side, angle = centres[index].tolist(), int(sides[index]), boxes[index, 4] % (2 * math.pi)
         if angle:
             patches[index] = _cut_rotated(image, x, y, side, angle, patch)
         else:
@@ -101,39 +107,21 @@ def cut_windows(
     return Windows(patches, flat, clipped, boxes[:, 2:4].max(axis=1) < TINY_SIDE)
 
 
-def _square(
-    box: NDArray[np.float64], margin: float, height: int, width: int
-) -> tuple[float, float, int, float]:
-    """Centre x and y, side and angle of a target's square; at most as wide as the image, and near it."""
-    x, y, length, breadth, angle = box.tolist()
-    longest = max(height, width)
-    # Limited before the margin is applied: a box may be as large as a float.
-    side = round(min(max(min(max(length, breadth), 4.0 * longest) * margin, 1.0), longest))
-    # Farther out every window has the same edge pixels.
-    x, y = min(max(x, -side), width + side), min(max(y, -side), height + side)
-    return x, y, side, angle % (2 * math.pi)
-
-
 def _cut_upright(image: NDArray[np.uint8], x: float, y: float, side: int, patch: int) -> NDArray[np.float32]:
     """Shifted by part of a pixel, then scaled, then rounded; without rotation that is sharper than a warp."""
     height, width = image.shape
     left, top = x - (side - 1) / 2, y - (side - 1) / 2
-    columns, before, after = _padded_span(math.floor(left), side + 1, width)
-    rows, above, below = _padded_span(math.floor(top), side + 1, height)
-    part = image[rows, columns]
+    # At least one pixel of the image; a square farther out would show the same.
+    column = min(max(math.floor(left), -side), width - 1)
+    row = min(max(math.floor(top), -side), height - 1)
+    part = image[max(row, 0) : row + side + 1, max(column, 0) : column + side + 1]
+    above, before = max(-row, 0), max(-column, 0)
+    below, after = side + 1 - above - part.shape[0], side + 1 - before - part.shape[1]
     square = cv2.copyMakeBorder(part, above, below, before, after, cv2.BORDER_REPLICATE)
     across, down = np.array([1 - left % 1, left % 1]), np.array([1 - top % 1, top % 1])
     shifted = cv2.sepFilter2D(square, cv2.CV_32F, across, down, anchor=(0, 0))[:side, :side]
     scaling = cv2.INTER_AREA if side > patch else cv2.INTER_LINEAR
     return np.rint(np.asarray(cv2.resize(shifted, (patch, patch), interpolation=scaling), np.float32))
-
-
-def _padded_span(first: int, count: int, length: int) -> tuple[slice, int, int]:
-    """The part of `count` pixels within 0 .. length - 1, at least one, and how many are to be replicated."""
-    start = min(max(first, 0), length - 1)
-    stop = max(min(first + count, length), start + 1)
-    before = min(max(-first, 0), count - 1)
-    return slice(start, stop), before, count - before - (stop - start)
 
 
 def _cut_rotated(
