@@ -49,35 +49,29 @@ class FrameReader:
         Raises:
             OddSize: I420 or NV12 is asked for a frame of odd width or height.
         """
+        name = frame.format.name
         if self.pixel_format == "GRAY8":
-            pixels = self._luma(frame)
+            if name not in LUMA_FIRST:
+                # To yuv420p where it is YUV: swscale would stretch the range on the way to gray.
+                frame = self._converted(frame, "yuv420p" if name.startswith(("yuv", "p0")) else "gray")
+            pixels = plane_rows(frame, 0)[:, : frame.width]
         elif self.pixel_format in PACKED:
             packed = self._converted(frame, PACKED[self.pixel_format])
             rows = plane_rows(packed, 0)[:, : 3 * packed.width]
             pixels = rows.reshape(packed.height, packed.width, 3) if packed.width else rows[..., None]
         else:
-            pixels = self._subsampled(frame)
+            if frame.width % 2 or frame.height % 2:
+                raise OddSize(
+                    f"{self.pixel_format} needs even width and height, the frame is {frame.width} x "
+                    f"{frame.height}; ask for GRAY8, BGR or RGB instead"
+                )
+            if self.pixel_format == "NV12":
+                frame = self._converted(frame, "nv12")
+            elif name not in SAME_AS_I420:
+                frame = self._converted(frame, "yuv420p")
+            pixels = np.asarray(frame.to_ndarray(), np.uint8)
         pixels.flags.writeable = False
         return pixels
-
-    def _luma(self, frame: VideoFrame) -> Pixels:
-        name = frame.format.name
-        if name not in LUMA_FIRST:
-            # To yuv420p and not to gray where it is YUV: swscale would stretch the range on the way to gray.
-            frame = self._converted(frame, "yuv420p" if name.startswith(("yuv", "p0")) else "gray")
-        return plane_rows(frame, 0)[:, : frame.width]
-
-    def _subsampled(self, frame: VideoFrame) -> Pixels:
-        if frame.width % 2 or frame.height % 2:
-            raise OddSize(
-                f"{self.pixel_format} needs even width and height, the frame is {frame.width} x "
-                f"{frame.height}; ask for GRAY8, BGR or RGB instead"
-            )
-        if self.pixel_format == "NV12":
-            frame = self._converted(frame, "nv12")
-        elif frame.format.name not in SAME_AS_I420:
-            frame = self._converted(frame, "yuv420p")
-        return np.asarray(frame.to_ndarray(), np.uint8)
 
     def _converted(self, frame: VideoFrame, name: str) -> VideoFrame:
         return self._reformatter.reformat(frame, format=name)
