@@ -40,7 +40,7 @@ class CotSink(Sink):
         self._executor = self._sender = None
         self._has_warned = False
         self._next_ns = 0
-        self._tally = RecordTally()
+        self._tally = RecordTally(needs_positions=True)
         try:
             self._sender = EventSender(self.address)
         except InvalidAddress as error:
@@ -87,7 +87,7 @@ class CotSink(Sink):
     def stop(self) -> None:
         executor, sender = self._executor, self._sender
         self._executor = self._sender = None
-        if sender is not None and (text := self._tally.shortfall(needs_positions=True)):
+        if sender is not None and (text := self._tally.shortfall()):
             self.post_warning(f"{self.address}: {text}", "shortfall")
         if executor is not None:
             executor.close(STOP_LIMIT_S)

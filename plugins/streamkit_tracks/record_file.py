@@ -16,16 +16,18 @@ class RecordFileSink(OutputFileSink):
         None, unit="m", doc="Altitude of the ground with the datum of the poses; by default as reported."
     )
 
-    needs_positions = False
-
     def start(self) -> None:
         """Checks the name."""
-        self._tally = RecordTally()
+        self._tally = RecordTally(needs_positions=self.needs_positions())
         super().start()
 
     def shortfall(self) -> str:
         """Why no record has a target, or a position where that is needed."""
-        return self._tally.shortfall(needs_positions=self.needs_positions)
+        return self._tally.shortfall()
+
+    def needs_positions(self) -> bool:
+        """Whether targets without ground coordinates are of no use in the file."""
+        return False
 
     def record(self, frame: Frame, published_ns: int | None, *, provenance: bool = False) -> TrackRecord:
         """The record of a frame, as the properties say."""

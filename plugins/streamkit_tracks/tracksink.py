@@ -34,9 +34,8 @@ class TrackSink(TextFileSink[RecordFormat], RecordFileSink):
     example = "tracks.jsonl"
 
     @override
-    def begin(self) -> None:
-        super().begin()
-        self.needs_positions = self.kind() in GEOGRAPHIC
+    def needs_positions(self) -> bool:
+        return self.kind() in GEOGRAPHIC
 
     @override
     def write(self, frame: Frame) -> None:
@@ -44,11 +43,8 @@ class TrackSink(TextFileSink[RecordFormat], RecordFileSink):
         kind = self.kind()
         if kind != FileKind.JSONL:
             fields = msgspec.to_builtins(self.record(frame, now_ns))
-            if (
-                self.needs_positions
-                and fields["tracks"]
-                and not any("geo" in row for row in fields["tracks"])
-            ):
+            rows = fields["tracks"]
+            if kind in GEOGRAPHIC and rows and not any("geo" in row for row in rows):
                 self.count_drop("no target with a place")
             self.append(self.content.record(fields))
         elif frame.caps.name == TRACKS_CAPS.name:

@@ -14,9 +14,14 @@ if TYPE_CHECKING:
 
 
 class RecordTally:
-    """Counts frames, and those with each kind of metadata."""
+    """Counts frames, and those with each kind of metadata.
 
-    def __init__(self) -> None:
+    Args:
+        needs_positions: whether a run without ground coordinates is to be explained, too.
+    """
+
+    def __init__(self, *, needs_positions: bool = False) -> None:
+        self._needs_positions = needs_positions
         self._frames = self._records = 0
         self._with: Counter[type] = Counter()
         self._targets = self._positions = 0
@@ -37,11 +42,12 @@ class RecordTally:
         if tracks is not None:
             self._with[Tracks] += 1
             self._targets += bool(tracks.tracks)
-            if tracks.tracks and not (has_position or self._positions):
+            if self._needs_positions and tracks.tracks and not self._positions:
                 self._unlocated[ground_positions(frame, ground_altitude_m)[1]] += 1
 
-    def shortfall(self, *, needs_positions: bool = False) -> str:
+    def shortfall(self) -> str:
         """Why no record of the run has a target (with ground coordinates, if needed), or ""."""
+        needs_positions = self._needs_positions
         if self._records and needs_positions and not self._positions:
             return f"no target in {self._records} records has a position"
         frames = f"of {self._frames} frames"

@@ -39,22 +39,22 @@ SEEN = EMPTY.attach(Tracks((TARGET,)))
 )
 def test_reasons(frames: list[Frame], positions: bool, text: str) -> None:
     """The first missing input is named, with the remedy."""
-    tally = RecordTally()
+    tally = RecordTally(needs_positions=positions)
     for frame in frames:
         tally.note(frame)
-    found = tally.shortfall(needs_positions=positions)
+    found = tally.shortfall()
     assert text in found
     assert bool(found) is bool(text)
 
 
 def test_one_position_is_no_shortfall() -> None:
     """Without any, what the pose lacks or the states of the targets are the reason."""
-    tally = RecordTally()
+    tally = RecordTally(needs_positions=True)
     tally.note(SEEN.attach(Pose(48.0, 11.0, 600.0)), ground_altitude_m=500.0)
-    assert "field-of-view" in tally.shortfall(needs_positions=True)
-    tally = RecordTally()
+    assert "field-of-view" in tally.shortfall()
+    tally = RecordTally(needs_positions=True)
     located = GroundReference(np.eye(3), 48.0, 11.0, 3.0, 10.0)
     tally.note(SEEN.attach(Pose(48.0, 11.0, 600.0), located))
-    assert "none was confirmed" in tally.shortfall(needs_positions=True)
+    assert "none was confirmed" in tally.shortfall()
     tally.note(SEEN, has_position=True)
-    assert tally.shortfall(needs_positions=True) == ""
+    assert tally.shortfall() == ""
