@@ -25,13 +25,8 @@ class Clock(Protocol):
 class SystemClock:
     """The system clock."""
 
-    def monotonic_ns(self) -> int:
-        """Monotonic time, ns."""
-        return time.monotonic_ns()
-
-    def utc_ns(self) -> int:
-        """Nanoseconds since 1970-01-01 UTC."""
-        return time.time_ns()
+    monotonic_ns = staticmethod(time.monotonic_ns)
+    utc_ns = staticmethod(time.time_ns)
 
     def wait_until(self, deadline_ns: int, cancelled: threading.Event) -> bool:
         """Waits until the deadline; False if cancelled first."""
