@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
-POLL_S = 0.5  # interval at which waits check their conditions, in case a notification is missed
+from streamkit.handoff.bounded_queue import wait_until
 
 Result = TypeVar("Result")
 
@@ -69,10 +69,12 @@ class BackgroundExecutor:
             cancelled: ends the wait for room when set; the task is then added nevertheless.
         """
         with self._changed:
-            while self._waiting and 0 < self._max_bytes < self._bytes + size and not self._is_closed:
-                if cancelled is not None and cancelled.is_set():
-                    break
-                self._changed.wait(POLL_S)
+            wait_until(
+                self._changed,
+                lambda: self._is_closed or not (self._waiting and 0 < self._max_bytes < self._bytes + size),
+                None,
+                cancelled,
+            )
             self._append(work, None, size)
 
     def submit_dropping(
@@ -91,12 +93,8 @@ class BackgroundExecutor:
             Number of dropped tasks, 0 or 1.
         """
         with self._changed:
-            deadline = time.monotonic() + (0.0 if self._is_stalled else wait_s)
-            while self._is_full() and not (cancelled is not None and cancelled.is_set()):
-                left_s = deadline - time.monotonic()
-                if left_s <= 0:
-                    break
-                self._changed.wait(min(POLL_S, left_s))
+            limit_s = 0.0 if self._is_stalled else wait_s
+            wait_until(self._changed, lambda: not self._is_full(), limit_s, cancelled)
             self._is_stalled = self._is_full()
             if self._is_stalled:
                 _, future, size = self._waiting.popleft()
@@ -167,15 +165,15 @@ class BackgroundExecutor:
     def _wait_until(
         self, condition: Callable[[], bool], patience_s: float, cancelled: threading.Event | None
     ) -> None:
-        progress, deadline = self._progress, time.monotonic() + patience_s
+        before = -1
+
+        def is_done_or_further() -> bool:
+            return condition() or self._progress != before
+
         with self._changed:
-            while not condition() and not (cancelled is not None and cancelled.is_set()):
-                if self._progress != progress:
-                    progress, deadline = self._progress, time.monotonic() + patience_s
-                left_s = deadline - time.monotonic()
-                if left_s <= 0:
-                    break
-                self._changed.wait(min(POLL_S, left_s))
+            while self._progress != before and not condition():
+                before = self._progress
+                wait_until(self._changed, is_done_or_further, patience_s, cancelled)
 
     def _start(self) -> None:
         self._thread = threading.Thread(target=self._run, name=self._name)
@@ -197,11 +195,8 @@ class BackgroundExecutor:
         due = time.monotonic() + self._period_s
         while True:
             with self._changed:
-                while not self._waiting and not self._is_closed:
-                    left_s = POLL_S if self._periodic is None else due - time.monotonic()
-                    if left_s <= 0:
-                        break
-                    self._changed.wait(min(POLL_S, left_s))
+                left_s = None if self._periodic is None else due - time.monotonic()
+                wait_until(self._changed, lambda: bool(self._waiting) or self._is_closed, left_s)
                 if self._is_closed:
                     return
             if self._periodic is not None and time.monotonic() >= due:

@@ -14,6 +14,28 @@ ChooseDropped: TypeAlias = Callable[[Sequence[Item], Item, bool], range]
 POLL_S = 0.5  # interval at which waits check their conditions, in case a notification is missed
 
 
+def wait_until(
+    changed: threading.Condition,
+    condition: Callable[[], bool],
+    limit_s: float | None,
+    cancelled: threading.Event | None = None,
+) -> None:
+    """Waits until a condition holds, with the lock of `changed` held; also ends at the limit or if cancelled.
+
+    Args:
+        changed: notified when the condition may have changed.
+        condition: checked at least every half second.
+        limit_s: maximum wait, s; None has no limit.
+        cancelled: ends the wait within half a second when set.
+    """
+    deadline = None if limit_s is None else time.monotonic() + limit_s
+    while not condition() and not (cancelled is not None and cancelled.is_set()):
+        left_s = POLL_S if deadline is None else min(POLL_S, deadline - time.monotonic())
+        if left_s <= 0:
+            return
+        changed.wait(left_s)
+
+
 @dataclass(frozen=True, slots=True)
 class QueueStatistics:
     """Counters of a queue.
@@ -88,7 +110,7 @@ class BoundedQueue(Generic[Item]):
             Number of dropped items, including the new one.
         """
         with self._changed:
-            self._wait(lambda: not self._is_full(size), wait_s, cancelled)
+            wait_until(self._changed, lambda: self._is_closed or not self._is_full(size), wait_s, cancelled)
             if self._is_closed:
                 return 0
             before = self._dropped
@@ -114,7 +136,7 @@ class BoundedQueue(Generic[Item]):
             Exception: the one given to `end`, once all items are taken.
         """
         with self._changed:
-            self._wait(lambda: bool(self._items) or self._has_ended, wait_s, cancelled)
+            wait_until(self._changed, lambda: bool(self._items) or self._has_ended, wait_s, cancelled)
             if not self._items:
                 if self._error is not None:
                     raise self._error
@@ -158,16 +180,6 @@ class BoundedQueue(Generic[Item]):
             return self._has_ended and not self._items
 
     # With the lock held.
-
-    def _wait(
-        self, condition: Callable[[], bool], wait_s: float | None, cancelled: threading.Event | None
-    ) -> None:
-        deadline = None if wait_s is None else time.monotonic() + wait_s
-        while not condition() and not self._is_closed and not (cancelled is not None and cancelled.is_set()):
-            left_s = POLL_S if deadline is None else min(POLL_S, deadline - time.monotonic())
-            if left_s <= 0:
-                return
-            self._changed.wait(left_s)
 
     def _is_full(self, size: int) -> bool:
         if not self._items:
