@@ -161,15 +161,15 @@ class MessageReceiver:
         stamp, header = read_attachment(raw)
         key, size = str(sample.key_expr), len(sample.payload)
         with self._lock:
-            arrival = (self._losses.replied if is_reply else self._losses.received)(key, stamp)
-            self._counts["received"] += arrival.is_new
-            self._counts["lost"] += arrival.lost
-            self._counts["restarts"] += arrival.is_restart
-            self._counts["interleaved"] += arrival.is_interleaved
-            self._counts["jumps"] += arrival.is_jump
-            self._counts["repeated"] += not is_reply and not arrival.is_new
-            self._counts["bad"] += arrival.is_new and size > self._limit_bytes
-        if not arrival.is_new or size > self._limit_bytes:
+            continuity = (self._losses.replied if is_reply else self._losses.received)(key, stamp)
+            self._counts["received"] += continuity.is_new
+            self._counts["lost"] += continuity.lost
+            self._counts["restarts"] += continuity.is_restart
+            self._counts["interleaved"] += continuity.is_interleaved
+            self._counts["jumps"] += continuity.is_jump
+            self._counts["repeated"] += not is_reply and not continuity.is_new
+            self._counts["bad"] += continuity.is_new and size > self._limit_bytes
+        if not continuity.is_new or size > self._limit_bytes:
             return
         run, number = (0, 0) if stamp is None else stamp
         is_deleted = sample.kind == zenoh.SampleKind.DELETE

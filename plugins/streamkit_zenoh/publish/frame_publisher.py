@@ -1,10 +1,12 @@
-"""FramePublisher: frames as images, KEY/frame at a rate and KEY/mosaic when it has changed."""
+"""Publishers with a thread of their own; frames as images at KEY/frame, at a rate, and KEY/mosaic."""
 
 import zlib
 from collections.abc import Callable, Iterable
+from typing import ClassVar
 
 import numpy as np
 import zenoh
+from typing_extensions import override
 
 from streamkit import Frame
 from streamkit.handoff.background_executor import BackgroundExecutor
@@ -16,21 +18,21 @@ from streamkit_zenoh.wire.images import encode_image, grey_or_bgr, scaled_to_wid
 from streamkit_zenoh.wire.numbering import Stamp
 
 
-class FramePublisher:
-    """Selects the frames that are due; encodes and publishes the newest one in a thread of its own.
-
-    Frames are scaled and published at the rate of the settings, by their own clock; a mosaic is published
-    whole, and only when its pixels have changed.
+class StreamPublisher:
+    """Encodes and publishes the frames that are due in a thread of its own; a full queue drops the oldest.
 
     Args:
-        publisher: of the stream `frame` or `mosaic`.
-        settings: format, quality, size and rate.
+        publisher: of the stream.
+        settings: of the publication.
         utc_ns: the clock.
         failed: called in the thread with what encoding or publishing raised.
 
     Attributes:
         executor: the thread.
     """
+
+    capacity: ClassVar[int]
+    drop_reason: ClassVar[str]
 
     def __init__(
         self,
@@ -40,43 +42,79 @@ class FramePublisher:
         failed: Callable[[Exception], None],
     ) -> None:
         self.publisher = publisher
-        self._settings = settings
-        self._is_mosaic = publisher.name == MOSAIC
-        rate = 0.0 if self._is_mosaic else settings.frame_rate
-        self._every_ns = round(1e9 / rate) if rate else 0
-        self._utc_ns = utc_ns
+        self.settings = settings
+        self.utc_ns = utc_ns
+        self.last: tuple[Frame, Stamp] | None = None
         self._failed = failed
-        self._last: tuple[Frame, Stamp] | None = None
-        self._due: tuple[int, int] | None = None
-        self._checksum: int | None = None
-        self.executor = BackgroundExecutor(f"zenoh {publisher.name}", self._not_sent, capacity=1)
+        self.executor = BackgroundExecutor(f"zenoh {publisher.name}", self._not_sent, capacity=self.capacity)
 
     def submit(self, frame: Frame, now_ns: int) -> None:
-        """Queues a frame if it is due, replacing a queued one; `now_ns` stands in for a missing pts."""
-        if (self._is_mosaic and not self._has_changed(frame)) or not self._is_due(frame, now_ns):
+        """Queues a frame if it is due; `now_ns` stands in for a missing pts."""
+        if not self.is_due(frame, now_ns):
             return
         stamp = self.publisher.stamp()
         if not self.publisher.has_subscriber:
             self._settle(frame, stamp)
-        elif replaced := self.executor.submit_dropping(lambda: self._send(frame, stamp)):
-            self.publisher.count_drop("replaced by a newer one", replaced)
+        elif dropped := self.executor.submit_dropping(lambda: self._send(frame, stamp)):
+            self.publisher.count_drop(self.drop_reason, dropped)
+
+    def is_due(self, frame: Frame, now_ns: int) -> bool:
+        """Whether to publish a frame."""
+        return True
+
+    def encoded(self, frame: Frame, stamp: Stamp) -> tuple[bytes, bytes]:
+        """Payload and attachment."""
+        raise NotImplementedError
 
     def replies(self, asked: zenoh.KeyExpr) -> Iterable[Reply]:
-        """The last image, for a query that matches its key."""
-        if self._last is not None and asked.intersects(self.publisher.key):
-            payload, attachment = self._encoded(*self._last)
+        """The last message, for a query that matches its key; none where it is of no use alone."""
+        return ()
+
+    def _send(self, frame: Frame, stamp: Stamp) -> None:
+        self.publisher.put(*self.encoded(frame, stamp))
+        self._settle(frame, stamp)
+
+    def _settle(self, frame: Frame, stamp: Stamp) -> None:
+        self.last = (frame, stamp)
+        self.publisher.settle(stamp)
+
+    def _not_sent(self, error: Exception) -> None:
+        self.publisher.count_drop("not sent", 1)
+        self._failed(error)
+
+
+class FramePublisher(StreamPublisher):
+    """Publishes the newest frame as an image, by the frames' own clock at the rate of the settings.
+
+    A mosaic is published whole, and only when its pixels have changed.
+    """
+
+    capacity = 1
+    drop_reason = "replaced by a newer one"
+
+    _due: tuple[int, int] | None = None
+    _checksum: int | None = None
+
+    @override
+    def replies(self, asked: zenoh.KeyExpr) -> Iterable[Reply]:
+        if self.last is not None and asked.intersects(self.publisher.key):
+            payload, attachment = self.encoded(*self.last)
             yield Reply(self.publisher.key, payload, self.publisher.encoding, attachment)
 
-    def _is_due(self, frame: Frame, now_ns: int) -> bool:
-        if not self._every_ns:
+    @override
+    def is_due(self, frame: Frame, now_ns: int) -> bool:
+        if self.publisher.name == MOSAIC:
+            return self._has_changed(frame)
+        if not self.settings.frame_rate:
             return True
+        every_ns = round(1e9 / self.settings.frame_rate)
         time_ns = now_ns if frame.pts is None else frame.pts
         if self._due is not None and self._due[1] == frame.epoch and time_ns < self._due[0]:
             return False
         due_ns = time_ns if self._due is None or self._due[1] != frame.epoch else self._due[0]
         # Due times stay multiples of the period: else 30 frames a second at a rate of 20 would become 15.
-        behind = max(0, time_ns - due_ns) // self._every_ns
-        self._due = (due_ns + (behind + 1) * self._every_ns, frame.epoch)
+        behind = max(0, time_ns - due_ns) // every_ns
+        self._due = (due_ns + (behind + 1) * every_ns, frame.epoch)
         return True
 
     def _has_changed(self, frame: Frame) -> bool:
@@ -85,22 +123,11 @@ class FramePublisher:
         self._checksum = checksum
         return changed
 
-    def _encoded(self, frame: Frame, stamp: Stamp) -> tuple[bytes, bytes]:
-        settings, image = self._settings, grey_or_bgr(frame.data, str(frame.caps["format"]))
+    @override
+    def encoded(self, frame: Frame, stamp: Stamp) -> tuple[bytes, bytes]:
+        settings, image = self.settings, grey_or_bgr(frame.data, str(frame.caps["format"]))
         image_format = settings.mosaic_format
-        if not self._is_mosaic:
+        if self.publisher.name != MOSAIC:
             image_format, image = settings.frame_format, scaled_to_width(image, settings.frame_width)
-        header = frame_header(frame, settings.key, self._utc_ns(), self.publisher.drops.total(), image.shape)
+        header = frame_header(frame, settings.key, self.utc_ns(), self.publisher.drops.total(), image.shape)
         return encode_image(image, image_format, settings.picture_quality), stamp.attachment(header)
-
-    def _send(self, frame: Frame, stamp: Stamp) -> None:
-        self.publisher.put(*self._encoded(frame, stamp))
-        self._settle(frame, stamp)
-
-    def _settle(self, frame: Frame, stamp: Stamp) -> None:
-        self._last = (frame, stamp)
-        self.publisher.settle(stamp)
-
-    def _not_sent(self, error: Exception) -> None:
-        self.publisher.count_drop("not sent", 1)
-        self._failed(error)

@@ -11,7 +11,7 @@ from streamkit import Element, ResourceError, TrackRecord
 from streamkit_zenoh.keys import LISTENING, MOSAIC, RECEIVER, SCHEMA, STATUS, TRACKS, VIDEO, listens_to
 from streamkit_zenoh.presence import declare_publisher_token, wait_until_delivered, watch_receivers
 from streamkit_zenoh.publish.control import Control
-from streamkit_zenoh.publish.frame_publisher import FramePublisher
+from streamkit_zenoh.publish.frame_publisher import FramePublisher, StreamPublisher
 from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher, Reply
 from streamkit_zenoh.publish.record_publisher import RecordPublisher
 from streamkit_zenoh.publish.rivals import EXCLUSIVE, KeyInUse, Publisher, RivalWatch, refuse_rivals
@@ -82,7 +82,7 @@ class Publication:
         self.records = RecordPublisher(
             session, self.tracks, codec, settings, utc_ns, failed, self._publish_status
         )
-        self.images = {name: self._picture_publisher(name) for name in image_streams}
+        self.images = {name: self._image_publisher(name) for name in image_streams}
         self._executors = [self.records.executor, *(images.executor for images in self.images.values())]
         self._control = Control(session, root, elements, failed) if settings.control else None
         if self._control is not None:
@@ -136,14 +136,15 @@ class Publication:
             self._session, self._root, name, self._run, content_type, self._qos[name], cut_off_s
         )
 
-    def _picture_publisher(self, name: str) -> FramePublisher | VideoPublisher:
+    def _image_publisher(self, name: str) -> StreamPublisher:
         settings = self._settings
-        if name == VIDEO:
-            publisher = self._publisher(name, f"application/octet-stream;{VIDEO_SCHEMA}")
-            return VideoPublisher(publisher, settings.key, self._utc_ns, self._failed)
         image_format = settings.mosaic_format if name == MOSAIC else settings.frame_format
-        publisher = self._publisher(name, f"image/{image_format};{FRAME_SCHEMA}")
-        return FramePublisher(publisher, settings, self._utc_ns, self._failed)
+        is_video = name == VIDEO
+        content = (
+            f"application/octet-stream;{VIDEO_SCHEMA}" if is_video else f"image/{image_format};{FRAME_SCHEMA}"
+        )
+        kind = VideoPublisher if is_video else FramePublisher
+        return kind(self._publisher(name, content), settings, self._utc_ns, self._failed)
 
     def _give_way(self, reason: KeyInUse) -> None:
         """Ends this publisher at its next frame."""

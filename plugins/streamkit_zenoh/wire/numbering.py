@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeVar
 
 from typing_extensions import override
 
-from streamkit_zenoh.wire.sequence import Arrival, ReceivedNumbers
+from streamkit_zenoh.wire.sequence import Continuity, ReceivedNumbers
 
 # Keys come from the network: their number is bounded.
 KEY_LIMIT = 1024
@@ -88,35 +88,37 @@ class LossTracker:
         self._runs: RecentDict[str, int] = RecentDict()
         self._orders: RecentDict[str, RunOrder] = RecentDict()
 
-    def received(self, key: str, stamp: Stamp | None) -> Arrival:
+    def received(self, key: str, stamp: Stamp | None) -> Continuity:
         """Notes a published message.
 
         Messages before the first one received are not lost, unless `starts_at` gives an earlier start, or
         the publisher follows another one: this receiver then subscribed before its first message.
         """
         if stamp is None:
-            return Arrival()
+            return Continuity()
         run, number = stamp
         numbers, last_run = self.numbers_of(key, run), self._runs.get(key)
         is_restart = last_run is not None and not numbers.has_received
         if is_restart and last_run is not None and run > last_run:
             numbers.starts_at(0)
         is_first = not numbers.has_received
-        arrival = numbers.received(number)
-        if not arrival.is_new and not is_restart:
-            return arrival
+        continuity = numbers.received(number)
+        if not continuity.is_new and not is_restart:
+            return continuity
         self._runs[key] = run
         order = self._orders[key] = self._orders.get(key) or RunOrder(run)
-        return arrival._replace(is_restart=is_restart, is_interleaved=order.received(run, is_first=is_first))
+        return continuity._replace(
+            is_restart=is_restart, is_interleaved=order.received(run, is_first=is_first)
+        )
 
-    def replied(self, key: str, stamp: Stamp | None) -> Arrival:
+    def replied(self, key: str, stamp: Stamp | None) -> Continuity:
         """Notes the reply to a query for the last message; it may overtake published messages."""
         if stamp is None:
-            return Arrival()
+            return Continuity()
         run, number = stamp
         numbers, last_run = self.numbers_of(key, run), self._runs.get(key)
         is_old = not numbers.has_received and last_run is not None and run < last_run
-        return Arrival(is_new=not is_old and numbers.replied(number))
+        return Continuity(is_new=not is_old and numbers.replied(number))
 
     def numbers_of(self, key: str, run: int) -> ReceivedNumbers:
         """The numbers received from a publisher at a key."""

@@ -24,7 +24,7 @@ OLDER_LIMIT = 16
 SPAN_LIMIT = 64
 
 
-class Arrival(NamedTuple):
+class Continuity(NamedTuple):
     """What the number of a message shows.
 
     Attributes:
@@ -68,25 +68,25 @@ class ReceivedNumbers:
         """Whether a published message was received, or a status that settles some."""
         return self._latest is not None
 
-    def received(self, number: int) -> Arrival:
+    def received(self, number: int) -> Continuity:
         """Notes a published message."""
         at, below, above = self._around(number)
         if below is not None and number < below.end:
-            return Arrival(is_new=False)
+            return Continuity(is_new=False)
         was_replied = number == self._replied
         if above is not None and above.start - above.missing <= number:
             missing = number - (above.start - above.missing)
             above.missing = above.start - number - 1
             self._add(at, Span(number, number + 1, missing, 0))
-            return Arrival(0 if was_replied else -1, not was_replied)
+            return Continuity(0 if was_replied else -1, not was_replied)
         if below is None and above is not None and above.start - number <= OLDER_LIMIT:
-            return Arrival(is_new=False)
+            return Continuity(is_new=False)
         expected = self._expected(number) if below is None else below.end
         gap = max(0, number - expected)
         is_jump = gap > JUMP_LIMIT or (below is None and above is not None)
         gap = 0 if is_jump else gap
         self._add(at, Span(number, number + 1, gap, 0))
-        return Arrival(self._without_reply(number - gap, number), not was_replied, is_jump)
+        return Continuity(self._without_reply(number - gap, number), not was_replied, is_jump)
 
     def replied(self, number: int) -> bool:
         """Notes the reply to a query for the last message; whether it is new."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import msgspec
@@ -60,7 +59,7 @@ _DECODER = msgspec.json.Decoder(VideoHeader)
 def video_header(frame: Frame, source: str, published_ns: int) -> bytes:
     """Encodes the header of a coded packet."""
     keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
-    codec_data = _codec_data(frame.caps) if keyframe else b""
+    codec_data = bytes.fromhex(str(frame.caps.get("codec_data", ""))) if keyframe else b""
     header = VideoHeader(
         schema=VIDEO_SCHEMA,
         source=mask_secrets(source),
@@ -117,18 +116,10 @@ def _hevc_string(profile: bytes) -> str:
 
 def _sequence_parameters(codec_data: bytes, packet: bytes, mask: int, kind: int) -> bytes:
     """The beginning of the sequence parameter set, without emulation prevention; b"" where none is found."""
-    for unit in _units(codec_data + packet[:LOOK_BYTES]):
-        if unit[0] & mask == kind:
+    for unit in START_CODE.split(codec_data + packet[:LOOK_BYTES])[1:]:
+        if unit and unit[0] & mask == kind:
             return unit.replace(EMULATION_PREVENTION, b"\0\0")
     return b""
-
-
-def _units(data: bytes) -> Iterator[bytes]:
-    return (unit for unit in START_CODE.split(data)[1:] if unit)
-
-
-def _codec_data(caps: Caps) -> bytes:
-    return bytes.fromhex(str(caps.get("codec_data", "")))
 
 
 def _integer(caps: Caps, field: str) -> int | None:

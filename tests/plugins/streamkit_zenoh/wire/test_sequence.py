@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit_zenoh.wire.numbering import LossTracker, Stamp
-from streamkit_zenoh.wire.sequence import JUMP_LIMIT, OLDER_LIMIT, SPAN_LIMIT, Arrival, ReceivedNumbers
+from streamkit_zenoh.wire.sequence import JUMP_LIMIT, OLDER_LIMIT, SPAN_LIMIT, Continuity, ReceivedNumbers
 
 LARGEST = 10**19 - 1
 
@@ -62,7 +62,7 @@ def test_received_and_lost_add_up_in_every_order(
 def test_forged_numbers_hide_no_message(first: int, between: list[int | None]) -> None:
     """Whatever is forged in between, each of the publisher's messages is new once."""
     sequence, number, forged = ReceivedNumbers(), first, set[int]()
-    assert sequence.received(number) == Arrival()
+    assert sequence.received(number) == Continuity()
     for forged_number in [*between, *[None] * 20]:
         if forged_number is not None:
             sequence.received(forged_number)
@@ -92,7 +92,7 @@ def test_a_late_status_adds_what_was_lost_before_the_first_message() -> None:
     assert sequence.starts_at(3) == 7
     assert sequence.starts_at(3) == 0
     assert sequence.starts_at(5) == 0
-    assert sequence.received(4) == Arrival(lost=-1)
+    assert sequence.received(4) == Continuity(lost=-1)
 
 
 def test_a_reply_with_a_number_that_counts_as_lost_is_left_to_the_message() -> None:
@@ -100,9 +100,9 @@ def test_a_reply_with_a_number_that_counts_as_lost_is_left_to_the_message() -> N
     sequence = ReceivedNumbers()
     sequence.starts_at(1)
     assert sequence.settled_up_to(3) == 2
-    assert sequence.received(1) == Arrival(lost=-1)
+    assert sequence.received(1) == Continuity(lost=-1)
     assert not sequence.replied(2)
-    assert sequence.received(2) == Arrival(lost=-1)
+    assert sequence.received(2) == Continuity(lost=-1)
 
 
 def test_the_last_status_shows_that_all_is_lost() -> None:
@@ -110,17 +110,17 @@ def test_the_last_status_shows_that_all_is_lost() -> None:
     sequence = ReceivedNumbers()
     assert sequence.starts_at(3) == 0
     assert sequence.settled_up_to(9) == 6
-    assert sequence.received(9) == Arrival()
+    assert sequence.received(9) == Continuity()
 
 
 def test_a_large_step_is_a_jump_and_not_a_loss() -> None:
     """It is reported; the publisher's numbers continue, and so do those after the jump."""
     sequence = ReceivedNumbers()
-    assert [sequence.received(number) for number in (5, 6)] == [Arrival(), Arrival()]
-    assert sequence.received(LARGEST) == Arrival(is_jump=True)
-    assert [sequence.received(number) for number in (7, 8)] == [Arrival(), Arrival()]
-    assert sequence.received(9 + JUMP_LIMIT) == Arrival(lost=JUMP_LIMIT)
-    assert sequence.received(LARGEST) == Arrival(is_new=False)
+    assert [sequence.received(number) for number in (5, 6)] == [Continuity(), Continuity()]
+    assert sequence.received(LARGEST) == Continuity(is_jump=True)
+    assert [sequence.received(number) for number in (7, 8)] == [Continuity(), Continuity()]
+    assert sequence.received(9 + JUMP_LIMIT) == Continuity(lost=JUMP_LIMIT)
+    assert sequence.received(LARGEST) == Continuity(is_new=False)
     assert sequence.settled_up_to(LARGEST - 5) == 0
     assert sequence.starts_at(-5) == 0
 
@@ -129,9 +129,9 @@ def test_a_forged_first_number_does_not_hide_the_publisher() -> None:
     """Only messages slightly older than the first are skipped as outdated."""
     sequence = ReceivedNumbers()
     sequence.received(1000)
-    assert sequence.received(1000 - OLDER_LIMIT) == Arrival(is_new=False)
-    assert sequence.received(5) == Arrival(is_jump=True)
-    assert sequence.received(6) == Arrival()
+    assert sequence.received(1000 - OLDER_LIMIT) == Continuity(is_new=False)
+    assert sequence.received(5) == Continuity(is_jump=True)
+    assert sequence.received(6) == Continuity()
 
 
 def test_memory_is_bounded() -> None:
@@ -149,7 +149,7 @@ def test_one_forged_stamp_has_no_effect(forged: Stamp) -> None:
     before = [numbering.received("a", Stamp(7, number)) for number in range(3)]
     assert numbering.received("a", forged).is_new
     after = [numbering.received("a", Stamp(7, number)) for number in range(3, 9)]
-    assert before + after == [Arrival()] * 9
+    assert before + after == [Continuity()] * 9
 
 
 def test_messages_of_an_earlier_run_between_those_of_a_later_one_are_marked() -> None:
