@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import re
 import stat
 import time
 from collections.abc import Mapping
@@ -19,7 +18,7 @@ from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from streamkit import ResourceError, StreamError, mask_secrets
-from streamkit.output.names import local_path
+from streamkit.output.names import is_network, local_path
 
 LOCAL_LIMIT_S = 8.0
 MAX_PIXELS = 8192 * 8192
@@ -31,13 +30,6 @@ UNWANTED_FORMATS = frozenset({"tty", "bin", "idf", "xbin", "adf", "concat", "lav
 # Only these containers have a rotation.
 ROTATING_FORMATS = frozenset({"mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm"})
 LOOK_PACKETS, LOOK_PACKETS_OF_ALL = 8, 64
-redact = mask_secrets
-URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
-
-
-def is_network(location: str) -> bool:
-    """Whether a location is reached over the network: any URL but `file://`."""
-    return URL.match(location) is not None and not location.startswith("file://")
 
 
 def with_credentials(location: str, user: str, password: str) -> str:
@@ -100,7 +92,9 @@ def open_container(
     if container.format.name in UNWANTED_FORMATS:
         found = container.format.name
         container.close()
-        raise StreamError(f"{redact(location)}: a video must be given, this is text or a list ({found})")
+        raise StreamError(
+            f"{mask_secrets(location)}: a video must be given, this is text or a list ({found})"
+        )
     return container
 
 
@@ -139,7 +133,7 @@ def check_file(location: str) -> None:
 
 def open_failure(location: str, error: Exception, elapsed_s: float, limit_s: float) -> ResourceError:
     """The error to raise for what PyAV raised on opening: where, what, remedy; never a password."""
-    where = redact(location)
+    where = mask_secrets(location)
     if isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError):
         return AccessRefused(
             f"{where}: the server asks for other credentials: {reason_of(error)}; "
@@ -164,7 +158,7 @@ def open_failure(location: str, error: Exception, elapsed_s: float, limit_s: flo
 def reason_of(error: Exception) -> str:
     """FFmpeg's error text without file names, which may hold passwords."""
     text = getattr(error, "strerror", None)
-    return text if isinstance(text, str) and text else redact(str(error)) or type(error).__name__
+    return text if isinstance(text, str) and text else mask_secrets(str(error)) or type(error).__name__
 
 
 def first_bytes(location: str) -> str:
@@ -190,11 +184,11 @@ def video_stream(container: InputContainer, location: str) -> VideoStream:
     stream = container.streams.best("video")
     if stream is None:
         kinds = ", ".join(sorted({other.type for other in container.streams})) or "none"
-        raise StreamError(f"{redact(location)}: a video stream is needed, its streams are: {kinds}")
+        raise StreamError(f"{mask_secrets(location)}: a video stream is needed, its streams are: {kinds}")
     if not isinstance(stream, VideoStream) or stream.codec_context is None:
         raise StreamError(
-            f"{redact(location)}: there is a video stream, but this FFmpeg build has no decoder for it; "
-            "convert the file to H.264"
+            f"{mask_secrets(location)}: there is a video stream, but this FFmpeg build has no decoder for "
+            "it; convert the file to H.264"
         )
     return stream
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import combinations
@@ -12,9 +11,7 @@ from streamkit.element.base import Element
 from streamkit.element.property import check_attributes
 from streamkit.errors import PropertyError
 from streamkit.output.file import is_special
-from streamkit.output.names import FileNames, local_path
-
-NETWORK = re.compile(r"(?!file:)[A-Za-z][A-Za-z0-9+.-]+://")
+from streamkit.output.names import FileNames, is_network, local_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,5 +68,5 @@ def _files(elements: Iterable[Element]) -> Iterator[FileOfElement]:
     for element in elements:
         for declaration in element.properties.values():
             location = vars(element).get(declaration.attribute) if declaration.file else None
-            if location and not NETWORK.match(location) and not is_special(Path(location)):
+            if location and not is_network(location) and not is_special(Path(location)):
                 yield FileOfElement(element, location, declaration.file == "write")

@@ -9,10 +9,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
 NUMBER = re.compile(r"%0?\d*d")
 NUMBER_BESIDE_TIME = re.compile(r"%0\d+d")  # `%d` is the day there
 TIME = re.compile(r"%[YHM]")
 FIELD = re.compile(r"(%0\d+d|%[A-Za-z%])")
+
+
+def is_network(location: str) -> bool:
+    """Whether a location is reached over the network: any URL but `file://`."""
+    return URL.match(location) is not None and not location.startswith("file://")
 
 
 def local_path(location: str) -> Path:

@@ -8,9 +8,9 @@ from contextlib import closing
 from dataclasses import asdict
 from urllib.parse import urlsplit, urlunsplit
 
-from streamkit import StreamkitError
-from streamkit.output.names import local_path
-from streamkit_media.container import check_file, is_network, redact
+from streamkit import StreamkitError, mask_secrets
+from streamkit.output.names import is_network, local_path
+from streamkit_media.container import check_file
 from streamkit_media.doctor.checks import stream_checks
 from streamkit_media.doctor.report import Check, Report, Verdict
 from streamkit_media.doctor.server import NoAnswer, ask_options
@@ -48,7 +48,7 @@ def examine(
 def _examine_live(
     location: str, seconds: float, timeout_s: float, transport: str, report_step: Callable[[str], object]
 ) -> Report:
-    where = redact(location)
+    where = mask_secrets(location)
     report_step(f"connecting to {where}, {timeout_s:g} s at most")
     checks = _reach(location, timeout_s)
     if checks[-1].verdict is Verdict.BAD:
@@ -98,7 +98,7 @@ def _reach(location: str, timeout_s: float) -> list[Check]:
 def _live_line(location: str, transport: str, seen: Seen) -> str:
     parts = urlsplit(location)
     user, mark, host = parts.netloc.rpartition("@")
-    bare = redact(urlunsplit(parts._replace(netloc=host)))
+    bare = mask_secrets(urlunsplit(parts._replace(netloc=host)))
     secrets = " user-id=${user} user-pw=${password}" if mark and user else ""
     settings = "--set user=NAME --set password=SECRET " if secrets else ""
     source = f"rtspsrc name=s location={bare}{secrets} transport={transport}"
@@ -112,7 +112,7 @@ def _live_line(location: str, transport: str, seen: Seen) -> str:
 
 
 def _examine_file(location: str, timeout_s: float) -> Report:
-    where, checks = redact(location), list[Check]()
+    where, checks = mask_secrets(location), list[Check]()
     if not is_network(location):
         try:
             check_file(location)
@@ -130,7 +130,7 @@ def _examine_file(location: str, timeout_s: float) -> Report:
     if len(seen.packets) == 1:
         return _reported(where, checks, _photograph_line(location))
     pose, klv = _pose_parts(seen)
-    source = f"filesrc name=s location={redact(in_description(location))}"
+    source = f"filesrc name=s location={mask_secrets(in_description(location))}"
     tracks = f"tracksink location=tracks.jsonl if-exists=fail{klv}"
     return _reported(where, checks, f'streamkit launch "{source} ! decode{pose} ! {TRACKING} ! {tracks}"')
 
@@ -140,7 +140,8 @@ def _photograph_line(location: str) -> str:
     path = local_path(location)
     number = re.search(r"\d{2,}(?!.*\d)", path.stem)
     if is_network(location) or number is None or "%" in location:
-        return f'streamkit launch "filesrc location={redact(in_description(location))} ! decode ! fakesink"'
+        shown = mask_secrets(in_description(location))
+        return f'streamkit launch "filesrc location={shown} ! decode ! fakesink"'
     digits = number.group()
     name = f"{path.stem[: number.start()]}%0{len(digits)}d{path.stem[number.end() :]}{path.suffix}"
     source = f"multifilesrc location={in_description(str(path.with_name(name)))} start-index={int(digits)}"
@@ -149,7 +150,7 @@ def _photograph_line(location: str) -> str:
 
 def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
     """A file without video may hold telemetry."""
-    where = redact(location)
+    where = mask_secrets(location)
     try:
         with closing(TelemetryFile(local_path(location))) as file:
             first = last = file.next()

@@ -19,15 +19,13 @@ from av.stream import Stream
 from av.video.codeccontext import VideoCodecContext
 from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
-from numpy.typing import NDArray
 
 from streamkit import SECOND_NS
 from streamkit.settings import setting
+from streamkit_media.decoding.frame_arrays import PACKED, Pixels
 
-Pixels = NDArray[np.uint8]
 NEUTRAL_CHROMA = 128
 ASSUMED_RATE = Fraction(25)  # frames/s, for the rate control, where the caps have none
-PACKED = {"BGR": "bgr24", "RGB": "rgb24"}
 TIME_BASE = Fraction(1, 1_000_000)
 COARSE_TIME_BASE = Fraction(1, 50_000)  # MPEG-4 Part 2 holds the denominator in 16 bits
 VP8_MAX_BIT_RATE = 1_000_000_000  # libvpx needs one for VP8 also at constant quality

@@ -8,7 +8,8 @@ from fractions import Fraction
 
 from streamkit import SECOND_NS
 from streamkit.output.file import OutputFile
-from streamkit_media.encoding.encoder import Encoder, EncoderSettings, Pixels
+from streamkit_media.decoding.frame_arrays import Pixels
+from streamkit_media.encoding.encoder import Encoder, EncoderSettings
 from streamkit_media.recording.filemuxer import FORMATS, FRAGMENT_TICKS, FRAGMENTED, TIME_BASE, FileMuxer
 
 # Hybrid fragmented MP4: indexed when closed. FFmpeg's muxer crashes on some damaged streams, so it is used

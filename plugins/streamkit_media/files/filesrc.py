@@ -23,8 +23,9 @@ from streamkit import (
     ResourceError,
     Source,
     StreamError,
+    mask_secrets,
 )
-from streamkit.output.names import local_path
+from streamkit.output.names import is_network, local_path
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import (
     LOCAL_LIMIT_S,
@@ -32,10 +33,8 @@ from streamkit_media.container import (
     TimedOut,
     check_file,
     first_packets,
-    is_network,
     open_container,
     reason_of,
-    redact,
     video_stream,
 )
 from streamkit_media.files.playrange import Place, PlayRange
@@ -97,6 +96,7 @@ class FileSrc(Source):
     def start(self) -> None:
         """Opens the file, so that a bad one fails before playing."""
         self._container: InputContainer | None = None
+        self._where = mask_secrets(self.location)
         self._sockets = frozenset(open_sockets()) if is_network(self.location) else frozenset()
         if not self.location:
             raise ResourceError("location= must name a file, it is empty; write filesrc location=flight.mp4")
@@ -143,13 +143,14 @@ class FileSrc(Source):
     def _await_datagram(self) -> None:
         if not self.location.startswith("udp://") or ":" in (urlsplit(self.location).hostname or ""):
             return
-        where = redact(self.location)
         try:
             has_come = await_datagram(self.location, LOCAL_LIMIT_S, self.stopping)
         except (OSError, ValueError) as error:
-            raise ResourceError(f"{where}: the port cannot be used: {error}; name another") from None
+            raise ResourceError(f"{self._where}: the port cannot be used: {error}; name another") from None
         if not has_come:
-            raise TimedOut(f"{where}: no packet within {LOCAL_LIMIT_S:g} s; start what sends to this port")
+            raise TimedOut(
+                f"{self._where}: no packet within {LOCAL_LIMIT_S:g} s; start what sends to this port"
+            )
 
     def duration_ns(self) -> int | None:
         """Duration of the part that is played."""
@@ -207,15 +208,13 @@ class FileSrc(Source):
             if kind in self._kinds and kind.value not in self.pads:
                 self.add_pad(kind.value)
             elif kind not in self._kinds and self._is_linked(kind.value):
-                self.post_warning(f"{redact(self.location)}: it holds no stream for the pad {kind.value}")
+                self.post_warning(f"{self._where}: it holds no stream for the pad {kind.value}")
                 self.pads[kind.value].is_eos = True
                 self.pads[kind.value].send_event(EosEvent())
         self.no_more_pads()
         second = StreamKind.SECOND_KLV
         if self._is_linked("klv") and second in self._kinds and not self._is_linked(second.value):
-            self.post_warning(
-                f"{redact(self.location)}: nothing reads its second KLV stream, the pad {second}"
-            )
+            self.post_warning(f"{self._where}: nothing reads its second KLV stream, the pad {second}")
 
     def _video_is_wanted(self) -> bool:
         """Whether the video has a pad, or might get one; not where there are other streams only."""
@@ -240,7 +239,7 @@ class FileSrc(Source):
         wanted = {kind for kind in self._kinds if self._is_linked(kind.value)}
         is_plain = self._is_linked("src") or not wanted
         streams = streams_of(container, wanted | ({StreamKind.VIDEO} if is_plain else set()))
-        where, count, shown = redact(self.location), 0, 0
+        where, count, shown = self._where, 0, 0
         if not streams:
             raise StreamError(f"{where}: none of its streams is linked")
         self._seek(container, streams[0][0])
@@ -304,6 +303,6 @@ class FileSrc(Source):
             self._range.seek(container, stream)
         except MEDIA_ERRORS as error:
             raise StreamError(
-                f"{redact(self.location)}: start-s={self.start_s:g} cannot be reached: {reason_of(error)}; "
+                f"{self._where}: start-s={self.start_s:g} cannot be reached: {reason_of(error)}; "
                 "this format may not allow seeking"
             ) from None

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import msgspec
 
+from streamkit import Frame
+
 SUFFIX = ".arrivals.jsonl"
 
 
@@ -41,19 +43,10 @@ def arrivals_path(recording: Path) -> Path:
     return recording.with_name(recording.name + SUFFIX)
 
 
-class ArrivalsWriter:
-    """Writes the file line by line, without delay."""
-
-    def __init__(self, recording: Path) -> None:
-        self._file = arrivals_path(recording).open("wb", buffering=0)
-
-    def write(self, arrival: Arrival) -> None:
-        """Adds a packet."""
-        self._file.write(msgspec.json.encode(arrival) + b"\n")
-
-    def close(self) -> None:
-        """Completes the file."""
-        self._file.close()
+def arrival_of(frame: Frame) -> Arrival:
+    """The arrival of a packet's frame."""
+    utc_ns, origin = (frame.capture.utc_ns, frame.capture.origin) if frame.capture else (None, "")
+    return Arrival(frame.seq, frame.epoch, frame.pts, frame.arrival_ns, utc_ns, origin, int(frame.flags))
 
 
 def read_arrivals(recording: Path) -> Iterator[Arrival]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import suppress
-from typing import Any
+from typing import Any, BinaryIO, cast
 
+import msgspec
 from av.packet import Packet
 
 from streamkit import (
@@ -25,7 +26,7 @@ from streamkit_media.codecs import CODED_CAPS, caps_parameters
 from streamkit_media.container import MEDIA_ERRORS
 from streamkit_media.nalunits import BadPacket
 from streamkit_media.packets import nanoseconds
-from streamkit_media.recording.arrivals import Arrival, ArrivalsWriter, arrivals_path
+from streamkit_media.recording.arrivals import arrival_of, arrivals_path
 from streamkit_media.recording.filemuxer import FORMATS
 from streamkit_media.recording.packetwriter import WITH_KLV, PacketWriter
 from streamkit_media.streams import KLV_CAPS
@@ -67,7 +68,7 @@ class PacketSink(SegmentSink):
     )
 
     _writer: PacketWriter | None = None
-    _arrivals: ArrivalsWriter | None = None
+    _arrivals: BinaryIO | None = None
 
     def check_properties(self) -> None:
         """Checks the ending of the name; only a transport stream holds telemetry."""
@@ -143,13 +144,7 @@ class PacketSink(SegmentSink):
             while self._early:
                 self._write_klv(self._early.popleft())
         if self._arrivals is not None:
-            capture = frame.capture
-            self._arrivals.write(
-                Arrival(
-                    frame.seq, frame.epoch, frame.pts, frame.arrival_ns,
-                    capture.utc_ns if capture else None, capture.origin if capture else "", int(frame.flags),
-                )
-            )  # fmt: skip
+            self._arrivals.write(msgspec.json.encode(arrival_of(frame)) + b"\n")
 
     def _write_klv(self, frame: Frame) -> None:
         if self._writer is None:
@@ -193,7 +188,7 @@ class PacketSink(SegmentSink):
             self.take_back()
             raise
         if self.arrivals:
-            self._arrivals = ArrivalsWriter(file.path)
+            self._arrivals = cast("BinaryIO", arrivals_path(file.path).open("wb", buffering=0))
         pts, dts = times_of(frame)
         self._zero, self._begin, self._bytes, self._caps = min(dts, pts), pts, 0, frame.caps
 

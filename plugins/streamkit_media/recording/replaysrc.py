@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, cast
 
-from streamkit import Caps, Capture, Frame, Property, ResourceError, Source
+from streamkit import Caps, Capture, Frame, Property, ResourceError, Source, mask_secrets
 from streamkit.output.names import local_path
 from streamkit_media.codecs import CODED_CAPS, coded_caps, stream_parameters, stream_rate
-from streamkit_media.container import check_file, open_container, redact, video_stream
+from streamkit_media.container import check_file, open_container, video_stream
 from streamkit_media.packets import packet_frame, read_packets
 from streamkit_media.recording.arrivals import Arrival, BadArrivals, arrivals_path, read_arrivals
 
@@ -69,7 +69,7 @@ class ReplaySrc(Source):
                         return
                     yield self._frame(packet_frame(packet, self._caps), arrival, due)
             except BadArrivals as error:
-                raise ResourceError(f"{redact(self.location)}: {error}") from None
+                raise ResourceError(f"{mask_secrets(self.location)}: {error}") from None
 
     def _frame(self, frame: Frame, arrival: Arrival, due: int) -> Frame:
         capture = None

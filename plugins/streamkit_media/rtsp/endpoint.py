@@ -7,8 +7,8 @@ import random
 from typing import Any, NoReturn
 from urllib.parse import urlsplit
 
-from streamkit import Element, Property, ResourceError
-from streamkit_media.container import redact, with_credentials
+from streamkit import Element, Property, ResourceError, mask_secrets
+from streamkit_media.container import with_credentials
 from streamkit_media.rtsp.reachability import DEFAULT_PORTS, SECURE, port_of, trusted_authorities, unreachable
 
 GROWTH = 2.0
@@ -111,7 +111,7 @@ class RtspEndpoint(Element):
         """The properties set in the text, the location without passwords."""
         found = super().properties_set()
         if "location" in found:
-            found["location"] = redact(str(found["location"]))
+            found["location"] = mask_secrets(str(found["location"]))
         return found
 
     @property
@@ -119,7 +119,7 @@ class RtspEndpoint(Element):
         """The location as it may be shown; one without its scheme may hold a password too."""
         if "://" not in self.location and "@" in self.location:
             return f"***@{self.location.rpartition('@')[2]}"
-        return redact(self.location)
+        return mask_secrets(self.location)
 
     @property
     def _url(self) -> str:

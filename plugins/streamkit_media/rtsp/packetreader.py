@@ -6,7 +6,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import TypeAlias
 from urllib.parse import urlsplit
 
 from av.container import InputContainer
@@ -14,7 +13,7 @@ from av.packet import Packet
 from av.stream import Stream
 from av.video.stream import VideoStream
 
-from streamkit import Caps, Frame, ResourceError, StreamError, StreamkitError
+from streamkit import Caps, Frame, ResourceError, StreamError, StreamkitError, mask_secrets
 from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_media.codecs import stream_rate
 from streamkit_media.container import (
@@ -22,7 +21,6 @@ from streamkit_media.container import (
     InvalidMedia,
     TimedOut,
     open_container,
-    redact,
     video_stream,
 )
 from streamkit_media.packets import read_packets
@@ -34,7 +32,6 @@ from streamkit_media.streams import StreamKind, stream_caps, streams_of
 CUT_EVERY_S = 0.05
 PLAIN = "rtsp"
 NO_OPTIONS: Mapping[str, str] = {}
-Arrival: TypeAlias = "Callable[[Packet[Stream], Caps, StreamKind], None]"
 
 
 class PacketReader:
@@ -70,9 +67,13 @@ class PacketReader:
         self._asked = 0.0
         self._known = frozenset(open_sockets())
         # Not a daemon: it is always joined, and FFmpeg's limits bound it.
-        self._thread = threading.Thread(target=self._run, name=f"reader {redact(location)}", daemon=False)
+        self._thread = threading.Thread(
+            target=self._run, name=f"reader {mask_secrets(location)}", daemon=False
+        )
 
-    def begin(self, queue: BoundedQueue[Frame], arrived: Arrival) -> None:
+    def begin(
+        self, queue: BoundedQueue[Frame], arrived: Callable[[Packet[Stream], Caps, StreamKind], None]
+    ) -> None:
         """Starts reading.
 
         Args:
@@ -100,7 +101,7 @@ class PacketReader:
         except StreamkitError as cause:
             error = cause
         except Exception as cause:  # raised by the queue in the consumer's thread
-            error = ResourceError(f"{redact(self.location)}: {redact(str(cause))}")
+            error = ResourceError(f"{mask_secrets(self.location)}: {mask_secrets(str(cause))}")
         finally:
             CLAIMS.release(self)
             self._queue.end(None if self._ending.is_set() else error)
@@ -130,7 +131,7 @@ class PacketReader:
         packets = read_packets(container, *(stream for stream, _ in streams))
         if in_pieces:
             packets = complete_frames(packets, video, frame_duration(video), sockets, self._left_s)
-        where = redact(self.location)
+        where = mask_secrets(self.location)
         try:
             for packet in packets:
                 if self._ending.is_set():
@@ -165,7 +166,7 @@ class PacketReader:
                 raise
             # FFmpeg often does not say why.
             reason = unreachable(self.location, self._options.get("ca_file"), left_s, "check the address")
-            raise ResourceError(f"{redact(self.location)}: {reason}") if reason else error from None
+            raise ResourceError(f"{mask_secrets(self.location)}: {reason}") if reason else error from None
 
 
 def frame_duration(video: VideoStream) -> int:
@@ -185,6 +186,6 @@ class Silence(TimedOut):
 def silence(location: str, timeout_s: float) -> Silence:
     """The error for a server that sends nothing."""
     return Silence(
-        f"{redact(location)}: the server has been silent for {timeout_s:g} s (timeout-s); "
+        f"{mask_secrets(location)}: the server has been silent for {timeout_s:g} s (timeout-s); "
         "check that it plays elsewhere, or allow more time"
     )

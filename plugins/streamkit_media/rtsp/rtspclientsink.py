@@ -9,9 +9,8 @@ import time
 
 from typing_extensions import override
 
-from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink
+from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink, mask_secrets
 from streamkit_media.codecs import caps_parameters
-from streamkit_media.container import redact
 from streamkit_media.nalunits import AnnexBWriter, BadPacket
 from streamkit_media.recording.packetsink import BEFORE_KEYFRAME, times_of
 from streamkit_media.rtsp.endpoint import Reconnect, RtspEndpoint, Transport
@@ -254,7 +253,7 @@ class RtspClientSink(RtspEndpoint, Sink):
         self._retry_s = self._delay_before_retry(error) + time.monotonic()
 
     def _error(self, failure: PushFailure) -> str:
-        reason = redact(failure.reason)
+        reason = mask_secrets(failure.reason)
         if failure.is_refused:
             return (
                 f"{self._where}: the server asks for other credentials: {reason}; "

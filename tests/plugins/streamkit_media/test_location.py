@@ -1,6 +1,8 @@
 import pytest
 
-from streamkit_media.container import is_network, redact, with_credentials
+from streamkit import mask_secrets
+from streamkit.output.names import is_network
+from streamkit_media.container import with_credentials
 
 
 @pytest.mark.parametrize(
@@ -17,7 +19,7 @@ from streamkit_media.container import is_network, redact, with_credentials
 )
 def test_redact_masks_secrets_and_nothing_else(text: str, shown: str) -> None:
     """User information and secret query fields become ***, all else stays."""
-    assert redact(text) == shown
+    assert mask_secrets(text) == shown
 
 
 def test_credentials_are_put_into_urls_that_have_none() -> None:

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit_media.nalunits import unit_type, units
+from streamkit_media.nalunits import START_CODES, unit_type, units
 
-START_CODES = (b"\0\0\0\1", b"\0\0\1")
 MOST_REORDERED = 16
 SUPPLEMENT, RECOVERY_POINT = 6, 6  # type of such units of H.264, and of the message in them
 
@@ -101,7 +100,7 @@ class AccessUnits:
             The frames that are complete with it.
         """
         data = bytes(piece)
-        found = list(units(data)) if data.startswith(START_CODES) else []
+        found = list(units(data)) if START_CODES.match(data) else []
         begins = bool(found) and self._may_begin(found[0])
         is_next = self._pieces and piece.pts != self._pieces[0].pts
         if self._pieces and (is_next or (begins and self._has_slice)):
