@@ -12,7 +12,7 @@ from streamkit_wavelet_eigen.wavelet import FloatBatch, decompose, reconstruct, 
 
 # Pixels per chunk: intermediate arrays fit the cache, and memory does not grow with the batch.
 CHUNK_PIXELS = 64 * 32 * 32
-HIGHEST_LEVEL = np.float32(255.0)
+MAX_LEVEL = np.float32(255.0)
 # The LL band of a constant patch varies by float32 rounding, up to about 1e-4.
 CONSTANT_SPAN = np.float32(1e-3)
 # The median of |x| of a normal variable is 0.6745 standard deviations.
@@ -85,27 +85,23 @@ def prepare(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
     chunk = max(CHUNK_PIXELS // max(height * width, 1), 1)
     for first in range(0, count, chunk):
         part = patches[first : first + chunk]
-        part = part if how.mode is Mode.RAW else _prepare_chunk(part, how)
+        if how.mode is not Mode.RAW:
+            coefficients = decompose(part, how.wavelet)
+            denoised = threshold_details(coefficients, how.threshold)
+            if how.mode is Mode.PAPER:
+                low = np.s_[:, : height // 2, : width // 2]
+                denoised[low] = equalised_in_own_range(coefficients[low])
+            part = reconstruct(denoised, how.wavelet)
+            part = equalised(part) if how.mode is Mode.PAPER else np.clip(part, 0.0, 255.0)
         for _ in range(how.approximation):
             part = _approximation(part, how.wavelet)
         prepared[first : first + chunk] = part
     return prepared
 
 
-def _prepare_chunk(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
-    coefficients = decompose(patches, how.wavelet)
-    denoised = threshold_details(coefficients, how.threshold)
-    if how.mode is not Mode.PAPER:
-        return np.clip(reconstruct(denoised, how.wavelet), 0.0, 255.0)
-    height, width = patches.shape[1:]
-    low = coefficients[:, : height // 2, : width // 2]
-    denoised[:, : height // 2, : width // 2] = equalised_in_own_range(low)
-    return equalised(reconstruct(denoised, how.wavelet))
-
-
 def equalised(patches: FloatBatch) -> FloatBatch:
     """Patches float32[n, h, w] with equal grey histograms; levels are rounded, and clipped to 0..255."""
-    levels = np.clip(np.rint(patches), 0, HIGHEST_LEVEL).astype(np.uint8)
+    levels = np.clip(np.rint(patches), 0, MAX_LEVEL).astype(np.uint8)
     result = np.empty_like(patches)
     for patch, level in zip(result, levels, strict=True):
         patch[:] = cv2.equalizeHist(level)
@@ -117,9 +113,9 @@ def equalised_in_own_range(bands: FloatBatch) -> FloatBatch:
     lowest = bands.min(axis=(1, 2), keepdims=True)
     span = bands.max(axis=(1, 2), keepdims=True) - lowest
     scale = np.zeros_like(span)
-    np.divide(HIGHEST_LEVEL, span, out=scale, where=span > CONSTANT_SPAN)
+    np.divide(MAX_LEVEL, span, out=scale, where=span > CONSTANT_SPAN)
     levels = equalised((bands - lowest) * scale)
-    levels *= span / HIGHEST_LEVEL
+    levels *= span / MAX_LEVEL
     levels += lowest
     return levels
 

@@ -87,22 +87,25 @@ def cut_windows(
     """
     height, width = image.shape
     boxes = np.asarray(boxes, np.float64).reshape(-1, 5)
-    is_finite = np.isfinite(boxes).all(axis=1, keepdims=True)
-    boxes = np.where(is_finite, boxes, 0.0)
-    patches, clipped = np.zeros((len(boxes), patch, patch), np.float32), np.ones(len(boxes))
+    is_finite = np.asarray(np.isfinite(boxes).all(axis=1))
+    boxes = np.where(is_finite[:, None], boxes, 0.0)
+    patches = np.zeros((len(boxes), patch, patch), np.float32)
     # Limited before the margin is applied: a box may be as large as a float.
     longest = max(height, width)
     sides = np.minimum(boxes[:, 2:4].max(axis=1), 4.0 * longest) * margin
     sides = np.rint(np.clip(sides, 1.0, longest)).astype(int)
     # Farther out every window has the same edge pixels.
     centres = np.clip(boxes[:, :2], -sides[:, None], sides[:, None] + (width, height))
+    reach = sides[:, None] / 2
+    spans = np.minimum(centres + reach, (width - 0.5, height - 0.5)) - np.maximum(centres - reach, -0.5)
+    clipped = np.where(is_finite, 1.0 - spans.clip(0.0).prod(axis=1) / sides**2, 1.0)
     for index in np.flatnonzero(is_finite):
         (x, y), side, angle = centres[index].tolist(), int(sides[index]), boxes[index, 4] % (2 * math.pi)
         if angle:
             patches[index] = _cut_rotated(image, x, y, side, angle, patch)
+            clipped[index] = _rotated_share(x, y, side, angle, width, height)
         else:
             patches[index] = _cut_upright(image, x, y, side, patch)
-        clipped[index] = _clipped_share(x, y, side, angle, width, height)
     flat = patches.std(axis=(1, 2), dtype=np.float64) < FLAT_DEVIATION
     return Windows(patches, flat, clipped, boxes[:, 2:4].max(axis=1) < TINY_SIDE)
 
@@ -150,14 +153,8 @@ def _cut_rotated(
     return np.asarray(rotated, np.uint8)
 
 
-def _clipped_share(x: float, y: float, side: int, angle: float, width: int, height: int) -> float:
-    """Share of a square outside the image; of a rotated one by a grid of samples."""
-    if not angle:
-        spans = [
-            min(centre + side / 2, length - 0.5) - max(centre - side / 2, -0.5)
-            for centre, length in ((x, width), (y, height))
-        ]
-        return 1.0 - max(spans[0], 0.0) * max(spans[1], 0.0) / side**2
+def _rotated_share(x: float, y: float, side: int, angle: float, width: int, height: int) -> float:
+    """Share of a rotated square outside the image, by a grid of samples."""
     steps = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5) * side
     along, across = np.meshgrid(steps, steps)
     columns = x + math.cos(angle) * along - math.sin(angle) * across
