@@ -27,7 +27,7 @@ DISCONTINUITY, CORRUPT = int(FrameFlags.DISCONTINUITY), int(FrameFlags.CORRUPT)
 KEYFRAME = int(FrameFlags.KEYFRAME)
 SIDEWAYS = (90, 270)
 ONE_THREAD_PIXELS = 1920 * 1088
-SPARE_THREADS, MOST_THREADS = 2, 16
+SPARE_THREADS, MAX_THREADS = 2, 16
 TOO_OLD = "late: too old when decoded"
 NO_FRAME = "packet without a frame of its own"
 Decoded = list[tuple[VideoFrame, Frame]]
@@ -122,12 +122,29 @@ class Decode(Transform):
 
     def transform(self, frame: Frame) -> Frame | Iterable[Frame] | None:
         """Decodes one packet; a new format or epoch first drains the old decoder."""
-        if frame.caps is self._coded_caps and frame.epoch == self._epoch:
-            return self._decode(frame)
-        held = list(self._finish())
-        self._begin(frame)
-        decoded = self._decode(frame)
-        return [*held, *([decoded] if isinstance(decoded, Frame) else decoded)] if held else decoded
+        held: list[Frame] = []
+        if frame.caps is not self._coded_caps or frame.epoch != self._epoch:
+            held = list(self._finish())
+            self._begin(frame)
+        assert self._decoder is not None
+        data, is_keyframe = memoryview(frame.data), bool(frame.flags & KEYFRAME)
+        if not data.nbytes:
+            self._drop_packet(frame, "empty packet")
+            return held
+        if self._frame_numbers is not None and self._frame_numbers.lacks_reference(data, is_keyframe):
+            frame = frame.replace(flags=frame.flags | CORRUPT)
+        if self.skip is not Skip.NONE and self._is_skipped(frame):
+            self._drop_packet(frame, f"skip={self.skip}")
+            return held
+        self._packets += 1
+        self._numbers.put(frame.seq)
+        try:
+            decoded = self._decoder.decode(frame.data, frame, is_keyframe)
+        except FFmpegError as error:
+            self._undecodable(frame, error)
+            return held
+        frames = [*held, *self._shown(decoded)]
+        return frames[0] if len(frames) == 1 else frames
 
     def drain(self) -> Iterable[Frame]:
         """The frames the decoder still holds.
@@ -188,32 +205,11 @@ class Decode(Transform):
         if self.threads:
             return self.threads
         if self._threading() is Threading.FRAME:
-            return min(MOST_THREADS, (os.cpu_count() or 1) + SPARE_THREADS)
+            return min(MAX_THREADS, (os.cpu_count() or 1) + SPARE_THREADS)
         parameters = self._parameters
         is_small = parameters.width * parameters.height <= ONE_THREAD_PIXELS
         is_auto = self.threads_type is ThreadsType.AUTO
         return 1 if is_auto and is_small and parameters.codec == "h264" and self.query_live() else 0
-
-    def _decode(self, frame: Frame) -> Frame | list[Frame]:
-        assert self._decoder is not None
-        data, is_keyframe = memoryview(frame.data), bool(frame.flags & KEYFRAME)
-        if not data.nbytes:
-            self._drop_packet(frame, "empty packet")
-            return []
-        if self._frame_numbers is not None and self._frame_numbers.lacks_reference(data, is_keyframe):
-            frame = frame.replace(flags=frame.flags | CORRUPT)
-        if self.skip is not Skip.NONE and self._is_skipped(frame):
-            self._drop_packet(frame, f"skip={self.skip}")
-            return []
-        self._packets += 1
-        self._numbers.put(frame.seq)
-        try:
-            decoded = self._decoder.decode(frame.data, frame, is_keyframe)
-        except FFmpegError as error:
-            self._undecodable(frame, error)
-            return []
-        frames = self._shown(decoded)
-        return frames[0] if len(frames) == 1 else frames
 
     def _drop_packet(self, frame: Frame, reason: str, *, is_damage: bool = False) -> None:
         is_discontinuity = bool(frame.flags & DISCONTINUITY)

@@ -12,7 +12,7 @@ DAMAGE_LASTS = 300
 PENDING_LIMIT = 256
 WINDOW = 32
 FIRST_DELAY_NS = 50_000_000
-LEAST_GAIN_NS = 5_000_000
+MIN_GAIN_NS = 5_000_000
 
 
 class AscendingNumbers:
@@ -97,6 +97,6 @@ class InherentDelay:
         if self._dropped_age_ns is None:
             has_waited = age_ns - min(self._ages) > slack_ns
         else:
-            has_waited = self._dropped_age_ns - age_ns > LEAST_GAIN_NS
+            has_waited = self._dropped_age_ns - age_ns > MIN_GAIN_NS
         self._dropped_age_ns = age_ns if has_waited else None
         return has_waited
