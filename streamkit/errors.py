@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 from streamkit.masking import presentable, star_secrets
 
-LONGEST_NAME = 64
+MAX_NAME_LENGTH = 64
 
 
 def did_you_mean(word: str, known: Iterable[str], similarity: float = 0.6) -> str:
@@ -40,7 +40,7 @@ def did_you_mean(word: str, known: Iterable[str], similarity: float = 0.6) -> st
     """
     import difflib
 
-    if len(word) > LONGEST_NAME:
+    if len(word) > MAX_NAME_LENGTH:
         return ""
     by_lower_case = {name.lower(): name for name in known}
     nearest = difflib.get_close_matches(word.lower(), list(by_lower_case), n=1, cutoff=similarity)

@@ -33,7 +33,7 @@ from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFi
 
 TELEMETRY_CAPS = "meta/x-klv; text/x-raw"
 HELD_LIMIT = 32
-LONGEST_S = 1e9
+MAX_OFFSET_S = 1e9
 FOREVER_NS = 1 << 62
 # Telemetry may lack a second at both ends of a video of 20 s.
 COVERED_SHARE = 0.9
@@ -58,12 +58,12 @@ class PoseSync(Combine):
     max_gap_s: float = Property(
         1.0,
         min=0.0,
-        max=LONGEST_S,
+        max=MAX_OFFSET_S,
         unit="s",
         doc="A pose whose nearest measurement is further away is stale.",
     )
     offset_s: float = Property(
-        0.0, min=-LONGEST_S, max=LONGEST_S, unit="s", doc="Added to the telemetry's times."
+        0.0, min=-MAX_OFFSET_S, max=MAX_OFFSET_S, unit="s", doc="Added to the telemetry's times."
     )
     wait_ms: int = Property(200, min=0, unit="ms", doc="Longest time a live frame waits for telemetry.")
 

@@ -17,9 +17,9 @@ from streamkit_telemetry.st0601writer import ber_length, ber_oid, element, short
 
 VMTI_TAG = 74  # of ST 0601
 VERSION = 4  # of ST 0903
-LONGEST_NAME = 32
+MAX_NAME_LENGTH = 32
 # More would not fit into one packet of a transport stream; those of the highest scores are reported.
-MOST_TARGETS = 1000
+MAX_TARGETS = 1000
 
 
 class Status(enum.IntEnum):
@@ -66,7 +66,7 @@ def encode_vmti(targets: Iterable[Target], detected: int, size: tuple[int, int],
     """
     packs = [pack for target in _best(list(targets)) if (pack := _vtarget(target, *size)) is not None]
     series = b"".join(ber_length(len(pack)) + pack for pack in packs)
-    name = system.encode()[:LONGEST_NAME].decode(errors="ignore").encode()
+    name = system.encode()[:MAX_NAME_LENGTH].decode(errors="ignore").encode()
     return b"".join(
         [
             element(3, name) if name else b"",
@@ -81,9 +81,9 @@ def encode_vmti(targets: Iterable[Target], detected: int, size: tuple[int, int],
 
 
 def _best(targets: Sequence[Target]) -> Sequence[Target]:
-    if len(targets) <= MOST_TARGETS:
+    if len(targets) <= MAX_TARGETS:
         return targets
-    return sorted(targets, key=lambda target: target.confidence, reverse=True)[:MOST_TARGETS]
+    return sorted(targets, key=lambda target: target.confidence, reverse=True)[:MAX_TARGETS]
 
 
 def _vtarget(target: Target, width: int, height: int) -> bytes | None:

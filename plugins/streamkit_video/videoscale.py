@@ -10,7 +10,7 @@ from streamkit_video.dronetestsrc.truth import TrueRegistration, TrueTargets
 from streamkit_video.pixel_formats import FORMATS, PLANAR, odd_size_error, supports_size
 from streamkit_video.scaling import ScaleMethod, Size, scale_image
 
-LARGEST_SIDE = 32767
+MAX_SIDE = 32767
 """Limit of OpenCV's resize, px."""
 
 
@@ -25,8 +25,7 @@ class VideoScale(Transform):
     """
 
     sink = src = (
-        f"video/x-raw, format={{ {', '.join(FORMATS)} }}, "
-        f"width=[ 1, {LARGEST_SIDE} ], height=[ 1, {LARGEST_SIDE} ]"
+        f"video/x-raw, format={{ {', '.join(FORMATS)} }}, width=[ 1, {MAX_SIDE} ], height=[ 1, {MAX_SIDE} ]"
     )
 
     method: ScaleMethod = Property(
@@ -45,7 +44,7 @@ class VideoScale(Transform):
     def transform_caps(self, caps: Caps, direction: str) -> Caps:
         if caps.is_any:
             return self.pads["sink"].template.caps
-        side = IntRange(1, LARGEST_SIDE)
+        side = IntRange(1, MAX_SIDE)
         return caps | caps.with_fields(width=side, height=side)
 
     @override

@@ -20,10 +20,10 @@ from streamkit.flow.caps_text import (
     read_width,
 )
 
-INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
+INT, UINT, INT64, UINT64 = 2**31 - 1, 2**32 - 1, 2**63 - 1, 2**64 - 1  # maxima of C's types
 # Bits, and whether it is signed, of the C type whose maximum a property has.
 WIDTHS: dict[Any, tuple[int, bool]] = {
-    2**31 - 1: (32, True), 2**32 - 1: (32, False), 2**63 - 1: (64, True), 2**64 - 1: (64, False),
+    INT: (32, True), UINT: (32, False), INT64: (64, True), UINT64: (64, False),
 }  # fmt: skip
 BLANKS = " \t\n\r\f\v"  # C's functions skip them in front of a number
 ESCAPE = re.compile(rb"\\([0-3][0-7]{2}|.)", re.DOTALL)
@@ -123,7 +123,7 @@ def _demand(value: Any, rule: str) -> Any:
 def _integer(text: str, minimum: int | None, maximum: int | None) -> int:
     word = text.lower()
     if word in ("min", "max"):
-        given, widest = (minimum, INT64_MIN) if word == "min" else (maximum, INT64_MAX)
+        given, widest = (minimum, -INT64 - 1) if word == "min" else (maximum, INT64)
         return widest if given is None else int(given)
     rule = "it takes a whole number such as 12, -1 or 0x10"
     if maximum in WIDTHS or word in BYTE_ORDERS:
@@ -132,7 +132,7 @@ def _integer(text: str, minimum: int | None, maximum: int | None) -> int:
         if wrapped is not None:
             return wrapped
     value = int(_demand(read_integer(text.lstrip(BLANKS)), rule))
-    if not INT64_MIN <= value <= INT64_MAX:
+    if not -INT64 - 1 <= value <= INT64:
         raise ValueError("it takes a number of at most 64 bits")
     return value
 

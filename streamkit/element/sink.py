@@ -10,15 +10,12 @@ from typing import Any
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
-from streamkit.element.property_text import Choice
+from streamkit.element.property_text import INT64, UINT64, Choice
 from streamkit.errors import StreamError
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import CapsEvent, EosEvent, Event, Flushing, GapEvent
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
-
-MAX_NS = 2**63 - 1
-MAX_UNSIGNED_NS = 2**64 - 1
 
 
 class OnError(Choice):
@@ -43,16 +40,16 @@ class Sink(Element):
         True, name="async", doc="Whether a paused pipeline is prerolled only when this sink holds a frame."
     )
     max_lateness: int = Property(
-        -1, min=-1, max=MAX_NS, unit="ns", doc="With sync: drop frames later than this; -1 is never."
+        -1, min=-1, max=INT64, unit="ns", doc="With sync: drop frames later than this; -1 is never."
     )
     qos: bool = Property(False, doc="With sync: post a message for each frame dropped because it is late.")
-    ts_offset: int = Property(0, min=-MAX_NS, max=MAX_NS, unit="ns", doc="With sync: delay of each frame.")
+    ts_offset: int = Property(0, min=-INT64, max=INT64, unit="ns", doc="With sync: delay of each frame.")
     render_delay: int = Property(
-        0, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="With sync: render each frame this much earlier."
+        0, min=0, max=UINT64, unit="ns", doc="With sync: render each frame this much earlier."
     )
-    throttle_time: int = Property(0, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="Minimum frame interval.")
+    throttle_time: int = Property(0, min=0, max=UINT64, unit="ns", doc="Minimum frame interval.")
     processing_deadline: int = Property(
-        20_000_000, min=0, max=MAX_UNSIGNED_NS, unit="ns", doc="With sync: time to process live frames."
+        20_000_000, min=0, max=UINT64, unit="ns", doc="With sync: time to process live frames."
     )
 
     on_error: OnError = Property(

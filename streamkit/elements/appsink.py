@@ -10,6 +10,7 @@ from typing_extensions import override
 
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
+from streamkit.element.property_text import UINT, UINT64
 from streamkit.elements.frame_report import Callbacks
 from streamkit.elements.plainsink import PlainSink
 from streamkit.errors import StateError
@@ -19,8 +20,6 @@ from streamkit.flow.frame import Frame
 from streamkit.handoff.frame_queue import FrameQueue
 
 POLL_S = 0.2
-UINT = 2**32 - 1
-UINT64 = 2**64 - 1
 
 
 class AppSink(PlainSink):

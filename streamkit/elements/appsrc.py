@@ -9,7 +9,7 @@ from typing import Any
 from typing_extensions import override
 
 from streamkit.element.property import Property
-from streamkit.element.property_text import Choice
+from streamkit.element.property_text import INT, INT64, UINT64, Choice
 from streamkit.element.source import Source
 from streamkit.elements.fakesrc import StreamFormat
 from streamkit.elements.frame_report import Callbacks
@@ -20,8 +20,6 @@ from streamkit.flow.frame import Frame, FrameFlags
 from streamkit.handoff.frame_queue import FrameQueue
 
 POLL_S = 0.2
-INT64 = 2**63 - 1
-UINT64 = 2**64 - 1
 
 
 class LeakyType(Choice):
@@ -58,7 +56,7 @@ class AppSrc(Source):
     current_level_buffers: int = Property(0, read=lambda s: s.pending.buffers, doc="Number of queued frames.")
     current_level_bytes: int = Property(0, read=lambda s: s.pending.bytes, unit="bytes", doc="Queued bytes.")
     current_level_time: int = Property(0, read=lambda s: s.pending.time_ns, unit="ns", doc="Queued time.")
-    num_buffers: int = Property(-1, min=-1, max=2**31 - 1, doc="Frames before EOS; -1 is endless.")
+    num_buffers: int = Property(-1, min=-1, max=INT, doc="Frames before EOS; -1 is endless.")
     is_live: bool = Property(False, doc="Frames arrive at their own pace; none are sent while paused.")
     do_timestamp: bool = Property(False, doc="Timestamp frames that have no timestamp with the running time.")
     min_latency: int = Property(-1, min=-1, max=INT64, unit="ns", doc="Minimum age of live frames; -1 is 0.")

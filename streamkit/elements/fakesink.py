@@ -7,14 +7,12 @@ from typing import Any
 from typing_extensions import override
 
 from streamkit.element.property import Property
-from streamkit.element.property_text import Choice
+from streamkit.element.property_text import INT, Choice
 from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.elements.plainsink import PlainSink
 from streamkit.errors import StateError
 from streamkit.flow.events import EndOfStream
 from streamkit.flow.frame import Frame
-
-INT = 2**31 - 1
 
 
 class StateFault(Choice):

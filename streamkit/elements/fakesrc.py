@@ -10,14 +10,13 @@ from typing import Any
 from typing_extensions import override
 
 from streamkit.element.property import Property
-from streamkit.element.property_text import Choice
+from streamkit.element.property_text import INT, UINT, Choice
 from streamkit.element.source import Source
 from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.errors import NotNegotiated
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.frame import Frame
 
-INT = 2**31 - 1
 PATTERN = bytes(range(256))
 
 
@@ -84,7 +83,7 @@ class FakeSrc(Source):
     signal_handoffs: bool = Property(False, doc="Call `on_handoff` with each frame.")
     dump: bool = Property(False, doc="Post the bytes of each frame as a message.")
     last_message: str | None = Property(None, readonly=True, doc="The last action, unless silent.")
-    blocksize: int = Property(4096, min=0, max=2**32 - 1, doc="Accepted, without effect: see sizemax.")
+    blocksize: int = Property(4096, min=0, max=UINT, doc="Accepted, without effect: see sizemax.")
     can_activate_push: bool = Property(True, doc="Accepted, without effect: frames are always pushed.")
     can_activate_pull: bool = Property(True, doc="Accepted, without effect: frames are never pulled.")
     format: StreamFormat = Property(StreamFormat.BYTES, doc="Accepted, without effect: times are ns.")

@@ -9,7 +9,7 @@ from streamkit.element.pad import Pad
 from streamkit.flow.frame import Frame
 from streamkit.handoff.frame_queue import data_size
 
-MOST_DUMPED = 4096
+MAX_DUMPED = 4096
 
 
 class Callbacks:
@@ -72,9 +72,9 @@ def frame_text(verb: str, pad: Pad, frame: Frame) -> str:
 def dump_text(frame: Frame) -> str:
     """The first bytes of a frame in hexadecimal, 16 per line, with their offset."""
     try:
-        content = bytes(memoryview(frame.data).cast("B")[:MOST_DUMPED])
+        content = bytes(memoryview(frame.data).cast("B")[:MAX_DUMPED])
     except (TypeError, ValueError):  # no buffer, or not contiguous
-        return repr(frame.data)[:MOST_DUMPED]
+        return repr(frame.data)[:MAX_DUMPED]
     return "\n".join(
         f"{start:08x}: {content[start : start + 16].hex(' ')}" for start in range(0, len(content), 16)
     )

@@ -10,8 +10,8 @@ from streamkit.flow.caps import Caps, Structure
 from streamkit.flow.caps_values import FractionRange, ValueList
 
 VARIABLE = Fraction(0)
-MOST = Fraction(2**31 - 1)
-ANY_RATE = FractionRange(VARIABLE, MOST)
+MAX_RATE = Fraction(2**31 - 1)
+ANY_RATE = FractionRange(VARIABLE, MAX_RATE)
 NTSC = Fraction(1000, 1001)
 
 
@@ -47,7 +47,7 @@ def rates_before(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:
             return
         yield structure
         low = rate_bounds(rate)[0]
-        yield structure.with_field("framerate", FractionRange(low, MOST))
+        yield structure.with_field("framerate", FractionRange(low, MAX_RATE))
         if low > 0:
             yield structure.with_field("framerate", VARIABLE)
 

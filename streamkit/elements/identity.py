@@ -9,6 +9,7 @@ from typing_extensions import override
 
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
+from streamkit.element.property_text import INT, INT64, UINT
 from streamkit.element.transform import Transform
 from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.errors import PropertyError, StreamError
@@ -16,8 +17,6 @@ from streamkit.flow.events import OPEN_SEGMENT, EndOfStream, Event, Flushing, Ga
 from streamkit.flow.frame import Frame, FrameFlags
 from streamkit.handoff.frame_queue import data_size
 
-INT = 2**31 - 1
-INT64 = 2**63 - 1
 FLAGS = {"discont": FrameFlags.DISCONTINUITY, "corrupted": FrameFlags.CORRUPT}
 DELTA_UNIT = "delta-unit"  # not a keyframe; only coded streams distinguish them
 NEVER_SET = (  # GStreamer's other flags, which frames here do not have
@@ -40,7 +39,7 @@ class Identity(Transform):
 
     sink = src = "ANY"
 
-    sleep_time: int = Property(0, min=0, max=2**32 - 1, unit="us", doc="Delay of each frame.")
+    sleep_time: int = Property(0, min=0, max=UINT, unit="us", doc="Delay of each frame.")
     error_after: int = Property(-1, min=-1, max=INT, doc="Fails at the n-th frame; -1 is never.")
     eos_after: int = Property(-1, min=-1, max=INT, doc="Ends the stream at the n-th frame; -1 is never.")
     drop_probability: float = Property(0.0, min=0.0, max=1.0, doc="Probability that a frame is dropped.")

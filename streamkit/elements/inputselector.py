@@ -19,7 +19,7 @@ from streamkit.flow.events import EOS, EndOfStream, Event
 from streamkit.flow.frame import Frame
 
 CLOCK_POLL_S = 0.02
-MOST_CACHED = 256
+MAX_CACHED = 256
 
 
 class SyncMode(Choice):
@@ -106,7 +106,7 @@ class InputSelector(Combine):
     def _cache(self, pad: Pad, frame: Frame) -> None:
         kept = self._cached.setdefault(pad.name, deque())
         kept.append(frame)
-        while kept and (len(kept) > MOST_CACHED or self._is_past(pad, kept[0])):
+        while kept and (len(kept) > MAX_CACHED or self._is_past(pad, kept[0])):
             kept.popleft()
             self.count_drop("input not active")
 

@@ -8,12 +8,10 @@ from typing_extensions import override
 
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
+from streamkit.element.property_text import UINT
 from streamkit.element.sink import Sink
 from streamkit.flow.events import EndOfStream, Event, Segment, SegmentEvent
 from streamkit.flow.frame import Frame
-
-UINT = 2**32 - 1
-UINT64 = 2**64 - 1
 
 
 class PlainSink(Sink):

@@ -11,7 +11,7 @@ from typing_extensions import override
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
-from streamkit.element.property_text import Choice
+from streamkit.element.property_text import UINT, UINT64, Choice
 from streamkit.elements.frame_report import Callbacks
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import (
@@ -31,8 +31,6 @@ from streamkit.handoff.frame_queue import FrameQueue
 
 POLL_S = 0.5  # interval at which waits check `stopping`, in case a notification is missed
 PARK_S = 2.0  # longest wait of a flush for the frame in flight downstream
-UINT = 2**32 - 1
-UINT64 = 2**64 - 1
 
 
 class Leaky(Choice):

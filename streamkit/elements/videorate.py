@@ -10,6 +10,7 @@ from typing_extensions import override
 
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
+from streamkit.element.property_text import INT, INT64, UINT64
 from streamkit.element.transform import Transform
 from streamkit.elements.framerate_caps import VARIABLE, estimated_rate, rate_bounds, rates_after, rates_before
 from streamkit.errors import NotNegotiated, StreamError
@@ -18,8 +19,6 @@ from streamkit.flow.clock import SECOND_NS
 from streamkit.flow.events import CapsEvent, DiscontinuityEvent, Event, FlushStart, FlushStop, SegmentEvent
 from streamkit.flow.frame import Frame
 
-INT = 2**31 - 1
-UINT64 = 2**64 - 1
 KINDS = "video/x-raw(ANY); video/x-bayer(ANY); image/jpeg(ANY); image/png(ANY)"
 
 
@@ -39,7 +38,7 @@ class VideoRate(Transform):
         INT, min=1, max=INT, live=True, unit="frames/s", doc="Maximum output rate; implies drop-only."
     )
     average_period: int = Property(
-        0, min=0, max=2**63 - 1, unit="ns", doc="With max-rate: averaging period of the rate; 0 is none."
+        0, min=0, max=INT64, unit="ns", doc="With max-rate: averaging period of the rate; 0 is none."
     )
     max_duplication_time: int = Property(0, min=0, max=UINT64, unit="ns", doc="Longest filled gap; 0 is any.")
     max_closing_segment_duplication_duration: int = Property(

@@ -15,7 +15,7 @@ from streamkit.geometry.earth import metres_per_degree
 # Standard deviations of a position of satellite navigation, m, and of an attitude, rad.
 POSITION_STD_M: Final = 3.0
 _ATTITUDE_STD: Final = math.radians(1.0)
-_LEAST_HEIGHT_M: Final = 1.0
+_MIN_HEIGHT_M: Final = 1.0
 _STRAIGHT_DOWN: Final = (0.0, -math.pi / 2, 0.0)
 
 
@@ -78,7 +78,7 @@ def height_above_ground(pose: CameraPose, ground_altitude: float | None) -> floa
     if pose.altitude is None or ground is None:
         return None
     height = pose.altitude - ground
-    return height if height > _LEAST_HEIGHT_M else None
+    return height if height > _MIN_HEIGHT_M else None
 
 
 def has_heading(pose: CameraPose) -> bool:

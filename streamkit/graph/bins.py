@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
+from streamkit.element.property_text import UINT64
 from streamkit.errors import DescriptionError, Place
 
 
@@ -58,10 +59,10 @@ class Bin(Element):
 class PipelineBin(Bin):
     """A group written as `pipeline.( ... )`."""
 
-    delay: int = Property(0, min=0, max=2**64 - 1, unit="ns", doc="Accepted for gst-launch's sake.")
+    delay: int = Property(0, min=0, max=UINT64, unit="ns", doc="Accepted for gst-launch's sake.")
     auto_flush_bus: bool = Property(True, doc="Accepted for gst-launch's sake.")
     latency_ns: int = Property(
-        2**64 - 1, name="latency", min=0, max=2**64 - 1, unit="ns", doc="Accepted for gst-launch's sake."
+        UINT64, name="latency", min=0, max=UINT64, unit="ns", doc="Accepted for gst-launch's sake."
     )
 
 

@@ -10,7 +10,7 @@ from streamkit.errors import DescriptionError, PluginBroken
 from streamkit.graph.tokens import TOKEN_LIMIT, DescriptionLexer
 from streamkit.masking import MASK, credential_spans, is_secret_name
 
-SHORTEST_PIECE = 3  # shorter ones occur in too many words of an error
+MIN_PIECE = 3  # shorter ones occur in too many words of an error
 
 
 def conceal(error: DescriptionError, text: str) -> None:
@@ -23,7 +23,7 @@ def conceal(error: DescriptionError, text: str) -> None:
         for start, end in credential_spans(text)
         if re.search(r"\s", text[start:end])
         for piece in re.split(r"[\s:@/!]+", text[start:end])
-        if len(piece) >= SHORTEST_PIECE
+        if len(piece) >= MIN_PIECE
     }
     if pieces:
         words = re.compile("|".join(re.escape(piece) for piece in sorted(pieces, key=len, reverse=True)))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
 FLUSH_S = 1.0
-LONGEST_NAME = 200  # of 255 bytes, for what is added to it
+MAX_NAME_LENGTH = 200  # of 255 bytes, for what is added to it
 
 
 class OutputFile(io.FileIO):
@@ -50,7 +50,7 @@ class OutputFile(io.FileIO):
             self._target.parent.mkdir(parents=True, exist_ok=True)
             is_there = self._target.exists()
             if is_whole or (is_there and not append):
-                name = f".{self._target.name[:LONGEST_NAME]}.{os.getpid()}.partial"
+                name = f".{self._target.name[:MAX_NAME_LENGTH]}.{os.getpid()}.partial"
                 self._unpublished = self._target.with_name(name)
             elif not is_there:
                 self._unpublished = self._target

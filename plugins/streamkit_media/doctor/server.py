@@ -7,7 +7,7 @@ import socket
 import time
 from dataclasses import dataclass
 
-LARGEST_REPLY = 1 << 16
+MAX_REPLY_BYTES = 1 << 16
 BEGINNING = b"RTSP/"
 
 
@@ -65,7 +65,7 @@ def ask_options(host: str, port: int, url: str, limit_s: float) -> ServerFacts:
 
 def _read_head(connection: socket.socket, deadline: float) -> str:
     data = b""
-    while b"\r\n\r\n" not in data and len(data) < LARGEST_REPLY:
+    while b"\r\n\r\n" not in data and len(data) < MAX_REPLY_BYTES:
         left = deadline - time.monotonic()
         if left <= 0:
             raise NoAnswer("it accepts the connection and does not answer")

@@ -15,7 +15,7 @@ from streamkit.output.file import OutputFile
 
 TIME_BASE = Fraction(1, 90_000)
 FRAGMENT_TICKS = TIME_BASE.denominator  # an older file is replaced once so much can be played
-LONGEST_TICKS = 2**31 - 1  # MP4 holds durations in 32 bits; FFmpeg writes longer ones wrong, or crashes
+MAX_TICKS = 2**31 - 1  # MP4 holds durations in 32 bits; FFmpeg writes longer ones wrong, or crashes
 # Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.
 ALWAYS = {"flush_packets": "1", "max_interleave_delta": "500000"}
 FRAGMENTED = {"movflags": "frag_keyframe+empty_moov+default_base_moof", "frag_duration": "500000"}
@@ -77,10 +77,10 @@ class FileMuxer:
         Raises:
             ValueError: it is too long.
         """
-        if self._is_limited and ticks > LONGEST_TICKS:
+        if self._is_limited and ticks > MAX_TICKS:
             hours = 3600 * TIME_BASE.denominator
             raise ValueError(
-                f"{self._file.path.suffix} holds pauses of up to {LONGEST_TICKS / hours:.1f} h between two "
+                f"{self._file.path.suffix} holds pauses of up to {MAX_TICKS / hours:.1f} h between two "
                 f"frames, this is one of {ticks / hours:.1f} h; write .mkv or .ts, or segments"
             )
 

@@ -12,7 +12,7 @@ from streamkit_media.nalunits import AnnexBWriter, BadPacket
 from streamkit_media.recording.filemuxer import (
     FORMATS,
     FRAGMENT_TICKS,
-    LONGEST_TICKS,
+    MAX_TICKS,
     TIME_BASE,
     FileMuxer,
 )
@@ -100,7 +100,7 @@ class PacketWriter:
         packet.stream = stream
         try:
             packet.time_base, packet.dts, packet.pts = TIME_BASE, dts, max(pts, dts)
-            packet.duration = min(duration, LONGEST_TICKS)
+            packet.duration = min(duration, MAX_TICKS)
         except OverflowError:
             raise BadPacket(f"its time of {max(pts, dts) / TIME_BASE.denominator:.3g} s is none") from None
         self._last_dts[stream.index] = dts

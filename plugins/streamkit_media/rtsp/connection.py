@@ -21,8 +21,8 @@ WATCHDOG_MARGIN_S = 0.3
 LOOK_S = 0.5
 LATE = DecodeOnly("late: a newer frame had come")
 OVERRUN = "consumer too slow, older packets dropped"
-LONGEST_WAIT_NS = 500_000_000
-LONGEST_PAUSE_NS = 1_000_000_000
+MAX_WAIT_NS = 500_000_000
+MAX_PAUSE_NS = 1_000_000_000
 PRFT = struct.Struct("=q")
 LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter restarted
 STEP_NS = 1_000_000
@@ -147,7 +147,7 @@ class Connection:
         self._catches_up = False
         self._shown_ns = clock.monotonic_ns()
         self.next_seq = first_seq
-        self.queue = packet_queue(max_packets, max(LONGEST_WAIT_NS, self._latency_ns))
+        self.queue = packet_queue(max_packets, max(MAX_WAIT_NS, self._latency_ns))
 
     def frames(
         self, is_over: Event, count_drop: Callable[[str, int], None]
@@ -193,7 +193,7 @@ class Connection:
         jump to a key frame is shown, and in any case one per second.
         """
         now = self._clock.monotonic_ns()
-        if not len(self.queue) or has_jumped or now - self._shown_ns > LONGEST_PAUSE_NS:
+        if not len(self.queue) or has_jumped or now - self._shown_ns > MAX_PAUSE_NS:
             self._catches_up = False
         elif now - frame.arrival_ns > self._latency_ns:
             self._catches_up = True

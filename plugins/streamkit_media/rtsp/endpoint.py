@@ -12,7 +12,7 @@ from streamkit_media.container import with_credentials
 from streamkit_media.rtsp.reachability import DEFAULT_PORTS, SECURE, port_of, trusted_authorities, unreachable
 
 GROWTH = 2.0
-LEAST_SHARE = 0.5  # jitter: many clients of one server that restarts are not to come back at the same moment
+MIN_SHARE = 0.5  # jitter: many clients of one server that restarts are not to come back at the same moment
 
 
 Transport = enum.StrEnum("Transport", "TCP UDP")
@@ -46,7 +46,7 @@ class Backoff:
         # Past 60 doublings every cap is reached; the power itself would overflow at a thousand.
         longest = min(self._cap_s, self._first_s * GROWTH ** min(self.tries, 60))
         self.tries += 1
-        return longest * self._random.uniform(LEAST_SHARE, 1.0)
+        return longest * self._random.uniform(MIN_SHARE, 1.0)
 
     def reset(self) -> None:
         """It worked: the next delay is the first one again."""

@@ -17,7 +17,7 @@ from av.stream import Stream
 
 from streamkit_media.nalunits import START_CODES, unit_type, units
 
-MOST_REORDERED = 16
+MAX_REORDERED = 16
 SUPPLEMENT, RECOVERY_POINT = 6, 6  # type of such units of H.264, and of the message in them
 
 
@@ -63,7 +63,7 @@ class DecodingTimes:
         """
         insort(self._latest, pts)
         behind = len(self._latest) - 1 - self._latest.index(pts)
-        self._reordered = min(max(self._reordered, behind), MOST_REORDERED)
+        self._reordered = min(max(self._reordered, behind), MAX_REORDERED)
         del self._latest[: -self._reordered - 1]
         return self._latest[0]
 

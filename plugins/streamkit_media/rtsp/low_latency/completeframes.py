@@ -15,9 +15,9 @@ from streamkit_media.rtsp.sockets import duplicate
 
 UNPARSED = {"fflags": "+noparse"}  # FFmpeg's option to return what each RTP packet carries
 # A read that takes longer has waited for the network.
-SHORTEST_WAIT_S = 0.001
+MIN_WAIT_S = 0.001
 # A piece is its payload with start codes instead of fragment headers or sizes: so many bytes longer.
-LEAST_MORE_BYTES, MOST_MORE_BYTES = -3, 512
+MIN_MORE_BYTES, MAX_MORE_BYTES = -3, 512
 
 
 def can_be_joined(stream: Stream) -> bool:
@@ -76,7 +76,7 @@ def _marked(
                 return
             following = headers.peek()
             is_read = bool(header) and following != header
-            is_in_step = is_in_step or is_read or time.monotonic() - began > SHORTEST_WAIT_S
+            is_in_step = is_in_step or is_read or time.monotonic() - began > MIN_WAIT_S
             yield piece, is_read and _is_end(piece, header)
             header = following
 
@@ -84,4 +84,4 @@ def _marked(
 def _is_end(piece: Packet[Stream], header: bytes) -> bool:
     """Whether a piece is the payload of the packet with this header, and the last of its frame."""
     more = piece.size - payload_bytes(header) if header else 0
-    return is_marked(header) and LEAST_MORE_BYTES <= more <= MOST_MORE_BYTES
+    return is_marked(header) and MIN_MORE_BYTES <= more <= MAX_MORE_BYTES
