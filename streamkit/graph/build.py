@@ -25,7 +25,7 @@ from streamkit.graph.assignments import (
 )
 from streamkit.graph.bins import BIN_CLASSES, Bin, BinTree
 from streamkit.graph.files import FileConflict, check_files
-from streamkit.graph.graph import Graph
+from streamkit.graph.graph import Graph, auto_name
 from streamkit.graph.linking import Endpoint, Linker, PendingLink
 from streamkit.graph.negotiate import negotiate
 from streamkit.graph.parse import (
@@ -247,11 +247,8 @@ class GraphBuilder:
             self._bins.add(member, container, self._places.get(member, Place()))
 
     def _auto_name(self, factory: str) -> str:
-        """An automatic name as in GStreamer: the type, without dashes, and a number per type."""
-        number = self._numbers[factory]
         self._numbers[factory] += 1
-        plain = factory.replace("-", "")
-        return f"{plain}-{number}" if plain[-1:].isdigit() else f"{plain}{number}"
+        return auto_name(factory, self._numbers[factory] - 1)
 
 
 def _filter_caps(link: LinkNode) -> Caps | None:

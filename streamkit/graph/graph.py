@@ -120,9 +120,15 @@ class Graph:
                     )
 
 
+def auto_name(factory: str, number: int) -> str:
+    """An automatic name as in GStreamer: the type, without dashes, and a number per type."""
+    plain = factory.replace("-", "")
+    return f"{plain}-{number}" if plain[-1:].isdigit() else f"{plain}{number}"
+
+
 def free_name(factory: str, taken: Container[str]) -> str:
     """The first automatic name of an element type, such as "queue0", that is not taken."""
-    names = (f"{factory.replace('-', '')}{number}" for number in itertools.count())
+    names = (auto_name(factory, number) for number in itertools.count())
     return next(name for name in names if name not in taken)
 
 

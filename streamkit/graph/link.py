@@ -97,7 +97,7 @@ def _pair(
         ((src, sink) for src in src_choices for sink in sink_choices),
         key=lambda pair: (not isinstance(pair[0], Pad), not isinstance(pair[1], Pad)),
     )
-    for fits in (_intersect,) if strict else (_intersect, _convertible):
+    for fits in (_intersect,) if strict else (_intersect, are_convertible):
         for src, sink in pairs:
             if fits(_caps(src), _caps(sink)):
                 return src, sink
@@ -143,7 +143,7 @@ def _intersect(offered: Caps, accepted: Caps) -> bool:
     return not (offered & accepted).is_empty
 
 
-def _convertible(offered: Caps, accepted: Caps) -> bool:
+def are_convertible(offered: Caps, accepted: Caps) -> bool:
     """Whether caps conflict in the format of raw video only, so that negotiation inserts a converter."""
     return _intersect(offered.without_fields("format") & RAW_VIDEO, accepted.without_fields("format"))
 

@@ -11,9 +11,9 @@ from streamkit.element.registry import installed_elements, located, make_element
 from streamkit.errors import DescriptionError, Place
 from streamkit.flow.caps import Caps
 from streamkit.graph.graph import Graph, free_name
+from streamkit.graph.link import are_convertible
 
 CONVERTER = "videoconvert"
-RAW_VIDEO = "video/x-raw"
 
 
 def negotiate(graph: Graph, places: dict[str, Place]) -> None:
@@ -94,7 +94,7 @@ def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, p
     """Inserts a converter between raw-video pads that differ in format only; whether it did."""
     if CONVERTER not in installed_elements():
         return False
-    if (accepted.without_fields("format") & offered.without_fields("format") & Caps(RAW_VIDEO)).is_empty:
+    if not are_convertible(offered, accepted):
         return False
     with located(place):
         converter = make_element(
