@@ -52,6 +52,7 @@ from streamkit.flow.frame import Frame as Frame
 from streamkit.flow.frame import FrameFlags as FrameFlags
 from streamkit.flow.messages import Message as Message
 from streamkit.flow.messages import MessageKind as MessageKind
+from streamkit.flow.metadata import SHOWN_STATES as SHOWN_STATES
 from streamkit.flow.metadata import Detections as Detections
 from streamkit.flow.metadata import Features as Features
 from streamkit.flow.metadata import FeatureSpace as FeatureSpace

@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from streamkit_tracks.file_formats import SHOWN, xml_text
+from streamkit_tracks.file_formats import located, xml_text
 
 ADDRESS = re.compile(r"(?P<protocol>udp|tcp)://(?P<host>\[[0-9a-fA-F:]+\]|[^/:\s]+):(?P<port>\d{1,5})/?")
 # The schema's value for an unknown length.
@@ -35,9 +35,7 @@ def events(
     Source: Kristan, Cursor-on-Target Message Router User's Guide, MITRE MP090284 (Event.xsd).
     """
     time = now or _time_of(record)
-    for track in record["tracks"]:
-        if track["state"] not in SHOWN or "geo" not in track:
-            continue
+    for track in located(record):
         position = track["geo"]
         name = xml_text(f"{record['source']} {track['id']}")
         uid = quoteattr(f"streamkit.{name.replace(' ', '.')}")
@@ -59,7 +57,7 @@ def _time_of(record: Mapping[str, Any]) -> datetime:
 
 
 def _text(time: datetime) -> str:
-    return time.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.") + f"{time.microsecond // 1000:03d}Z"
+    return time.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 class EventSender:

@@ -14,6 +14,7 @@ from xml.sax.saxutils import escape
 
 from typing_extensions import override
 
+from streamkit import SHOWN_STATES
 from streamkit.output.text import TextFormat
 
 Record = Mapping[str, Any]
@@ -23,7 +24,6 @@ CSV_COLUMNS = (
     "x0", "y0", "x1", "y1", "vx", "vy", "score", "age_ns", "lat", "lon",
 )  # fmt: skip
 NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-SHOWN = ("confirmed", "coasting")
 MOT_CORNER = 1.5  # a box starts half a pixel before the centre of its first pixel, and pixels count from 1
 
 
@@ -100,7 +100,7 @@ class GeoJsonFormat(RecordFormat):
     @override
     def record(self, record: Record) -> bytes:
         written = b""
-        for track in _located(record):
+        for track in located(record):
             position = track["geo"]
             names = ("id", "state", "score", "age_ns")
             fields = {name: track[name] for name in names}
@@ -141,7 +141,7 @@ class KmlFormat(RecordFormat):
             f"<Placemark><name>{track['id']}</name><description>{source} {track['state']}</description>{when}"
             f"<Point><coordinates>{track['geo']['lon']:.8f},{track['geo']['lat']:.8f}</coordinates></Point>"
             "</Placemark>\n"
-            for track in _located(record)
+            for track in located(record)
         ).encode()
 
     @override
@@ -178,10 +178,11 @@ def xml_text(text: str) -> str:
 
 
 def _shown(record: Record) -> Iterator[Mapping[str, Any]]:
-    return (track for track in record["tracks"] if track["state"] in SHOWN)
+    return (track for track in record["tracks"] if track["state"] in SHOWN_STATES)
 
 
-def _located(record: Record) -> Iterator[Mapping[str, Any]]:
+def located(record: Record) -> Iterator[Mapping[str, Any]]:
+    """The confirmed and coasting targets with ground coordinates."""
     return (track for track in _shown(record) if "geo" in track)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from typing_extensions import override
 
-from streamkit import Frame, Property, ResourceError, TrackRecord, TrackState
+from streamkit import SHOWN_STATES, Frame, Property, ResourceError, TrackRecord
 from streamkit.geometry.homography import project
 from streamkit_tracks.record_file import RecordFileSink
 
@@ -87,7 +87,7 @@ class RerunSink(RecordFileSink):
 
     def _log_targets(self, record: TrackRecord) -> None:
         rerun = self._rerun
-        shown = [row for row in record.tracks if row.state in (TrackState.CONFIRMED, TrackState.COASTING)]
+        shown = [row for row in record.tracks if row.state in SHOWN_STATES]
         labels = [str(row.id) for row in shown]
         boxes = np.array([row.bbox for row in shown]).reshape(-1, 4)
         sizes = boxes[:, 2:] - boxes[:, :2]

@@ -9,7 +9,6 @@ from typing_extensions import override
 from streamkit import (
     TRACKS_CAPS,
     Caps,
-    Capture,
     Frame,
     Property,
     ResourceError,
@@ -67,9 +66,6 @@ class TrackSrc(Source):
             record = decode_record(line)
         except StreamError as error:
             raise StreamError(f"{self.location}, line {number}: {error}") from None
-        capture = None
-        if record.capture_ns is not None and record.capture_origin is not None:
-            capture = Capture(record.capture_ns, record.capture_origin)
         return Frame(
-            line, TRACKS_CAPS, pts=record.pts_ns, epoch=record.epoch, seq=record.seq, capture=capture
+            line, TRACKS_CAPS, pts=record.pts_ns, epoch=record.epoch, seq=record.seq, capture=record.capture
         )

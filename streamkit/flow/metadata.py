@@ -111,6 +111,10 @@ class TrackState(enum.StrEnum):
     LOST = "lost"
 
 
+# States of a target that is there, and published for itself.
+SHOWN_STATES = (TrackState.CONFIRMED, TrackState.COASTING)
+
+
 @dataclass(frozen=True, slots=True)
 class Provenance:
     """How a track was updated in a frame.

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from math import cos, isfinite, sin
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import msgspec
 
 from streamkit.errors import StreamError
 from streamkit.flow.caps import Caps
+from streamkit.flow.frame import Capture, Frame
 from streamkit.flow.ground import GroundPosition, ground_positions
 from streamkit.flow.metadata import Detections, Registration, RegistrationStatus, Track, Tracks, TrackState
 from streamkit.masking import mask_secrets
 
-if TYPE_CHECKING:
-    from streamkit.flow.frame import Capture, Frame
-
 SCHEMA: Literal["streamkit.tracks/1"] = "streamkit.tracks/1"
 # Caps of frames whose data is a record in JSON.
 TRACKS_CAPS = Caps("application/x-tracks")
-LONGEST_AGE_NS = 24 * 3600 * 10**9  # no live stream is delayed by a day
+MAX_AGE_NS = 24 * 3600 * 10**9  # no live stream is delayed by a day
 
 Natural = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 Nanoseconds = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
@@ -139,6 +137,13 @@ class TrackRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     tracks: tuple[TargetRecord, ...]
     dropped: Natural
 
+    @property
+    def capture(self) -> Capture | None:
+        """Time of capture and its origin; None where either is unknown."""
+        if self.capture_ns is None or self.capture_origin is None:
+            return None
+        return Capture(self.capture_ns, self.capture_origin)
+
 
 _ENCODER = msgspec.json.Encoder()
 _DECODER = msgspec.json.Decoder(TrackRecord)
@@ -231,7 +236,7 @@ def _age_ms(capture: Capture | None, published_ns: int | None) -> float | None:
     if capture is None or published_ns is None:
         return None
     age_ns = published_ns - capture.utc_ns
-    is_recorded = capture.origin in ("misb", "file") and age_ns > LONGEST_AGE_NS
+    is_recorded = capture.origin in ("misb", "file") and age_ns > MAX_AGE_NS
     return None if is_recorded else round(age_ns / 1e6, 3)
 
 

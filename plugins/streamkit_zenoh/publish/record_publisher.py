@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import msgspec
 import zenoh
 
-from streamkit import TRACKS_CAPS, Frame, StreamError, TrackRecord, TrackState, record_line, track_record
+from streamkit import SHOWN_STATES, TRACKS_CAPS, Frame, StreamError, TrackRecord, record_line, track_record
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_zenoh.keys import TRACK, TRACKS
 from streamkit_zenoh.presence import is_matching
@@ -16,8 +16,6 @@ from streamkit_zenoh.publish.settings import PublicationSettings, parse_qos
 from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.numbering import Stamp
 from streamkit_zenoh.wire.records import without_pixels
-
-SHOWN = (TrackState.CONFIRMED, TrackState.COASTING)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,7 +175,7 @@ class RecordPublisher:
                 express=self._track_qos.express,
                 attachment=attachment,
             )
-        shown = {target.id for target in record.tracks if target.state in SHOWN}
+        shown = {target.id for target in record.tracks if target.state in SHOWN_STATES}
         self._delete(self._shown - shown, attachment)
         self._shown = shown
 
@@ -195,7 +193,7 @@ class RecordPublisher:
     def _track_payloads(self, record: TrackRecord) -> Iterable[tuple[str, bytes]]:
         """Key and payload of each target: the same record, with this target alone."""
         for target in record.tracks:
-            if target.state in SHOWN:
+            if target.state in SHOWN_STATES:
                 alone = msgspec.structs.replace(record, tracks=(target,))
                 yield f"{self._track_key}/{target.id}", self._codec.encode(alone)
 

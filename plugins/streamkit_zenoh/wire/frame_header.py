@@ -22,7 +22,7 @@ from streamkit import (
     track_record,
 )
 from streamkit.geometry.scaling import scaling_homography
-from streamkit_zenoh.wire.records import capture_of, registration_of, tracks_of
+from streamkit_zenoh.wire.records import registration_of, tracks_of
 
 FRAME_SCHEMA: Literal["streamkit.frame/1"] = "streamkit.frame/1"
 # Largest width and height in a header: more than any sensor has.
@@ -139,7 +139,7 @@ def image_frame(image: NDArray[np.uint8], header: FrameHeader, arrival_ns: int, 
         epoch=epoch + record.epoch,
         seq=record.seq,
         arrival_ns=arrival_ns,
-        capture=capture_of(record),
+        capture=record.capture,
     )
     items: list[object] = [tracks_of(record)] if record.tracks else []
     if header.motion is not None:

@@ -9,7 +9,6 @@ import numpy as np
 from streamkit import (
     TRACKS_CAPS,
     Caps,
-    Capture,
     Detections,
     Frame,
     Pose,
@@ -57,16 +56,9 @@ def record_frame(record: TrackRecord, payload: bytes, arrival_ns: int, epoch: in
         epoch=epoch + record.epoch,
         seq=record.seq,
         arrival_ns=arrival_ns,
-        capture=capture_of(record),
+        capture=record.capture,
     ).attach(tracks_of(record))
     return frame if record.registration is None else frame.attach(registration_of(record.registration))
-
-
-def capture_of(record: TrackRecord) -> Capture | None:
-    """Time of capture and its origin; None where the record lacks either."""
-    if record.capture_ns is None or record.capture_origin is None:
-        return None
-    return Capture(record.capture_ns, record.capture_origin)
 
 
 @lru_cache(maxsize=64)
