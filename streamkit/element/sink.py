@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import time
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +10,6 @@ from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import INT64, UINT64, Choice
-from streamkit.errors import StreamError
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import CapsEvent, EosEvent, Event, Flushing, GapEvent
 from streamkit.flow.frame import Frame
@@ -88,10 +86,9 @@ class Sink(Element):
         """The function called with each frame, for the current state and properties."""
         is_timed = self.sync or self.throttle_time > 0
         if self.timing.running.is_set() and not is_timed:
-            return self._receive_now
+            return self.render
 
         def receive(frame: Frame) -> None:
-            _check_time(frame)
             if frame.pts is not None and not pad.segment.holds(frame.pts, frame.duration):
                 self.count_drop("outside the segment")
                 return
@@ -103,11 +100,6 @@ class Sink(Element):
                 self.render(frame)
 
         return receive
-
-    def _receive_now(self, frame: Frame) -> None:
-        if frame.pts is not None and frame.pts.__class__ is not int:
-            _check_time(frame)
-        self.render(frame)
 
     def _render_in_time(self, frame: Frame, running_time_ns: int) -> None:
         if not self._is_throttled(running_time_ns) and self._wait_for_time(frame, running_time_ns):
@@ -199,16 +191,3 @@ class Sink(Element):
             self.host.sink_ended(self)
         else:
             self.post(Message(MessageKind.EOS, self.name))
-
-
-def _check_time(frame: Frame) -> None:
-    """Raises StreamError for a time that is neither None nor an integer of any kind."""
-    if frame.pts is None:
-        return
-    try:
-        operator.index(frame.pts)
-    except TypeError:
-        raise StreamError(
-            f"the pts of a frame must be an integer, ns, or None, it is {frame.pts!r}; "
-            "see the element that made it"
-        ) from None

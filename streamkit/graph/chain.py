@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -11,7 +12,7 @@ from streamkit.element.base import AT_WORK, IDLE
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
-from streamkit.errors import ElementFailure, NotNegotiated
+from streamkit.errors import ElementFailure, NotNegotiated, StreamError
 from streamkit.flow.events import FlowStop
 from streamkit.flow.frame import Frame
 from streamkit.flow.video import check_layout
@@ -84,14 +85,15 @@ class Chain:
         clock = time.perf_counter_ns
         self.frames += 1
         before = clock()
-        if self._left_ns:
-            self.upstream_ns += before - self._left_ns
+        self.upstream_ns += before - self._left_ns if self._left_ns else 0
         stage: Stage | None = None
         try:
             for stage in self._called:
                 element = stage.element
                 element.activity = ("frame", before, frame)
                 element.at_work[0] = AT_WORK
+                if stage.is_terminal and frame.pts.__class__ is not int:
+                    check_time(frame)
                 result = stage.call(frame)
                 element.activity = None
                 element.at_work[0] = IDLE
@@ -160,6 +162,19 @@ class Chain:
             else:
                 element.push_aside(name, frame)
             element.enter("frame", time.perf_counter_ns(), frame)
+
+
+def check_time(frame: Frame) -> None:
+    """Raises StreamError for a time that is neither None nor an integer of any kind."""
+    if frame.pts is None:
+        return
+    try:
+        operator.index(frame.pts)
+    except TypeError:
+        raise StreamError(
+            f"the pts of a frame must be an integer, ns, or None, it is {frame.pts!r}; "
+            "see the element that made it"
+        ) from None
 
 
 def _timed(results: Iterable[Any], stage: Stage) -> Iterable[Any]:
