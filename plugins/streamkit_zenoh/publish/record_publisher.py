@@ -95,7 +95,8 @@ class RecordPublisher:
             ValueError: a track of an earlier frame is not finite.
             StreamError: the data of an earlier frame with record caps is no record.
         """
-        self.raise_fault()
+        if self.fault is not None:
+            self.raise_fault()
         self.frames += 1
         self._last = item = Outgoing(without_pixels(frame), self._publisher.stamp(), self._utc_ns())
         if not (self._publisher.has_subscriber or self._has_track_subscriber):
