@@ -110,7 +110,15 @@ class VideoDecoder(Generic[Origin]):
         Raises:
             FFmpegError: the packet, or one before it, could not be decoded; the next may.
         """
-        packet = _own_packet(data)
+        # A copy, padded as FFmpeg's bit readers want it: the given one may be shared by threads. Its memory
+        # is FFmpeg's: a frame thread that frees memory of Python's waits for the interpreter's lock, and the
+        # thread that closes the decoder holds this lock and waits for the frame thread.
+        view = memoryview(data)
+        packet: Packet[Stream] = Packet(view.nbytes)
+        packet.update(view)  # type: ignore[arg-type]
+        if isinstance(data, Packet):
+            for item in data.iter_sidedata():
+                item.to_packet(packet)
         packet.is_keyframe = is_keyframe
         self._count += 1
         self.unaccounted += 1
@@ -145,21 +153,6 @@ class VideoDecoder(Generic[Origin]):
             if origin is not None:
                 found.append((frame, origin))
         return found
-
-
-def _own_packet(data: Data) -> Packet[Stream]:
-    """A copy of a packet, padded as FFmpeg's bit readers want it; the given one may be shared by threads.
-
-    Its memory is FFmpeg's: a frame thread that frees memory of Python's waits for the interpreter's lock, and
-    the thread that closes the decoder holds this lock and waits for the frame thread.
-    """
-    view = memoryview(data)
-    packet = Packet(view.nbytes)
-    packet.update(view)  # type: ignore[arg-type]
-    if isinstance(data, Packet):
-        for item in data.iter_sidedata():
-            item.to_packet(packet)
-    return packet
 
 
 def accelerator(wanted: str) -> tuple[HWAccel | None, str]:
