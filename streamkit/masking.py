@@ -80,12 +80,14 @@ def star_secrets(text: str) -> str:
     return _replaced(text, lambda secret: re.sub(".", "*", secret))
 
 
-def bounded(text: str, limit: int = TEXT_LIMIT) -> str:
+def bounded(text: str) -> str:
     """The text, or its beginning and end with the number of characters left out between them."""
-    if len(text) <= limit:
-        return text
-    head = limit - END_LENGTH
-    return f"{text[:head]} ... ({len(text) - limit} characters left out) ... {text[-END_LENGTH:]}"
+    left_out, head = len(text) - TEXT_LIMIT, TEXT_LIMIT - END_LENGTH
+    return (
+        text
+        if left_out <= 0
+        else f"{text[:head]} ... ({left_out} characters left out) ... {text[-END_LENGTH:]}"
+    )
 
 
 def presentable(text: str) -> str:

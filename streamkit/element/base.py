@@ -228,14 +228,14 @@ class Element(PadOwner):
             log.warning("%s: %s", message.source, message.text)
 
     @contextlib.contextmanager
-    def guarded(self, frame: Frame | None = None) -> Iterator[None]:
+    def guarded(self) -> Iterator[None]:
         """Context that turns any exception but the engine's own into an `ElementFailure` of this element."""
         try:
             yield
         except (FlowStop, ElementFailure, NotNegotiated):
             raise
         except (Exception, SystemExit) as cause:
-            raise self.failure(cause, frame) from cause
+            raise self.failure(cause) from cause
 
     def halt(self) -> None:
         """Ends the element's waits because the pipeline stops."""

@@ -90,27 +90,19 @@ class BoundedQueue(Generic[Item]):
         with self._changed:
             return QueueStatistics(len(self._items), self._bytes, self._received, self._taken, self._dropped)
 
-    def put(
-        self,
-        item: Item,
-        size: int = 0,
-        *,
-        wait_s: float | None = 0.0,
-        cancelled: threading.Event | None = None,
-    ) -> int:
+    def put(self, item: Item, size: int = 0, *, wait_s: float | None = 0.0) -> int:
         """Adds an item; in a full queue waits for room, then drops others.
 
         Args:
             item: the item; ignored once the queue is closed.
             size: of the item, bytes.
             wait_s: maximum wait for room, s; None waits until there is room or the queue is closed.
-            cancelled: ends the wait within half a second when set.
 
         Returns:
             Number of dropped items, including the new one.
         """
         with self._changed:
-            wait_until(self._changed, lambda: self._is_closed or not self._is_full(size), wait_s, cancelled)
+            wait_until(self._changed, lambda: self._is_closed or not self._is_full(size), wait_s)
             if self._is_closed:
                 return 0
             before = self._dropped

@@ -16,14 +16,10 @@ class Figure(TypedDict):
     n: int
 
 
-def figure_of(values: Sequence[float], digits: int = 2) -> Figure:
+def figure_of(values: Sequence[float]) -> Figure:
     """Mean and deviation of measurements; the deviation of a single one is 0."""
     deviation = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
-    return {
-        "mean": round(float(np.mean(values)), digits),
-        "deviation": round(deviation, digits),
-        "n": len(values),
-    }
+    return {"mean": round(float(np.mean(values)), 2), "deviation": round(deviation, 2), "n": len(values)}
 
 
 class Selection(TypedDict):
