@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from streamkit.element.base import Element
     from streamkit.element.pad import Pad
 
+PLAIN_TIMES = (int, type(None))
+
 
 class Stage:
     """One element of a chain and its counters.
@@ -92,7 +94,7 @@ class Chain:
                 element = stage.element
                 element.activity = ("frame", before, frame)
                 element.at_work[0] = AT_WORK
-                if stage.is_terminal and frame.pts.__class__ is not int:
+                if stage.is_terminal and frame.pts.__class__ not in PLAIN_TIMES:
                     check_time(frame)
                 result = stage.call(frame)
                 element.activity = None
@@ -165,11 +167,9 @@ class Chain:
 
 
 def check_time(frame: Frame) -> None:
-    """Raises StreamError for a time that is neither None nor an integer of any kind."""
-    if frame.pts is None:
-        return
+    """Raises StreamError for a time that is no integer of any kind; only for one not in `PLAIN_TIMES`."""
     try:
-        operator.index(frame.pts)
+        operator.index(frame.pts)  # type: ignore[arg-type]
     except TypeError:
         raise StreamError(
             f"the pts of a frame must be an integer, ns, or None, it is {frame.pts!r}; "
