@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from dataclasses import asdict, replace
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -55,8 +54,8 @@ from streamkit_stitcher.mosaic_pad import MosaicPad
 from streamkit_stitcher.plane.frame_registration import FrameRegistration, Status
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.plane.tracker import PlaneTracker
+from streamkit_telemetry_formats.dji_cameras import camera_view
 
-_TO_BGR = {"I420": cv2.COLOR_YUV2BGR_I420, "NV12": cv2.COLOR_YUV2BGR_NV12}
 # BGR for frames of odd sizes, which have no subsampled colour planes.
 _COLOUR_FIRST = Caps("video/x-raw, format={ I420, NV12, BGR, GRAY8 }")
 
@@ -93,6 +92,10 @@ class Stitch(Transform):
         max=170.0,
         unit="deg",
         doc="Horizontal field of view of the camera, for `strip`, and where telemetry has none.",
+    )
+    drone: str = Property(
+        "",
+        doc="DJI model, such as mini-2, for its field of view where telemetry has none.",
     )
     ground_altitude: float | None = Property(
         None, unit="m", doc="Altitude of the ground with the datum of the poses; by default as reported."
@@ -189,13 +192,12 @@ class Stitch(Transform):
         registered = self._tracker.track(grey)
         self._counts[registered.status] += 1
         shape = int(grey.shape[0]), int(grey.shape[1])
-        fov = math.radians(self.field_of_view)
-        view = ground_view(frame.get(Pose), shape, self.ground_altitude, fov, frame.pts)
+        view = ground_view(frame.get(Pose), shape, self.ground_altitude, self._view_across(shape), frame.pts)
         if self._mosaic is not None:
             if self._mosaic.is_new_plane(registered):
                 self._mosaic.end_plane(self._tracker.take_plane())
                 self._tracker.keep_planes(self._mosaic.has_room)
-            self._mosaic.record(frame, registered, shape, partial(mosaic_image, frame), view)
+            self._mosaic.record(frame, registered, shape, view)
         frame = frame.attach(registration(registered))
         ground = self._ground.locate(registered, shape, view)
         if ground is None:
@@ -246,17 +248,25 @@ class Stitch(Transform):
         self._tracker.close()
 
     def check_properties(self) -> None:
-        """Checks the ending of the name.
+        """Checks the ending of the name, and the model.
 
         Raises:
-            PropertyError: no mosaic can be written so.
+            PropertyError: no mosaic can be written so, or the model is unknown.
         """
+        if self.drone and camera_view(self.drone) is None:
+            raise PropertyError(
+                f"{self.name}: drone={self.drone}: its field of view is unknown; set field-of-view in degrees"
+            )
         location = self.recording.location
         if location is not None and Path(location).suffix.lower() not in SUFFIXES:
             raise PropertyError(
                 f"{self.name}: location={location}: the name must end in {', '.join(SUFFIXES)}, "
                 f"it ends in {Path(location).suffix!r}; write for example location=mosaic.png"
             )
+
+    def _view_across(self, shape: tuple[int, int]) -> float:
+        """Horizontal field of view where telemetry has none, rad; 0 if unknown."""
+        return math.radians(self.field_of_view) or camera_view(self.drone, shape[1] / shape[0]) or 0.0
 
     def _protect_files(self, location: str) -> RecorderSettings:
         """Checks `if-exists`; the settings with the number of the first file."""
@@ -286,7 +296,7 @@ class Stitch(Transform):
 
     def _plan(self, strip: str, shape: tuple[int, int]) -> FlightPlan:
         try:
-            view = CameraView.of_width(math.radians(self.field_of_view), shape)
+            view = CameraView.of_width(self._view_across(shape), shape)
             overlap = self.settings.keyframe_overlap
             return plan_strip(parse_strip(strip), self.altitude, view, overlap, self.speed, shape[1])
         except (ValueError, ZeroDivisionError) as error:
@@ -327,12 +337,3 @@ def grey_of(frame: Frame) -> ImageArray:
     if frame.caps["format"] == "BGR":
         return np.asarray(cv2.cvtColor(frame.data, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     return luma(frame)
-
-
-def mosaic_image(frame: Frame) -> ImageArray:
-    """The frame's pixels for the mosaic: BGR uint8[h, w, 3], or uint8[h, w] of a grey frame."""
-    pixel_format = str(frame.caps["format"])
-    code = _TO_BGR.get(pixel_format)
-    if code is None:
-        return np.asarray(frame.data, dtype=np.uint8) if pixel_format == "BGR" else luma(frame)
-    return np.asarray(cv2.cvtColor(frame.data, code), dtype=np.uint8)

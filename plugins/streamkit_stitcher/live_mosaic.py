@@ -14,7 +14,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from streamkit import Caps, Frame, Pad, Registration, Transform
+from streamkit import Caps, Frame, Pad, Registration, Transform, luma
 from streamkit.geometry.homography import inverse
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.mosaic.frame_views import Position
@@ -28,6 +28,7 @@ from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 
 PREVIEW_CAPS = Caps("video/x-raw, format={ BGR, I420, GRAY8 }, width=[ 16, 8192 ], height=[ 16, 8192 ]")
 _DEFAULT_SIZE = Caps("video/x-raw, width=1280, height=720")
+_TO_BGR = {"I420": cv2.COLOR_YUV2BGR_I420, "NV12": cv2.COLOR_YUV2BGR_NV12}
 _FROM_BGR = {"I420": cv2.COLOR_BGR2YUV_I420, "GRAY8": cv2.COLOR_BGR2GRAY}
 _NS = 1_000_000_000
 _MAX_QUEUED_BYTES: Final = 128_000_000
@@ -95,10 +96,9 @@ class LiveMosaic:
         frame: Frame,
         registered: FrameRegistration,
         shape: tuple[int, int],
-        load: Callable[[], ImageArray],
         position: Position,
     ) -> None:
-        """Adds a keyframe or a frame that shows new ground; the background thread calls `load`.
+        """Adds a keyframe or a frame that shows new ground; the background thread converts its pixels.
 
         Raises:
             Exception: a failure of the background thread other than of the disk.
@@ -106,7 +106,7 @@ class LiveMosaic:
         if self._failure is not None:
             raise self._failure
         refused = self._recorder.refused
-        self._has_changed |= self._recorder.add(registered, shape, load, position)
+        self._has_changed |= self._recorder.add(registered, shape, partial(mosaic_image, frame), position)
         if self._recorder.refused and not refused:
             self._element.post_warning(
                 f"{frame.describe()} does not fit into the mosaic and is left out, as others may be; check "
@@ -234,3 +234,12 @@ def _in_format(image: ImageArray, pixel_format: str) -> ImageArray:
     bgr = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)) if image.shape[2] == 1 else image
     code = _FROM_BGR.get(pixel_format)
     return np.asarray(bgr if code is None else cv2.cvtColor(bgr, code), dtype=np.uint8)
+
+
+def mosaic_image(frame: Frame) -> ImageArray:
+    """The frame's pixels for the mosaic: BGR uint8[h, w, 3], or uint8[h, w] of a grey frame."""
+    pixel_format = str(frame.caps["format"])
+    code = _TO_BGR.get(pixel_format)
+    if code is None:
+        return np.asarray(frame.data, dtype=np.uint8) if pixel_format == "BGR" else luma(frame)
+    return np.asarray(cv2.cvtColor(frame.data, code), dtype=np.uint8)

@@ -6,6 +6,7 @@
     GPS(36.6146,-6.1120,0.0M) BAROMETER:0.3M                                latitude, longitude, altitude
     GPS (-58.85, -34.23, 15), H 85.80m, F.PRY (2.7, -7.0, 110.1), G.PRY (-24.4, 0.0, 110.4)
     GPS(149.0251,-20.2533,16) Hb:1.9 Hs:0.0                                 barometer, sonar; the oldest
+    [focal_len : 240] [dzoom_ratio: 10000, delta:0], or [focal_len: 24.00] [dzoom_ratio: 1.00]
 
 Heights are above the take-off point where the text has no other; the sample's source says which.
 The dialects with local time have no time zone, so there is no UTC.
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit.geometry.angles import wrap_bearing
+from streamkit_telemetry_formats.dji_cameras import focal_view
 from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.subrip import AircraftClock, SubtitleReader
 
@@ -30,12 +32,15 @@ FIELD = re.compile(rf"\b([a-zA-Z_]+)\s*:\s*{NUMBER}(?=m?(?![\w.]))")
 GPS = re.compile(rf"GPS\s*\(\s*{NUMBER}\s*,\s*{NUMBER}\s*,\s*{NUMBER}\s*(M?)\s*\)")
 HEIGHT = re.compile(rf"(?:\bH\s+|BAROMETER\s*:\s*){NUMBER}\s*m?", re.IGNORECASE)
 ANGLES = re.compile(rf"([FG])\.PRY\s*\(\s*{NUMBER}°?\s*,\s*{NUMBER}°?\s*,\s*{NUMBER}°?\s*\)")
+FOCAL = re.compile(r"\bfocal_len\s*:\s*(\d{1,6}(?:\.\d{1,6})?)(?![\w.])")
+ZOOM = re.compile(r"\bdzoom_ratio\s*:\s*(\d{1,6}(?:\.\d{1,6})?)(?![\w.])")
 POSITION = re.compile(r"\bGPS\s*\(|\b(?:latitude|longt?itude)\b", re.IGNORECASE)
 NO_FIX = re.compile(
     r"n/a|\(\s*[-+]?0[.0]*\s*,\s*[-+]?0[.0]*\s*,|latitude\s*:\s*[-+]?0[.0]*[\s\]]", re.IGNORECASE
 )
 ABOVE_TAKE_OFF, ABOVE_SEA, UNKNOWN_HEIGHT = "dji above take-off", "dji above sea level", "dji"
 ABOVE_GROUND = "dji above ground"
+WIDEST = math.radians(170)
 Attitude = tuple[float, float, float]
 
 
@@ -104,12 +109,25 @@ def sample_of(text: str, pts: int) -> Sample | None:
         pitch=flight[0] if flight is not None else None,
         roll=flight[1] if flight is not None else None,
         sensor_angles=relative_angles(flight or (0.0, 0.0, 0.0), gimbal) if gimbal is not None else None,
+        field_of_view=_field_of_view(text),
         source=source,
         # The ground is taken to be as high as the take-off.
         ground_altitude=0.0
         if source in (ABOVE_TAKE_OFF, ABOVE_GROUND)
         else take_off_altitude(fields, "abs_alt", "rel_alt"),
     )
+
+
+def _field_of_view(text: str) -> tuple[float, float] | None:
+    """Horizontal and vertical, rad, of a frame of 16:9, by the focal length for 35 mm film; or None."""
+    focal_mm, zoom = _in_units(FOCAL.search(text), 0.1), _in_units(ZOOM.search(text), 1e-4) or 1.0
+    across = focal_view(focal_mm * zoom) if focal_mm else math.pi
+    return (across, 2 * math.atan(math.tan(across / 2) * 9 / 16)) if across < WIDEST else None
+
+
+def _in_units(found: re.Match[str] | None, unit: float) -> float:
+    """The number found, in units of `unit` where it has no point, as older models write it; 0 for None."""
+    return 0.0 if found is None else float(found[1]) * (1.0 if "." in found[1] else unit)
 
 
 def take_off_altitude(fields: Mapping[str, float], absolute: str, relative: str) -> float | None:

@@ -21,6 +21,7 @@ _ASCII: Final = 2
 # How one value of each type is laid out; the types with two numbers are fractions.
 _LAYOUTS: Final = {1: "B", 3: "H", 4: "I", 5: "II", 7: "B", 9: "i", 10: "ii", 11: "f", 12: "d"}
 _FRACTIONS: Final = (5, 10)
+_MODEL: Final = 0x0110
 _EXIF_DIRECTORY: Final = 0x8769
 _GPS_DIRECTORY: Final = 0x8825
 _FOCAL_35MM: Final = 0xA405
@@ -41,6 +42,7 @@ class ExifData:
         utc_ns: when, by the satellites' clock.
         focal_35mm: focal length that gives the same diagonal view on 36 x 24 mm, mm.
         field_of_view: horizontal, by focal length and size of the sensor, rad.
+        model: of the camera; empty if unknown.
     """
 
     position: tuple[float, float] | None = None
@@ -49,6 +51,7 @@ class ExifData:
     utc_ns: int | None = None
     focal_35mm: float | None = None
     field_of_view: float | None = None
+    model: str = ""
 
 
 def read_exif(tiff: bytes) -> ExifData:
@@ -73,6 +76,7 @@ def read_exif(tiff: bytes) -> ExifData:
         utc_ns=_utc_ns(gps),
         focal_35mm=_number(camera.get(_FOCAL_35MM)) or None,
         field_of_view=_field_of_view(camera),
+        model=str(first.get(_MODEL, "")),
     )
 
 

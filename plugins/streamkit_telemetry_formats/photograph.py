@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from typing import Final
 
 from streamkit.geometry.angles import wrap_bearing
-from streamkit_telemetry_formats.dji import ABOVE_SEA, attitude, relative_angles, take_off_altitude
+from streamkit_telemetry_formats.dji import ABOVE_SEA, WIDEST, attitude, relative_angles, take_off_altitude
+from streamkit_telemetry_formats.dji_cameras import camera_view
 from streamkit_telemetry_formats.exif import ExifData, read_exif
 from streamkit_telemetry_formats.sample import Sample
 
 EXIF_ABOVE_SEA: Final = "exif above sea level"
 EXIF: Final = "exif"
 _DIAGONAL_35MM: Final = math.hypot(36.0, 24.0)
-_WIDEST: Final = math.radians(170)
 # An attribute or an element, as the writer pleased; the packet is searched, not parsed: it is untrusted and
 # only a few numbers are needed.
 _NUMBER: Final = rb"\s*[\"']?\s*([-+]?\d{1,12}(?:\.\d{1,20})?)\s*[\"'<]"
@@ -35,7 +35,7 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
 
     What a DJI aircraft writes as XMP goes before Exif: it has more digits and the attitude. The field of view
     is that of the focal length for 35 mm film, which counts along the diagonal, or of focal length and
-    sensor.
+    sensor, or that of the DJI camera.
 
     Args:
         data: the JPEG file.
@@ -99,10 +99,12 @@ def _field_of_view(exif: ExifData, size: tuple[int, int] | None) -> tuple[float,
         half = _DIAGONAL_35MM / math.hypot(*size) * size[0] / (2 * exif.focal_35mm)
     elif exif.field_of_view is not None:
         half = math.tan(exif.field_of_view / 2)
+    elif (view := camera_view(exif.model, size[0] / size[1])) is not None:
+        half = math.tan(view / 2)
     else:
         return None
     across, down = 2 * math.atan(half), 2 * math.atan(half * size[1] / size[0])
-    return (across, down) if across < _WIDEST else None
+    return (across, down) if across < WIDEST else None
 
 
 @dataclass(frozen=True, slots=True)

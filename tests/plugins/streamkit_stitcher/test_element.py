@@ -1,5 +1,6 @@
 """stitch in a harness and in pipelines."""
 
+import math
 from fractions import Fraction
 
 import cv2
@@ -10,8 +11,10 @@ from streamkit import (
     DescriptionError,
     Frame,
     FrameFlags,
+    GroundReference,
     MessageKind,
     Pipeline,
+    Pose,
     Registration,
     RegistrationStatus,
     ResourceError,
@@ -165,6 +168,30 @@ def test_no_frames_no_mosaic(tmp_path):
     with Harness("stitch", location=str(tmp_path / "m.png")) as harness:
         harness.drain()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_model_gives_the_field_of_view(flight):
+    """An oblique camera without one has no position; with its model it has that of the published view."""
+
+    def positions(**properties):
+        found = []
+        with Harness("stitch", max_geo_error_m=1e6, **properties) as harness:
+            for number in range(6):
+                angles = (0.0, 0.0, 0.0, (0.0, -math.pi / 4, 0.0))
+                pose = Pose(46.8 + 1e-4 * number, -92.1, 100.0, *angles, ground_altitude=0.0)
+                passed, _ = push(harness, grey(flight.frame(number), number).attach(pose))
+                found.append(passed.get(GroundReference))
+        return [None if one is None else one.to_local for one in found]
+
+    model, view = positions(drone="mini-2"), positions(field_of_view=70.5802)
+    assert positions() == [None] * 6
+    assert model[-1] == pytest.approx(view[-1], rel=1e-4, abs=1e-6)
+
+
+def test_an_unknown_model_is_refused():
+    """The error says what to set instead."""
+    with pytest.raises(DescriptionError, match=r"drone=phantom-9: .* set field-of-view"):
+        Pipeline.parse("dronetestsrc ! stitch drone=phantom-9 ! fakesink")
 
 
 @pytest.mark.parametrize("name", ["m.mp4", "file/m.png"])

@@ -93,6 +93,35 @@ def test_newer_models() -> None:
 
 
 @pytest.mark.parametrize(
+    ("lens", "degrees"),
+    [
+        ("[focal_len : 240] [dzoom_ratio: 10000, delta:0],", 71.59),
+        ("[focal_len: 24.00] [dzoom_ratio: 1.00],", 71.59),
+        ("[focal_len: 24.00] [dzoom_ratio: 2.00],", 39.65),
+        ("[focal_len: 168.00]", 11.76),
+    ],
+)
+def test_the_focal_length_gives_the_field_of_view(lens: str, degrees: float) -> None:
+    """Older models write tenths of a millimetre and ten-thousandths of the zoom, without a point."""
+    sample = sample_of(f"{lens} [latitude: 53.578046] [longitude: -1.775009]", 0)
+    assert sample is not None
+    assert sample.field_of_view is not None
+    across, down = sample.field_of_view
+    assert math.degrees(across) == pytest.approx(degrees, abs=0.01)
+    assert math.tan(down / 2) == pytest.approx(math.tan(across / 2) * 9 / 16)
+
+
+@pytest.mark.parametrize(
+    "lens", ["", "[focal_len: 0]", "[focal_len: 1]", "[focal_len: 24.0.0]", "[focal_len: x]"]
+)
+def test_without_a_focal_length_the_field_of_view_is_unknown(lens: str) -> None:
+    """What is no focal length of a flying camera gives none."""
+    sample = sample_of(f"{lens} [latitude: 53.578046] [longitude: -1.775009]", 0)
+    assert sample is not None
+    assert sample.field_of_view is None
+
+
+@pytest.mark.parametrize(
     "text", ["", "GPS (0.0, 0.0, 0)", "GPS (191.0, -95.0, 4)", "[latitude: 3.0]", "GPS(,,)"]
 )
 def test_without_a_fix_there_is_no_sample(text: str) -> None:

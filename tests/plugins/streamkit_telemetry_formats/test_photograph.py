@@ -1,6 +1,7 @@
 """Photographs with their place and attitude, alone and through a pipeline."""
 
 import math
+import struct
 from pathlib import Path
 
 import cv2
@@ -37,6 +38,17 @@ def test_xmp_has_position_and_attitude() -> None:
     assert sample.sensor_angles == pytest.approx((math.radians(60), -math.pi / 2, 0.0))
     assert sample.field_of_view is None
     assert sample.source == "dji above sea level"
+
+
+def test_the_model_gives_the_field_of_view_where_no_focal_length_does() -> None:
+    """The camera's code in Exif stands for a DJI model; the picture is 4:3."""
+    entry = struct.pack("<HHII", 0x0110, 2, 7, 26)
+    exif = b"Exif\0\0II*\0" + struct.pack("<IH", 8, 1) + entry + bytes(4) + b"FC7303\0"
+    segment = b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif
+    sample = sample_of_photograph(with_xmp(PICTURE[:2] + segment + PICTURE[2:]), 5)
+    assert sample is not None
+    assert sample.field_of_view is not None
+    assert [math.degrees(view) for view in sample.field_of_view] == pytest.approx([70.58, 55.93], abs=0.01)
 
 
 def test_a_frame_without_a_place_has_no_sample() -> None:
