@@ -1,10 +1,13 @@
 """Photographs of a survey in one mosaic, and pairs of pictures with known homographies.
 
-    STREAMKIT_DATA=... python benchmarks/photographs.py [--folder FOLDER] [--seeds 1 2 3] [--only-surveys]
+    STREAMKIT_DATA=... python benchmarks/photographs.py [--seeds 1 2 3] [--only-surveys] [--colmap]
 
 1. Surveys in the order taken and shuffled: how many photographs are placed, how many ties cross from strip to
    strip, the residual of the tie points, and the root mean square distance to the positions in the pictures'
-   Exif data after one similarity: of the middles of the pictures, and of the points below the cameras.
+   Exif data after one similarity: of the middles of the pictures, and of the points below the cameras. Then
+   cv2.Stitcher (SCANS) on the same files. With --colmap (pip install pycolmap) the same distance of COLMAP's
+   cameras, which has points in space, a focal length and radial distortion of its own, and how far ours are
+   from them: where both are far from the positions and near each other, the positions are wrong.
 2. The pairs of homography/: median error of the validation points of our fit and of OpenCV's robust
    estimators on the same matches. The scenes are not quite flat and there are eight points a pair, so that
    the best of seven estimators on one draw is luck in part: next to it stands the median over eleven draws of
@@ -14,7 +17,6 @@
 """
 
 import argparse
-import math
 import os
 import tempfile
 import time
@@ -24,6 +26,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import numpy.typing as npt
+from survey_peers import colmap_cameras, scans
 
 from streamkit import Pose
 from streamkit.geometry.homography import centre, corners, inverse, normalised, project
@@ -71,9 +74,14 @@ def view_of(path: Path, shape: tuple[int, int]) -> tuple[Pose | None, Position]:
     return pose, ground_view(pose, shape, None, 0.0, None)
 
 
-def survey(name: str, location: Path, seed: int | None = None) -> None:
+def photographs(name: str) -> list[Path]:
+    """The files of a survey in the order taken."""
+    return sorted(path for path in (DATA / "mosaic" / name).iterdir() if path.suffix.lower() == ".jpg")
+
+
+def survey(name: str, location: Path, seed: int | None = None, colmap: bool = False) -> None:
     """Prints a row of table 1; with a seed the photographs are shuffled."""
-    paths = sorted(path for path in (DATA / "mosaic" / name).iterdir() if path.suffix.lower() == ".jpg")
+    paths = photographs(name)
     if seed is not None:
         np.random.default_rng(seed).shuffle(paths)  # type: ignore[arg-type]
     tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.CENTER))
@@ -108,6 +116,27 @@ def survey(name: str, location: Path, seed: int | None = None) -> None:
         f"| {misfit(placed, largest, focal_px)} | {written.width} x {written.height} | {seconds:.1f} |",
         flush=True,
     )
+    if colmap:
+        peer = colmap_cameras(paths, focal_px, placed[0][1])
+        fixes = [GeodeticPoint(pose.latitude, pose.longitude) for *_, pose in placed if pose is not None]
+        matrices = [normalised(largest[one.key_index] @ one.to_key) for one, *_ in placed]
+        ours = feet(matrices, [shape for _, shape, _ in placed], focal_px)
+        known = np.isfinite(peer).all(axis=1)
+        to_peer, _ = apart(ours[known] * [1, -1], peer[known])
+        to_gps, metre = apart(peer[known], local_metres(fixes, fixes[0])[known])
+        print(
+            f"| {name}, COLMAP | {known.sum()} of {len(paths)} | | | | {to_gps:.2f} "
+            f"| our cameras are {to_peer * metre:.2f} m from its | |",
+            flush=True,
+        )
+
+
+def apart(points: FloatArray, goals: FloatArray) -> tuple[float, float]:
+    """Root mean square distance of points from others after one similarity, and its scale."""
+    found, true = points @ [1, 1j], goals @ [1, 1j]
+    found, true = found - found.mean(), true - true.mean()
+    factor = (found.conj() @ true) / (found.conj() @ found).real
+    return float(np.sqrt((np.abs(true - factor * found) ** 2).mean())), float(abs(factor))
 
 
 def misfit(placed: list[Placed], homographies: Mapping[int, FloatArray], focal_px: float) -> str:
@@ -115,28 +144,23 @@ def misfit(placed: list[Placed], homographies: Mapping[int, FloatArray], focal_p
 
     Of the middles of the frames, and of the pixels below the cameras.
     """
-    known = [
-        (normalised(homographies[placement.key_index] @ placement.to_key), shape, pose)
-        for placement, shape, pose in placed
-        if pose is not None and placement.key_index in homographies
-    ]
-    fixes = [GeodeticPoint(pose.latitude, pose.longitude) for *_, pose in known]
+    known = [one for one in placed if one[2] is not None and one[0].key_index in homographies]
+    fixes = [GeodeticPoint(pose.latitude, pose.longitude) for *_, pose in known if pose is not None]
     metres = local_metres(fixes, fixes[0])
-    found = []
-    middles = np.array([project(matrix, centre(shape)[np.newaxis])[0] for matrix, shape, _ in known])
-    below = [
-        Lens(focal_px, centre(shape)).foot(inverse(matrix)) if focal_px else np.zeros(2)
-        for matrix, shape, _ in known
+    matrices = [normalised(homographies[one.key_index] @ one.to_key) for one, *_ in known]
+    shapes = [shape for _, shape, _ in known]
+    middles = [
+        project(one, centre(shape)[np.newaxis])[0] for one, shape in zip(matrices, shapes, strict=True)
     ]
-    for points in (middles, np.array(below)):
-        flipped = points * [1, -1]
-        turned = np.stack([flipped, flipped[:, ::-1] * [-1, 1]], axis=2)
-        shift = np.broadcast_to(np.eye(2), (len(points), 2, 2))
-        rows = np.concatenate([turned, shift], axis=2).reshape(-1, 4)
-        solved, *_ = np.linalg.lstsq(rows, metres.ravel(), rcond=None)
-        apart = metres.ravel() - rows @ solved
-        found.append(math.sqrt(float((apart**2).sum() / len(points))))
-    return f"{found[0]:.2f} | {found[1]:.2f}" if focal_px else f"{found[0]:.2f} | -"
+    found = [np.array(middles)] + ([feet(matrices, shapes, focal_px)] if focal_px else [])
+    errors = [f"{apart(points * [1, -1], metres)[0]:.2f}" for points in found]
+    return " | ".join([*errors, "-"][:2])
+
+
+def feet(matrices: list[FloatArray], shapes: list[tuple[int, int]], focal_px: float) -> FloatArray:
+    """The points of the plane below cameras, float64[n, 2], by their homographies to the plane."""
+    pairs = zip(matrices, shapes, strict=True)
+    return np.array([Lens(focal_px, centre(shape)).foot(inverse(matrix)) for matrix, shape in pairs])
 
 
 def matches(first: Path, second: Path) -> tuple[FloatArray, FloatArray]:
@@ -254,6 +278,7 @@ def main() -> None:
     parser.add_argument("--surveys", nargs="*", default=["brighton_beach", "caliterra"])
     parser.add_argument("--seeds", type=int, nargs="*", default=[], help="shuffles, besides the order taken")
     parser.add_argument("--only-surveys", action="store_true")
+    parser.add_argument("--colmap", action="store_true", help="compare cameras with COLMAP's")
     options = parser.parse_args()
     folder = options.folder or Path(tempfile.mkdtemp())
     print(
@@ -262,7 +287,9 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|")
     for name in options.surveys:
         for seed in (None, *options.seeds):
-            survey(name, folder / f"{name}-{seed}.png", seed)
+            survey(name, folder / f"{name}-{seed}.png", seed, options.colmap and seed is None)
+        count, seconds = scans(photographs(name), folder / f"{name}-scans.png")
+        print(f"| {name}, cv2.Stitcher SCANS | {count} | | | | | | {seconds:.1f} |", flush=True)
     if options.only_surveys:
         return
     pairs()
