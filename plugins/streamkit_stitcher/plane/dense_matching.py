@@ -14,7 +14,7 @@ from streamkit.geometry.homography import (
     project,
     to_reduced,
 )
-from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
+from streamkit_stitcher.plane.keyframes import SMALLEST_CORNER_STD, Keyframe, KeyframeMatch
 from streamkit_stitcher.registration.dense_alignment import (
     STEP_RATIOS,
     DenseAlignment,
@@ -33,8 +33,6 @@ _GAIN: Final = 0.1
 _OUTLIER: Final = 3.0
 _USUAL: Final = 2.0
 _EXPECTED: Final = 2
-# Smallest deviation at a corner, px: lens, shutter and compression.
-_FLOOR: Final = 0.3
 _HELD: Final = 0.5
 # Part of the agreement of the best motion that a more precise match by patches must reach.
 _AS_GOOD: Final = 0.95
@@ -104,7 +102,7 @@ class DenseMatcher:
             std = math.hypot(std, away) * (1 - _PERSISTENCE * self._rest)
         if kept == 1:
             std = min(math.hypot(std, away), math.hypot(before_std, _HELD * away))
-        return _match(found, to_key, factor, math.hypot(_FLOOR * factor, std), kept is not None)
+        return _match(found, to_key, factor, math.hypot(SMALLEST_CORNER_STD * factor, std), kept is not None)
 
     def _prior(self, before_std: float) -> FloatArray:
         """Covariance of the step from a prediction, float64[8, 8], px.
@@ -112,7 +110,7 @@ class DenseMatcher:
         A doubtful previous frame, `before_std` px at working size, makes more room, so that the truth is
         found again.
         """
-        doubt = max(0.0, before_std**2 - self._std**2 - _FLOOR**2)
+        doubt = max(0.0, before_std**2 - self._std**2 - SMALLEST_CORNER_STD**2)
         return self._covariance + np.diag((self._deviation**2 + doubt) * STEP_RATIOS**2)
 
     def is_usual(self, step: float) -> bool:

@@ -23,7 +23,15 @@ from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
 from streamkit_stitcher.registration.gauss_newton import corner_deviation
 from streamkit_stitcher.registration.model_selection import ANY_MOTION, MotionRule
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit, MotionModel, fit_homography
-from streamkit_stitcher.registration.patches import Alignment, PatchLevel, align, prepare, reduced_motion
+from streamkit_stitcher.registration.patches import (
+    OFF_PLANE,
+    SMALLEST_STD,
+    Alignment,
+    PatchLevel,
+    align,
+    prepare,
+    reduced_motion,
+)
 
 _CACHED: Final = 12
 _COARSE_POINTS: Final = 96
@@ -35,9 +43,6 @@ ANY_STEP: Final = 10.0
 # A camera that looks obliquely and turns halves the scale of one side of the frame.
 ANY_TILT: Final = 1.0
 _WIDE_OVERLAP: Final = 0.8
-# Smallest deviation of a patch, px: lens, shutter and terrain do not quite follow a plane's homography.
-_FLOOR: Final = 0.04
-_TRIM: Final = 9.0
 
 
 class KeyframeMatcher:
@@ -152,7 +157,7 @@ def _accepted(
     of the patches converges, and nearly all of these agree with some homography.
     """
     frame_points, key_points = found.frame_points, found.key_points
-    weights = 1 / (found.variances + _FLOOR**2)
+    weights = 1 / (found.variances + SMALLEST_STD**2)
     fit = fit_homography(frame_points, key_points, limits.ransac_threshold, start=start, weights=weights)
     if fit is None or fit.count < max(limits.min_inliers, limits.min_inlier_ratio * found.visible_count):
         return None
@@ -165,7 +170,7 @@ def _accepted(
     deviation = corner_deviation(fit.matrix, inliers, fit.rmse, shape, freedom)
     residuals = project(fit.matrix, inliers) - key_points[fit.inliers]
     squares = np.einsum("ni,ni->n", residuals, residuals) * weights[fit.inliers]
-    off_plane = squares > _TRIM * np.median(squares)
+    off_plane = squares > OFF_PLANE * np.median(squares)
     variances = np.where(off_plane, np.inf, found.variances[fit.inliers])
     share = fit.count / found.visible_count
     return KeyframeMatch(fit, inliers, key_points[fit.inliers], patches, deviation, variances, share=share)

@@ -28,7 +28,8 @@ _SCALE_RANGE: Final = (0.7, 1.4)
 _KEPT_SCALES: Final = (0.8, 1.25)
 _MAX_TILT: Final = 0.5
 _MANY: Final = 60
-_FLOOR: Final = 0.3
+# Smallest deviation at a corner, px: lens, shutter and compression.
+SMALLEST_CORNER_STD: Final = 0.3
 _LEAST_SHARE: Final = 0.05
 # Distance of keyframes of different planes, px: these stay while any two of one plane are nearer.
 _ANOTHER_PLANE: Final = 1e12
@@ -110,7 +111,7 @@ class KeyframeMatch:
         """Predicted error at the worst corner, px: the fit's, larger as fewer patches agree."""
         if self.std is not None:
             return self.std
-        return math.hypot(_FLOOR, self.deviation / max(_LEAST_SHARE, self.share) ** 2)
+        return math.hypot(SMALLEST_CORNER_STD, self.deviation / max(_LEAST_SHARE, self.share) ** 2)
 
     def on_plane(self) -> "KeyframeMatch":
         """The match without the patches off the plane."""

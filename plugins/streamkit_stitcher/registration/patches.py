@@ -11,6 +11,10 @@ import numpy.typing as npt
 from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray, project, to_reduced
 
 RADIUS: Final = 7
+# Smallest deviation of a patch, px: lens, shutter and terrain do not quite follow a plane's homography.
+SMALLEST_STD: Final = 0.04
+# Squared residual by the median one beyond which a patch is off the plane.
+OFF_PLANE: Final = 9.0
 _ITERATIONS: Final = 6
 _CONVERGED: Final = 0.1
 _ENOUGH: Final = 0.85

@@ -6,8 +6,9 @@ import pytest
 
 from streamkit.geometry.homography import project, translation
 from streamkit_stitcher.registration.gauss_newton import Scaling
+from streamkit_stitcher.registration.homography_step import solve
 from streamkit_stitcher.registration.joint_alignment import align_coarsely, joint_level
-from streamkit_stitcher.registration.patch_steps import probe, solve
+from streamkit_stitcher.registration.patch_comparison import probe
 from streamkit_stitcher.registration.patches import cut_patches, prepare
 
 STEP = np.array([[1 + 2e-4, -1e-4, 0.3], [1e-4, 1 - 1e-4, -0.2], [2e-7, -1e-7, 1.0]])
