@@ -21,8 +21,9 @@ from streamkit_stitcher.plane.keyframe_content import (
 )
 from streamkit_stitcher.plane.keyframe_graph import KeyframeGraph, Tie
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, KeyframeStore
-from streamkit_stitcher.plane.loop_closure import LoopCloser, Relocaliser
+from streamkit_stitcher.plane.loop_closure import LoopCloser
 from streamkit_stitcher.plane.plane_joining import joins
+from streamkit_stitcher.plane.relocaliser import Relocaliser
 from streamkit_stitcher.plane.settings import ModelChoice, PlaneSettings
 from streamkit_stitcher.registration.descriptors import Description
 from streamkit_stitcher.registration.model_selection import ModelSelection, MotionRule

@@ -1,6 +1,5 @@
 """Ties across flight strips: keyframes of the same ground that were not matched while tracking."""
 
-import threading
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Final
@@ -12,111 +11,34 @@ import numpy.typing as npt
 from streamkit.geometry.homography import (
     FloatArray,
     GreyArray,
-    from_reduced,
     inverse,
-    is_plausible,
     normalised,
     overlap,
     to_reduced,
 )
-from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
+from streamkit_stitcher.plane.keyframe_content import LEVELS
 from streamkit_stitcher.plane.keyframe_graph import Tie
-from streamkit_stitcher.plane.keyframe_matcher import ANY_STEP, ANY_TILT, KeyframeMatcher
+from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
-from streamkit_stitcher.registration.descriptors import Description, describe, match_features, recognise
-from streamkit_stitcher.registration.gauss_newton import corner_deviation
-from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit
+from streamkit_stitcher.plane.relocaliser import Relocaliser
+from streamkit_stitcher.registration.descriptors import Description
+from streamkit_stitcher.registration.motion_models import FitLimits
 
-_MAX_TIE_POINTS: Final = 80
-_POINTS: Final = 200
-# As many as keyframes are stored, and some that were dropped while a job ran: 100 MB.
-_CACHED: Final = 160
-_MIN_INLIERS: Final = 20
-_SUMMARY: Final = 600
-_FEW_MATCHES: Final = 8
-_RETRIEVED: Final = 3
-_MIN_OVERLAP: Final = 0.08
-# Photographs from half or twice the height.
-_MAX_AREA_SCALE: Final = 5.0
+_MOST_TIE_POINTS: Final = 80
+# Patches of each keyframe that are matched, and the part of those in view that has to agree.
+_PATCHES: Final = 200
 _AGREEING: Final = 0.5
+# Keyframes of likely features, of the same plane and of others, that are tried.
+_RETRIEVED: Final = 3
+# Standard deviations, px, of the smoothing between which textures are compared.
 _FINE: Final = 1.5
 _COARSE: Final = 8.0
-# Features stand for patches of the keyframe, with numbers beyond those of its real ones.
-_FIRST_FEATURE: Final = 1 << 16
-
-
-class Relocaliser:
-    """Registers frames to keyframes without a prediction, by cached features; several threads may use it."""
-
-    def __init__(self) -> None:
-        self._descriptions: dict[int, Description] = {}
-        self._lock = threading.Lock()
-
-    def description(self, keyframe: Keyframe) -> Description:
-        """The features of a keyframe."""
-        with self._lock:
-            found = self._descriptions.get(keyframe.index)
-        if found is None:
-            found = describe(keyframe.scene)
-        self.remember(keyframe, found)
-        return found
-
-    def remember(self, keyframe: Keyframe, description: Description) -> None:
-        """Caches the features of a keyframe."""
-        with self._lock:
-            self._descriptions.pop(keyframe.index, None)
-            self._descriptions[keyframe.index] = description
-            if len(self._descriptions) > _CACHED:
-                del self._descriptions[next(iter(self._descriptions))]
-
-    def forget(self) -> None:
-        """Releases the features."""
-        with self._lock:
-            self._descriptions.clear()
-
-    def likeliest(self, frame: Description, keyframes: Sequence[Keyframe], most: int) -> list[Keyframe]:
-        """At most `most` keyframes, by their number of matches among a few hundred features each."""
-        part = _strongest(frame)
-        counts = [
-            len(match_features(part, _strongest(self.description(keyframe)))[0]) for keyframe in keyframes
-        ]
-        order = np.argsort(-np.array(counts), kind="stable")[:most]
-        return [keyframes[number] for number in order if counts[number] >= _FEW_MATCHES]
-
-    def match(self, frame: Description, keyframe: Keyframe) -> KeyframeMatch | None:
-        """Registers a frame of the same size to a keyframe; None where it does not match."""
-        found = recognise(frame, self.description(keyframe), _MIN_INLIERS)
-        if found is None:
-            return None
-        factor = 2 ** scene_level(keyframe.shape)
-        matrix = from_reduced(found.fit.matrix, factor)
-        if not (
-            overlap(matrix, keyframe.shape) > _MIN_OVERLAP
-            and is_plausible(matrix, keyframe.shape, ANY_STEP, ANY_TILT, _MAX_AREA_SCALE)
-        ):
-            return None
-        offset = (factor - 1) / 2
-        every = np.ones(found.fit.count, dtype=np.bool_)
-        fit = MotionFit(matrix, found.fit.model, every, found.fit.rmse * factor)
-        source = found.source_points * factor + offset
-        return KeyframeMatch(
-            fit,
-            source,
-            found.target_points * factor + offset,
-            found.target_indices + _FIRST_FEATURE,
-            corner_deviation(matrix, source, fit.rmse, keyframe.shape),
-        )
-
-
-def _strongest(description: Description) -> Description:
-    """The features of the highest contrast, which other views show most likely."""
-    return Description(description.points[:_SUMMARY], description.descriptors[:_SUMMARY])
 
 
 def tie_of(keyframe: Keyframe, observer: int, match: KeyframeMatch) -> Tie:
     """The tie of a match of the keyframe `observer` on `keyframe`."""
     tie = Tie(keyframe.index, observer, match.patches, match.key_points, match.frame_points)
-    return tie.thinned(_MAX_TIE_POINTS)
+    return tie.thinned(_MOST_TIE_POINTS)
 
 
 class LoopCloser:
@@ -167,9 +89,9 @@ class LoopCloser:
                 if coarse is None:
                     continue
                 aligned = self._matcher.match(
-                    candidate, images, coarse.fit.matrix, limits, top_level=LEVELS - 2, max_points=_POINTS
+                    candidate, images, coarse.fit.matrix, limits, top_level=LEVELS - 2, max_points=_PATCHES
                 )
-                match = better(coarse, aligned, candidate, _POINTS)
+                match = better(coarse, aligned, candidate, _PATCHES)
             tie = tie_of(candidate, keyframe.index, match)
             ties.append(replace(tie, correlation=correlation(keyframe, candidate, match.fit.matrix)))
         return tuple(ties)
@@ -183,9 +105,9 @@ class LoopCloser:
         """
         to_candidate = normalised(inverse(candidate.to_reference) @ keyframe.to_reference)
         match = self._matcher.match(
-            candidate, images, to_candidate, limits, top_level=LEVELS - 1, max_points=_POINTS
+            candidate, images, to_candidate, limits, top_level=LEVELS - 1, max_points=_PATCHES
         )
-        return match if match is not None and _is_wide(match, candidate, _POINTS) else None
+        return match if match is not None and _is_wide(match, candidate, _PATCHES) else None
 
 
 def correlation(keyframe: Keyframe, other: Keyframe, matrix: FloatArray) -> float:

@@ -28,7 +28,7 @@ def test_shifts_of_a_third_are_registered_without_features(aerial_ground, monkey
         raise AssertionError("features were looked for")
 
     monkeypatch.setattr("streamkit_stitcher.plane.anchoring.describe", refuse)
-    monkeypatch.setattr("streamkit_stitcher.plane.loop_closure.describe", refuse)
+    monkeypatch.setattr("streamkit_stitcher.plane.relocaliser.describe", refuse)
     tracker = make_tracker(reference=ReferenceChoice.FIRST)
     places = [(300 + 210 * n, 400) for n in range(4)] + [(930 - 210 * n, 580) for n in range(4)]
     for x, y in places:
