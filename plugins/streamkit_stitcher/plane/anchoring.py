@@ -12,7 +12,6 @@ from streamkit.geometry.homography import (
     inverse,
     normalised,
 )
-from streamkit_stitcher.plane.dense_matching import DenseMatcher
 from streamkit_stitcher.plane.frame_registration import OK_STD, AnchoredFrame
 from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_graph import Tie
@@ -20,10 +19,11 @@ from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframe_matcher import pooled_fit
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, is_leaving
 from streamkit_stitcher.plane.loop_closure import better, tie_of
+from streamkit_stitcher.plane.near_matching import NearMatching
 from streamkit_stitcher.plane.patch_matching import PatchMatching
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.descriptors import Description, describe
-from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
+from streamkit_stitcher.registration.motion_models import FitLimits
 from streamkit_stitcher.registration.patches import pyramid
 
 _POOLED_POINTS: Final = 250
@@ -37,8 +37,6 @@ _MAX_UNMATCHED: Final = 3
 _MAX_DOUBTFUL: Final = 12
 # An out-of-focus frame makes a poor keyframe: the next one may be sharp.
 _BLURRED_MARGIN: Final = 0.15
-_FOLLOW_LEVEL: Final = 1
-_FOLLOW_POINTS: Final = 48
 
 
 class KeyframeAnchor:
@@ -51,6 +49,7 @@ class KeyframeAnchor:
 
     Attributes:
         keyframes: the keyframes of all planes.
+        near: matches frames with the current keyframe where they are expected.
         description: features of the last frame, where it was relocalised.
     """
 
@@ -62,7 +61,7 @@ class KeyframeAnchor:
         self._search_level = max(0, level - 1)
         self.keyframes = KeyframeMap(settings, plane)
         self._patches = PatchMatching(self.keyframes, self._limits, settings.max_points)
-        self._dense = DenseMatcher()
+        self.near = NearMatching(self.keyframes, self._patches)
         self._relocaliser = self.keyframes.relocaliser
         self.description: Description | None = None
         self._unmatched = 0
@@ -83,49 +82,6 @@ class KeyframeAnchor:
         self._unmatched = 0
         self._is_prediction_reliable = True
         return keyframe
-
-    def follow(self, images: Sequence[GreyArray], expected: FloatArray) -> KeyframeMatch | None:
-        """Matches a frame with the current keyframe near the predicted homography to the plane."""
-        active = self.keyframes.active
-        if active is None:
-            return None
-        match = self._patches.certain(self._patches.follow(active, images, expected))
-        if match is not None:
-            if self.keyframes.rule.model is not MotionModel.HOMOGRAPHY is match.fit.model:
-                self.keyframes.learn(match)
-            return match
-        return self._patches.certain(
-            self._patches.match(active, images, expected, _FOLLOW_LEVEL, coarse=_FOLLOW_POINTS)
-        )
-
-    def align(
-        self,
-        small: GreyArray,
-        before: FloatArray,
-        before_std: float,
-        expected: FloatArray,
-        followed: KeyframeMatch | None,
-        measured: FloatArray | None = None,
-    ) -> KeyframeMatch | None:
-        """Matches a frame with the current keyframe by all of its area, see `DenseMatcher.match`.
-
-        `small` is uint8[h, w], at working size; `before`, `expected` and `measured` map to the plane.
-        """
-        active = self.keyframes.active
-        if active is None or active.small.shape != small.shape:
-            return followed
-        to_key = inverse(active.to_reference)
-        before, expected = normalised(to_key @ before), normalised(to_key @ expected)
-        measured = None if measured is None else normalised(to_key @ measured)
-        return self._dense.match(active, small, before, before_std, expected, followed, measured)
-
-    def is_usual(self, match: KeyframeMatch, before: FloatArray) -> bool:
-        """Whether the camera moved since the frame at `before`, to the plane, as it did lately."""
-        active = self.keyframes.active
-        if active is None:
-            return True
-        step = normalised(inverse(before) @ active.to_reference @ match.fit.matrix)
-        return self._dense.is_usual(corner_shift(step, active.shape) / active.factor)
 
     def recognise(self, images: Sequence[GreyArray]) -> KeyframeMatch | None:
         """Matches a frame of unknown motion by features: the newest keyframes, then the likeliest of all.
@@ -172,7 +128,7 @@ class KeyframeAnchor:
             predicted: its homography by the motion since the previous frame.
             trusted: whether that motion is a measured homography; otherwise the search is wider and the
                 prediction is not good enough for a keyframe.
-            followed: the result of `follow`, which saves the search.
+            followed: the result of `near`, which saves the search.
             recognised: the result of `recognise`, from where the search begins.
             due: whether the frame becomes a keyframe in any case.
             consecutive: whether a recognised frame directly follows the previous one, as photographs do; it

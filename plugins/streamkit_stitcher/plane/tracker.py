@@ -5,17 +5,16 @@ from dataclasses import replace
 from functools import partial
 from typing import Final
 
-import numpy as np
-
-from streamkit.geometry.homography import IDENTITY, FloatArray, GreyArray, corner_shift, inverse, normalised
+from streamkit.geometry.homography import IDENTITY, GreyArray, corner_shift, inverse, normalised
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.correlation_shift import motion_since
 from streamkit_stitcher.plane.frame_registration import OK_STD, AnchoredFrame, FrameRegistration, Status
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import KeyframeMatch
 from streamkit_stitcher.plane.motion_prediction import MotionPredictor
+from streamkit_stitcher.plane.photograph_rule import PhotographRule
 from streamkit_stitcher.plane.planes import Planes
-from streamkit_stitcher.plane.recognition_pauses import CheckPauses, is_recognition_due
+from streamkit_stitcher.plane.recognition_pauses import is_recognition_due
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.corners import CornerDetector
 from streamkit_stitcher.registration.motion_models import MotionModel
@@ -35,19 +34,12 @@ _LOST_STD: Final = 1.0
 # Predicted error of a weak frame, px, above which the motion since then is not certain, either.
 _DOUBT_BEFORE: Final = 2.0
 _STILL_SHIFT: Final = 0.2
-# Patches that agree, as a part of those in view, which no mover can outvote.
-_DOMINANT: Final = 0.75
 # Share of the contrast that agrees with a dense alignment: certainly, beyond chance, and, where the camera is
 # at rest and nothing was searched for, twice that of another scene (at most 0.028 over 132 pairs of scenes).
 _AGREEING: Final = 0.2
 _RELATED: Final = 0.12
 _SAME_SCENE: Final = 0.06
-_LEAST_SHARE: Final = 0.05
 _ADOPT_AFTER: Final = 10
-# Part of the width that successive photographs are apart, and frames of a video are not.
-_JUMP: Final = 0.15
-# Correlation with the previous frame above which a frame that nothing matches is not a photograph.
-_LIKE: Final = 0.7
 
 
 class PlaneTracker:
@@ -131,8 +123,10 @@ class PlaneTracker:
         self._level = working_level(shape, self._settings.registration_width)
         self._detector = CornerDetector()
         self._base: GreyArray | None = None
-        self._motion, self._checks = MotionPredictor(shape), CheckPauses()
-        self._lost = self._unmeasured = self._since_key = self._followed = 0
+        self._motion, self._photographs = MotionPredictor(shape), PhotographRule(shape)
+        if self._planes.anchor is not None:
+            self._planes.anchor.near.restart()
+        self._lost = self._unmeasured = self._since_key = 0
 
     def _working_image(self, images: Sequence[GreyArray], level: int) -> WorkingImage:
         return working_image(images, level, self._detector, self._settings.max_points)
@@ -166,7 +160,7 @@ class PlaneTracker:
         """Matches a frame by features; the plane of the matching keyframe becomes current."""
         recognised = self._planes.recognise(images, anchor)
         if recognised is not None:
-            self._followed = 0
+            self._photographs.is_video = False
         if self._planes.has_jumped:
             self._motion = MotionPredictor(self._shape)
         return recognised
@@ -174,15 +168,19 @@ class PlaneTracker:
     def _register(
         self, images: Sequence[GreyArray], anchor: KeyframeAnchor, base: GreyArray
     ) -> FrameRegistration:
-        expected = self._motion.expected(self._planes.before)
+        """Registers a frame where the current keyframe expects it, else by the motion since the last."""
+        before, std = self._planes.before, self._std_before
+        expected = self._motion.expected(before)
         due = 0 < self._settings.keyframe_interval <= self._since_key
-        consecutive = self._motion.predicted == 0
-        aligned = self._aligned(images, anchor, expected) if consecutive else None
-        if aligned is not None and aligned.share >= _AGREEING:
-            self._followed += 1
-            due = due or self._is_jump(anchor, aligned)
-            anchored = anchor.register(images, expected, trusted=True, followed=aligned, due=due)
-            return self._accept(images, anchored, None)
+        near = None
+        if self._motion.predicted == 0:
+            near = anchor.near.match(images, self._level, before, std, expected)
+        if near is not None and near.share >= _AGREEING:
+            self._photographs.is_video = True
+            if (active := anchor.keyframes.active) is not None:
+                step = normalised(inverse(before) @ active.to_reference @ near.fit.matrix)
+                due = due or self._photographs.is_jump(step)
+            return self._accept(images, anchor.register(images, expected, True, near, due=due), None)
         if is_flat(images[self._level]):
             return self._predict()
         image = self._working_image(images, self._level)
@@ -191,35 +189,35 @@ class PlaneTracker:
         earlier = replace(self._working_image((base,), 0), factor=image.factor)
         guess = normalised(inverse(self._planes.base) @ expected)
         motion = motion_since(earlier, image, guess, self._settings.limits, self._motion.predicted)
-        known = motion.model is not None
-        if aligned is not None and _is_related(aligned):
+        if near is not None and _is_related(near):
             # Movers may win among the corners: the area decides.
-            measured = normalised(self._planes.base @ motion.matrix) if known else None
-            aligned = anchor.align(
-                images[self._level], self._planes.before, self._std_before, expected, None, measured
-            )
-        if aligned is not None and _is_related(aligned):
-            anchored = anchor.register(images, expected, trusted=True, followed=aligned, due=due)
-            return self._accept(images, anchored, None)
-        # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
-        likeness = float(np.corrcoef(earlier.thumbnail.ravel(), image.thumbnail.ravel())[0, 1])
-        is_near = known and not self._is_far(motion.matrix)
-        is_photograph = not self._followed and likeness < _LIKE and not is_near
-        due = due or is_photograph
+            measured = None if motion.model is None else normalised(self._planes.base @ motion.matrix)
+            near = anchor.near.align(images[self._level], before, std, expected, None, measured)
+        if near is not None and _is_related(near):
+            return self._accept(images, anchor.register(images, expected, True, near, due=due), None)
+        is_photograph = self._photographs.is_photograph(earlier, image, motion)
+        return self._register_by_motion(images, anchor, motion, due, is_photograph)
+
+    def _register_by_motion(
+        self,
+        images: Sequence[GreyArray],
+        anchor: KeyframeAnchor,
+        motion: PairwiseMotion,
+        due: bool,
+        is_photograph: bool,
+    ) -> FrameRegistration:
+        """Registers a frame from where the motion since the last one puts it, or relocalises it."""
+        consecutive, known = self._motion.predicted == 0, motion.model is not None
+        expected = self._motion.expected(self._planes.before)
         recognised = None
         if motion.is_cut:
             recognised = self._recognise(images, anchor)
             if recognised is None and consecutive:
                 return self._restart_plane(images)
+        # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
+        due = due or is_photograph
         predicted = normalised(self._planes.base @ motion.matrix) if known else expected
-        std = _LOST_STD
-        if known:
-            # The corners that agree may be a mover's.
-            agreeing = motion.inliers / max(1, motion.matches)
-            std = motion.rmse / max(agreeing, _LEAST_SHARE) + (1 - agreeing) * corner_shift(
-                motion.matrix, self._shape
-            )
-        std += self._std_before
+        std = (motion.corner_std(self._shape) if known else _LOST_STD) + self._std_before
         trusted = motion.model is MotionModel.HOMOGRAPHY
         is_jump = consecutive or self._planes.has_jumped
         place = partial(anchor.register, images, predicted, consecutive=is_jump, predicted_std=std)
@@ -241,31 +239,6 @@ class PlaneTracker:
                 return self._restart_plane(images)
             return self._predict()
         return self._accept(images, anchored, motion)
-
-    def _aligned(
-        self, images: Sequence[GreyArray], anchor: KeyframeAnchor, expected: FloatArray
-    ) -> KeyframeMatch | None:
-        """The match near the prediction: by patches, and by the whole area where fewer of them agree."""
-        followed = anchor.follow(images, expected)
-        if followed is not None and followed.share >= _DOMINANT:
-            return followed
-        is_due = self._checks.is_due()
-        if followed is not None and not is_due and anchor.is_usual(followed, self._planes.before):
-            return followed
-        aligned = anchor.align(images[self._level], self._planes.before, self._std_before, expected, followed)
-        self._checks.add(aligned is followed)
-        return aligned
-
-    def _is_jump(self, anchor: KeyframeAnchor, match: KeyframeMatch) -> bool:
-        """Whether a frame moved as far from the previous one as a photograph of a survey."""
-        active = anchor.keyframes.active
-        if active is None:
-            return False
-        step = normalised(inverse(self._planes.before) @ active.to_reference @ match.fit.matrix)
-        return self._is_far(step)
-
-    def _is_far(self, step: FloatArray) -> bool:
-        return corner_shift(step, self._shape) > _JUMP * self._shape[1]
 
     @property
     def _key_index(self) -> int:
@@ -289,10 +262,7 @@ class PlaneTracker:
         previous, before = self._previous, self._planes.before
         self._base, self._planes.base = images[self._level], to_reference
         to_previous = normalised(inverse(before) @ to_reference)
-        certain = anchored.measured and anchored.certain and anchored.corner_std <= OK_STD
-        if previous is not None and previous.status is Status.WEAK:
-            certain = certain and previous.corner_std <= _DOUBT_BEFORE
-        status = Status.OK if certain else Status.WEAK
+        status = Status.OK if self._is_certain(anchored) else Status.WEAK
         steady = previous is not None and previous.status is not Status.LOST
         if status is Status.OK and steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT:
             # Compared with the measured homography, never accumulated: slow drift is released after 0.2 px.
@@ -322,6 +292,14 @@ class PlaneTracker:
                 to_key=to_key,
             )
         )
+
+    def _is_certain(self, anchored: AnchoredFrame) -> bool:
+        """Whether a measurement fixes the whole frame, and the motion since the previous one."""
+        previous = self._previous
+        is_doubtful = (
+            previous is not None and previous.status is Status.WEAK and previous.corner_std > _DOUBT_BEFORE
+        )
+        return anchored.measured and anchored.certain and anchored.corner_std <= OK_STD and not is_doubtful
 
     def _predict(self) -> FrameRegistration:
         """Publishes a lost frame at its predicted homography."""

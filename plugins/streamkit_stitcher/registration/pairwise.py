@@ -11,6 +11,7 @@ from streamkit.geometry.homography import (
     IDENTITY,
     FloatArray,
     GreyArray,
+    corner_shift,
     from_reduced,
     inverse,
     is_plausible,
@@ -40,6 +41,7 @@ _PHASE_WIDTH: Final = 320
 _PHASE_RESPONSE: Final = 0.1
 _CUT_RATIO: Final = 0.3
 _CUT_CORRELATION: Final = 0.5
+_LEAST_SHARE: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +89,12 @@ class PairwiseMotion:
     matches: int
     inliers: int
     rmse: float
+
+    def corner_std(self, shape: tuple[int, int]) -> float:
+        """Predicted error at the worst corner, px: the corners that agree may be a mover's."""
+        agreeing = self.inliers / max(1, self.matches)
+        shift = corner_shift(self.matrix, shape)
+        return self.rmse / max(agreeing, _LEAST_SHARE) + (1 - agreeing) * shift
 
 
 def working_level(shape: tuple[int, int], working_width: int) -> int:

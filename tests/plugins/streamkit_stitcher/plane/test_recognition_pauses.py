@@ -6,6 +6,7 @@ from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.following import KeyframeFollower
 from streamkit_stitcher.plane.frame_registration import Status
 from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher
+from streamkit_stitcher.plane.near_matching import NearMatching
 from streamkit_stitcher.plane.recognition_pauses import CheckPauses
 
 SHAPE = (360, 640)
@@ -27,7 +28,7 @@ class Blindness:
         for owner, name in (
             (KeyframeFollower, "follow"),
             (KeyframeMatcher, "match"),
-            (KeyframeAnchor, "align"),
+            (NearMatching, "align"),
             (KeyframeAnchor, "recognise"),
         ):
             monkeypatch.setattr(owner, name, self._blinded(getattr(owner, name)))
