@@ -111,6 +111,9 @@ def _points(shape: tuple[int, int]) -> FloatArray:
 def _focal_px(pose: _Pose, shape: tuple[int, int], field_of_view: float) -> float:
     """Focal length of a camera that looks about straight down; 0 if it does not, or is unknown."""
     view = field_of_view if pose.field_of_view is None else pose.field_of_view[0]
+    if pose.sensor_angles is None and pose.field_of_view is not None and pose.source.startswith("dji"):
+        # The gimbal may look aside, where 5 % of the focal length bend a strip of 12 frames by 20 px.
+        return 0.0
     angle = 0.0 if pose.sensor_angles is None else lean(pose, shape)
     if not view > 0 or angle is None or angle > _NADIR:
         return 0.0

@@ -87,3 +87,17 @@ def test_the_altitude_of_the_ground_gives_the_height():
         sensor_angles=(0.0, -math.pi / 4, 0.0),
     )
     assert offset_m(ground_view(pose, SHAPE, 250.0, 0.0, None))[0] == pytest.approx([100.0, 0.0], abs=0.1)
+
+
+def test_a_focal_length_holds_the_mosaic_of_a_camera_that_looks_down_only():
+    """Photographs without angles do, and who sets the field of view says so; DJI video may look anywhere."""
+    view, oblique = (math.radians(70), 0.9), (0.0, -math.pi / 4, 0.0)
+
+    def focal(pose, field_of_view=0.0):
+        return ground_view(pose, SHAPE, None, field_of_view, None).focal_px
+
+    assert focal(dji(field_of_view=view)) == pytest.approx(320 / math.tan(math.radians(35)))
+    assert focal(dji(field_of_view=view, heading=0.0, sensor_angles=oblique)) == 0
+    assert focal(dji(field_of_view=view, sensor_angles=None)) == 0
+    assert focal(dji(sensor_angles=None), math.radians(70)) > 0
+    assert focal(dji(field_of_view=view, sensor_angles=None, source="exif above sea level")) > 0
