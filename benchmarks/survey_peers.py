@@ -34,8 +34,12 @@ def colmap_cameras(paths: list[Path], focal_px: float, shape: tuple[int, int]) -
     reader = colmap.ImageReaderOptions()
     reader.camera_model = "SIMPLE_RADIAL"
     reader.camera_params = f"{focal_px},{shape[1] / 2},{shape[0] / 2},0"
+    features = colmap.FeatureExtractionOptions()
+    features.sift.max_num_features = 3000
     single = colmap.CameraMode.SINGLE
-    colmap.extract_features(database, images, camera_mode=single, reader_options=reader)
+    colmap.extract_features(
+        database, images, camera_mode=single, reader_options=reader, extraction_options=features
+    )
     colmap.match_exhaustive(database)
     models = colmap.incremental_mapping(database, images, str(folder)).values()
     model = max(models, key=lambda one: one.num_reg_images())

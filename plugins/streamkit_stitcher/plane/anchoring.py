@@ -26,13 +26,17 @@ from streamkit_stitcher.registration.descriptors import Description, describe
 from streamkit_stitcher.registration.motion_models import FitLimits
 from streamkit_stitcher.registration.patches import pyramid
 
-_POOLED_POINTS: Final = 250
+# A new keyframe is tied to the keyframes that it overlaps most, this many, by at least this part.
 _POOLED: Final = 4
 _POOLED_OVERLAP: Final = 0.25
+_POOLED_POINTS: Final = 250
+# An earlier keyframe takes over where it overlaps this much more than a new one would be needed for.
 _REVISIT_MARGIN: Final = 0.1
 _REVISIT_TRIES: Final = 2
 _RELOCALISED: Final = 3
+# Shift, px, between a frame's measurement and its ties above which the plane moves, not the frame.
 _PLANE_STEP: Final = 1.0
+# Frames without a match after which one becomes a keyframe: where the camera leaves the keyframe, and else.
 _MAX_UNMATCHED: Final = 3
 _MAX_DOUBTFUL: Final = 12
 # An out-of-focus frame makes a poor keyframe: the next one may be sharp.
