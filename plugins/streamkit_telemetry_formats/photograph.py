@@ -34,8 +34,8 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
     """Where and how a photograph was taken.
 
     What a DJI aircraft writes as XMP goes before Exif: it has more digits and the attitude. The field of view
-    is that of the focal length for 35 mm film, which counts along the diagonal, or of focal length and
-    sensor, or that of the DJI camera.
+    is that published of the DJI camera, whose pictures of 16:9 are cut out of a sensor of another shape; else
+    that of the focal length for 35 mm film, which counts along the diagonal, or of focal length and sensor.
 
     Args:
         data: the JPEG file.
@@ -95,12 +95,13 @@ def _field_of_view(exif: ExifData, size: tuple[int, int] | None) -> tuple[float,
     """Horizontal and vertical, rad."""
     if size is None or not min(size) > 0:
         return None
-    if exif.focal_35mm is not None and exif.focal_35mm > 0:
-        half = _DIAGONAL_35MM / math.hypot(*size) * size[0] / (2 * exif.focal_35mm)
-    elif exif.field_of_view is not None:
-        half = math.tan(exif.field_of_view / 2)
-    elif (view := camera_view(exif.model, size[0] / size[1])) is not None:
+    view = camera_view(exif.model, size[0] / size[1])
+    if view is None and exif.focal_35mm is None:
+        view = exif.field_of_view
+    if view is not None:
         half = math.tan(view / 2)
+    elif exif.focal_35mm is not None and exif.focal_35mm > 0:
+        half = _DIAGONAL_35MM / math.hypot(*size) * size[0] / (2 * exif.focal_35mm)
     else:
         return None
     across, down = 2 * math.atan(half), 2 * math.atan(half * size[1] / size[0])

@@ -73,7 +73,8 @@ def test_a_survey_flies_three_strips(beach: Path) -> None:
         assert sample.altitude == pytest.approx(198, abs=2)
         assert sample.sensor_angles is not None
         assert sample.sensor_angles[1] < -math.radians(80)
-        assert sample.field_of_view == pytest.approx((math.radians(86.6), math.radians(55.9)), abs=0.01)
+        # 94 degrees along the diagonal of 4:3, of which 16:9 has the whole width.
+        assert sample.field_of_view == pytest.approx((math.radians(81.25), math.radians(51.52)), abs=0.001)
 
 
 def test_pose_travels_with_the_decoded_frame(tmp_path: Path) -> None:
