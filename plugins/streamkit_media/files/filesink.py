@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
-from streamkit import Caps, Frame, OutputFileSink
+from streamkit import Caps, Frame, OutputFileSink, ResourceError
 
+CONTAINERS = frozenset({".mp4", ".mov", ".mkv", ".webm", ".avi"})
 LINE_TYPES = ("text/", "application/json", "application/x-tracks", "application/x-json")
 
 
@@ -20,7 +22,18 @@ class FileSink(OutputFileSink):
     _is_lines = False
 
     def configure(self, sink_caps: Caps) -> None:
-        """Lines for text, bytes as they are for all else."""
+        """Lines for text, bytes as they are for all else.
+
+        Raises:
+            ResourceError: the file's name is that of a container, which the bytes of frames do not make.
+        """
+        media, suffix = sink_caps.name, Path(self.location).suffix.lower()
+        if suffix in CONTAINERS and media.startswith("video/"):
+            sink = "videofilesink" if media == "video/x-raw" else "packetsink"
+            raise ResourceError(
+                f"location={self.location}: filesink writes the bytes of frames, which are no {suffix} file; "
+                f"write {sink} location={self.location}"
+            )
         self._is_lines = sink_caps.name.startswith(LINE_TYPES)
 
     def can_append(self) -> bool:

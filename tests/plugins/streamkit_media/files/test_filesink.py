@@ -51,6 +51,7 @@ def test_frames_of_a_pipeline_are_in_the_file(tmp_path: Path, small_video: Path)
         ("", "location must be set; write for example location=out.bin"),
         ("/etc/passwd/out.bin", "/etc/passwd/out.bin: cannot be written: Not a directory; check that"),
         ("/", "/: cannot be written: Is a directory"),
+        ("-", "write location=/dev/stdout"),
     ],
 )
 def test_bad_locations_fail_before_playing(location: str, rule: str) -> None:
@@ -66,3 +67,15 @@ def test_a_full_disk_is_reported() -> None:
     rule = "/dev/full: cannot be written: No space left on device"
     with Harness("filesink", location="/dev/full") as harness, pytest.raises(ElementFailure, match=rule):
         harness.push(Frame(b"x" * 100, Caps("video/x-h264")))
+
+
+@pytest.mark.parametrize(
+    ("source", "sink"),
+    [("filesrc location={}", "packetsink"), ("videotestsrc num-buffers=2", "videofilesink")],
+)
+def test_a_container_is_no_file_of_bytes(tmp_path: Path, small_video: Path, source: str, sink: str) -> None:
+    """Players could not read it: the sink that makes such files is named, nothing is written."""
+    path = tmp_path / "copy.mp4"
+    with pytest.raises(ElementFailure, match=rf"no \.mp4 file; write {sink} location={path}"):
+        Pipeline.parse(f"{source.format(small_video)} ! filesink location={path}").run(timeout_s=30)
+    assert not path.exists()
