@@ -11,8 +11,15 @@ from typing import Annotated, NoReturn
 import msgspec
 import typer
 
-from streamkit import Message, MessageKind, Pipeline, RecordFile, StreamkitError, TargetRecord, TrackRecord
+from streamkit import MessageKind, Pipeline, RecordFile, StreamkitError, TargetRecord, TrackRecord
 
+SINKS = {
+    ".csv": "tracksink",
+    ".txt": "tracksink",
+    ".geojson": "tracksink",
+    ".kml": "tracksink",
+    ".mcap": "mcapsink",
+}
 RecordsArgument = Annotated[
     Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
 ]
@@ -59,17 +66,33 @@ def tracks(
 
 def convert(
     file: RecordsArgument,
-    output: Annotated[Path, typer.Argument(help="File to write: .csv, .txt (MOT), .geojson, .kml, .mcap.")],
+    output: Annotated[Path, typer.Argument(help=f"File to write: {', '.join(SINKS)}; .txt is MOT.")],
+    run: Annotated[
+        int | None, typer.Option(min=1, help="Of a file with several runs; without it, the last.")
+    ] = None,
 ) -> None:
     """Converts the tracks of a finished run to another format, by the suffix of the output."""
-    sink = "mcapsink" if output.suffix.lower() == ".mcap" else "tracksink"
+    sink = SINKS.get(output.suffix.lower())
+    if sink is None:
+        _fail(f"{output}: the name must end in {', '.join(SINKS)}, it ends in {output.suffix!r}")
+    warnings: list[str] = []
     try:
+        runs = max((number for number, _ in RecordFile(file)), default=1)
+        if run is None and runs > 1:
+            typer.echo(f"note: {file} has {runs} runs, this is run {runs}; see --run", err=True)
+        elif run is not None and run > runs:
+            _fail(f"{file}: no run {run}, it has {runs}")
         with Pipeline.parse(f"tracksrc name=records ! {sink} name=output") as pipeline:
-            pipeline["records"].location, pipeline["output"].location = str(file), str(output)
-            pipeline.bus.watch(_print_warning)
+            pipeline["records"].location, pipeline["records"].run = str(file), run or runs
+            pipeline["output"].location = str(output)
+            pipeline.bus.watch(
+                lambda message: warnings.append(message.text) if message.kind is MessageKind.WARNING else None
+            )
             pipeline.run()
     except (OSError, StreamkitError) as error:
         _fail(str(error))
+    for text in warnings:
+        typer.echo(f"warning: {text}", err=True)
 
 
 def list_targets(records: RecordFile) -> list[Target]:
@@ -111,11 +134,6 @@ def table_lines(found: list[Target]) -> list[str]:
 
 def _json_line(target: Target) -> str:
     return msgspec.json.encode(target).decode()
-
-
-def _print_warning(message: Message) -> None:
-    if message.kind is MessageKind.WARNING:
-        typer.echo(f"warning: {message.text}", err=True)
 
 
 def _fail(text: str) -> NoReturn:

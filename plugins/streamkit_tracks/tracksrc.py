@@ -30,6 +30,9 @@ class TrackSrc(Source):
 
     src = str(TRACKS_CAPS)
     location: str = Property("", doc="The file, as tracksink writes it.", file="read")
+    run: int = Property(
+        0, min=0, doc="The run that is read, of a file to which several were appended; 0: all."
+    )
 
     _lines: BinaryIO | None = None
 
@@ -56,10 +59,16 @@ class TrackSrc(Source):
         """One frame for each line; raises `StreamError` where a line is no record."""
         lines, number = self._lines, 0
         assert lines is not None, "start() precedes frames"
+        run, newest = 1, (-1, -1)
         while line := lines.readline(LINE_LIMIT_BYTES):
             number += 1
-            if line.strip():
-                yield self._frame(line.strip(), number)
+            if not line.strip():
+                continue
+            frame = self._frame(line.strip(), number)
+            run += (frame.epoch, frame.seq) <= newest
+            newest = frame.epoch, frame.seq
+            if self.run in (0, run):
+                yield frame
 
     def _frame(self, line: bytes, number: int) -> Frame:
         try:

@@ -54,6 +54,14 @@ def test_runs_are_told_apart(records: Path, tmp_path: Path) -> None:
     assert done.returncode == 0
     assert "only half written" in done.stderr
     assert [line.split()[:2] for line in done.stdout.splitlines()[1:]] == [["1", "1"], ["2", "1"]]
+    both.write_bytes(2 * records.read_bytes())
+    written = tmp_path / "out.txt"
+    done = run("convert", str(both), str(written))
+    assert done.stderr == f"note: {both} has 2 runs, this is run 2; see --run\n"
+    assert len(written.read_text().splitlines()) == 20
+    assert run("convert", str(both), str(written), "--run", "1").stderr == ""
+    assert len(written.read_text().splitlines()) == 20
+    assert "no run 3, it has 2" in run("convert", str(both), str(written), "--run", "3").stderr
 
 
 @pytest.mark.timeout(200)
@@ -75,8 +83,9 @@ def test_what_a_format_lacks_is_said(records: Path, tmp_path: Path) -> None:
     assert "no target in 20 records has a position" in done.stderr
     refused = run("convert", str(records), str(tmp_path / "out.xyz"))
     assert refused.returncode == 1
-    assert "the name must end in .jsonl, .txt, .csv, .geojson, .kml" in refused.stderr
+    assert "the name must end in .csv, .txt, .geojson, .kml, .mcap, it ends in '.xyz'" in refused.stderr
     for command in (["tracks", __file__], ["convert", __file__, str(tmp_path / "out.csv")]):
         refused = run(*command)
         assert refused.returncode == 1
-        assert "not a track record" in refused.stderr.splitlines()[-1]
+        assert "not a track record" in refused.stderr
+        assert len(refused.stderr.splitlines()) == 1
