@@ -287,6 +287,8 @@ class Stitch(Transform):
         if any(states.values()):
             mosaic = {} if self._mosaic is None else self._mosaic.summary
             planes = max(1, self._tracker.ended_planes)
+            if "file" in mosaic:
+                self.results["files"] = planes if FileNames(str(self.recording.location)).is_several else 1
             self.post_message("summary", frames=sum(states.values()), **states, planes=planes, **mosaic)
 
     def _prefer_colour(self) -> None:

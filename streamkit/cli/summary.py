@@ -17,10 +17,10 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         schema: name and version of the format.
         elapsed_s: since the run began, s.
-        frames: most that any element took in.
+        frames: of video, most that any pad had; without video, of anything.
         dropped: frames not delivered, over all elements.
         results: what elements have made, such as tracks, by name.
-        files: locations of the files written; a pattern where there are several.
+        files: number of the files written, by location, which is a pattern where there are several.
     """
 
     schema: Literal["streamkit.summary/1"] = "streamkit.summary/1"
@@ -28,32 +28,35 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     frames: int
     dropped: int
     results: dict[str, int]
-    files: list[str]
+    files: dict[str, int]
 
 
 def summarise(statistics: RunStatistics) -> RunSummary:
     """The summary of counters."""
     results: Counter[str] = Counter()
+    frames: dict[bool, int] = {}
     for row in statistics.elements:
-        results.update(row.results)
+        results.update({name: count for name, count in row.results.items() if name != "files"})
+        for pad in row.pads:
+            is_video = (pad.caps or "").startswith("video/")
+            frames[is_video] = max(pad.frames, frames.get(is_video, 0))
     return RunSummary(
         elapsed_s=statistics.elapsed_s,
-        frames=max((row.frames_in for row in statistics.elements), default=0),
+        frames=frames.get(True) or frames.get(False, 0),
         dropped=sum(sum(row.dropped.values()) for row in statistics.elements),
         results=dict(results),
-        files=[row.location for row in statistics.elements if row.results.get("files")],
+        files={row.location: count for row in statistics.elements if (count := row.results.get("files"))},
     )
 
 
 def results_text(summary: RunSummary) -> str:
     """What was made: ", 3 tracks, wrote tracks.jsonl", or "" where no element tells."""
     words = [
-        f"{count} {name.removesuffix('s') if count == 1 else name}"
-        for name, count in summary.results.items()
-        if name != "files"
+        f"{count} {name.removesuffix('s') if count == 1 else name}" for name, count in summary.results.items()
     ]
-    if summary.files:
-        words.append(f"wrote {' and '.join(summary.files)}")
+    files = [f"{count} files {name}" if count > 1 else name for name, count in summary.files.items()]
+    if files:
+        words.append(f"wrote {' and '.join(files)}")
     return "".join(f", {word}" for word in words)
 
 

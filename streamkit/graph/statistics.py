@@ -12,7 +12,6 @@ from typing import Any, Literal
 import msgspec
 
 from streamkit.element.base import Element
-from streamkit.element.output_sink import OutputFileSink
 from streamkit.element.pad import Pad
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
@@ -73,7 +72,7 @@ class ElementStatistics(msgspec.Struct, frozen=True):
         frames_out: frames over all src pads.
         dropped: frames not delivered, by reason.
         results: things made, such as tracks or files, by name.
-        location: the file or pattern of a sink that writes files, else "".
+        location: the file or pattern of an element that has written files, else "".
         errors, warnings: messages posted.
         busy_ns: working time, ns. Of a source: time to produce frames, 0 for a live one. Of a queue: time of
             upstream to push frames, including waits.
@@ -203,7 +202,7 @@ def collect_statistics(
             frames_out=totals.frames_out[element],
             dropped=dict(element.drops),
             results=dict(element.results),
-            location=mask_secrets(element.location) if isinstance(element, OutputFileSink) else "",
+            location=mask_secrets(getattr(element, "location", "")) if element.results["files"] else "",
             errors=counts[name, MessageKind.ERROR],
             warnings=counts[name, MessageKind.WARNING],
             busy_ns=max(0, totals.busy_ns[element] - waited_ns),

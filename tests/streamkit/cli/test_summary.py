@@ -27,8 +27,8 @@ def test_frames_tracks_and_files_as_json(launch: Callable[..., Result], tmp_path
         "schema": "streamkit.summary/1",
         "frames": 30,
         "dropped": 0,
-        "results": {"tracks": 1, "files": 31},
-        "files": [f"{tmp_path}/tracks.jsonl", f"{tmp_path}/image-%05d.jpg"],
+        "results": {"tracks": 1},
+        "files": {f"{tmp_path}/tracks.jsonl": 1, f"{tmp_path}/image-%05d.jpg": 30},
     }
 
 
@@ -44,10 +44,15 @@ def test_text_is_one_line_on_stderr(launch: Callable[..., Result], tmp_path: Pat
 
 
 def test_words() -> None:
-    """One track, two tracks; drops only where there are some."""
-    made = RunSummary(elapsed_s=2.0, frames=10, dropped=0, results={"tracks": 1}, files=[])
+    """One track, two tracks; drops only where there are some; the number of files where there are several."""
+    made = RunSummary(elapsed_s=2.0, frames=10, dropped=0, results={"tracks": 1}, files={})
     assert as_text(made) == "10 frames in 2.0 s, 5.0/s, 1 track"
-    made = RunSummary(
-        elapsed_s=2.0, frames=10, dropped=3, results={"tracks": 2, "files": 2}, files=["a", "b"]
-    )
-    assert as_text(made) == "10 frames in 2.0 s, 5.0/s, 3 dropped, 2 tracks, wrote a and b"
+    made = RunSummary(elapsed_s=2.0, frames=10, dropped=3, results={"tracks": 2}, files={"a": 1, "b-%d": 3})
+    assert as_text(made) == "10 frames in 2.0 s, 5.0/s, 3 dropped, 2 tracks, wrote a and 3 files b-%d"
+
+
+def test_frames_are_those_of_the_video(launch: Callable[..., Result]) -> None:
+    """Packets of telemetry or records beside it do not count."""
+    text = "videotestsrc num-buffers=4 ! fakesink  fakesrc num-buffers=9 ! fakesink"
+    assert json.loads(launch("--summary=json", text).stdout)["frames"] == 4
+    assert json.loads(launch("--summary=json", "fakesrc num-buffers=9 ! fakesink").stdout)["frames"] == 9
